@@ -157,23 +157,30 @@ def channel_tables() -> Iterator[str]:
     )
     rows2 = (
         (
-            f"`{c.name}`", c.qos.value, number(c.rate_hz, "Hz"), number(c.stale_after, "s"),
-            "yes" if c.recorded else "", "yes" if c.repeated else "", "yes" if c.proven else "", writers(c),
+            f"`{c.name}`",
+            c.qos.value,
+            number(c.rate_hz, "Hz"),
+            number(c.stale_after, "s"),
+            "yes" if c.recorded else "",
+            "yes" if c.repeated else "",
+            "yes" if c.proven else "",
+            writers(c),
         )
         for c in channels
-    )  # fmt: skip
+    )
     head = ("channel", "class", "rate", "stale after", "recorded", "repeated", "proof", "who may put or ask")
     yield from table(head, rows2)
     yield "## Classes of service\n"
     yield "There are four. Nothing is ever sent with a blocking put, and nothing express.\n"
     rows3 = (
         (
-            qos.value, code(str(qos.priority).rpartition(".")[2]),
+            qos.value,
+            code(str(qos.priority).rpartition(".")[2]),
             code(str(qos.options()["congestion_control"]).rpartition(".")[2]),
             ", ".join(f"`{c.name}`" for c in channels if c.qos is qos),
         )
         for qos in keys.Qos
-    )  # fmt: skip
+    )
     yield from table(("class", "Zenoh's priority", "on congestion", "channels"), rows3)
 
 
@@ -261,8 +268,10 @@ def cli_page() -> str:
     top = click.Context(zmav, info_name="zmav")
     names = zmav.list_commands(top)
     lines = ["# The command line", "", NOTE, "", plain(zmav.help), ""]
-    lines += ["`zmav VERB --help` says the same. Exit codes: 0 done, 1 an error that is said, 2 wrong usage, 130 "
-              "interrupted.\n"]  # fmt: skip
+    lines += [
+        "`zmav VERB --help` says the same. Exit codes: 0 done, 1 an error that is said, 2 wrong usage, 130 "
+        "interrupted.\n"
+    ]
     lines += [" · ".join(f"[{name}](#zmav-{name})" for name in names), ""]
     lines += [
         "## Options of every verb that connects\n",

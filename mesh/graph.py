@@ -44,8 +44,9 @@ async def gather(z: Client, start: str | None = None, timeout: float = 1.0, trie
         missing = found.missing()
         if not missing:
             break
-        asked = [z.ask(keys.LINK.key(fleet, name, link="*"), timeout=timeout, channel=keys.LINK)
-                 for fleet, name in missing]  # fmt: skip
+        asked = [
+            z.ask(keys.LINK.key(fleet, name, link="*"), timeout=timeout, channel=keys.LINK) for fleet, name in missing
+        ]
         for answers in await asyncio.gather(*asked):
             found.read(answers)
     nodes, links = found.nodes(), found.links()

@@ -86,9 +86,15 @@ class RouterPlan:
 
 
 def plan_router(
-    file: FleetConfig | None, name: str, base: SessionSettings, *, fleet: str | None = None, insecure: bool = False,
-    vehicle: bool = False, there: Interfaces | None = None,
-) -> RouterPlan:  # fmt: skip
+    file: FleetConfig | None,
+    name: str,
+    base: SessionSettings,
+    *,
+    fleet: str | None = None,
+    insecure: bool = False,
+    vehicle: bool = False,
+    there: Interfaces | None = None,
+) -> RouterPlan:
     """The router of the host ``name``.
 
     Without a ``file`` it keeps to loopback unless ``base``, what a person gave on the command line, says otherwise;

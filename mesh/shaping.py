@@ -73,9 +73,10 @@ def _worked_out(budget: float, vehicles: int) -> dict[str, Thin]:
     state = _within(PART * budget / (vehicles * STATE_BYTES), STATE_HZ)
     source = f"budget of {budget / 1e3:.4g} kB/s among {vehicles}"
     streamed = (
-        name for name, message in load_dialect().by_name.items()
+        name
+        for name, message in load_dialect().by_name.items()
         if message.target_system is None and name not in NOT_STREAMED
-    )  # fmt: skip
+    )
     found = {name: Thin(name, raw, source) for name in streamed}
     return {**found, keys.STATE.name: Thin(keys.STATE.name, state, source)}
 

@@ -26,9 +26,15 @@ class MavProxy:
         command = [sys.executable, str(Path(sys.executable).with_name("mavproxy.py"))]
         command += [f"--master={master}", f"--default-modules={modules}", f"--state-basedir={folder}", *options]
         self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=folder, env=env,
-            text=True, bufsize=1,
-        )  # fmt: skip
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            cwd=folder,
+            env=env,
+            text=True,
+            bufsize=1,
+        )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 

@@ -30,9 +30,20 @@ class FakeVehicle:
         self.name, self.verbs, self.silent = name, list[str](), False
         self.orders: Callable[[str], dict[str, Any] | None] = lambda verb: {"mode": verb.upper(), "armed": False}
         self.state = wire.VehicleState(
-            **{"t": 0.0, "fleet": "demo", "name": name, "instance": name, "connected": True, "kind": "copter",
-               "armed": True, "landed": False, "mode": "GUIDED", "local": (0.0, 0.0, -5.0), **state}
-        )  # fmt: skip
+            **{
+                "t": 0.0,
+                "fleet": "demo",
+                "name": name,
+                "instance": name,
+                "connected": True,
+                "kind": "copter",
+                "armed": True,
+                "landed": False,
+                "mode": "GUIDED",
+                "local": (0.0, 0.0, -5.0),
+                **state,
+            }
+        )
         self._session, self._news = session, asyncio.Event()
         heard = on_loop(asyncio.get_running_loop(), self._on_query)
         self._queryable = session.declare_queryable(keys.DO.key("demo", name, verb="*"), heard)

@@ -63,8 +63,12 @@ def test_a_whole_file(path: Path) -> None:
     assert fleet.origin and (fleet.origin.lat_deg, fleet.origin.lon_deg, fleet.origin.alt_amsl) == (52.756, -1.246, 60)
     one, two = fleet.vehicle("quad1"), fleet.vehicle("quad2")
     assert (one.link, one.sysid, one.dialect, len(one.listen), one.connect) == (
-        "/dev/ttyAMA0,921600", 7, "ardupilotmega", 2, [],
-    )  # fmt: skip
+        "/dev/ttyAMA0,921600",
+        7,
+        "ardupilotmega",
+        2,
+        [],
+    )
     assert (two.sysid, two.dialect, two.listen) == (None, "common", [])
     assert two.connect == ["udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
 

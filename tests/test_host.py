@@ -64,10 +64,22 @@ def test_a_computer_that_tells_nothing(tmp_path: Path) -> None:
 
 def healthy(**changes: Any) -> wire.HostReport:
     whole = wire.HostReport(
-        t=0.0, name="pi", instance="id", versions={}, system="Linux", cpus=4, load=1.0, memory=2 * GB,
-        memory_size=4 * GB, temperature=50.0, throttled=0, under_voltage=False, clock_synced=True, clock_error=0.002,
+        t=0.0,
+        name="pi",
+        instance="id",
+        versions={},
+        system="Linux",
+        cpus=4,
+        load=1.0,
+        memory=2 * GB,
+        memory_size=4 * GB,
+        temperature=50.0,
+        throttled=0,
+        under_voltage=False,
+        clock_synced=True,
+        clock_error=0.002,
         disks=[wire.Disk(path="/", free=10 * GB, size=30 * GB)],
-    )  # fmt: skip
+    )
     return msgspec.structs.replace(whole, **changes)
 
 

@@ -46,14 +46,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "seldom": set(),
         "guard": set(),
     },
-    {
-        "wire": set(),
-        "keys": {"wire"},
-        "geo": {"wire"},
-        "verbs": {"wire", "keys"},
-        "figures": set(),
-        "rotation": set(),
-    },
+    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
     {"session": set()},
     {"mavlink": set(), "links": set(), "children": {"guard"}},
@@ -320,8 +313,11 @@ def test_what_extras_need_is_picked_from_the_lock(extras: tuple[str, ...]) -> No
     done = subprocess.run(
         [sys.executable, ROOT / "deploy" / "needed.py", *extras], capture_output=True, text=True, check=True
     )
-    names = {canonicalize_name(Requirement(line.split("\\")[0]).name)
-             for line in done.stdout.splitlines() if re.match(r"[a-z0-9]", line)}  # fmt: skip
+    names = {
+        canonicalize_name(Requirement(line.split("\\")[0]).name)
+        for line in done.stdout.splitlines()
+        if re.match(r"[a-z0-9]", line)
+    }
     assert ("numpy" in names) == ("--only" not in extras) and ("hatchling" in names) == ("build" in extras)
     assert ("ompl" in names) == bool({"planner", "dev"} & set(extras))
     for name in names:

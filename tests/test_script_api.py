@@ -23,9 +23,22 @@ PATIENCE_S = 30.0
 
 
 def attitude(sysid: int, roll: float) -> bytes:
-    return encode(load_dialect(), "ATTITUDE", {
-        "time_boot_ms": 1, "roll": roll, "pitch": 0.0, "yaw": 0.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.0,
-    }, sysid=sysid, compid=1, seq=0)  # fmt: skip
+    return encode(
+        load_dialect(),
+        "ATTITUDE",
+        {
+            "time_boot_ms": 1,
+            "roll": roll,
+            "pitch": 0.0,
+            "yaw": 0.0,
+            "rollspeed": 0.0,
+            "pitchspeed": 0.0,
+            "yawspeed": 0.0,
+        },
+        sysid=sysid,
+        compid=1,
+        seq=0,
+    )
 
 
 async def test_one_stream_has_the_messages_of_many(net: Net) -> None:

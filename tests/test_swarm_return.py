@@ -91,8 +91,11 @@ async def stream(vehicle: zmav.Vehicle, flying: asyncio.Event) -> None:
 
 def modes(events: Samples, name: str) -> list[str]:
     """What each event said that the vehicle's mode is from then on."""
-    return [body["detail"]["mode"] for (key, _), body in zip(events.items, events.objects(), strict=True)
-            if f"/{name}/" in key and body["kind"] == "mode"]  # fmt: skip
+    return [
+        body["detail"]["mode"]
+        for (key, _), body in zip(events.items, events.objects(), strict=True)
+        if f"/{name}/" in key and body["kind"] == "mode"
+    ]
 
 
 @pytest.mark.parametrize("planner", ["slow", "dead"])
@@ -104,8 +107,10 @@ async def test_who_flies_somewhere_is_stopped_at_once(planner: str, monkeypatch:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
         events = Samples(session, keys.EVENT.key("demo", "*"))
         flying = [asyncio.Event() for _ in fleet.names]
-        streams = [asyncio.create_task(stream(fleet.z.vehicle(name), event))
-                   for name, event in zip(fleet.names, flying, strict=True)]  # fmt: skip
+        streams = [
+            asyncio.create_task(stream(fleet.z.vehicle(name), event))
+            for name, event in zip(fleet.names, flying, strict=True)
+        ]
         await asyncio.wait_for(asyncio.gather(*(event.wait() for event in flying)), PATIENCE_S)
         fake = FakePlanner(session, None) if planner == "slow" else None
         order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order())
@@ -222,8 +227,9 @@ async def test_who_disarms_before_the_order_comes_is_left_out() -> None:
         s.vehicles[0].orders, s.vehicles[1].orders = refuse, unready
         told = await s.order.run()
         assert [(each.status, each.text, each.error) for each in told] == [
-            ("left_out", "left out: it is disarmed", ""), ("failed", "no position", "refused"),
-        ]  # fmt: skip
+            ("left_out", "left out: it is disarmed", ""),
+            ("failed", "no position", "refused"),
+        ]
 
 
 # What is done where a plan fails half-way.
@@ -259,13 +265,14 @@ async def test_a_later_order_is_not_overruled() -> None:
         text = "lease of fake revoked: hold was ordered"
         s.vehicles[0].state.lease_end = wire.LeaseEnd(
             t=time.time() + 1.0, number=3, holder="fake", reason="revoked", text=text
-        )  # fmt: skip
+        )
         await asyncio.wait_for(_until(lambda: bool(s.order._vehicles[0].state.lease_end)), PATIENCE_S)
         s.planner.entry = "failed"
         told = await asyncio.wait_for(task, PATIENCE_S)
         assert [(each.status, each.text) for each in told] == [
-            ("failed", f"not brought home: {text}"), ("done", "done: landed and disarmed"),
-        ]  # fmt: skip
+            ("failed", f"not brought home: {text}"),
+            ("done", "done: landed and disarmed"),
+        ]
         assert s.vehicles[0].verbs == ["hold"]
 
 
@@ -276,7 +283,7 @@ async def test_a_lease_that_our_own_hold_has_ended_is_nobodys_later_word() -> No
         await asyncio.gather(s.planner.told("submit"), *(vehicle.ordered("hold") for vehicle in s.vehicles))
         s.vehicles[0].state.lease_end = wire.LeaseEnd(
             t=time.time() + 1.0, number=3, holder="boss", reason="revoked", text="lease of boss revoked"
-        )  # fmt: skip
+        )
         await asyncio.wait_for(_until(lambda: bool(s.order._vehicles[0].state.lease_end)), PATIENCE_S)
         s.planner.entry = "failed"
         told = await asyncio.wait_for(task, PATIENCE_S)

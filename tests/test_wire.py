@@ -107,10 +107,15 @@ vectors = st.tuples(finite, finite, finite)
 
 @given(
     st.builds(
-        wire.Setpoint, lease=st.text(), seq=st.integers(0, 2**53), deadline=finite, pos=st.none() | vectors,
-        vel=st.none() | vectors, yaw=st.none() | finite,
+        wire.Setpoint,
+        lease=st.text(),
+        seq=st.integers(0, 2**53),
+        deadline=finite,
+        pos=st.none() | vectors,
+        vel=st.none() | vectors,
+        yaw=st.none() | finite,
     )
-)  # fmt: skip
+)
 def test_a_setpoint_arrives_as_it_left(point: wire.Setpoint) -> None:
     assert wire.decode(wire.encode(point), wire.Setpoint, "setpoint") == point
 

@@ -54,9 +54,16 @@ class Adapter:
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, link: Link, dialect: Dialect, *,
-        component: int = 191, signing: Signing | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        name: str,
+        link: Link,
+        dialect: Dialect,
+        *,
+        component: int = 191,
+        signing: Signing | None = None,
+    ) -> None:
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
         self.link, self.dialect = link, dialect
         self.splitter = Splitter(dialect)

@@ -90,9 +90,12 @@ class Agent:
     verbs: ClassVar[Mapping[str, Verb]] = MappingProxyType({})
 
     def __init__(
-        self, z: Client, vehicle: str, settings: msgspec.Struct | None = None,
+        self,
+        z: Client,
+        vehicle: str,
+        settings: msgspec.Struct | None = None,
         tuned: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.z, self.vehicle = z, z.vehicle(vehicle)
         self.settings: Any = self.settings_type() if settings is None else settings
         self._declared = self.tunables
@@ -111,9 +114,17 @@ class Agent:
         answers = Answers(z.member.signer if z.member else None, self._gate)
         self._questions = Questions(z.session, answers, anybody)
         self._orders = Orders(
-            z.session, self.vehicle.fleet, vehicle, self._gate.check if self._gate else anybody,
-            answers, proof_is_enough, keys.AGENT_DO, table, parts={"agent": self.name}, questions=self._questions,
-        )  # fmt: skip
+            z.session,
+            self.vehicle.fleet,
+            vehicle,
+            self._gate.check if self._gate else anybody,
+            answers,
+            proof_is_enough,
+            keys.AGENT_DO,
+            table,
+            parts={"agent": self.name},
+            questions=self._questions,
+        )
         for verb in table:
             handler: Guarded = getattr(self, f"on_{verb}")
             self._orders.add(verb, handler)
@@ -137,8 +148,9 @@ class Agent:
         known = self._declared.get(name)
         if known is None:
             names = ", ".join(self._declared) or "none"
-            raise BadInput(f"{self.name} has no parameter {name!r}; there are {names}", field="name", value=name,
-                           expected=names)  # fmt: skip
+            raise BadInput(
+                f"{self.name} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names
+            )
         if not (math.isfinite(value) and known.low <= value <= known.high):
             expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
             raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
@@ -194,8 +206,14 @@ class Agent:
     async def on_set(self, args: wire.SetTunable, report: object, origin: Origin | None) -> dict[str, Any]:
         before = self.tune(args.name, args.value)
         by = f", by {origin.name}" if origin else ""
-        self.say("param", "notice", f"{args.name} is {args.value:g}, was {before:g}{by}", name=args.name,
-                 value=args.value, before=before)  # fmt: skip
+        self.say(
+            "param",
+            "notice",
+            f"{args.name} is {args.value:g}, was {before:g}{by}",
+            name=args.name,
+            value=args.value,
+            before=before,
+        )
         self.z.put(keys.AGENT_PARAM, self._param_key(args.name), self._tunable(args.name))
         return {"name": args.name, "value": args.value, "before": before}
 

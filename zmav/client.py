@@ -262,9 +262,13 @@ class Client:
     ) -> Subscription[T]: ...
 
     def subscribe(
-        self, key: str, convert: Callable[[zenoh.Sample], Any] | None = None, depth: int = 1000, token: str = "",
+        self,
+        key: str,
+        convert: Callable[[zenoh.Sample], Any] | None = None,
+        depth: int = 1000,
+        token: str = "",
         history: int = 0,
-    ) -> Subscription[Any]:  # fmt: skip
+    ) -> Subscription[Any]:
         """Samples of a key expression (``quad*/ATTITUDE`` or ``zmav/...``), converted one by one.
 
         A sample for which ``convert`` raises :class:`~zmav.errors.BadInput` is counted and left out. At most ``depth``
@@ -303,8 +307,9 @@ class Client:
         Repeat it once a second: who is silent for five is taken for dead. Raises :class:`~zmav.errors.BadKey` for what
         cannot be a name.
         """
-        status = wire.AgentStatus(t=time.time(), agent=keys.check_name(agent, "agent"), state=state, text=text,
-                                  detail=detail)  # fmt: skip
+        status = wire.AgentStatus(
+            t=time.time(), agent=keys.check_name(agent, "agent"), state=state, text=text, detail=detail
+        )
         fleet, host = keys.check_name(self.fleet_name, "fleet"), keys.check_name(vehicle, "vehicle")
         self.put(keys.AGENT_STATUS, keys.AGENT_STATUS.key(fleet, host, agent=agent), status)
 
@@ -363,13 +368,18 @@ class Client:
             if answered:
                 ask_everybody(
                     self.session, channel.qos, key, handler, timeout=timeout, payload=payload, attachment=question
-                )  # fmt: skip
+                )
             else:
                 self.session.get(
-                    key, handler, payload=payload, timeout=timeout, encoding=keys.JSON, **channel.qos.options(),
+                    key,
+                    handler,
+                    payload=payload,
+                    timeout=timeout,
+                    encoding=keys.JSON,
+                    **channel.qos.options(),
                     attachment=question,
                     consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
-                )  # fmt: skip
+                )
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):
@@ -396,9 +406,13 @@ class Client:
             logger.warning("not believed, said once: %s: %s", what, error)
 
     def put(
-        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None,
+        self,
+        channel: keys.Channel,
+        key: str,
+        payload: bytes | msgspec.Struct,
+        attachment: bytes | None = None,
         publisher: zenoh.Publisher | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Put on a channel's key with its encoding and class of service, and with a proof of origin where it needs one.
 
         Raises :class:`~zmav.errors.Refused` for a frame to a recording.

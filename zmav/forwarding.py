@@ -38,9 +38,15 @@ class FrameForwarder:
     """
 
     def __init__(
-        self, adapter: Adapter, *, prove: Prove, may_send: MayMove[[Frame]], on_sent: Callable[[Frame], None],
-        on_refused: Callable[[str], None], sign_forwarded: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        adapter: Adapter,
+        *,
+        prove: Prove,
+        may_send: MayMove[[Frame]],
+        on_sent: Callable[[Frame], None],
+        on_refused: Callable[[str], None],
+        sign_forwarded: bool = False,
+    ) -> None:
         self._adapter, self._prove, self._may_send = adapter, prove, may_send
         self._on_sent, self._on_refused, self._sign_forwarded = on_sent, on_refused, sign_forwarded
         self._intake: Intake | None = None

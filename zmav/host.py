@@ -35,13 +35,22 @@ def report(name: str, instance: str, paths: Iterable[str | Path] = ("/",), root:
     except OSError:
         load = None
     return wire.HostReport(
-        t=time.time(), name=name, instance=instance, versions=versions(),
+        t=time.time(),
+        name=name,
+        instance=instance,
+        versions=versions(),
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
         cpus=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
-        disks=list(disks(paths)), load=load, memory=memory.get("MemAvailable"), memory_size=memory.get("MemTotal"),
-        temperature=_temperature(root), throttled=_throttled(root), under_voltage=_under_voltage(root),
-        clock_synced=synced, clock_error=error,
-    )  # fmt: skip
+        disks=list(disks(paths)),
+        load=load,
+        memory=memory.get("MemAvailable"),
+        memory_size=memory.get("MemTotal"),
+        temperature=_temperature(root),
+        throttled=_throttled(root),
+        under_voltage=_under_voltage(root),
+        clock_synced=synced,
+        clock_error=error,
+    )
 
 
 def versions() -> dict[str, str]:
@@ -67,9 +76,11 @@ def disks(paths: Iterable[str | Path]) -> Iterator[wire.Disk]:
         if device not in seen:
             seen.add(device)
             yield wire.Disk(
-                path=str(path), free=fs.f_bavail * fs.f_frsize, size=fs.f_blocks * fs.f_frsize,
+                path=str(path),
+                free=fs.f_bavail * fs.f_frsize,
+                size=fs.f_blocks * fs.f_frsize,
                 read_only=bool(fs.f_flag & os.ST_RDONLY),
-            )  # fmt: skip
+            )
 
 
 def _existing(path: Path) -> Path:

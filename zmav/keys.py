@@ -342,8 +342,10 @@ def check_name(name: str, field: str = "name") -> str:
     if not NAME.match(name):
         raise BadKey(
             f"{field} {name!r} cannot stand in a key: use lower-case letters, digits, '_' and '-'",
-            field=field, value=name, expected="[a-z0-9_-]+",
-        )  # fmt: skip
+            field=field,
+            value=name,
+            expected="[a-z0-9_-]+",
+        )
     return name
 
 
@@ -380,8 +382,10 @@ def check_message(name: str) -> str:
     if not MESSAGE.match(name):
         raise BadKey(
             f"{name!r} cannot be a message's name: they are like ATTITUDE or GPS_RAW_INT",
-            field="msg", value=name, expected="[A-Za-z][A-Za-z0-9_]*",
-        )  # fmt: skip
+            field="msg",
+            value=name,
+            expected="[A-Za-z][A-Za-z0-9_]*",
+        )
     return name
 
 

@@ -137,29 +137,56 @@ class Onboard:
         counts = SetpointCounts()
         self.needs = ParamPreconditions(port, self.params, identity, events, counts)
         self.separation = Separation(
-            session, port, identity, bounds, events, settings.origin,
-            lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything,
-        )  # fmt: skip
+            session,
+            port,
+            identity,
+            bounds,
+            events,
+            settings.origin,
+            lambda: self.body.body,
+            settings.separation,
+            gate.is_vehicle if gate else keys.anything,
+        )
         rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
-            session, port, identity, commander, events, bounds, rules, counts,
-            guard=self.presence.check, accept=self.needs.check, aside=self.separation.aside, sealed=gate is not None,
-            param=self.params.value, on_segment=self.state.publish,
-        )  # fmt: skip
+            session,
+            port,
+            identity,
+            commander,
+            events,
+            bounds,
+            rules,
+            counts,
+            guard=self.presence.check,
+            accept=self.needs.check,
+            aside=self.separation.aside,
+            sealed=gate is not None,
+            param=self.params.value,
+            on_segment=self.state.publish,
+        )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.rates.needs.update(self.authority.pilot.needs)
         stations = self.authority.stations
         self.forwarder = FrameForwarder(
-            port, prove=prove, may_send=stations.admit, on_sent=stations.sent,
+            port,
+            prove=prove,
+            may_send=stations.admit,
+            on_sent=stations.sent,
             on_refused=lambda reason: events.emit("refused", "warning", reason, limit="tx"),
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
-        )  # fmt: skip
+        )
         self.payload = Payload(port, commander, bounds)
         self.missions = Missions(questions, port, identity, commander, events, bounds)
         self.flight = Flight(
-            port, identity, self.state, commander, bounds, self.authority.carrot,
-            param=self.params.value, rally=self.missions.rally,
-        )  # fmt: skip
+            port,
+            identity,
+            self.state,
+            commander,
+            bounds,
+            self.authority.carrot,
+            param=self.params.value,
+            rally=self.missions.rally,
+        )
         self.mission_flight = MissionFlight(port, identity, commander, self.missions, bounds)
         judges: dict[str, Judge] = {
             "takeoff": self.flight.judge_takeoff,
@@ -281,9 +308,7 @@ class Onboard:
         await self.missions.close()
         await asyncio.to_thread(self.forwarder.close)
         await asyncio.to_thread(self.adapter.close)
-        for service in (
-            self.identity, self.presence, self.state, self.timesync, self.quality, self.events,
-        ):  # fmt: skip
+        for service in (self.identity, self.presence, self.state, self.timesync, self.quality, self.events):
             service.close()
 
     def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:

@@ -26,9 +26,14 @@ class Subscription(Generic[T]):
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, convert: Callable[[zenoh.Sample], T], depth: int, token: str = "",
+        self,
+        session: zenoh.Session,
+        key: str,
+        convert: Callable[[zenoh.Sample], T],
+        depth: int,
+        token: str = "",
         history: int = 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._session, self._key, self._convert, self._token_key = session, key, convert, token
         self._history = history
         self._token: zenoh.LivelinessToken | None = None

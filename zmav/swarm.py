@@ -71,10 +71,14 @@ class FleetOrder:
     """
 
     def __init__(
-        self, z: Client, vehicles: Sequence[Vehicle], verb: str, args: wire.Order,
+        self,
+        z: Client,
+        vehicles: Sequence[Vehicle],
+        verb: str,
+        args: wire.Order,
         on_change: Callable[[str | VehicleProgress], None] = lambda news: None,
         progress: Callable[[Vehicle], Callable[[dict[str, Any]], None] | None] = lambda vehicle: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._z, self._vehicles, self.verb, self._args, self._say = z, list(vehicles), verb, args, on_change
         self._progress = progress
         self.told = {(v.fleet, v.name): VehicleProgress(vehicle=v.name, fleet=v.fleet) for v in vehicles}

@@ -70,8 +70,9 @@ class Avi:
         micro = round(1e6 / min(max(rate, 0.01), 1000.0))
         has_index = 0x10
         avih = struct.pack("<14I", micro, 0, 0, has_index, self.count, 0, 1, 0, width, height, 0, 0, 0, 0)
-        strh = b"vidsMJPG" + struct.pack("<10I4H", 0, 0, 0, micro, 1_000_000, 0, self.count, 0, 0xFFFFFFFF, 0, 0, 0,
-                                         width, height)  # fmt: skip
+        strh = b"vidsMJPG" + struct.pack(
+            "<10I4H", 0, 0, 0, micro, 1_000_000, 0, self.count, 0, 0xFFFFFFFF, 0, 0, 0, width, height
+        )
         strf = struct.pack("<IiiHH4s5I", 40, width, height, 1, 24, b"MJPG", width * height * 3, 0, 0, 0, 0)
         stream = _list(b"strl", _chunk(b"strh", strh) + _chunk(b"strf", strf))
         head = _list(b"hdrl", _chunk(b"avih", avih) + stream)

@@ -90,8 +90,11 @@ class Views:
             )
         covered = self._covered()
         if covered < COVERED:
-            raise _too("similar", f"the board was seen in {covered} of {CELLS * CELLS} parts of the picture, expected "
-                       f"{COVERED}: show it in the corners, too")  # fmt: skip
+            raise _too(
+                "similar",
+                f"the board was seen in {covered} of {CELLS * CELLS} parts of the picture, expected "
+                f"{COVERED}: show it in the corners, too",
+            )
         across, along = self._inner
         board = np.zeros((across * along, 3), np.float32)
         board[:, :2] = np.mgrid[0:across, 0:along].T.reshape(-1, 2) * self._side
@@ -118,10 +121,14 @@ class Views:
             raise _too("similar", f"the focal length is known to {sigma:.1f} px only: tilt the board more")
         k1, k2, p1, p2, k3 = (float(k) for k in np.asarray(bent).ravel()[:5])
         calibration = Calibration(
-            width=self.size[0], height=self.size[1], focal=(float(matrix[0, 0]), float(matrix[1, 1])),
-            center=(float(matrix[0, 2]), float(matrix[1, 2])), distortion=(k1, k2, p1, p2, k3),
-            error_px=round(float(error), 4), views=len(self.corners),
-        )  # fmt: skip
+            width=self.size[0],
+            height=self.size[1],
+            focal=(float(matrix[0, 0]), float(matrix[1, 1])),
+            center=(float(matrix[0, 2]), float(matrix[1, 2])),
+            distortion=(k1, k2, p1, p2, k3),
+            error_px=round(float(error), 4),
+            views=len(self.corners),
+        )
         return Result(calibration, float(error), sigma)
 
     def _covered(self) -> int:

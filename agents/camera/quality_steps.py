@@ -47,9 +47,12 @@ class QualitySteps:
         middle, low = (max(round(best * part), min(WORST_QUALITY, best)) for part in (0.8, 0.6))
         slowest = min(SLOWEST, rate)
         self.steps = [
-            Step(False, best, rate), Step(False, middle, rate), Step(False, low, rate),
-            Step(True, middle, rate), Step(True, low, rate),
-        ]  # fmt: skip
+            Step(False, best, rate),
+            Step(False, middle, rate),
+            Step(False, low, rate),
+            Step(True, middle, rate),
+            Step(True, low, rate),
+        ]
         """from best to least, each at its full rate"""
         self._least = [rate, rate, max(rate / 2.0, slowest), rate, slowest]
         self.step = self.steps[-1]

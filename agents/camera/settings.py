@@ -120,9 +120,12 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
             raise BadConfig(text, field="calibration", value=[self.width, self.height], expected=f"{width}x{height}")
         (fx, fy), (cx, cy) = self.focal, self.center
         return msgspec.structs.replace(
-            self, width=width, height=height, focal=(fx * kx, fy * ky),
+            self,
+            width=width,
+            height=height,
+            focal=(fx * kx, fy * ky),
             center=((cx + 0.5) * kx - 0.5, (cy + 0.5) * ky - 0.5),
-        )  # fmt: skip
+        )
 
 
 def _toml(value: object) -> str:
@@ -137,7 +140,17 @@ def camera_info(
     """What the camera says of itself, for pictures of the calibration's size."""
     mount: Vector = settings.mount
     return CameraInfo(
-        t=t, camera=settings.camera, width=calibration.width, height=calibration.height, focal=calibration.focal,
-        center=calibration.center, distortion=calibration.distortion, mount=mount, offset=settings.offset,
-        gimbal=settings.gimbal, rate_hz=rate, quality=quality, source=source,
-    )  # fmt: skip
+        t=t,
+        camera=settings.camera,
+        width=calibration.width,
+        height=calibration.height,
+        focal=calibration.focal,
+        center=calibration.center,
+        distortion=calibration.distortion,
+        mount=mount,
+        offset=settings.offset,
+        gimbal=settings.gimbal,
+        rate_hz=rate,
+        quality=quality,
+        source=source,
+    )

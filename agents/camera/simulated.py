@@ -50,9 +50,12 @@ def numbers(url: str) -> Numbers | None:
             connection.close()
         (fx, _, cx), (_, fy, cy), _ = told.camera_matrix
         plain: dict[str, Any] = {
-            "width": told.width, "height": told.height, "focal": (fx, fy), "center": (cx, cy),
+            "width": told.width,
+            "height": told.height,
+            "focal": (fx, fy),
+            "center": (cx, cy),
             "distortion": told.distortion,
-        }  # fmt: skip
+        }
         calibration = msgspec.convert(plain, Calibration)
     except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors
         return None

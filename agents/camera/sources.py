@@ -25,8 +25,9 @@ SLOWEST, FASTEST = 0.1, 240.0
 """Hz of a video file that are believed"""
 
 
-def open_source(text: str, *, rate: float = 10.0, loop: bool = False, delay: float = 0.0,
-                size: tuple[int, int] | None = None) -> Source:  # fmt: skip
+def open_source(
+    text: str, *, rate: float = 10.0, loop: bool = False, delay: float = 0.0, size: tuple[int, int] | None = None
+) -> Source:
     """The source that an argument means: ``0`` or ``/dev/video0``, a URL, a video file, a folder of pictures.
 
     ``rate``: Hz of a folder, and asked of a device; ``loop``: files begin again; ``delay``: s from the middle of the
@@ -44,8 +45,12 @@ def open_source(text: str, *, rate: float = 10.0, loop: bool = False, delay: flo
             source = StreamSource(text, delay)
         else:
             expected = ", ".join(f"{each}://" for each in ("http", *STREAMS))
-            raise BadConfig(f"{text!r}: {scheme}:// is no source of pictures; expected one of {expected}",
-                            field="source", value=text, expected=expected)  # fmt: skip
+            raise BadConfig(
+                f"{text!r}: {scheme}:// is no source of pictures; expected one of {expected}",
+                field="source",
+                value=text,
+                expected=expected,
+            )
     elif Path(text).is_dir():
         source = FolderSource(Path(text), rate, loop)
     else:

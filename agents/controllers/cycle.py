@@ -106,10 +106,13 @@ class Cycles:
         self._said = 0.0
         """monotonic s at which signals are due"""
         self._takers: dict[str, Callable[[Mapping[str, Any]], None]] = {
-            "LOCAL_POSITION_NED": estimate.local, "GLOBAL_POSITION_INT": estimate.globally,
-            "RC_CHANNELS": estimate.sticks, "ATTITUDE_TARGET": estimate.target,
-            "SERVO_OUTPUT_RAW": estimate.outputs, "COMMAND_ACK": self._acknowledged,
-        }  # fmt: skip
+            "LOCAL_POSITION_NED": estimate.local,
+            "GLOBAL_POSITION_INT": estimate.globally,
+            "RC_CHANNELS": estimate.sticks,
+            "ATTITUDE_TARGET": estimate.target,
+            "SERVO_OUTPUT_RAW": estimate.outputs,
+            "COMMAND_ACK": self._acknowledged,
+        }
 
     # The event loop, without the lock.
 

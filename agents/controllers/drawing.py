@@ -27,10 +27,20 @@ PANELS = 3
 LEAST = 0.02
 """that an output's axis spans"""
 STYLE: Any = {
-    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": GREY,
-    "axes.grid": True, "grid.color": "#eceff1", "grid.linewidth": 0.8, "axes.axisbelow": True,
-    "axes.labelcolor": INK, "xtick.color": GREY, "ytick.color": GREY, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
-}  # fmt: skip
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "grid.color": "#eceff1",
+    "grid.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "axes.labelcolor": INK,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+}
 
 
 def draw(report: Report, path: Path) -> None:
@@ -47,9 +57,18 @@ def figure_of(report: Report) -> Figure:
         heights = [3.2, 1.5] + [1.2] * len(groups)
         chirp = isinstance(report.found, Chirp)
         grid = GridSpec(
-            len(heights), 2, figure, height_ratios=heights, width_ratios=(1.0, 0.95 if chirp else 0.44),
-            left=0.065, right=0.975, top=0.9, bottom=0.085, hspace=0.16, wspace=0.27 if chirp else 0.06,
-        )  # fmt: skip
+            len(heights),
+            2,
+            figure,
+            height_ratios=heights,
+            width_ratios=(1.0, 0.95 if chirp else 0.44),
+            left=0.065,
+            right=0.975,
+            top=0.9,
+            bottom=0.085,
+            hspace=0.16,
+            wspace=0.27 if chirp else 0.06,
+        )
         axes = [figure.add_subplot(grid[0, 0])]
         axes += [figure.add_subplot(grid[k, 0], sharex=axes[0]) for k in range(1, len(heights))]
         _followed(axes[0], report)
@@ -138,10 +157,20 @@ def _marks(ax: Axes, report: Report, found: Step) -> None:
 
 def _say(
     ax: Axes, words: str, at: tuple[float, float], off: tuple[float, float], shade: str, across: str, up: str
-) -> None:  # fmt: skip
+) -> None:
     box: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
-    ax.annotate(words, at, xytext=off, textcoords="offset points", color=shade, fontsize=8.5, ha=across, va=up,
-                zorder=7, bbox=box)  # fmt: skip
+    ax.annotate(
+        words,
+        at,
+        xytext=off,
+        textcoords="offset points",
+        color=shade,
+        fontsize=8.5,
+        ha=across,
+        va=up,
+        zorder=7,
+        bbox=box,
+    )
 
 
 def _error(ax: Axes, report: Report) -> None:
@@ -213,8 +242,15 @@ def _bode(figure: Figure, grid: GridSpec, found: Chirp) -> None:
             ax.plot(found.bandwidth, value, marker="o", markersize=5, color=MARK, zorder=6)
         across = "right"
         _say(gain, f"−3 dB at {found.bandwidth:.3g} Hz", (found.bandwidth, -3.0), (-8, -4), MARK, across, "top")
-        _say(phase, f"{math.degrees(found.phase_there):.0f}°",
-             (found.bandwidth, math.degrees(found.phase_there)), (-8, -4), MARK, across, "top")  # fmt: skip
+        _say(
+            phase,
+            f"{math.degrees(found.phase_there):.0f}°",
+            (found.bandwidth, math.degrees(found.phase_there)),
+            (-8, -4),
+            MARK,
+            across,
+            "top",
+        )
     peak = dict(found.rows())["resonance peak"]
     if found.peak is not None and found.peak_frequency is not None and peak not in ("none", "unknown"):
         gain.plot(found.peak_frequency, decibel(found.peak), marker="o", markersize=5, color=WRONG, zorder=6)

@@ -18,9 +18,14 @@ from zmav import geo, wire
 from zmav.errors import BadConfig
 
 RATES_HZ: Mapping[str, float] = {
-    "ATTITUDE_QUATERNION": 0.0, "LOCAL_POSITION_NED": 0.0, "GLOBAL_POSITION_INT": 5.0, "RC_CHANNELS": 50.0,
-    "ATTITUDE_TARGET": 25.0, "SERVO_OUTPUT_RAW": 25.0, "HEARTBEAT": 10.0,
-}  # fmt: skip
+    "ATTITUDE_QUATERNION": 0.0,
+    "LOCAL_POSITION_NED": 0.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "RC_CHANNELS": 50.0,
+    "ATTITUDE_TARGET": 25.0,
+    "SERVO_OUTPUT_RAW": 25.0,
+    "HEARTBEAT": 10.0,
+}
 """what is wanted of the autopilot; 0: as often as there are cycles. Of a mode that has changed a HEARTBEAT tells"""
 HEARD = (*(name for name in RATES_HZ if name != "HEARTBEAT"), "COMMAND_ACK")
 """what is read here: of HEARTBEATs the vehicle's own agent tells"""

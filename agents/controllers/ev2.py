@@ -39,9 +39,19 @@ LEAST_LIFT = 0.15  # of full thrust: below it nothing hovers by it
 TURN_SHARE = 0.6  # of the torque that there is, for the filter's own turning
 LONGEST_S = 0.04  # of a cycle: after a gap the filters do not leap
 VECTORS = (
-    "pos_error", "vel_error", "integral", "angle_ref", "angle_slope", "z1", "z1_bar", "z2", "omega_d", "omega_ref",
-    "epsilon", "torque_nm",
-)  # fmt: skip
+    "pos_error",
+    "vel_error",
+    "integral",
+    "angle_ref",
+    "angle_slope",
+    "z1",
+    "z1_bar",
+    "z2",
+    "omega_d",
+    "omega_ref",
+    "epsilon",
+    "torque_nm",
+)
 SIGNALS = tuple((f"{name}.x", f"{name}.y", f"{name}.z") for name in VECTORS)
 
 
@@ -194,9 +204,19 @@ class Ev2(Controller):
     def _tell(self, error: Vec, slip: Vec, wanted: Vec, slopes: Vec, torque: Vec, aim: Aim) -> None:
         loop = self.inner
         rows = (
-            error, slip, self.outer.integral, wanted, slopes, loop.z1, loop.z1_bar, loop.z2, loop.omega_d,
-            loop.omega_ref, loop.epsilon, torque,
-        )  # fmt: skip
+            error,
+            slip,
+            self.outer.integral,
+            wanted,
+            slopes,
+            loop.z1,
+            loop.z1_bar,
+            loop.z2,
+            loop.omega_d,
+            loop.omega_ref,
+            loop.epsilon,
+            torque,
+        )
         told = self.signals
         for (x, y, z), row in zip(SIGNALS, rows, strict=True):
             told[x], told[y], told[z] = row

@@ -142,9 +142,12 @@ class Host:
         gc.freeze()
         kind = stack.controller
         self._say(
-            loaded=type(kind).__name__, level=kind.level, gives=kind.gives, doc=(type(kind).__doc__ or "").strip(),
+            loaded=type(kind).__name__,
+            level=kind.level,
+            gives=kind.gives,
+            doc=(type(kind).__doc__ or "").strip(),
             tunables={name: msgspec.to_builtins(each) for name, each in stack.tunables.items()},
-        )  # fmt: skip
+        )
 
     def _made(self) -> Stack:
         assert self._kind is not None

@@ -53,11 +53,30 @@ def pack_cycle(number: int, phase: int, state: State, reference: Reference, trim
     s, r = state, reference
     motors = [math.nan] * MOTORS if s.motors is None else [*s.motors, *[math.nan] * MOTORS][:MOTORS]
     return _CYCLE.pack(
-        CYCLE, phase, LEVELS.index(r.level), number,
-        s.t, s.dt, *s.pos, *s.vel, *s.q, *s.rates, *s.sticks, *motors,
-        *r.pos, *r.vel, *r.acc, r.yaw, r.yaw_rate, *r.attitude, *r.rates, r.thrust,
-        trim.thrust, *trim.attitude, *trim.rates,
-    )  # fmt: skip
+        CYCLE,
+        phase,
+        LEVELS.index(r.level),
+        number,
+        s.t,
+        s.dt,
+        *s.pos,
+        *s.vel,
+        *s.q,
+        *s.rates,
+        *s.sticks,
+        *motors,
+        *r.pos,
+        *r.vel,
+        *r.acc,
+        r.yaw,
+        r.yaw_rate,
+        *r.attitude,
+        *r.rates,
+        r.thrust,
+        trim.thrust,
+        *trim.attitude,
+        *trim.rates,
+    )
 
 
 def unpack_cycle(data: bytes) -> tuple[int, int, State, Reference, Trim]:

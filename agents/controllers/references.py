@@ -81,10 +81,8 @@ class References:
         rest = (0.0, 0.0, 0.0)
         points = [
             wire.SegmentPoint(t=state.t, pos=plain(start.pos), vel=rest, acc=rest, yaw=start.yaw),
-            wire.SegmentPoint(
-                t=state.t + lasts, pos=pos, vel=rest, acc=rest, yaw=start.yaw if yaw is None else yaw
-            ),
-        ]  # fmt: skip
+            wire.SegmentPoint(t=state.t + lasts, pos=pos, vel=rest, acc=rest, yaw=start.yaw if yaw is None else yaw),
+        ]
         self.follow(points, state)
         return lasts
 

@@ -157,14 +157,26 @@ class Report:
         if args.kind == "chirp":
             said |= {"f0": args.f0, "f1": args.f1, "feed": args.feed}
         own = {"samples": len(self.t), "hz": 1.0 / self.period, "lost": self.lost, "bad": self.bad}
-        return {**said, "unit": self.unit, **own, "rms": self.rms, "peak_error": self.peak_error, **found,
-                "notes": list(self.notes)}  # fmt: skip
+        return {
+            **said,
+            "unit": self.unit,
+            **own,
+            "rms": self.rms,
+            "peak_error": self.peak_error,
+            **found,
+            "notes": list(self.notes),
+        }
 
 
 def examine(
-    args: Inject, t: Array, reference: Array, measured: Array, injected: Array,
-    outputs: Mapping[str, Array] | None = None, title: str = "",
-) -> Report:  # fmt: skip
+    args: Inject,
+    t: Array,
+    reference: Array,
+    measured: Array,
+    injected: Array,
+    outputs: Mapping[str, Array] | None = None,
+    title: str = "",
+) -> Report:
     """The report of a recording of ``args``: ``t`` (N,) s and, of the channel injected into and in its unit, the
     ``reference`` as the controller was given it (what was injected included), what was ``measured`` and what was
     ``injected``, each (N,); ``outputs``: more of (N,), for the picture. It should begin a little before the injection.
@@ -216,9 +228,23 @@ def examine(
     else:
         found = chirp_of(args, t, response, injected, period, notes)
     return Report(
-        args, title, t, reference, measured, injected, rows, response, lasted, period, lost, bad,
-        float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()), found, notes,
-    )  # fmt: skip
+        args,
+        title,
+        t,
+        reference,
+        measured,
+        injected,
+        rows,
+        response,
+        lasted,
+        period,
+        lost,
+        bad,
+        float(np.sqrt(np.mean(error**2))),
+        float(np.abs(error).max()),
+        found,
+        notes,
+    )
 
 
 def _clean(columns: Mapping[str, Array]) -> tuple[dict[str, Array], int]:

@@ -9,12 +9,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import re
 import time
-from pathlib import Path
 from typing import Any, ClassVar
 
-import msgspec
 from zenoh import handlers
 
 import zmav
@@ -25,6 +22,7 @@ from agents.controllers.inject import Inject
 from agents.controllers.limits import TUNABLES, set_limit
 from agents.controllers.orders import ByStick, FollowSegment, GoTo
 from agents.controllers.readiness import check_parameters, check_ready
+from agents.controllers.settings import Settings, slug
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
@@ -51,33 +49,6 @@ AGAIN = 0.5
 """s before a process that is gone is replaced"""
 PATIENCE = 10.0
 """s for a vehicle that was not heard yet"""
-
-
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Fixed while it runs."""
-
-    controller: str
-    """a file that ends in .py, or the name of one that is installed"""
-    cls: str = ""
-    """which class of the file, where it has several"""
-    name: str = ""
-    """in keys; empty: that of the file"""
-    rate_hz: float = 250.0
-    """cycles a second that are wanted of the autopilot"""
-    back: str = ""
-    """the mode it is handed back in; empty: the autopilot is told to hold"""
-    rc: tuple[int, int, int, int] = (1, 2, 3, 4)
-    """channels of the pilot's roll, pitch, throttle and yaw"""
-    by_switch: bool = False
-    """the pilot's switch (``[pilot_switch]`` in the fleet file) turned away from him engages it, too"""
-    priority: int = 0
-    lease_s: float = 3.0
-
-
-def slug(what: str) -> str:
-    """A name for keys from a file's or a controller's."""
-    stem = Path(what).stem.lower() if loading.is_file(what) else what
-    return re.sub("[^a-z0-9_-]+", "-", stem).strip("-") or "controller"
 
 
 class Supervisor(zmav.Agent):
@@ -107,9 +78,14 @@ class Supervisor(zmav.Agent):
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
         self.workshop = Workshop(
-            settings.controller, settings.cls, self.cycles.fly_by, self._agree,
-            self.cycles.on_answer, self._on_failed, self._on_because,
-        )  # fmt: skip
+            settings.controller,
+            settings.cls,
+            self.cycles.fly_by,
+            self._agree,
+            self.cycles.on_answer,
+            self._on_failed,
+            self._on_because,
+        )
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
         loop = asyncio.get_running_loop()
@@ -191,10 +167,15 @@ class Supervisor(zmav.Agent):
         cycles, what, broken = self.cycles, self._described(), self.workshop.broken
         hz = 1.0 / self.estimate.period if self.estimate.period else 0.0
         detail: dict[str, Any] = {
-            "controller": what, "hz": round(hz, 1), "cycles": cycles.tally.cycles, "late": cycles.tally.late,
-            "clipped": cycles.tally.clipped, "handed_back_ms": self.handed_back_ms, "why": self._why,
+            "controller": what,
+            "hz": round(hz, 1),
+            "cycles": cycles.tally.cycles,
+            "late": cycles.tally.late,
+            "clipped": cycles.tally.clipped,
+            "handed_back_ms": self.handed_back_ms,
+            "why": self._why,
             "broken": broken,
-        }  # fmt: skip
+        }
         state = self.vehicle.last_state
         if cycles.phase is Phase.IN_FORCE:
             word, text = "controller", f"{what} flies, and follows {cycles.references.what}"

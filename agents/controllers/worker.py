@@ -52,9 +52,11 @@ class Worker:
     """
 
     def __init__(
-        self, on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        self,
+        on_answer: Callable[[Worker, Answer], None],
+        on_failed: Callable[[Worker, str], None],
         on_because: Callable[[Worker, str], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self._loop = asyncio.get_running_loop()
         self.names: tuple[str, ...] = ()

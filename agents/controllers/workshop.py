@@ -29,10 +29,15 @@ class Workshop:
     """
 
     def __init__(
-        self, what: str, cls: str, fly_by: Callable[[Worker | None], None], agree: Callable[[Loaded], None],
-        on_answer: Callable[[Worker, Answer], None], on_failed: Callable[[Worker, str], None],
+        self,
+        what: str,
+        cls: str,
+        fly_by: Callable[[Worker | None], None],
+        agree: Callable[[Loaded], None],
+        on_answer: Callable[[Worker, Answer], None],
+        on_failed: Callable[[Worker, str], None],
         on_because: Callable[[Worker, str], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._what, self._cls, self._fly_by, self._agree = what, cls, fly_by, agree
         self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self.worker: Worker | None = None

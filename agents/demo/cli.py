@@ -34,16 +34,26 @@ MOST_PX4 = PX4_LAST_ONBOARD + 1
 @click.option("--list", "listed", is_flag=True, help="Show the demos there are.")
 @click.option("--ardupilot", metavar="PATH", help="Have a real ArduPilot fly the fleet's: a build tree, or a program.")
 @click.option("--px4", metavar="PATH", help="Have a real PX4 fly the fleet's PX4s, or its copters where it has none.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of what is left.  "
-              "[default: flights/NAME-TIME]")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of what is left.  [default: flights/NAME-TIME]",
+)
 @click.option("--animation", is_flag=True, help="Draw the tracks as a .gif, too.")
 @click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
 @click.option("--stay", is_flag=True, help="Start the fleet and leave the flying to you: scripts, other verbs.")
 def demo(
-    name: str, listed: bool, ardupilot: str | None, px4: str | None, out: Path | None, animation: bool, headless: bool,
-    endpoint: str | None, stay: bool,
-) -> None:  # fmt: skip
+    name: str,
+    listed: bool,
+    ardupilot: str | None,
+    px4: str | None,
+    out: Path | None,
+    animation: bool,
+    headless: bool,
+    endpoint: str | None,
+    stay: bool,
+) -> None:
     """Fly a demo fleet: 'zmav demo swap', or a fleet file of your own with a [demo] table. 0 only if all went well.
 
     Three copters in a line of routers by default. 'zmav demo --stay' only starts them, where clients look for a router
@@ -106,9 +116,7 @@ def _folder(out: Path | None, found: Demo) -> Path:
     return place
 
 
-def _play(
-    found: Demo, stage: Stage, processes: Children, out: Path, animation: bool, headless: bool
-) -> int:  # fmt: skip
+def _play(found: Demo, stage: Stage, processes: Children, out: Path, animation: bool, headless: bool) -> int:
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)

@@ -57,8 +57,12 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
         above.plot(east[:1], north[:1], "o", color=shades[i], ms=4, mfc="white")
         above.plot(east[-1:], north[-1:], "o", color=shades[i], ms=4)
         heights.plot(times, up, color=shades[i], lw=1.0)
-        ways.plot(times, [math.hypot(n - north[0], e - east[0]) for n, e in zip(north, east, strict=True)],
-                  color=shades[i], lw=1.0)  # fmt: skip
+        ways.plot(
+            times,
+            [math.hypot(n - north[0], e - east[0]) for n, e in zip(north, east, strict=True)],
+            color=shades[i],
+            lw=1.0,
+        )
     _look_down(above, rows)
     for axes in (heights, ways):
         axes.set_xlim(times[0], times[-1])
@@ -149,13 +153,25 @@ def _mark(figure: Figure, heights: Any, ways: Any, marks: Sequence[Mark], times:
         below = 0.04 + KEY_LINE * (lines - 1 - i % lines)
         text = f"{i + 1}  {mark.t:.0f} s  {mark.text}"
         figure.text(
-            0.02 + 0.98 / COLUMNS * (i // lines), below / figure.get_figheight(), text[:LONGEST], fontsize=6.5,
-            color="#5f6368", va="bottom",
-        )  # fmt: skip
+            0.02 + 0.98 / COLUMNS * (i // lines),
+            below / figure.get_figheight(),
+            text[:LONGEST],
+            fontsize=6.5,
+            color="#5f6368",
+            va="bottom",
+        )
     for group in groups:
         text = f"{group[0] + 1}" + (f"-{group[-1] + 1}" if len(group) > 1 else "")
-        heights.text(marks[group[0]].t, 1.01, text, transform=heights.get_xaxis_transform(), fontsize=6.5,
-                     color="#5f6368", ha="left", va="bottom")  # fmt: skip
+        heights.text(
+            marks[group[0]].t,
+            1.01,
+            text,
+            transform=heights.get_xaxis_transform(),
+            fontsize=6.5,
+            color="#5f6368",
+            ha="left",
+            va="bottom",
+        )
 
 
 def _figure(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:

@@ -147,9 +147,7 @@ class Play:
     async def _run(self, step: Step, command: str) -> None:
         self._command(step, command)
         name = f"{len(self.marks)} {' '.join(words(command)[:3])}"
-        process = self.processes.start(
-            name, *self._words(command), may_end=True, environment=self._environment(step)
-        )  # fmt: skip
+        process = self.processes.start(name, *self._words(command), may_end=True, environment=self._environment(step))
         told = 0
 
         def ended() -> bool:
@@ -217,8 +215,12 @@ class Play:
     # ---- what is said
 
     def _words(self, command: str) -> list[str]:
-        places = {"{sim}": str(self.stage.control), "{cameras}": self.stage.cameras, "{out}": str(self.out),
-                  "{here}": str(self.demo.path.resolve().parent)}  # fmt: skip
+        places = {
+            "{sim}": str(self.stage.control),
+            "{cameras}": self.stage.cameras,
+            "{out}": str(self.out),
+            "{here}": str(self.demo.path.resolve().parent),
+        }
         found = words(command)
         for name, value in places.items():
             found = [word.replace(name, value) for word in found]

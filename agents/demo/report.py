@@ -23,19 +23,21 @@ def rows(play: Play) -> list[dict[str, Any]]:
         track = play.watch.tracks[name] if play.watch else None
         state = play.watch.state(name) if play.watch else None
         told = state.setpoints if state else {}
-        found.append({
-            "vehicle": name,
-            "kind": f"{state.autopilot} {state.kind}" if state else "?",
-            "relays": play.demo.relays(name),
-            "flown_m": play.truth.flown(name),
-            "highest_m": play.truth.highest(name),
-            "setpoints": told.get("flown", 0) + told.get("held", 0),
-            "dropped": {reason: n for reason, n in told.items() if reason not in ("flown", "held") and n},
-            "mavlink_lost": track.mavlink_lost if track else 0,
-            "mavlink_frames": track.mavlink_frames if track else 0,
-            "rtt_s": statistics.median(track.rtts) if track and track.rtts else None,
-            "end": f"{'armed' if state.armed else 'disarmed'} in {state.mode}" if state else "not heard",
-        })  # fmt: skip
+        found.append(
+            {
+                "vehicle": name,
+                "kind": f"{state.autopilot} {state.kind}" if state else "?",
+                "relays": play.demo.relays(name),
+                "flown_m": play.truth.flown(name),
+                "highest_m": play.truth.highest(name),
+                "setpoints": told.get("flown", 0) + told.get("held", 0),
+                "dropped": {reason: n for reason, n in told.items() if reason not in ("flown", "held") and n},
+                "mavlink_lost": track.mavlink_lost if track else 0,
+                "mavlink_frames": track.mavlink_frames if track else 0,
+                "rtt_s": statistics.median(track.rtts) if track and track.rtts else None,
+                "end": f"{'armed' if state.armed else 'disarmed'} in {state.mode}" if state else "not heard",
+            }
+        )
     return found
 
 
@@ -48,10 +50,17 @@ def summary(play: Play) -> Group:
     for row in rows(play):
         rtt = row["rtt_s"]
         table.add_row(
-            row["vehicle"], row["kind"], str(row["relays"]), f"{row['flown_m']:.0f} m", f"{row['highest_m']:.0f} m",
-            str(row["setpoints"]), str(sum(row["dropped"].values())), f"{row['mavlink_lost']}/{row['mavlink_frames']}",
-            "-" if rtt is None else f"{1e3 * rtt:.1f} ms", row["end"],
-        )  # fmt: skip
+            row["vehicle"],
+            row["kind"],
+            str(row["relays"]),
+            f"{row['flown_m']:.0f} m",
+            f"{row['highest_m']:.0f} m",
+            str(row["setpoints"]),
+            str(sum(row["dropped"].values())),
+            f"{row['mavlink_lost']}/{row['mavlink_frames']}",
+            "-" if rtt is None else f"{1e3 * rtt:.1f} ms",
+            row["end"],
+        )
     return Group(table, Text("; ".join(_words(play))))
 
 
@@ -71,8 +80,12 @@ def write(play: Play, path: Path, fault: str | None) -> None:
     """The summary for scripts; ``fault``: why the demo did not end as it should."""
     closest = {"m": play.truth.closest, "vehicles": play.truth.pair, "t": play.truth.closest_at}
     told = {
-        "demo": play.demo.path.stem, "good": fault is None, "fault": fault, "seconds": play.now(),
-        "vehicles": rows(play), "closest": closest if len(play.truth.names) > 1 and play.truth.rows else None,
+        "demo": play.demo.path.stem,
+        "good": fault is None,
+        "fault": fault,
+        "seconds": play.now(),
+        "vehicles": rows(play),
+        "closest": closest if len(play.truth.names) > 1 and play.truth.rows else None,
         "marks": [{"t": mark.t, "text": mark.text} for mark in play.marks],
-    }  # fmt: skip
+    }
     path.write_bytes(msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")

@@ -45,8 +45,18 @@ class Stage:
     async def start(self) -> None:
         """Simulator first: it says where its vehicles are reached. Raises :class:`TimedOut`."""
         port = self.cameras.rpartition(":")[2]
-        self.processes.start("sim", "sim", "--fleet", str(self.demo.path), "--control", str(self.control),
-                             "--free-ports", "--camera-port", port, *self._stacks)  # fmt: skip
+        self.processes.start(
+            "sim",
+            "sim",
+            "--fleet",
+            str(self.demo.path),
+            "--control",
+            str(self.control),
+            "--free-ports",
+            "--camera-port",
+            port,
+            *self._stacks,
+        )
         urls = await self._reached()
         connects: dict[str, list[str]] = {name: [] for name in self.routers}
         for one, other in self.demo.links():

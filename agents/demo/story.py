@@ -189,11 +189,12 @@ def on_stacks(demo: Demo) -> Demo:
     """
     steps = [
         msgspec.structs.replace(
-            step, within=2.0 * step.within,
+            step,
+            within=2.0 * step.within,
             start=f"{step.start} {LOOSE}" if (step.start or "").startswith("zmav swarm planner") else step.start,
         )
         for step in demo.story.steps
-    ]  # fmt: skip
+    ]
     story = msgspec.structs.replace(demo.story, steps=steps, ready=2.0 * demo.story.ready)
     return msgspec.structs.replace(demo, story=story)
 

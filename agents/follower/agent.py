@@ -240,9 +240,7 @@ class Follower(zmav.Agent):
                 if me is not None and guide.see(time.time(), sight.t, sight.found, me, self._told(), self["score"]):
                     self._sight = sight.t
 
-    async def _follow(
-        self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, seeing: asyncio.Task[None]
-    ) -> None:  # fmt: skip
+    async def _follow(self, guide: Guide, lease: zmav.Lease, lost: asyncio.Event, seeing: asyncio.Task[None]) -> None:
         said, due = "", time.monotonic()
         while not lost.is_set():
             if lease.lost is not None:

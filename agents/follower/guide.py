@@ -93,7 +93,7 @@ class Guide:
 
     def see(
         self, now: float, t: float, found: Sequence[Detection], me: Vector, told: TargetFix | None, least: float
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """A picture of ``t`` was looked at; whether something in it was believed. Of several pads the one counts that
         is nearest to what is predicted, or to where the target says that it is; none that is far from that counts.
         """
@@ -129,9 +129,14 @@ class Guide:
     # What is flown.
 
     def step(
-        self, now: float, me: Vector, told: TargetFix | None, plane: float, late: float = 0.0,
+        self,
+        now: float,
+        me: Vector,
+        told: TargetFix | None,
+        plane: float,
+        late: float = 0.0,
         vel: Vector = (0.0, 0.0, 0.0),
-    ) -> Command:  # fmt: skip
+    ) -> Command:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
         hears the command.
         """
@@ -213,7 +218,7 @@ class Guide:
 
     def _above(
         self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
-    ) -> Command:  # fmt: skip
+    ) -> Command:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
         level, down = self.height, 0.0
@@ -241,7 +246,7 @@ class Guide:
         more = self._against(behind, dt, late)
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
-        )  # fmt: skip
+        )
         return Command((north, east, plane - level), (u + more[0], v + more[1], down), land)
 
     def _against(self, behind: tuple[float, float], dt: float, late: float) -> tuple[float, float]:

@@ -32,9 +32,15 @@ class Slot:
     """
 
     def __init__(
-        self, session: zenoh.Session, is_vehicle: keys.IsVehicle, fleet: str, vehicle: str, target: str, slot: str,
+        self,
+        session: zenoh.Session,
+        is_vehicle: keys.IsVehicle,
+        fleet: str,
+        vehicle: str,
+        target: str,
+        slot: str,
         on_lost: Callable[[str], None] = lambda who: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
         self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
         self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)

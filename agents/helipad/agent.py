@@ -185,9 +185,16 @@ class Helipad(zmav.Agent):
         took = time.perf_counter() - begun
         own = self.settings
         return wire.Detections(
-            t=picture.t, camera=own.camera, seq=picture.seq, width=width, height=height, detector=self.name, took=took,
-            delay=time.time() - picture.t, found=told,
-        )  # fmt: skip
+            t=picture.t,
+            camera=own.camera,
+            seq=picture.seq,
+            width=width,
+            height=height,
+            detector=self.name,
+            took=took,
+            delay=time.time() - picture.t,
+            found=told,
+        )
 
     def _detector(self, width: int, height: int) -> tuple[Detector, Detector, Optics]:
         """For pictures of this size, as a camera on a narrow link sends smaller ones: one that believes the height that
@@ -205,18 +212,20 @@ class Helipad(zmav.Agent):
                     optics.matrix, own.symbol_m, own.template or None, distortion=optics.distortion, trust_height=trusts
                 )
                 for trusts in (True, False)
-            )  # fmt: skip
+            )
             known = self._detectors[width, height] = (trusting, doubting, optics)
             self._last = None
         return known
 
-    def _located(
-        self, each: Detection, optics: Optics, pose: Pose | None, plane: float | None
-    ) -> wire.Detection:  # fmt: skip
+    def _located(self, each: Detection, optics: Optics, pose: Pose | None, plane: float | None) -> wire.Detection:
         told = wire.Detection(
-            symbol=self.settings.template or "H", u=each.u, v=each.v, scale_px=each.scale_px, heading=each.heading,
+            symbol=self.settings.template or "H",
+            u=each.u,
+            v=each.v,
+            scale_px=each.scale_px,
+            heading=each.heading,
             score=each.score,
-        )  # fmt: skip
+        )
         if pose is None:
             return told
         level = plane if plane is not None else pose.pos[2] + 1e-3  # nothing known: its size says how far it is
@@ -224,9 +233,7 @@ class Helipad(zmav.Agent):
         if place is None:
             return told
         yaw = bearing(optics, pose, (each.u, each.v), each.heading, place.pos[2])
-        told = msgspec.structs.replace(
-            told, pos=place.pos, offset=place.offset, covariance=place.covariance, yaw=yaw
-        )  # fmt: skip
+        told = msgspec.structs.replace(told, pos=place.pos, offset=place.offset, covariance=place.covariance, yaw=yaw)
         return self._on_earth(told, pose)
 
     def _on_earth(self, told: wire.Detection, pose: Pose) -> wire.Detection:
@@ -285,10 +292,15 @@ class Helipad(zmav.Agent):
         boot = state.clock.boot_t if state.clock is not None else 0.0
         usec = max(0, int(1e6 * (sight.t - boot))) if boot else 0
         data = landing_target.frame(
-            self.z.dialect, state.autopilot or "", state.sysid, usec, best.offset,
-            (pose.roll, pose.pitch, pose.yaw), self.settings.symbol_m,
+            self.z.dialect,
+            state.autopilot or "",
+            state.sysid,
+            usec,
+            best.offset,
+            (pose.roll, pose.pitch, pose.yaw),
+            self.settings.symbol_m,
             self._theirs.place(sight.t),
-        )  # fmt: skip
+        )
         if data is not None:
             key = keys.TX.key(state.fleet, state.name, sys=state.sysid, comp=state.compid or 1, msg="LANDING_TARGET")
             self.z.put(keys.TX, key, data)

@@ -20,9 +20,15 @@ NO_TURN = [1.0, 0.0, 0.0, 0.0]
 
 
 def frame(
-    dialect: Dialect, autopilot: str, sysid: int, t_usec: int, offset: Vector, attitude: Vector, size_m: float,
+    dialect: Dialect,
+    autopilot: str,
+    sysid: int,
+    t_usec: int,
+    offset: Vector,
+    attitude: Vector,
+    size_m: float,
     local: Vector | None = None,
-) -> bytes | None:  # fmt: skip
+) -> bytes | None:
     """The frame (MAVLink 2) for a pad ``offset`` m north, east, down of a vehicle with this roll, pitch and yaw (rad).
 
     ``local``: the vehicle's place in its autopilot's own local frame (LOCAL_POSITION_NED), which PX4 needs; None for
@@ -39,9 +45,19 @@ def frame(
             return None
         kind, place = LOCAL_NED, (local[0] + north, local[1] + east, local[2] + down)
     fields: dict[str, Any] = {
-        "time_usec": t_usec, "target_num": 0, "frame": kind, "angle_x": math.atan2(right, below),
-        "angle_y": math.atan2(-forward, below), "distance": distance, "size_x": size_m / distance,
-        "size_y": size_m / distance, "x": place[0], "y": place[1], "z": place[2], "q": NO_TURN,
-        "type": "LANDING_TARGET_TYPE_VISION_OTHER", "position_valid": 1,
-    }  # fmt: skip
+        "time_usec": t_usec,
+        "target_num": 0,
+        "frame": kind,
+        "angle_x": math.atan2(right, below),
+        "angle_y": math.atan2(-forward, below),
+        "distance": distance,
+        "size_x": size_m / distance,
+        "size_y": size_m / distance,
+        "x": place[0],
+        "y": place[1],
+        "z": place[2],
+        "q": NO_TURN,
+        "type": "LANDING_TARGET_TYPE_VISION_OTHER",
+        "position_valid": 1,
+    }
     return encode(dialect, "LANDING_TARGET", fields, sysid=sysid, compid=COMPONENT)

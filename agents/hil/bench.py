@@ -96,9 +96,7 @@ async def _to_hitl(flight: CheckFlight, set_it: bool) -> None:
     flight.say(HITL, f"set to 1 (it was {value}), and rebooted in {time.monotonic() - rebooted:.1f} s")
 
 
-async def _fly_on_ours(
-    children: Children, path: Path, file: FleetConfig, name: str, link: str, report: Report
-) -> None:  # fmt: skip
+async def _fly_on_ours(children: Children, path: Path, file: FleetConfig, name: str, link: str, report: Report) -> None:
     """A PX4 with SYS_HITL 1 on zmav's simulator."""
     port = free_port(socket.SOCK_DGRAM)
     control, device = children.folder / "control", link.removeprefix("serial:").replace(",", ":")

@@ -54,9 +54,14 @@ async def beside(
 def begun(stage: Stage, file: FleetConfig, name: str, flown_by: str) -> Report:
     """A report of which nothing has been flown yet."""
     return Report(
-        stage=stage, fleet=file.fleet, vehicle=name, fleet_hash=hash_of(file, name), zmav=version("zmav"),
-        t=time.time(), flown_by=flown_by,
-    )  # fmt: skip
+        stage=stage,
+        fleet=file.fleet,
+        vehicle=name,
+        fleet_hash=hash_of(file, name),
+        zmav=version("zmav"),
+        t=time.time(),
+        flown_by=flown_by,
+    )
 
 
 def tell(check: Check) -> None:

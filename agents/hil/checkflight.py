@@ -37,9 +37,7 @@ class CheckFlight(Flight):
         if state.armed:
             raise Refused("it is armed: disarm it, and begin again; nothing was sent to it")
         self.kind = kind_of(state.autopilot, state.kind)
-        self.report.identity = Identity(
-            str(state.autopilot), str(state.kind), state.firmware, state.uid, state.sysid
-        )  # fmt: skip
+        self.report.identity = Identity(str(state.autopilot), str(state.kind), state.firmware, state.uid, state.sysid)
         what = f"{state.kind} by {state.autopilot} {state.firmware}, system id {state.sysid}, uid {state.uid}"
         self.say("autopilot", f"{what}, after {time.monotonic() - began:.1f} s")
         began = time.monotonic()

@@ -41,9 +41,12 @@ def hil() -> None:
 @hil.command("sil")
 @stage_options
 @click.option(
-    "--kind", type=click.Choice(KINDS), default="copter", show_default=True,
+    "--kind",
+    type=click.Choice(KINDS),
+    default="copter",
+    show_default=True,
     help="What is simulated, where the vehicle's table has no sim.",
-)  # fmt: skip
+)
 @click.option("--ardupilot", metavar="PATH", help="Have a real ArduPilot fly it: a build tree, or a SITL program.")
 @click.option("--px4", metavar="PATH", help="Have a real PX4 fly it: a build tree, or its px4 program.")
 def sil_(fleet_file: str, name: str, reports: str, kind: str, ardupilot: str | None, px4: str | None) -> None:
@@ -81,9 +84,13 @@ def bench_(fleet_file: str, name: str, reports: str, device: str | None, props_o
 @click.option("--device", metavar="LINK", help="The autopilot: /dev/ttyACM0...  [default: the fleet file's link]")
 @click.option("--accept", multiple=True, metavar="PARAM", help="It may differ from the bench's; with *; repeatable.")
 @click.option(
-    "--max-age", type=click.FloatRange(min=0.0), default=30.0, show_default=True, metavar="DAYS",
+    "--max-age",
+    type=click.FloatRange(min=0.0),
+    default=30.0,
+    show_default=True,
+    metavar="DAYS",
     help="How old the reports may be.",
-)  # fmt: skip
+)
 def flight_(
     fleet_file: str, name: str, reports: str, device: str | None, accept: tuple[str, ...], max_age: float
 ) -> None:

@@ -44,10 +44,17 @@ class Flight:
     """
 
     def __init__(
-        self, client: zmav.Client, file: FleetConfig, name: str, router: str, children: Children, report: Report,
-        tell: Callable[[Check], None], hurry: Callable[[float], object] | None = None,
+        self,
+        client: zmav.Client,
+        file: FleetConfig,
+        name: str,
+        router: str,
+        children: Children,
+        report: Report,
+        tell: Callable[[Check], None],
+        hurry: Callable[[float], object] | None = None,
         radio: Callable[[int, int], object] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.client, self.file, self.router, self.children, self.report = client, file, router, children, report
         self.fleet, self.vehicle, self.table = file.fleet, client.vehicle(name), file.vehicle(name)
         self.events: list[wire.Event] = []
@@ -90,9 +97,7 @@ class Flight:
         except TimedOut as e:
             raise Failed(f"not {what} within {seconds:.0f} s; {self.last_words()}") from e
 
-    async def event(
-        self, true: Callable[[wire.Event], bool], since: int, seconds: float, what: str
-    ) -> wire.Event:  # fmt: skip
+    async def event(self, true: Callable[[wire.Event], bool], since: int, seconds: float, what: str) -> wire.Event:
         """The first such event after the first ``since`` ones."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -185,8 +190,9 @@ class Flight:
             far *= 1.3
         if self.kind.height and fence.ceiling is not None:
             return f"5 m over the ceiling of {fence.ceiling:g} m", {
-                **self.from_here(0.0, 0.0), "alt_rel": fence.ceiling + 5.0,
-            }  # fmt: skip
+                **self.from_here(0.0, 0.0),
+                "alt_rel": fence.ceiling + 5.0,
+            }
         return None
 
     def _fence(self) -> Fence | None:

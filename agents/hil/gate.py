@@ -35,17 +35,28 @@ COUNTED = ("MIS_TOTAL", "FENCE_TOTAL", "RALLY_TOTAL", "COMPASS_DEC")
 """what an ArduPilot writes by itself of its plans and its place"""
 SENSORS: Mapping[str, tuple[str, ...]] = {
     "ardupilot": (
-        "INS_*OFFS_*", "INS_*SCAL_*", "INS_*CALTEMP", "INS_TCAL*", "AHRS_TRIM_*", "COMPASS_OFS*", "COMPASS_DIA*",
-        "COMPASS_ODI*", "COMPASS_MOT*", "COMPASS_SCALE*", "COMPASS_PRIO*", "COMPASS_EXTERN*", "COMPASS_ORIENT*",
+        "INS_*OFFS_*",
+        "INS_*SCAL_*",
+        "INS_*CALTEMP",
+        "INS_TCAL*",
+        "AHRS_TRIM_*",
+        "COMPASS_OFS*",
+        "COMPASS_DIA*",
+        "COMPASS_ODI*",
+        "COMPASS_MOT*",
+        "COMPASS_SCALE*",
+        "COMPASS_PRIO*",
+        "COMPASS_EXTERN*",
+        "COMPASS_ORIENT*",
     ),
     "px4": ("CAL_*",),
-}  # fmt: skip
+}
 """what calibrates the sensors: simulated ones had other values"""
 
 
 async def gate(
     path: Path, name: str, reports: Path, device: str | None, accept: Sequence[str], max_age_days: float
-) -> int:  # fmt: skip
+) -> int:
     """Look, and say each thing; 0 where it may fly, and the command that flies it."""
     file = load_fleet(path)
     link = device or file.vehicle(name).link
@@ -154,11 +165,18 @@ def judge_params(
         if each.name in own or any(fnmatch.fnmatchcase(each.name, pattern) for pattern in quiet):
             counted += 1
             continue
-        was, is_now = (f"{each.values[column]:g}" if each.values.get(column) is not None else "not there"
-                       for column in ("bench", "now"))  # fmt: skip
+        was, is_now = (
+            f"{each.values[column]:g}" if each.values.get(column) is not None else "not there"
+            for column in ("bench", "now")
+        )
         ok = any(fnmatch.fnmatchcase(each.name, pattern) for pattern in accept)
-        told.append(Check(f"parameter {each.name}", "ok" if ok else "BAD",
-                          f"{was} on the bench, {is_now} now{' (accepted)' if ok else ''}"))  # fmt: skip
+        told.append(
+            Check(
+                f"parameter {each.name}",
+                "ok" if ok else "BAD",
+                f"{was} on the bench, {is_now} now{' (accepted)' if ok else ''}",
+            )
+        )
     rest = len(told) - MOST_TOLD
     if rest > 0:
         told = [*told[:MOST_TOLD], Check("parameters", "BAD", f"{rest} more differ: see 'zmav param diff'")]
@@ -172,10 +190,22 @@ def judge_params(
 async def _doctor(router: str, fleet: str) -> list[Check]:
     """What 'zmav doctor' finds wrong with the vehicle."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "zmav", "doctor", "--json", "--fleet", fleet, "-e", router, "--for", str(DOCTOR_S),
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+        sys.executable,
+        "-m",
+        "zmav",
+        "doctor",
+        "--json",
+        "--fleet",
+        fleet,
+        "-e",
+        router,
+        "--for",
+        str(DOCTOR_S),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
         env={name: value for name, value in os.environ.items() if name != VARIABLE},
-    )  # fmt: skip
+    )
     said, _ = await process.communicate()
     lines = said.decode("utf-8", "replace").splitlines()
     try:

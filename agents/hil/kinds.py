@@ -42,14 +42,22 @@ class Kind:
 KINDS = (
     Kind("ardupilot", "copter", "LOITER"),
     Kind("px4", "copter", "HOLD"),
+    Kind("ardupilot", "rover", "MANUAL", DRIVES, height=0.0, side=12.0, least=8.0, near=3.2, leg=40.0, lands=False),
     Kind(
-        "ardupilot", "rover", "MANUAL", DRIVES, height=0.0, side=12.0, least=8.0, near=3.2, leg=40.0, lands=False,
+        "ardupilot",
+        "plane",
+        "CRUISE",
+        CIRCLES,
+        height=50.0,
+        side=300.0,
+        least=200.0,
+        near=130.0,
+        leg=60.0,
+        velocity=None,
+        rests=False,
+        lands=False,
     ),
-    Kind(
-        "ardupilot", "plane", "CRUISE", CIRCLES, height=50.0, side=300.0, least=200.0, near=130.0, leg=60.0,
-        velocity=None, rests=False, lands=False,
-    ),
-)  # fmt: skip
+)
 
 
 def kind_of(autopilot: str | None, kind: str | None) -> Kind:

@@ -390,10 +390,12 @@ class Navigator(zmav.Agent):
         corners = self._route.corners - self._route.begins
         ahead = corners[corners > along + 1e-6]
         detail: dict[str, Any] = {
-            "route": self._route.name, "along": round(along, 2), "length": round(self._route.length, 2),
+            "route": self._route.name,
+            "along": round(along, 2),
+            "length": round(self._route.length, 2),
             "left_s": round(max(0.0, course.start + course.trajectory.duration - now), 1),
             "corner_in": round(float(ahead[0]) - along, 2) if len(ahead) else 0.0,
-        }  # fmt: skip
+        }
         detail |= {name: round(self._now[name], 3) for name in ("error", "cross") if name in self._now}
         share = 100.0 * along / self._route.length
         self.status(phase, f"{self._route.name}: {share:.0f} %", **detail)

@@ -159,9 +159,7 @@ def through(name: str, waypoints: Sequence[Waypoint], rounding: float = 0.0) -> 
         last = k + 2 == len(waypoints)
         direction = (places[k + 1] - places[k]) / sides[k]
         piece = Line(places[k] + cuts[k] * direction, places[k + 1] - cuts[k + 1] * direction)
-        passed = not last and (
-            cuts[k + 1] > 0.0 or (two.dwell == 0.0 and _turn(*places[k : k + 3]) <= STRAIGHT)
-        )  # fmt: skip
+        passed = not last and (cuts[k + 1] > 0.0 or (two.dwell == 0.0 and _turn(*places[k : k + 3]) <= STRAIGHT))
         yaw = None if one.yaw is None or two.yaw is None else (one.yaw, two.yaw)
         stages.append(Stage(piece, two.speed, None if passed else two.dwell, yaw, None if passed else piece.length))
         if cuts[k + 1] > 0.0:
@@ -182,9 +180,14 @@ SIZES: Mapping[str, Mapping[str, tuple[float, float, float]]] = {
 
 
 def shape(
-    name: str, centre: Vector = (0.0, 0.0, 0.0), heading: float = 0.0, *, rounding: float = 0.0, dwell: float = 0.0,
+    name: str,
+    centre: Vector = (0.0, 0.0, 0.0),
+    heading: float = 0.0,
+    *,
+    rounding: float = 0.0,
+    dwell: float = 0.0,
     **sizes: float | None,
-) -> Route:  # fmt: skip
+) -> Route:
     """A route by name about ``centre`` (m NED), turned clockwise by ``heading`` (rad). Sizes in m, by :data:`SIZES`:
 
     ``ev3`` (side, height): a level square about the centre, from its south-western corner (``heading`` 0) east about;

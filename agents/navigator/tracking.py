@@ -115,9 +115,7 @@ class Way:
         return float(np.linalg.norm(a + share[:, None] * d - place, axis=1).min())
 
 
-def errors(
-    times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, done: float = 0.0
-) -> Errors:  # fmt: skip
+def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, done: float = 0.0) -> Errors:
     """``times`` (N,) s since the trajectory's beginning, ``positions`` (N, 3) m NED: what of it is on the route itself,
     neither on the way to it nor after its end. ``done``: m of the route that were flown before this trajectory.
     """

@@ -125,9 +125,11 @@ class Trajectory:
             pos, vel, acc = (_vector(rows[k]) for rows in (found.pos, found.vel, found.acc))
             still = (0.0, 0.0, 0.0)
             yaw = round(float(found.yaw[k]), 6)
-            points.append(wire.SegmentPoint(
-                t=round(t0 + float(t), 6), pos=pos, vel=still if last else vel, acc=still if last else acc, yaw=yaw,
-            ))  # fmt: skip
+            points.append(
+                wire.SegmentPoint(
+                    t=round(t0 + float(t), 6), pos=pos, vel=still if last else vel, acc=still if last else acc, yaw=yaw
+                )
+            )
         return points
 
     def segment(self, begin: float, t0: float, window: float = WINDOW) -> list[wire.SegmentPoint]:

@@ -154,9 +154,14 @@ def _ends(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across: int
                 ax.plot(*ends, color=shade, linewidth=0.6, linestyle=":", zorder=3)
         if v.id in said or (len(scene.vehicles) <= NAMES and up == 1):
             ax.annotate(
-                v.id, at, xytext=(4, 4), textcoords="offset points", fontsize=7, zorder=6,
+                v.id,
+                at,
+                xytext=(4, 4),
+                textcoords="offset points",
+                fontsize=7,
+                zorder=6,
                 color=BAD if v.id in blamed else INK,
-            )  # fmt: skip
+            )
     if scene.assignment == "unlabelled":
         owner = {goal: name for name, goal in report.goals.items()} if report else {}
         index = {v.id: k for k, v in enumerate(scene.vehicles)}

@@ -40,10 +40,18 @@ from zmav.session import SessionSettings
 @insecure_option
 @zenoh_options
 def up(
-    link: str | None, name: str, fleet: str | None, fleet_file: str | None, sysid: int | None, dialect: str | None,
-    origin: tuple[float, float, float] | None, signing_key: str | None, cache: str | None,
-    insecure: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    link: str | None,
+    name: str,
+    fleet: str | None,
+    fleet_file: str | None,
+    sysid: int | None,
+    dialect: str | None,
+    origin: tuple[float, float, float] | None,
+    signing_key: str | None,
+    cache: str | None,
+    insecure: bool,
+    settings: SessionSettings,
+) -> None:
     """Run beside an autopilot: 'zmav up --link /dev/ttyACM0 --name quad1'.
 
     Opens a Zenoh router and puts the vehicle on the key space. The router keeps to loopback unless the fleet file, -l

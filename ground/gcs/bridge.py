@@ -101,9 +101,13 @@ class Bridge:
             for endpoint in self.endpoints:
                 await asyncio.to_thread(endpoint.start)
             self._feed = Feed(
-                self.z.session, self.z.is_vehicle, self.downlink.on_frame, self.z.fleet_name, self.settings.vehicles,
+                self.z.session,
+                self.z.is_vehicle,
+                self.downlink.on_frame,
+                self.z.fleet_name,
+                self.settings.vehicles,
                 once=False,
-            )  # fmt: skip
+            )
         except BaseException:
             await self.__aexit__()
             raise
@@ -189,10 +193,15 @@ class Bridge:
             if system in (0, known.sysid) and client.options.sees(known.name):
                 client.send(
                     self.pack(
-                        known.sysid, known.compid, "COMMAND_ACK", command=command, result=result,
-                        target_system=frame.sysid, target_component=frame.compid,
+                        known.sysid,
+                        known.compid,
+                        "COMMAND_ACK",
+                        command=command,
+                        result=result,
+                        target_system=frame.sysid,
+                        target_component=frame.compid,
                     )
-                )  # fmt: skip
+                )
 
     # What clients are told.
 

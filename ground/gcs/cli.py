@@ -9,16 +9,7 @@ import click
 import zmav
 from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.figures import Figures
-from ground.gcs.options import (
-    Endpoint,
-    Kind,
-    Options,
-    parse_endpoint,
-    read_hz,
-    read_messages,
-    read_rate,
-    read_vehicles,
-)
+from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_hz, read_messages, read_rate, read_vehicles
 from ground.gcs.standard import SETS
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
@@ -47,18 +38,33 @@ STATS_EVERY = 5.0
 @click.option("--drop", default="", help="Messages that do not pass.")
 @click.option("--read-only", is_flag=True, help="Nothing a station says reaches a vehicle.")
 @click.option(
-    "--streams", type=click.Choice(list(SETS)), default="gcs", show_default=True,
+    "--streams",
+    type=click.Choice(list(SETS)),
+    default="gcs",
+    show_default=True,
     help="Messages that vehicles are asked for while a station is there.",
-)  # fmt: skip
+)
 @click.option("--stats", is_flag=True, help="Say every five seconds what flows.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
 @zenoh_options
 def command(
-    udp: tuple[str, ...], udpin: tuple[str, ...], tcp: tuple[str, ...], serial: tuple[str, ...], vehicles: str,
-    rate: str | None, hz: str | None, only: str, drop: str, read_only: bool, streams: str, stats: bool, dialect: str,
-    fleet: str, settings: SessionSettings,
-) -> None:  # fmt: skip
+    udp: tuple[str, ...],
+    udpin: tuple[str, ...],
+    tcp: tuple[str, ...],
+    serial: tuple[str, ...],
+    vehicles: str,
+    rate: str | None,
+    hz: str | None,
+    only: str,
+    drop: str,
+    read_only: bool,
+    streams: str,
+    stats: bool,
+    dialect: str,
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
     """Connect QGroundControl, Mission Planner, MAVProxy or any MAVLink program to the whole fleet.
 
     Without an endpoint, vehicles appear in a QGroundControl on this machine by themselves. An endpoint may have options
@@ -74,9 +80,7 @@ def command(
         read_only=read_only,
     )
     given = {"udp": udp, "udpin": udpin, "tcp": tcp, "serial": serial}
-    bridge = Settings(
-        endpoints=endpoints(given, defaults, known), vehicles=read_vehicles(vehicles), streams=streams,
-    )  # fmt: skip
+    bridge = Settings(endpoints=endpoints(given, defaults, known), vehicles=read_vehicles(vehicles), streams=streams)
     run(_bridge(bridge, fleet, dialect, settings, STATS_EVERY if stats else None))
 
 

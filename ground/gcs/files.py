@@ -165,9 +165,14 @@ class Files:
     def _frame(self, asker: Frame, system: System, packet: Packet) -> bytes:
         payload = pack(packet._replace(size=len(packet.data)))
         return self._ground.pack(
-            system.sysid, self._ground.component(system.sysid), "FILE_TRANSFER_PROTOCOL", target_network=0,
-            target_system=asker.sysid, target_component=asker.compid, payload=payload,
-        )  # fmt: skip
+            system.sysid,
+            self._ground.component(system.sysid),
+            "FILE_TRANSFER_PROTOCOL",
+            target_network=0,
+            target_system=asker.sysid,
+            target_component=asker.compid,
+            payload=payload,
+        )
 
 
 def _size(packet: Packet) -> int:

@@ -11,23 +11,62 @@ from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V1, MAGIC_V2
 Place = tuple[str, str]
 """fleet and vehicle"""
 HEARTBEAT = "HEARTBEAT"
-MUST_ARRIVE = frozenset({
-    "STATUSTEXT", "PARAM_VALUE", "TIMESYNC", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL", "PROTOCOL_VERSION",
-    "HOME_POSITION", "GPS_GLOBAL_ORIGIN", "MISSION_ITEM_REACHED", "COMMAND_ACK", "CAMERA_INFORMATION",
-    "CAMERA_SETTINGS",
-    "CAMERA_IMAGE_CAPTURED", "VIDEO_STREAM_INFORMATION", "STORAGE_INFORMATION", "GIMBAL_MANAGER_INFORMATION",
-    "COMPONENT_INFORMATION", "COMPONENT_INFORMATION_BASIC", "COMPONENT_METADATA", "PARAM_EXT_VALUE", "PARAM_EXT_ACK",
-    "LOG_ENTRY", "LOG_DATA", "AVAILABLE_MODES", "EVENT", "CURRENT_EVENT_SEQUENCE", "RESPONSE_EVENT_ERROR",
-})  # fmt: skip
+MUST_ARRIVE = frozenset(
+    {
+        "STATUSTEXT",
+        "PARAM_VALUE",
+        "TIMESYNC",
+        "AUTOPILOT_VERSION",
+        "MESSAGE_INTERVAL",
+        "PROTOCOL_VERSION",
+        "HOME_POSITION",
+        "GPS_GLOBAL_ORIGIN",
+        "MISSION_ITEM_REACHED",
+        "COMMAND_ACK",
+        "CAMERA_INFORMATION",
+        "CAMERA_SETTINGS",
+        "CAMERA_IMAGE_CAPTURED",
+        "VIDEO_STREAM_INFORMATION",
+        "STORAGE_INFORMATION",
+        "GIMBAL_MANAGER_INFORMATION",
+        "COMPONENT_INFORMATION",
+        "COMPONENT_INFORMATION_BASIC",
+        "COMPONENT_METADATA",
+        "PARAM_EXT_VALUE",
+        "PARAM_EXT_ACK",
+        "LOG_ENTRY",
+        "LOG_DATA",
+        "AVAILABLE_MODES",
+        "EVENT",
+        "CURRENT_EVENT_SEQUENCE",
+        "RESPONSE_EVENT_ERROR",
+    }
+)
 """answers, words and events: said once. So is every message that is addressed to somebody"""
 INSTANCES = {
-    "BATTERY_STATUS": "id", "DISTANCE_SENSOR": "id", "SERVO_OUTPUT_RAW": "port", "RAW_IMU": "id", "AIRSPEED": "id",
-    "MCU_STATUS": "id", "ESC_INFO": "index", "ESC_STATUS": "index", "NAMED_VALUE_FLOAT": "name",
-    "NAMED_VALUE_INT": "name", "DEBUG_VECT": "name", "DEBUG": "ind", "DEBUG_FLOAT_ARRAY": "array_id",
-    "MAG_CAL_PROGRESS": "compass_id", "MAG_CAL_REPORT": "compass_id", "ADSB_VEHICLE": "ICAO_address",
-    "AIS_VESSEL": "MMSI", "OBSTACLE_DISTANCE": "sensor_type", "RC_CHANNELS_RAW": "port", "RC_CHANNELS_SCALED": "port",
-    "GIMBAL_DEVICE_ATTITUDE_STATUS": "gimbal_device_id", "OPTICAL_FLOW": "sensor_id",
-}  # fmt: skip
+    "BATTERY_STATUS": "id",
+    "DISTANCE_SENSOR": "id",
+    "SERVO_OUTPUT_RAW": "port",
+    "RAW_IMU": "id",
+    "AIRSPEED": "id",
+    "MCU_STATUS": "id",
+    "ESC_INFO": "index",
+    "ESC_STATUS": "index",
+    "NAMED_VALUE_FLOAT": "name",
+    "NAMED_VALUE_INT": "name",
+    "DEBUG_VECT": "name",
+    "DEBUG": "ind",
+    "DEBUG_FLOAT_ARRAY": "array_id",
+    "MAG_CAL_PROGRESS": "compass_id",
+    "MAG_CAL_REPORT": "compass_id",
+    "ADSB_VEHICLE": "ICAO_address",
+    "AIS_VESSEL": "MMSI",
+    "OBSTACLE_DISTANCE": "sensor_type",
+    "RC_CHANNELS_RAW": "port",
+    "RC_CHANNELS_SCALED": "port",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": "gimbal_device_id",
+    "OPTICAL_FLOW": "sensor_id",
+}
 """messages of which a component sends several, each about another thing, and the field that tells them apart"""
 MOST_KINDS = 8192
 """invented names must not fill the memory"""
@@ -47,9 +86,7 @@ class Track:
 class Kind:
     """One message of one component of one vehicle."""
 
-    __slots__ = (
-        "beat", "ids", "instance", "must", "name", "origin", "source", "target_at", "track", "watched",
-    )  # fmt: skip
+    __slots__ = ("beat", "ids", "instance", "must", "name", "origin", "source", "target_at", "track", "watched")
 
     def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
         self.origin, self.track = origin, track

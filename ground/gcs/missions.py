@@ -57,10 +57,20 @@ class Ended(NamedTuple):
 class Missions:
     """An :class:`~ground.gcs.answerer.Answerer`."""
 
-    takes = frozenset({
-        "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK", "MISSION_COUNT",
-        "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT", "MISSION_WRITE_PARTIAL_LIST",
-    })  # fmt: skip
+    takes = frozenset(
+        {
+            "MISSION_REQUEST_LIST",
+            "MISSION_REQUEST_INT",
+            "MISSION_REQUEST",
+            "MISSION_ACK",
+            "MISSION_COUNT",
+            "MISSION_ITEM_INT",
+            "MISSION_ITEM",
+            "MISSION_CLEAR_ALL",
+            "MISSION_SET_CURRENT",
+            "MISSION_WRITE_PARTIAL_LIST",
+        }
+    )
     watches: frozenset[str] = frozenset()
 
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:

@@ -243,9 +243,14 @@ class Params:
         """The same for one component."""
         fields = {**decode(frame, self._dialect), "target_system": sysid, "target_component": compid}
         data = encode(
-            self._dialect, self._dialect.name_of(frame.msgid), fields, sysid=frame.sysid, compid=frame.compid,
-            seq=frame.seq, version=frame.version,
-        )  # fmt: skip
+            self._dialect,
+            self._dialect.name_of(frame.msgid),
+            fields,
+            sysid=frame.sysid,
+            compid=frame.compid,
+            seq=frame.seq,
+            version=frame.version,
+        )
         return parse_frame(data, self._dialect)
 
     # Setting.

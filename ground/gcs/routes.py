@@ -114,8 +114,11 @@ class Routes:
                 raise clash(found)
             return self._leaders.get(sysid, found[0].place)  # any of them, until one is chosen
         now, vehicles = time.monotonic(), self.vehicles
-        heard = [track for (place, system), track in list(self._tracks.items())
-                 if system == sysid and place in vehicles and now - track.heard < RECENT]  # fmt: skip
+        heard = [
+            track
+            for (place, system), track in list(self._tracks.items())
+            if system == sysid and place in vehicles and now - track.heard < RECENT
+        ]
         if not heard:
             there = ", ".join(f"{each} {_names(known)}" for each, known in sorted(self.systems.items())) or "none"
             raise NoSuchVehicle(f"no vehicle has system id {sysid}; there are: {there}", sysid=sysid)

@@ -54,17 +54,42 @@ SETS: Mapping[str, Mapping[str, float]] = {"none": {}, "gcs": GCS, "all": {**GCS
 
 ALL = 0
 STREAMS: Mapping[int, tuple[str, ...]] = {
-    ALL: (*GCS, "EKF_STATUS_REPORT", "RAW_IMU", "SCALED_PRESSURE", "LOCAL_POSITION_NED", "POWER_STATUS", "MEMINFO",
-          "AHRS"),
+    ALL: (
+        *GCS,
+        "EKF_STATUS_REPORT",
+        "RAW_IMU",
+        "SCALED_PRESSURE",
+        "LOCAL_POSITION_NED",
+        "POWER_STATUS",
+        "MEMINFO",
+        "AHRS",
+    ),
     1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"),
-    2: ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "MISSION_CURRENT", "GPS_RAW_INT", "GPS2_RAW", "NAV_CONTROLLER_OUTPUT",
-        "FENCE_STATUS", "POSITION_TARGET_GLOBAL_INT"),
+    2: (
+        "SYS_STATUS",
+        "POWER_STATUS",
+        "MEMINFO",
+        "MISSION_CURRENT",
+        "GPS_RAW_INT",
+        "GPS2_RAW",
+        "NAV_CONTROLLER_OUTPUT",
+        "FENCE_STATUS",
+        "POSITION_TARGET_GLOBAL_INT",
+    ),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     4: ("ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE", "AHRS2"),
     11: ("VFR_HUD",),
-    12: ("AHRS", "SYSTEM_TIME", "WIND", "RANGEFINDER", "DISTANCE_SENSOR", "BATTERY_STATUS", "EKF_STATUS_REPORT",
-         "VIBRATION"),
-}  # fmt: skip
+    12: (
+        "AHRS",
+        "SYSTEM_TIME",
+        "WIND",
+        "RANGEFINDER",
+        "DISTANCE_SENSOR",
+        "BATTERY_STATUS",
+        "EKF_STATUS_REPORT",
+        "VIBRATION",
+    ),
+}
 """messages by MAV_DATA_STREAM"""

@@ -64,9 +64,12 @@ class Streams:
         there = {client for client in clients if client.present}
         with self._lock:
             if there and not self._base:
-                self._base = [self._declare((self._fleet, vehicle, name), hz)
-                              for vehicle in self._vehicles for name, hz in self._standard.items()
-                              if name in self._dialect.by_name]  # fmt: skip
+                self._base = [
+                    self._declare((self._fleet, vehicle, name), hz)
+                    for vehicle in self._vehicles
+                    for name, hz in self._standard.items()
+                    if name in self._dialect.by_name
+                ]
             elif not there and self._base:
                 for token in self._base:
                     _undeclare(token)

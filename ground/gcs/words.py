@@ -13,8 +13,15 @@ from zmav.mavlink import Dialect, Packer
 COMPANION = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER: so that the autopilot's own words and numbers stay its own"""
 SEVERITIES: tuple[wire.Severity, ...] = (
-    "emergency", "alert", "critical", "error", "warning", "notice", "info", "debug",
-)  # fmt: skip
+    "emergency",
+    "alert",
+    "critical",
+    "error",
+    "warning",
+    "notice",
+    "info",
+    "debug",
+)
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
 """kinds of events that somebody at a station must see, and the autopilot does not say"""
 PIECE = 50

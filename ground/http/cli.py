@@ -35,16 +35,28 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
 @click.option(
-    "--stream-timeout", type=click.FloatRange(min=1.0), default=60.0, show_default=True,
+    "--stream-timeout",
+    type=click.FloatRange(min=1.0),
+    default=60.0,
+    show_default=True,
     help="Seconds after which a UDP stream ends that nobody receives.",
-)  # fmt: skip
+)
 @click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file.")
 @fleet_option
 @zenoh_options
 def command(
-    host: str, port: int, token: str, token_file: str | None, read_only: bool, allow_host: tuple[str, ...],
-    allow_origin: tuple[str, ...], stream_timeout: float, dialect: str, fleet: str, settings: SessionSettings,
-) -> None:  # fmt: skip
+    host: str,
+    port: int,
+    token: str,
+    token_file: str | None,
+    read_only: bool,
+    allow_host: tuple[str, ...],
+    allow_origin: tuple[str, ...],
+    stream_timeout: float,
+    dialect: str,
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
     """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
 
     'curl localhost:8088/vehicles' says who is there, 'curl localhost:8088/last/1/1/ATTITUDE' a message,

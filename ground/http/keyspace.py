@@ -54,10 +54,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         key, size = write(gateway, request.path_params["key"], await request.body(), _is_json(request))
         return answer({"key": key, "bytes": size})
 
-    return [
-        Route("/keys/{key:path}", get_key, methods=["GET"]),
-        Route("/keys/{key:path}", put_key, methods=["PUT"]),
-    ]
+    return [Route("/keys/{key:path}", get_key, methods=["GET"]), Route("/keys/{key:path}", put_key, methods=["PUT"])]
 
 
 async def look(gateway: Gateway, text: str, timeout: float) -> tuple[list[dict[str, Any]], int]:
@@ -165,8 +162,9 @@ def _frame(parts: dict[str, str], body: bytes, is_json: bool, dialect: Dialect) 
         frame = parse_frame(body, dialect)
         name = dialect.name_of(frame.msgid)
         if name != parts["msg"]:
-            raise BadKey(f"the frame is {name}, and the key says {parts['msg']}", field="msg", value=parts["msg"],
-                         expected=name)  # fmt: skip
+            raise BadKey(
+                f"the frame is {name}, and the key says {parts['msg']}", field="msg", value=parts["msg"], expected=name
+            )
         decode(frame, dialect)
         return body
     message = dialect.message(parts["msg"])

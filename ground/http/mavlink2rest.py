@@ -113,8 +113,12 @@ class Mavlink2Rest:
     async def info(self, request: Request) -> Response:
         """Who serves this, in mavlink2rest's shape."""
         service = {
-            "authors": "the zmav project", "build_date": "", "name": "zmav", "sha": "0", "version": version("zmav")
-        }  # fmt: skip
+            "authors": "the zmav project",
+            "build_date": "",
+            "name": "zmav",
+            "sha": "0",
+            "version": version("zmav"),
+        }
         return _pretty({"service": service, "version": 0})
 
 

@@ -49,7 +49,7 @@ STATE: tuple[tuple[str, str, Read], ...] = (
     ("gps_satellites", "Satellites in use.", lambda s: s.gps.satellites if s.gps else None),
     ("gps_hdop", "Horizontal dilution of precision.", lambda s: s.gps.hdop if s.gps else None),
     ("link_loss_ratio", "Share of the autopilot's frames lost, 0 to 1.", lambda s: s.link_loss),
-)  # fmt: skip
+)
 """gauges of a vehicle's last state; None where it does not say"""
 AUTOPILOT_LINK: tuple[tuple[str, Kind, str, Callable[[wire.LinkQuality], float | None]], ...] = (
     ("link_up", "gauge", "The link to the autopilot is up.", lambda q: q.state == "up"),
@@ -118,22 +118,38 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 
 def _of_vehicle(page: Exposition, vehicle: Vehicle) -> None:
     where = {"fleet": vehicle.fleet, "vehicle": vehicle.name}
-    page.add("zmav_vehicle_up", "gauge", "It is present: its token is there or its state is fresh.", vehicle.present,
-             **where)  # fmt: skip
+    page.add(
+        "zmav_vehicle_up", "gauge", "It is present: its token is there or its state is fresh.", vehicle.present, **where
+    )
     page.add("zmav_vehicle_state_age_seconds", "gauge", "Seconds since its state was heard.", vehicle.age, **where)
     state = vehicle.last_state
     if state is None:
         return
-    page.add("zmav_vehicle_info", "gauge", "What it is; the value is 1.", 1, **where, sysid=str(state.sysid or ""),
-             kind=state.kind, autopilot=state.autopilot, firmware=state.firmware)  # fmt: skip
+    page.add(
+        "zmav_vehicle_info",
+        "gauge",
+        "What it is; the value is 1.",
+        1,
+        **where,
+        sysid=str(state.sysid or ""),
+        kind=state.kind,
+        autopilot=state.autopilot,
+        firmware=state.firmware,
+    )
     page.add("zmav_vehicle_mode", "gauge", "The flight mode it is in; the value is 1.", 1, **where, mode=state.mode)
     if state.gps is not None:
         page.add("zmav_vehicle_gps_fix", "gauge", "The fix it has; the value is 1.", 1, **where, fix=state.gps.fix)
     for name, doc, read in STATE:
         page.add(f"zmav_vehicle_{name}", "gauge", doc, read(state), **where)
     for reason, count in list(state.setpoints.items())[:20]:
-        page.add("zmav_vehicle_setpoints_total", "counter", "Setpoints by what became of them.", count, **where,
-                 outcome=reason)  # fmt: skip
+        page.add(
+            "zmav_vehicle_setpoints_total",
+            "counter",
+            "Setpoints by what became of them.",
+            count,
+            **where,
+            outcome=reason,
+        )
 
 
 def _of_link(page: Exposition, fleet: str, name: str, quality: wire.LinkQuality | wire.NeighbourQuality) -> None:

@@ -119,11 +119,22 @@ async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
     """Serve ``app`` while the ``async with`` lasts; gives the port."""
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a client's bad bytes are no news
     config = uvicorn.Config(
-        app, log_config=None, access_log=False, lifespan="off", server_header=False, proxy_headers=False,
-        limit_concurrency=CONNECTIONS, h11_max_incomplete_event_size=LONGEST_HEAD, http=_Protocol,
-        ws="websockets-sansio", ws_max_size=MESSAGE_SIZE, ws_ping_interval=10.0, ws_ping_timeout=20.0,
-        ws_per_message_deflate=False, timeout_graceful_shutdown=2,
-    )  # fmt: skip
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        server_header=False,
+        proxy_headers=False,
+        limit_concurrency=CONNECTIONS,
+        h11_max_incomplete_event_size=LONGEST_HEAD,
+        http=_Protocol,
+        ws="websockets-sansio",
+        ws_max_size=MESSAGE_SIZE,
+        ws_ping_interval=10.0,
+        ws_ping_timeout=20.0,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=2,
+    )
     server = _Server(config)
     task = asyncio.create_task(server.serve(sockets=[sock]))
     try:

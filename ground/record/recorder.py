@@ -139,9 +139,7 @@ class Recorder:
 
     def _token(self, instance: str) -> str:
         role = self._z.member.credentials.role.value if self._z.member else Role.VIEWER.value
-        return keys.ALIVE.key(
-            self._home, self.name, role=role, sys=0, autopilot=AGENT, uid="-", instance=instance
-        )  # fmt: skip
+        return keys.ALIVE.key(self._home, self.name, role=role, sys=0, autopilot=AGENT, uid="-", instance=instance)
 
     @property
     def _home(self) -> str:

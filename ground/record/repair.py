@@ -89,9 +89,16 @@ class _Found:
             raise BadInput(text, field="file", expected="an .mcap")
         self.end = len(MCAP0_MAGIC)
         self.statistics = Statistics(
-            attachment_count=0, channel_count=0, channel_message_counts=defaultdict(int), chunk_count=0,
-            message_count=0, message_end_time=0, message_start_time=0, metadata_count=0, schema_count=0,
-        )  # fmt: skip
+            attachment_count=0,
+            channel_count=0,
+            channel_message_counts=defaultdict(int),
+            chunk_count=0,
+            message_count=0,
+            message_end_time=0,
+            message_start_time=0,
+            metadata_count=0,
+            schema_count=0,
+        )
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
@@ -166,12 +173,19 @@ class _Found:
         self._count(indices)
         self._indices = indices
         self._indices_end = self.end + _HEAD.size + length
-        self._chunks.append(ChunkIndex(
-            chunk_length=_HEAD.size + length, chunk_start_offset=self.end, compression=chunk.compression,
-            compressed_size=len(chunk.data), message_end_time=chunk.message_end_time, message_index_length=0,
-            message_index_offsets={}, message_start_time=chunk.message_start_time,
-            uncompressed_size=chunk.uncompressed_size,
-        ))  # fmt: skip
+        self._chunks.append(
+            ChunkIndex(
+                chunk_length=_HEAD.size + length,
+                chunk_start_offset=self.end,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.message_end_time,
+                message_index_length=0,
+                message_index_offsets={},
+                message_start_time=chunk.message_start_time,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
 
     def _count(self, indices: dict[int, MessageIndex]) -> None:
         counts = self.statistics
@@ -212,10 +226,12 @@ class _Found:
         counts.schema_count, counts.channel_count = len(self._schemas), len(self._channels)
         counts.chunk_count = len(self._chunks)
         groups = (
-            (Opcode.SCHEMA, list(self._schemas.values())), (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [counts]), (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.SCHEMA, list(self._schemas.values())),
+            (Opcode.CHANNEL, list(self._channels.values())),
+            (Opcode.STATISTICS, [counts]),
+            (Opcode.CHUNK_INDEX, self._chunks),
             (Opcode.METADATA_INDEX, self._metadata),
-        )  # fmt: skip
+        )
         out, offsets = RecordBuilder(), list[SummaryOffset]()
         for opcode, records in groups:
             at = out.count

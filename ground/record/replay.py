@@ -64,7 +64,7 @@ def command(
 
     A .tlog becomes a vehicle: its frames byte for byte, and state, messages and events as in flight. Of an .mcap every
     key gets again what came on it. What is played takes no orders and no frames.
-    """  # fmt: skip
+    """
     fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
     if end is not None and end <= start:
         raise BadConfig(f"--end {end:g} is not after --start {start:g}", field="end", value=end, expected="later")
@@ -77,9 +77,14 @@ def command(
 
 
 async def _replay(
-    sources: Sequence[Source], name: str | None, speed: float, loop: bool, span: Span,
-    base: OnboardSettings, settings: SessionSettings,
-) -> None:  # fmt: skip
+    sources: Sequence[Source],
+    name: str | None,
+    speed: float,
+    loop: bool,
+    span: Span,
+    base: OnboardSettings,
+    settings: SessionSettings,
+) -> None:
     names = await asyncio.to_thread(_names, sources, name)
     async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
         await z.settle(timeout=SETTLE_S)

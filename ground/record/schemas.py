@@ -106,31 +106,60 @@ def _of_values(table: Table) -> Table:
 _TIME: Table = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _STRING: Table = {"type": "string"}
 _NUMBER: Table = {"type": "number"}
-LOCATION = _schema("foxglove.LocationFix", {
-    "type": "object", "title": "foxglove.LocationFix",
-    "properties": {
-        "timestamp": _TIME, "frame_id": _STRING, "latitude": _NUMBER, "longitude": _NUMBER, "altitude": _NUMBER,
-        "position_covariance": {"type": "array", "items": _NUMBER},
-        "position_covariance_type": {"type": "integer"},
+LOCATION = _schema(
+    "foxglove.LocationFix",
+    {
+        "type": "object",
+        "title": "foxglove.LocationFix",
+        "properties": {
+            "timestamp": _TIME,
+            "frame_id": _STRING,
+            "latitude": _NUMBER,
+            "longitude": _NUMBER,
+            "altitude": _NUMBER,
+            "position_covariance": {"type": "array", "items": _NUMBER},
+            "position_covariance_type": {"type": "integer"},
+        },
     },
-})  # fmt: skip
-LOG = _schema("foxglove.Log", {
-    "type": "object", "title": "foxglove.Log",
-    "properties": {
-        "timestamp": _TIME, "level": {"type": "integer"}, "message": _STRING, "name": _STRING, "file": _STRING,
-        "line": {"type": "integer"},
+)
+LOG = _schema(
+    "foxglove.Log",
+    {
+        "type": "object",
+        "title": "foxglove.Log",
+        "properties": {
+            "timestamp": _TIME,
+            "level": {"type": "integer"},
+            "message": _STRING,
+            "name": _STRING,
+            "file": _STRING,
+            "line": {"type": "integer"},
+        },
     },
-})  # fmt: skip
-PICTURE = _schema("foxglove.CompressedImage", {
-    "type": "object", "title": "foxglove.CompressedImage",
-    "properties": {
-        "timestamp": _TIME, "frame_id": _STRING, "data": {"type": "string", "contentEncoding": "base64"},
-        "format": _STRING,
+)
+PICTURE = _schema(
+    "foxglove.CompressedImage",
+    {
+        "type": "object",
+        "title": "foxglove.CompressedImage",
+        "properties": {
+            "timestamp": _TIME,
+            "frame_id": _STRING,
+            "data": {"type": "string", "contentEncoding": "base64"},
+            "format": _STRING,
+        },
     },
-})  # fmt: skip
+)
 _LEVELS: dict[str, int] = {
-    "debug": 1, "info": 2, "notice": 2, "warning": 3, "error": 4, "critical": 5, "alert": 5, "emergency": 5
-}  # fmt: skip
+    "debug": 1,
+    "info": 2,
+    "notice": 2,
+    "warning": 3,
+    "error": 4,
+    "critical": 5,
+    "alert": 5,
+    "emergency": 5,
+}
 
 
 def _time(t: float) -> Table:
@@ -143,18 +172,31 @@ def location(state: wire.VehicleState) -> bytes | None:
     place = state.position
     if place is None:
         return None
-    return msgspec.json.encode({
-        "timestamp": _time(state.t), "frame_id": state.name, "latitude": place.lat_deg, "longitude": place.lon_deg,
-        "altitude": place.alt_amsl, "position_covariance": [0.0] * 9, "position_covariance_type": 0,
-    })  # fmt: skip
+    return msgspec.json.encode(
+        {
+            "timestamp": _time(state.t),
+            "frame_id": state.name,
+            "latitude": place.lat_deg,
+            "longitude": place.lon_deg,
+            "altitude": place.alt_amsl,
+            "position_covariance": [0.0] * 9,
+            "position_covariance_type": 0,
+        }
+    )
 
 
 def log_line(event: wire.Event, name: str) -> bytes:
     """An event for Foxglove's log panel."""
-    return msgspec.json.encode({
-        "timestamp": _time(event.t), "level": _LEVELS[event.severity], "message": event.text, "name": name,
-        "file": event.kind, "line": 0,
-    })  # fmt: skip
+    return msgspec.json.encode(
+        {
+            "timestamp": _time(event.t),
+            "level": _LEVELS[event.severity],
+            "message": event.text,
+            "name": name,
+            "file": event.kind,
+            "line": 0,
+        }
+    )
 
 
 def picture(data: bytes, t: float, camera: str, form: str = "jpeg") -> bytes:

@@ -29,9 +29,12 @@ from zmav.session import SessionSettings
     "--watch", "every", type=click.FloatRange(0.1, 3600.0), metavar="SECONDS", help="A line of JSON every so often."
 )
 @click.option(
-    "--wait", type=click.FloatRange(0.1, 60.0), default=2.0, show_default=True,
+    "--wait",
+    type=click.FloatRange(0.1, 60.0),
+    default=2.0,
+    show_default=True,
     help="Seconds at most to listen before something is printed.",
-)  # fmt: skip
+)
 @fleet_option
 @zenoh_options
 def command(once: bool, as_json: bool, every: float | None, wait: float, fleet: str, settings: SessionSettings) -> None:

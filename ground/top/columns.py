@@ -124,13 +124,19 @@ def _columns(ned: bool) -> tuple[Column, ...]:
         Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), lambda v: _link(v, "rate"), right=True),
         Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), lambda v: _link(v, "loss"), right=True),
         Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), lambda v: v.network.rtt, right=True),
-        Column("hops", 4, 12, lambda v: "-" if v.network.hops is None else str(v.network.hops),
-               lambda v: v.network.hops, right=True),
+        Column(
+            "hops",
+            4,
+            12,
+            lambda v: "-" if v.network.hops is None else str(v.network.hops),
+            lambda v: v.network.hops,
+            right=True,
+        ),
         Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
         Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
         Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
         Column(EVENT, 34, 13, event, lambda v: v.events[0].age if v.events else None),
-    )  # fmt: skip
+    )
 
 
 GLOBAL, LOCAL = _columns(ned=False), _columns(ned=True)

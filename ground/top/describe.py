@@ -7,15 +7,7 @@ from dataclasses import replace
 
 import msgspec
 
-from ground.top.report import (
-    GpsReport,
-    LeaseReport,
-    LinkReport,
-    NetworkReport,
-    Position,
-    VehicleReport,
-    WeakHop,
-)
+from ground.top.report import GpsReport, LeaseReport, LinkReport, NetworkReport, Position, VehicleReport, WeakHop
 from mesh.topology import Graph, Link, Way
 from zmav import wire
 from zmav.doctor.facts import Facts
@@ -29,10 +21,16 @@ def describe(facts: Facts, fleet: str, twins: tuple[str, ...], graph: Graph | No
     facts = replace(facts, twins=twins, way=way)
     found = reasons(facts)
     report = VehicleReport(
-        name=facts.name, fleet=fleet, presence=facts.presence, age=facts.age, reasons=found,
-        level=found[0].level if found else "ok", network=_network(facts, way, host, graph),
-        agents=[agent.name for agent in facts.agents], events=list(facts.events),
-    )  # fmt: skip
+        name=facts.name,
+        fleet=fleet,
+        presence=facts.presence,
+        age=facts.age,
+        reasons=found,
+        level=found[0].level if found else "ok",
+        network=_network(facts, way, host, graph),
+        agents=[agent.name for agent in facts.agents],
+        events=list(facts.events),
+    )
     if facts.link is not None:
         link = facts.link
         report.link = LinkReport(
@@ -46,8 +44,11 @@ def describe(facts: Facts, fleet: str, twins: tuple[str, ...], graph: Graph | No
 def _add_state(report: VehicleReport, state: wire.VehicleState, now: float) -> None:
     """What the vehicle says of itself."""
     report.sysid, report.kind, report.autopilot, report.firmware = (
-        state.sysid, state.kind, state.autopilot, state.firmware,
-    )  # fmt: skip
+        state.sysid,
+        state.kind,
+        state.autopilot,
+        state.firmware,
+    )
     report.mode, report.status, report.armed, report.ready = state.mode, state.status, state.armed, state.ready
     report.local = state.local
     if state.position is not None:

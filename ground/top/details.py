@@ -62,19 +62,24 @@ def _rule(v: VehicleReport, width: int) -> Line:
 
 def _is(v: VehicleReport) -> str:
     known = [
-        v.kind or "unknown kind", f"{v.autopilot or 'no autopilot'} {v.firmware or ''}".strip(),
-        f"system {v.sysid or '-'}", f"mode {v.mode or '-'}",
-        "armed" if v.armed else "disarmed" if v.armed is not None else "arming unknown", v.status or "",
+        v.kind or "unknown kind",
+        f"{v.autopilot or 'no autopilot'} {v.firmware or ''}".strip(),
+        f"system {v.sysid or '-'}",
+        f"mode {v.mode or '-'}",
+        "armed" if v.armed else "disarmed" if v.armed is not None else "arming unknown",
+        v.status or "",
         f"state {duration(v.age)} old",
-    ]  # fmt: skip
+    ]
     return ", ".join(word for word in known if word)
 
 
 def _place(v: VehicleReport) -> str:
     p = v.position
-    words = [] if p is None else [
-        f"{p.lat_deg:.7f} {p.lon_deg:.7f}", f"{p.alt_rel:.1f} m above home, {p.alt_amsl:.1f} m AMSL",
-    ]  # fmt: skip
+    words = (
+        []
+        if p is None
+        else [f"{p.lat_deg:.7f} {p.lon_deg:.7f}", f"{p.alt_rel:.1f} m above home, {p.alt_amsl:.1f} m AMSL"]
+    )
     if v.local is not None:
         words.append("NED {:.1f} {:.1f} {:.1f}".format(*v.local))
     if v.speed is not None:
@@ -111,6 +116,8 @@ def _network(v: VehicleReport) -> str:
         words.append("its router is ours" if n.hops == 0 else " > ".join(n.way) + ("" if n.complete else " > ?"))
     if n.weakest is not None:
         hop = n.weakest
-        words.append(f"weakest hop {hop.ends[0]} - {hop.ends[1]}: {hop.grade}, {hop.state}, "
-                     f"{percent(hop.loss)} lost, {milliseconds(hop.rtt)} ms")  # fmt: skip
+        words.append(
+            f"weakest hop {hop.ends[0]} - {hop.ends[1]}: {hop.grade}, {hop.state}, "
+            f"{percent(hop.loss)} lost, {milliseconds(hop.rtt)} ms"
+        )
     return ", ".join(words)

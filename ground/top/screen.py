@@ -13,9 +13,7 @@ from zmav.doctor.words import clean, duration
 
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
 BAD = "bold red"
-HELP = (
-    "q quit", "/ filter", "<> sort", "r reverse", "enter details", "p pause", "n NED", "w words",
-)  # fmt: skip
+HELP = ("q quit", "/ filter", "<> sort", "r reverse", "enter details", "p pause", "n NED", "w words")
 LEAST_TABLE = 4
 """rows of the table that details leave"""
 

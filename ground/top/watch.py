@@ -224,11 +224,16 @@ class Watch:
         self._agents = {who: heard for who, heard in self._agents.items() if now - heard.at < _shown_for(heard.status)}
         return tuple(
             AgentReport(
-                name=name, fleet=fleet, host=host, state=heard.status.state, text=heard.status.text,
-                age=now - heard.at, stale=now - heard.at > AGENT_STALE,
+                name=name,
+                fleet=fleet,
+                host=host,
+                state=heard.status.state,
+                text=heard.status.text,
+                age=now - heard.at,
+                stale=now - heard.at > AGENT_STALE,
             )
             for ((fleet, host), name), heard in sorted(self._agents.items())
-        )  # fmt: skip
+        )
 
 
 def _systems(known: dict[Place, Facts]) -> dict[tuple[str, int | None], list[str]]:

@@ -14,10 +14,18 @@ from zmav.wire import Vector
 
 SPAN = 60.0
 """s that the plots show"""
-FLIGHT = (("error", "Tracking error, m"), ("height", "Height above the origin, m"), ("speed", "Speed, m/s"),
-          ("battery", "Battery, %"))  # fmt: skip
-LINKS = (("age", "Age of the last state, s"), ("delay", "Delay of states, ms"), ("rtt", "Round trip, ms"),
-         ("loss", "Loss, %"))  # fmt: skip
+FLIGHT = (
+    ("error", "Tracking error, m"),
+    ("height", "Height above the origin, m"),
+    ("speed", "Speed, m/s"),
+    ("battery", "Battery, %"),
+)
+LINKS = (
+    ("age", "Age of the last state, s"),
+    ("delay", "Delay of states, ms"),
+    ("rtt", "Round trip, ms"),
+    ("loss", "Loss, %"),
+)
 NARROW, WIDE = 15.0, 300.0
 """m: the least and the largest radius of a fleet that the view is made to fit"""
 
@@ -27,10 +35,12 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
     names none of them.
     """
     scene = rrb.Spatial3DView(
-        origin="/world", name="Fleet", background=(16, 20, 27),
+        origin="/world",
+        name="Fleet",
+        background=(16, 20, 27),
         line_grid=rrb.LineGrid3D(visible=True, spacing=10.0, stroke_width=1.0, color=(90, 100, 115, 90)),
         eye_controls=eye(places),
-    )  # fmt: skip
+    )
     plots = rrb.Tabs(
         rrb.Vertical(*(_plot(what, name) for what, name in FLIGHT), name="Flight"),
         rrb.Vertical(*(_plot(what, name) for what, name in LINKS), name="Links"),
@@ -50,11 +60,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
         column_shares=[3, 4],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, below, row_shares=[7, 3]),
-            plots,
-            column_shares=[5, 2],
-        ),
+        rrb.Horizontal(rrb.Vertical(scene, below, row_shares=[7, 3]), plots, column_shares=[5, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
@@ -65,14 +71,15 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
 
 def _plot(what: str, name: str) -> rrb.TimeSeriesView:
     latest = rrb.VisibleTimeRange(
-        "time",
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-SPAN),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
+        "time", start=rrb.TimeRangeBoundary.cursor_relative(seconds=-SPAN), end=rrb.TimeRangeBoundary.cursor_relative()
     )
     return rrb.TimeSeriesView(
-        origin=f"/plots/{what}", name=name, time_ranges=latest, plot_legend=rrb.PlotLegend(visible=False),
+        origin=f"/plots/{what}",
+        name=name,
+        time_ranges=latest,
+        plot_legend=rrb.PlotLegend(visible=False),
         axis_y=rrb.ScalarAxis(range=(0.0, 100.0)) if what == "battery" else None,
-    )  # fmt: skip
+    )
 
 
 def eye(places: Sequence[Vector]) -> rrb.EyeControls3D | None:

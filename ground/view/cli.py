@@ -23,21 +23,38 @@ from zmav.session import SessionSettings
 @click.command("view")
 @click.option("--save", type=click.Path(dir_okay=False), metavar="FILE.rrd", help="Write a recording for Rerun.")
 @click.option("--web", is_flag=True, help="Serve the viewer as a web page, on loopback.")
-@click.option("--port", type=click.IntRange(1, 65534), default=9090, show_default=True,
-              help="Of the web page; its data come over the next one.")  # fmt: skip
-@click.option("--viewer", "url", metavar="URL",
-              help="A viewer that runs: rerun+http://HOST:9876/proxy.")  # fmt: skip
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65534),
+    default=9090,
+    show_default=True,
+    help="Of the web page; its data come over the next one.",
+)
+@click.option("--viewer", "url", metavar="URL", help="A viewer that runs: rerun+http://HOST:9876/proxy.")
 @click.option("--vehicles", multiple=True, metavar="PATTERN", help="Only these: quad1, quad*  (repeatable).")
-@click.option("--size", type=click.FloatRange(0.05, 100.0), default=1.0, show_default=True,
-              help="Of the models, which are about 2 m across.")  # fmt: skip
+@click.option(
+    "--size",
+    type=click.FloatRange(0.05, 100.0),
+    default=1.0,
+    show_default=True,
+    help="Of the models, which are about 2 m across.",
+)
 @click.option("--cameras/--no-cameras", default=True, show_default=True, help="Fetch pictures over the network.")
 @click.option("--signals/--no-signals", default=True, show_default=True, help="And what controllers stream.")
 @fleet_option
 @zenoh_options
 def command(
-    save: str | None, web: bool, port: int, url: str | None, vehicles: tuple[str, ...], size: float, cameras: bool,
-    signals: bool, fleet: str, settings: SessionSettings,
-) -> None:  # fmt: skip
+    save: str | None,
+    web: bool,
+    port: int,
+    url: str | None,
+    vehicles: tuple[str, ...],
+    size: float,
+    cameras: bool,
+    signals: bool,
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
     """Show the fleet in three dimensions, over time and in words, in Rerun's viewer.
 
     Without an option a window opens; --web serves a page instead, --save writes a file (beside either, or alone). It
@@ -81,9 +98,14 @@ def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Si
 
 
 async def _view(
-    sinks: list[Sink], vehicles: tuple[str, ...], size: float, cameras: bool, signals: bool, fleet: str,
+    sinks: list[Sink],
+    vehicles: tuple[str, ...],
+    size: float,
+    cameras: bool,
+    signals: bool,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Until a signal, or until a painter ends: its window was closed, or its sink is of no use."""
     async with contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))

@@ -109,8 +109,9 @@ class Craft:
                 canvas.put((*self.path, "pose", "model"), rr.Mesh3D.from_fields(albedo_factor=shade))
                 self._redraw_trail(canvas, shade)
             self._drawn = (text, self.silent)
-            name = rr.Points3D([(0.0, 0.0, -1.5 * self._size)], radii=style.points(1.5), colors=shade, labels=text,
-                               show_labels=True)  # fmt: skip
+            name = rr.Points3D(
+                [(0.0, 0.0, -1.5 * self._size)], radii=style.points(1.5), colors=shade, labels=text, show_labels=True
+            )
             canvas.put((*self.path, "pose", "name"), name)
 
     def _text(self, crowded: bool) -> str:
@@ -137,9 +138,13 @@ class Craft:
         if velocity is not None and usable(velocity) and math.hypot(*velocity) > SLOW:
             canvas.put(
                 path,
-                rr.Arrows3D(origins=[self.position], vectors=[velocity], colors=style.faded(self.colour, 220),
-                            radii=style.points(1.4)),
-            )  # fmt: skip
+                rr.Arrows3D(
+                    origins=[self.position],
+                    vectors=[velocity],
+                    colors=style.faded(self.colour, 220),
+                    radii=style.points(1.4),
+                ),
+            )
         else:
             canvas.clear(path)
 

@@ -43,8 +43,9 @@ def _paint_stations(canvas: Canvas, stations: Mapping[str, Vector]) -> None:
     if not stations:
         canvas.clear(path)
         return
-    points = rr.Points3D(list(stations.values()), colors=style.WHITE, radii=style.points(5.0), labels=list(stations),
-                         show_labels=True)  # fmt: skip
+    points = rr.Points3D(
+        list(stations.values()), colors=style.WHITE, radii=style.points(5.0), labels=list(stations), show_labels=True
+    )
     canvas.put(path, points)
 
 

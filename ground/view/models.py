@@ -158,9 +158,7 @@ def _other(b: _Builder) -> None:
     b.disc((-0.5, 0.0, 0.0), 0.4, DIM, axis=0, sides=4)
 
 
-_KINDS = {
-    "copter": _copter, "plane": _plane, "rover": _rover, "boat": _boat, "sub": _sub, "vtol": _vtol, "heli": _heli,
-}  # fmt: skip
+_KINDS = {"copter": _copter, "plane": _plane, "rover": _rover, "boat": _boat, "sub": _sub, "vtol": _vtol, "heli": _heli}
 
 
 def model(kind: str | None, size: float = 1.0) -> Model:

@@ -96,6 +96,7 @@ def home_of(message: wire.LastMessage) -> tuple[float, float, float] | None:
 def paint_home(canvas: Canvas, path: Path, home: tuple[float, float, float], label: str, datum: Datum) -> None:
     place = datum.place(*home)
     if place is not None:
-        point = rr.Points3D([place], colors=style.HOME, radii=style.points(3.5), labels=f"home of {label}",
-                            show_labels=False)  # fmt: skip
+        point = rr.Points3D(
+            [place], colors=style.HOME, radii=style.points(3.5), labels=f"home of {label}", show_labels=False
+        )
         canvas.put((*path, "home"), point)

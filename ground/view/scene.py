@@ -27,10 +27,15 @@ MESH_EVERY, TABLE_EVERY = 0.5, 1.0
 LINES_A_STEP = 20
 """events logged in one step; the others wait for the next"""
 LEVELS = {
-    "emergency": rr.TextLogLevel.CRITICAL, "alert": rr.TextLogLevel.CRITICAL, "critical": rr.TextLogLevel.CRITICAL,
-    "error": rr.TextLogLevel.ERROR, "warning": rr.TextLogLevel.WARN, "notice": rr.TextLogLevel.INFO,
-    "info": rr.TextLogLevel.INFO, "debug": rr.TextLogLevel.DEBUG,
-}  # fmt: skip
+    "emergency": rr.TextLogLevel.CRITICAL,
+    "alert": rr.TextLogLevel.CRITICAL,
+    "critical": rr.TextLogLevel.CRITICAL,
+    "error": rr.TextLogLevel.ERROR,
+    "warning": rr.TextLogLevel.WARN,
+    "notice": rr.TextLogLevel.INFO,
+    "info": rr.TextLogLevel.INFO,
+    "debug": rr.TextLogLevel.DEBUG,
+}
 
 
 class Scene:
@@ -50,11 +55,19 @@ class Scene:
         self._signals = Signals()
         self._lines: list[tuple[str, str, str]] = []
         self._take: dict[str, Callable[[Item], None]] = {
-            "state": self._on_state, "setpoint": self._on_setpoint, "event": self._on_event, "link": self._on_link,
-            "fleet": self._on_topic, "graph": self._on_graph, "mission": self._on_plan, "home": self._on_plan,
-            "agent_status": self._on_agent, "camera_frame": self._on_frame, "camera_detection": self._on_detection,
+            "state": self._on_state,
+            "setpoint": self._on_setpoint,
+            "event": self._on_event,
+            "link": self._on_link,
+            "fleet": self._on_topic,
+            "graph": self._on_graph,
+            "mission": self._on_plan,
+            "home": self._on_plan,
+            "agent_status": self._on_agent,
+            "camera_frame": self._on_frame,
+            "camera_detection": self._on_detection,
             "agent_out": self._on_signals,
-        }  # fmt: skip
+        }
 
     @property
     def crowded(self) -> bool:

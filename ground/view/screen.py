@@ -41,9 +41,14 @@ class Screen:
     async def __aenter__(self) -> Screen:
         self._reader = self._table.reader()
         self._process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "ground.view.painter", msgspec.json.encode(self._settings).decode(),
-            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, start_new_session=True,
-        )  # fmt: skip
+            sys.executable,
+            "-m",
+            "ground.view.painter",
+            msgspec.json.encode(self._settings).decode(),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
         return self
 
     async def __aexit__(

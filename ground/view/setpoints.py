@@ -34,9 +34,15 @@ class Setpoints:
             self._fresh = True
 
     def paint(
-        self, canvas: Canvas, position: Vector | None, holder: str | None, datum: Datum, home_amsl: float | None,
-        now: float, t: float,
-    ) -> float | None:  # fmt: skip
+        self,
+        canvas: Canvas,
+        position: Vector | None,
+        holder: str | None,
+        datum: Datum,
+        home_amsl: float | None,
+        now: float,
+        t: float,
+    ) -> float | None:
         """Draw marker and error; the error in metres, where both places are known and something new was heard."""
         chosen = self._chosen(holder)
         setpoint = None if chosen is None or self._over(chosen, now, t) else chosen[0]

@@ -18,10 +18,14 @@ from zmav import wire
 from zmav.errors import BadInput, ZmavError
 
 PLOTS = {
-    "position": "Position, m: x red, y green, z blue", "velocity": "Velocity, m/s: x red, y green, z blue",
-    "attitude": "Attitude, rad: roll red, pitch green, yaw blue", "rates": "Rates, rad/s: p red, q green, r blue",
-    "outputs": "Outputs", "others": "Other signals", "cycle": "Cycle: time taken, µs; how many were late",
-}  # fmt: skip
+    "position": "Position, m: x red, y green, z blue",
+    "velocity": "Velocity, m/s: x red, y green, z blue",
+    "attitude": "Attitude, rad: roll red, pitch green, yaw blue",
+    "rates": "Rates, rad/s: p red, q green, r blue",
+    "outputs": "Outputs",
+    "others": "Other signals",
+    "cycle": "Cycle: time taken, µs; how many were late",
+}
 """the plots' paths and their names; legends would cover them"""
 MOST_STREAMS, MOST_SIGNALS = 40, 300
 """topics of agents that are drawn, and signals of each"""
@@ -33,11 +37,13 @@ AXES: dict[str, style.Colour] = {"x": (255, 95, 85, 255), "y": (105, 220, 95, 25
 _CHANNELS = {
     channel: (plot, axis)
     for plot, channels in {
-        "position": ("x", "y", "z"), "velocity": ("vx", "vy", "vz"), "attitude": ("roll", "pitch", "yaw"),
+        "position": ("x", "y", "z"),
+        "velocity": ("vx", "vy", "vz"),
+        "attitude": ("roll", "pitch", "yaw"),
         "rates": ("p", "q", "r"),
     }.items()
     for channel, axis in zip(channels, AXES, strict=True)
-}  # fmt: skip
+}
 _LONG = {"reference": "", "reference_vel": "v"}
 
 
@@ -100,8 +106,12 @@ class Signals:
         line = line_of(name)
         path = ("plots", "controllers", line.plot, who, name)
         shade = style.turned(line.colour, list(self._streams).index(place))
-        canvas.fixed(path, rr.SeriesLines(
-            colors=style.darkened(shade) if line.reference else shade, widths=1.0 if line.reference else 2.5,
-            names=f"{who} {line.title}",
-        ))  # fmt: skip
+        canvas.fixed(
+            path,
+            rr.SeriesLines(
+                colors=style.darkened(shade) if line.reference else shade,
+                widths=1.0 if line.reference else 2.5,
+                names=f"{who} {line.title}",
+            ),
+        )
         return path

@@ -43,8 +43,13 @@ def _marks(canvas: Canvas, path: Path, marks: list[shapes.Mark], shade: style.Co
     if not marks:
         return canvas.clear(path)
     labels = [mark.label for mark in marks]
-    points = rr.Points3D([mark.pos for mark in marks], colors=shade, radii=style.points(6.0), labels=labels,
-                         show_labels=len(marks) <= 12 and any(labels))  # fmt: skip
+    points = rr.Points3D(
+        [mark.pos for mark in marks],
+        colors=shade,
+        radii=style.points(6.0),
+        labels=labels,
+        show_labels=len(marks) <= 12 and any(labels),
+    )
     return canvas.put(path, points)
 
 
@@ -71,9 +76,11 @@ def _balls(canvas: Canvas, path: Path, balls: list[shapes.Ball], shade: style.Co
     if not balls:
         return canvas.clear(path)
     solid = rr.Ellipsoids3D(
-        centers=[ball.center for ball in balls], radii=[ball.radius for ball in balls], colors=shade,
+        centers=[ball.center for ball in balls],
+        radii=[ball.radius for ball in balls],
+        colors=shade,
         fill_mode=rr.components.FillMode.Solid,
-    )  # fmt: skip
+    )
     return canvas.put(path, solid)
 
 

@@ -33,7 +33,7 @@ class Watch:
 
     def __init__(
         self, z: Client, table: Table, vehicles: Sequence[str] = ("*",), cameras: bool = True, signals: bool = True
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._z, self._table = z, table
         self._vehicles = {vehicle: zenoh.KeyExpr(_pattern(vehicle)) for vehicle in vehicles}
         self._cameras, self._signals = cameras, signals
@@ -46,14 +46,15 @@ class Watch:
     async def run(self) -> None:
         """Until cancelled."""
         await asyncio.gather(
-            *(self._follow(channel, key) for channel, key in self._subscribed()),
-            self._graphs(), self._plans(),
-        )  # fmt: skip
+            *(self._follow(channel, key) for channel, key in self._subscribed()), self._graphs(), self._plans()
+        )
 
     def _subscribed(self) -> list[tuple[keys.Channel, str]]:
         fleet = self._z.fleet_name
-        found = [(keys.FLEET, keys.FLEET.key(fleet, topic="*")),
-                 (keys.AGENT_STATUS, keys.AGENT_STATUS.key(fleet, "*", agent="*"))]  # fmt: skip
+        found = [
+            (keys.FLEET, keys.FLEET.key(fleet, topic="*")),
+            (keys.AGENT_STATUS, keys.AGENT_STATUS.key(fleet, "*", agent="*")),
+        ]
         pictures = PICTURES if self._cameras else ()
         for vehicle in map(str, self._vehicles.values()):
             found += [

@@ -50,9 +50,14 @@ class Bearer:
     """
 
     def __init__(
-        self, fleet: str, name: str, radios: Sequence[tuple[Radio, int]], neighbours: Sequence[Far], router: Local,
+        self,
+        fleet: str,
+        name: str,
+        radios: Sequence[tuple[Radio, int]],
+        neighbours: Sequence[Far],
+        router: Local,
         known: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         now = time.monotonic()
         self.status = Status()
         self.ports = [RadioPort(radio, port, now) for radio, port in radios]
@@ -60,8 +65,9 @@ class Bearer:
         self._known = {host_tag(fleet, other): other for other in known if other != name}
         self._peers: dict[int, Peer] = {}
         for far in neighbours:
-            peer = self._peers[host_tag(fleet, far.name)] = Peer(far.name, host_tag(fleet, far.name), router,
-                                                                 opens=far.opens)  # fmt: skip
+            peer = self._peers[host_tag(fleet, far.name)] = Peer(
+                far.name, host_tag(fleet, far.name), router, opens=far.opens
+            )
             for place, address, cost in far.ways:
                 peer.add(self.ports[place], address, cost, now)
         self.local: Mapping[str, Local] = {

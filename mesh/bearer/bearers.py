@@ -109,8 +109,10 @@ def foreseen(plan: RouterPlan) -> tuple[RouterPlan, list[Far]]:
 
 
 def _far(plan: RouterPlan, neighbour: Neighbour, radios: Sequence[Radio]) -> Far:
-    ways = [(_place(radios, way), (way.address, _above(way.port)), _cost(plan.file, neighbour.name, way))
-            for way in neighbour.ways]  # fmt: skip
+    ways = [
+        (_place(radios, way), (way.address, _above(way.port)), _cost(plan.file, neighbour.name, way))
+        for way in neighbour.ways
+    ]
     return Far(neighbour.name, ways, opens=plan.name < neighbour.name)
 
 

@@ -23,14 +23,7 @@ from mesh.bench.follow import GIVE_UP, POLL, TRIES, Follow, OnInterval, OnOutage
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused, SessionError, TimedOut, ZmavError
-from zmav.wire.bench import (
-    BenchOrder,
-    BenchQuery,
-    BenchReport,
-    BenchRole,
-    BenchStop,
-    Pong,
-)
+from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchRole, BenchStop, Pong
 
 HERE = "here"
 ANSWER = 1.0
@@ -97,9 +90,16 @@ class Bench:
     # Measurements.
 
     async def stream(
-        self, a: str, b: str, stream: Stream, *, both: bool = False, until: asyncio.Event | None = None,
-        on_interval: OnInterval | None = None, on_outage: OnOutage | None = None,
-    ) -> StreamResult:  # fmt: skip
+        self,
+        a: str,
+        b: str,
+        stream: Stream,
+        *,
+        both: bool = False,
+        until: asyncio.Event | None = None,
+        on_interval: OnInterval | None = None,
+        on_outage: OnOutage | None = None,
+    ) -> StreamResult:
         """Have ``a`` send to ``b`` (and back). Ends early when ``until`` is set. Raises what a host refuses."""
         first, second = (pong.host for pong in await self.pair(a, b))
         reliable = stream.reliable if stream.reliable is not None else stream.qos != keys.Qos.BULK.value
@@ -107,10 +107,19 @@ class Bench:
 
         def part(host: str, peer: str, role: BenchRole, guard: float) -> _Part:
             order = BenchOrder(
-                run=run, role=role, peers=[peer], seconds=stream.seconds, hz=stream.hz, size=stream.size,
-                qos=stream.qos, reliable=reliable, gap=stream.silence, guard=guard, patience=stream.patience,
+                run=run,
+                role=role,
+                peers=[peer],
+                seconds=stream.seconds,
+                hz=stream.hz,
+                size=stream.size,
+                qos=stream.qos,
+                reliable=reliable,
+                gap=stream.silence,
+                guard=guard,
+                patience=stream.patience,
                 asker=self._asker,
-            )  # fmt: skip
+            )
             return _Part(host, order)
 
         parts = [
@@ -147,9 +156,17 @@ class Bench:
     def _order(self, role: BenchRole, peers: list[str], stream: Stream) -> BenchOrder:
         reliable = stream.reliable if stream.reliable is not None else stream.qos != keys.Qos.BULK.value
         return BenchOrder(
-            run=_new_run(), role=role, peers=peers, seconds=stream.seconds, hz=stream.hz, size=stream.size,
-            qos=stream.qos, reliable=reliable, patience=stream.patience, asker=self._asker,
-        )  # fmt: skip
+            run=_new_run(),
+            role=role,
+            peers=peers,
+            seconds=stream.seconds,
+            hz=stream.hz,
+            size=stream.size,
+            qos=stream.qos,
+            reliable=reliable,
+            patience=stream.patience,
+            asker=self._asker,
+        )
 
     async def _until_over(self, host: str, run: str, seconds: float, until: asyncio.Event | None) -> BenchReport:
         loop = asyncio.get_running_loop()

@@ -48,9 +48,15 @@ class Flow(msgspec.Struct, kw_only=True):
     def total(self) -> BenchInterval:
         """The whole run; what was sent and never came is lost, the last datagrams too."""
         found = self.receiver.total or BenchInterval(
-            start=0.0, end=self.sender.send_seconds, bytes=0, received=0, expected=0, jitter=0.0, out_of_order=0,
+            start=0.0,
+            end=self.sender.send_seconds,
+            bytes=0,
+            received=0,
+            expected=0,
+            jitter=0.0,
+            out_of_order=0,
             duplicates=0,
-        )  # fmt: skip
+        )
         return msgspec.structs.replace(found, expected=max(self.sender.sent, found.received))
 
     @property

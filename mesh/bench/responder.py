@@ -102,9 +102,14 @@ class Responder:
     def _pong(self, query: zenoh.Query, came: int) -> None:
         busy = self.busy
         pong = Pong(
-            host=self._host, zid=self._zid, came_ns=came, left_ns=time.monotonic_ns(), t=time.time(),
-            busy=busy.describe() if busy else "", budget=self._budget,
-        )  # fmt: skip
+            host=self._host,
+            zid=self._zid,
+            came_ns=came,
+            left_ns=time.monotonic_ns(),
+            t=time.time(),
+            busy=busy.describe() if busy else "",
+            budget=self._budget,
+        )
         with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
             query.reply(keys.BENCH_PING.key(self._fleet, self._host), wire.encode(pong), encoding=keys.JSON)
 

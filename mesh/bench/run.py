@@ -283,13 +283,19 @@ class Run:
         order, tally, sender, now = self.order, self._tally, self._sender, time.monotonic_ns()
         spread = sender.lateness().spread() if sender else None
         report = BenchReport(
-            run=order.run, host=self._host, role=order.role, state=self._state, why=self._why,
+            run=order.run,
+            host=self._host,
+            role=order.role,
+            state=self._state,
+            why=self._why,
             elapsed=(self._ended or time.monotonic()) - self.began,
-            sent=sender.sent if sender else 0, send_seconds=sender.seconds if sender else 0.0,
-            skipped=sender.skipped if sender else 0, lateness=spread,
+            sent=sender.sent if sender else 0,
+            send_seconds=sender.seconds if sender else 0.0,
+            skipped=sender.skipped if sender else 0,
+            lateness=spread,
             clock=next((pinger.clock.read() for pinger in self._pingers), None),
             trips=self._trips_so_far(sender),
-        )  # fmt: skip
+        )
         if tally is not None:
             report.total, report.silent = tally.total(), tally.silent(now)
             report.intervals = tally.intervals(now, max(query.since, 0))

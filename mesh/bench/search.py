@@ -65,9 +65,15 @@ class Found(msgspec.Struct, kw_only=True):
 
 
 async def search(
-    bench: Bench, a: str, b: str, stream: Stream, limits: Limits, *, until: asyncio.Event | None = None,
+    bench: Bench,
+    a: str,
+    b: str,
+    stream: Stream,
+    limits: Limits,
+    *,
+    until: asyncio.Event | None = None,
     on_trial: Callable[[Trial], None] | None = None,
-) -> Found:  # fmt: skip
+) -> Found:
     """Raise the rate from ``a`` to ``b`` until it does not pass. ``stream`` says class and size."""
     first, _ = await bench.pair(a, b)
     most, cap = limits.most, f"the limit of {rate(limits.most)}"

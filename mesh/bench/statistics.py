@@ -44,9 +44,15 @@ class Samples:
         values = np.array(found, dtype=np.float64) / SECOND
         low, median, p95, p99, high = np.percentile(values, [0, 50, 95, 99, 100]).tolist()
         return Spread(
-            count=len(values), min=low, median=median, p95=p95, p99=p99, max=high, mean=float(values.mean()),
+            count=len(values),
+            min=low,
+            median=median,
+            p95=p95,
+            p99=p99,
+            max=high,
+            mean=float(values.mean()),
             bins=_histogram(values) if bins else [],
-        )  # fmt: skip
+        )
 
 
 def _histogram(seconds: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[int, int]]:
@@ -151,10 +157,16 @@ class Tally:
 
     def _interval(self, count: _Count, start: float, end: float, expected: int) -> BenchInterval:
         return BenchInterval(
-            start=start, end=end, bytes=count.bytes, received=count.received, expected=max(expected, count.received),
-            jitter=self._jitter / SECOND, out_of_order=count.out_of_order, duplicates=count.duplicates,
+            start=start,
+            end=end,
+            bytes=count.bytes,
+            received=count.received,
+            expected=max(expected, count.received),
+            jitter=self._jitter / SECOND,
+            out_of_order=count.out_of_order,
+            duplicates=count.duplicates,
             transit=count.transit.spread(),
-        )  # fmt: skip
+        )
 
     def intervals(self, now_ns: int, since: int, most: int = 60) -> list[BenchInterval]:
         """The seconds that have passed, from index ``since`` on."""

@@ -27,9 +27,13 @@ def open_sender(session: zenoh.Session, key: str, qos: keys.Qos, reliable: bool)
         return session.declare_publisher(key, **options)
     ext = zenoh.ext
     return ext.declare_advanced_publisher(
-        session, key, **options, cache=ext.CacheConfig(max_samples=KEPT), publisher_detection=True,
+        session,
+        key,
+        **options,
+        cache=ext.CacheConfig(max_samples=KEPT),
+        publisher_detection=True,
         sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
-    )  # fmt: skip
+    )
 
 
 def open_receiver(session: zenoh.Session, key: str, qos: keys.Qos, take: Sample) -> Any:

@@ -139,15 +139,39 @@ def write_csv(path: Path, result: StreamResult) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(
-            ("source", "target", "start_s", "end_s", "bytes", "bits_per_s", "jitter_s", "lost", "expected",
-             "out_of_order", "duplicates", "delay_median_s", "clock_within_s")
-        )  # fmt: skip
+            (
+                "source",
+                "target",
+                "start_s",
+                "end_s",
+                "bytes",
+                "bits_per_s",
+                "jitter_s",
+                "lost",
+                "expected",
+                "out_of_order",
+                "duplicates",
+                "delay_median_s",
+                "clock_within_s",
+            )
+        )
         for flow in result.flows:
             for each in flow.intervals:
                 delay = flow.delay(each.transit)
                 rows.writerow(
-                    (flow.source, flow.target, each.start, each.end, each.bytes,
-                     8.0 * each.bytes / (each.end - each.start), each.jitter, each.lost, each.expected,
-                     each.out_of_order, each.duplicates, delay[0] if delay else "",
-                     flow.clock.within if flow.clock else "")
-                )  # fmt: skip
+                    (
+                        flow.source,
+                        flow.target,
+                        each.start,
+                        each.end,
+                        each.bytes,
+                        8.0 * each.bytes / (each.end - each.start),
+                        each.jitter,
+                        each.lost,
+                        each.expected,
+                        each.out_of_order,
+                        each.duplicates,
+                        delay[0] if delay else "",
+                        flow.clock.within if flow.clock else "",
+                    )
+                )

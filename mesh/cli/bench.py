@@ -35,9 +35,7 @@ RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, p
 """it goes on unasked for a minute: the cut may part us from the hosts"""
 MAX = Stream(qos="bulk", size=1000)
 MAX_SECONDS = 60.0
-ONLY = {
-    "both": ("stream", "recover"), "csv": ("stream", "recover"), "gap": ("stream", "recover"), "cuts": ("recover",)
-}  # fmt: skip
+ONLY = {"both": ("stream", "recover"), "csv": ("stream", "recover"), "gap": ("stream", "recover"), "cuts": ("recover",)}
 """options that belong to some kinds of measurement only"""
 
 
@@ -66,9 +64,11 @@ class Options(msgspec.Struct, kw_only=True, frozen=True):
 @click.argument("b")
 @click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10; --hops 5]")
 @click.option(
-    "--class", "qos", type=click.Choice([each.value for each in keys.Qos]),
+    "--class",
+    "qos",
+    type=click.Choice([each.value for each in keys.Qos]),
     help="Class of service.  [default: latest-wins; --rtt and --recover realtime, --max bulk]",
-)  # fmt: skip
+)
 @click.option("--rate", help="Payload offered: 1Mbit/s, 60kB/s.  [default: 1Mbit/s]")
 @click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
@@ -86,19 +86,46 @@ class Options(msgspec.Struct, kw_only=True, frozen=True):
 @json_option
 @zenoh_options
 def command(
-    a: str, b: str, seconds: float | None, qos: str | None, rate: str | None, hz: float | None, size: int | None,
-    both: bool, kind: str | None, cuts: int | None, gap: float | None, limit: str, reliable: bool | None,
-    csv: Path | None, fleet: str, as_json: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    a: str,
+    b: str,
+    seconds: float | None,
+    qos: str | None,
+    rate: str | None,
+    hz: float | None,
+    size: int | None,
+    both: bool,
+    kind: str | None,
+    cuts: int | None,
+    gap: float | None,
+    limit: str,
+    reliable: bool | None,
+    csv: Path | None,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+) -> None:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
     Rates and transfers are of payload; order, twice: datagrams out of order, and repeated.
     """
     options = Options(
-        a=a, b=b, kind=kind or "stream", seconds=seconds, qos=keys.Qos(qos) if qos else None, rate=rate, hz=hz,
-        size=size, both=both, cuts=cuts, gap=gap, limit=limit, reliable=reliable, as_json=as_json, csv=csv,
-    )  # fmt: skip
+        a=a,
+        b=b,
+        kind=kind or "stream",
+        seconds=seconds,
+        qos=keys.Qos(qos) if qos else None,
+        rate=rate,
+        hz=hz,
+        size=size,
+        both=both,
+        cuts=cuts,
+        gap=gap,
+        limit=limit,
+        reliable=reliable,
+        as_json=as_json,
+        csv=csv,
+    )
     run(measure(options, fleet, settings))
 
 
@@ -239,7 +266,7 @@ async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
         most=bits_per_second(options.limit, "limit"),
         seconds=options.seconds or MAX_SECONDS,
         trial=min(defaults.trial, max((options.seconds or MAX_SECONDS) / 20.0, 0.5)),
-    )  # fmt: skip
+    )
 
     def on_trial(trial: Trial) -> None:
         if options.as_json:

@@ -31,9 +31,13 @@ PATIENCE_S = 10.0
 """for routers to answer, some of them over bad links"""
 
 ca_option = click.option(
-    "--ca", "folder", metavar="DIR", default=lambda: os.environ.get("ZMAV_CA", DEFAULT),
-    show_default=f"{DEFAULT}, or $ZMAV_CA", help="The authority's folder.",
-)  # fmt: skip
+    "--ca",
+    "folder",
+    metavar="DIR",
+    default=lambda: os.environ.get("ZMAV_CA", DEFAULT),
+    show_default=f"{DEFAULT}, or $ZMAV_CA",
+    help="The authority's folder.",
+)
 days_option = click.option(
     "--days", type=click.IntRange(1, 3650), default=DAYS, show_default=True, help="How long it is valid."
 )

@@ -19,15 +19,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 file_option = click.option("--file", "fleet_file", metavar="FILE", help="Fleet file (TOML) with this host's table.")
 insecure_option = click.option(
-    "--insecure", is_flag=True,
+    "--insecure",
+    is_flag=True,
     help="Reach beyond this computer without credentials: anyone who hears the network commands the fleet.",
-)  # fmt: skip
+)
 
 
 def plan_host(
-    fleet_file: str | None, name: str | None, settings: SessionSettings, *, fleet: str | None = None,
-    insecure: bool = False, vehicle: bool = False,
-) -> RouterPlan:  # fmt: skip
+    fleet_file: str | None,
+    name: str | None,
+    settings: SessionSettings,
+    *,
+    fleet: str | None = None,
+    insecure: bool = False,
+    vehicle: bool = False,
+) -> RouterPlan:
     """This computer's router as the options ask for it; raises what :func:`plan_router` and :func:`load_fleet` do, and
     :class:`BadConfig` for another mode than a router's.
     """

@@ -87,9 +87,7 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
         theirs = list(_relay(fleet, name, others, file.rights.planner))
         rules += theirs
         policies.append({"rules": ["hear", "read", *_ids(theirs)], "subjects": ["relays"]})
-    return {
-        "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies
-    }  # fmt: skip
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 
 
 def relaying(file: FleetConfig, role: Role, name: str) -> bool:
@@ -244,9 +242,12 @@ def _answers(fleet: str) -> tuple[str, ...]:
 
 def _rule(identifier: str, flows: Iterable[str], messages: Iterable[str], expressions: Iterable[str]) -> Rule:
     return {
-        "id": identifier, "permission": "allow", "flows": list(flows), "messages": list(messages),
+        "id": identifier,
+        "permission": "allow",
+        "flows": list(flows),
+        "messages": list(messages),
         "key_exprs": list(dict.fromkeys(expressions)),
-    }  # fmt: skip
+    }
 
 
 def _ids(rules: Iterable[Rule]) -> list[str]:

@@ -167,9 +167,13 @@ class Authority:
         certificate = certify.member(self.certificate, self._key, key.public_key(), ledger.fleet, name, role, days)
         read = Certificate.read(certificate.public_bytes(serialization.Encoding.DER))
         entry = Entry(
-            name=name, role=role.value, serial=f"{read.serial:x}", fingerprint=read.fingerprint.hex(),
-            not_before=read.not_before, not_after=read.not_after,
-        )  # fmt: skip
+            name=name,
+            role=role.value,
+            serial=f"{read.serial:x}",
+            fingerprint=read.fingerprint.hex(),
+            not_before=read.not_before,
+            not_after=read.not_after,
+        )
         ledger = ledger.with_entry(entry, time.time())
         contents = {
             credentials.CA: (_pem(self.certificate), files.PUBLIC),

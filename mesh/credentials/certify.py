@@ -30,9 +30,14 @@ def self_signed(key: Ed25519PrivateKey, fleet: str) -> x509.Certificate:
 
 
 def member(
-    authority: x509.Certificate, key: Ed25519PrivateKey, public: Ed25519PublicKey, fleet: str, name: str, role: Role,
+    authority: x509.Certificate,
+    key: Ed25519PrivateKey,
+    public: Ed25519PublicKey,
+    fleet: str,
+    name: str,
+    role: Role,
     days: float,
-) -> x509.Certificate:  # fmt: skip
+) -> x509.Certificate:
     """A leaf that may be either end of a TLS connection. Its name stands in the SAN, too: the modern place.
 
     Raises :class:`BadConfig` where it would outlive the authority's own, or the name is too long for a certificate.
@@ -56,9 +61,7 @@ def member(
     )
 
 
-def _builder(
-    subject: x509.Name, issuer: x509.Name, public: Ed25519PublicKey, until: float
-) -> x509.CertificateBuilder:  # fmt: skip
+def _builder(subject: x509.Name, issuer: x509.Name, public: Ed25519PublicKey, until: float) -> x509.CertificateBuilder:
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -73,15 +76,20 @@ def _builder(
 
 def _usage(*, authority: bool) -> x509.KeyUsage:
     return x509.KeyUsage(
-        digital_signature=not authority, key_cert_sign=authority, crl_sign=authority, content_commitment=False,
-        key_encipherment=False, data_encipherment=False, key_agreement=False, encipher_only=False, decipher_only=False,
-    )  # fmt: skip
+        digital_signature=not authority,
+        key_cert_sign=authority,
+        crl_sign=authority,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _subject(**parts: str) -> x509.Name:
-    kinds = {
-        "CN": NameOID.COMMON_NAME, "O": NameOID.ORGANIZATION_NAME, "OU": NameOID.ORGANIZATIONAL_UNIT_NAME
-    }  # fmt: skip
+    kinds = {"CN": NameOID.COMMON_NAME, "O": NameOID.ORGANIZATION_NAME, "OU": NameOID.ORGANIZATIONAL_UNIT_NAME}
     return x509.Name([x509.NameAttribute(kinds[part], value) for part, value in parts.items()])
 
 

@@ -72,9 +72,7 @@ class RosterWatch:
         self._questions = Questions(self._session, Answers(None, None), anybody)
         self._questions.declare(self._key, lambda query: self._answer(query, loop))
         take = on_loop(loop, self._on_samples)  # a batch at a time: anybody may put them, as fast as he likes
-        self._declared = [
-            self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True),
-        ]
+        self._declared = [self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True)]
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
         self._tasks = [loop.create_task(self._tell())]
         if not self._plan.vehicle:  # which says it as an event
@@ -193,9 +191,11 @@ class RosterWatch:
             if not hurried and self._alike < ENOUGH:
                 with contextlib.suppress(zenoh.ZError):  # the session is closing
                     self._session.put(
-                        self._key, msgspec.json.encode(self._signed), encoding=keys.JSON,
+                        self._key,
+                        msgspec.json.encode(self._signed),
+                        encoding=keys.JSON,
                         **keys.Qos.MUST_ARRIVE.options(),
-                    )  # fmt: skip
+                    )
             hurried = hurried or await self._hurried(interval - at, interval)
             interval = SHORTEST if hurried else min(2 * interval, LONGEST)
 

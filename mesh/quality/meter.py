@@ -59,12 +59,15 @@ class Meter:
         self._dispersion.settle(now)
         held = None if self._last is None or self.heard is None else int((now - self.heard) * 1e6)
         return Stamp(
-            self._own, period, self._number, clock(now),
+            self._own,
+            period,
+            self._number,
+            clock(now),
             echo=self._last.sent if self._last else 0,
             held=held,
             loss=self._loss.share(self._overdue(now)),
             throughput=self._dispersion.rate,
-        ).pack()  # fmt: skip
+        ).pack()
 
     def train(self, count: int) -> list[bytes]:
         """The next train, to be sent at once."""

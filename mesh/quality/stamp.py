@@ -83,11 +83,15 @@ def unpack(data: bytes) -> Stamp | Car:
         if period == 0 or (loss > 10_000 and loss != _UNKNOWN):
             raise BadInput(f"a stamp with period {period} and loss {loss}", field="probe", expected="numbers there are")
         return Stamp(
-            source, period / 1e3, number, sent, echo,
+            source,
+            period / 1e3,
+            number,
+            sent,
+            echo,
             held=None if held == _NOTHING else held,
             loss=None if loss == _UNKNOWN else loss / 10_000,
             throughput=rate or None,
-        )  # fmt: skip
+        )
     if len(data) == TRAIN_SIZE and data[0] == _A_CAR:
         _, source, train, index, count = _CAR.unpack_from(data)
         if index >= count:

@@ -30,9 +30,15 @@ STREAMED: dict[str, tuple[float, int]] = {
 }
 """message -> Hz and bytes of a frame"""
 SAID_SELDOM = (
-    "COMMAND_ACK", "AUTOPILOT_VERSION", "SYSTEM_TIME", "STATUSTEXT", "PARAM_VALUE", "MESSAGE_INTERVAL",
-    "GPS_GLOBAL_ORIGIN", "HOME_POSITION",
-)  # fmt: skip
+    "COMMAND_ACK",
+    "AUTOPILOT_VERSION",
+    "SYSTEM_TIME",
+    "STATUSTEXT",
+    "PARAM_VALUE",
+    "MESSAGE_INTERVAL",
+    "GPS_GLOBAL_ORIGIN",
+    "HOME_POSITION",
+)
 """a publisher is declared for them, too"""
 TICK_HZ = 10
 STATE_HZ = 5
@@ -63,9 +69,14 @@ class Copter:
         self._links = declare(link, **keys.LINK.publishing())
         self._held = [*self._listen(session), *self._answers(session), self._events(session)]
         alive = keys.ALIVE.key(
-            fleet, name, role=keys.VEHICLE, sys=self._state.sysid, autopilot="ardupilot", uid=f"{number:016x}",
+            fleet,
+            name,
+            role=keys.VEHICLE,
+            sys=self._state.sysid,
+            autopilot="ardupilot",
+            uid=f"{number:016x}",
             instance=zid,
-        )  # fmt: skip
+        )
         self._held.append(session.liveliness().declare_token(alive))
         self.heard: list[str] = []
         """keys of setpoints and frames that came for it"""
@@ -113,10 +124,14 @@ class Copter:
     def _events(self, session: zenoh.Session) -> Any:
         ext = zenoh.ext
         return ext.declare_advanced_publisher(
-            session, keys.EVENT.key(self._fleet, self._name), encoding=keys.EVENT.encoding,
-            **keys.EVENT.qos.options(), cache=ext.CacheConfig(max_samples=200), publisher_detection=True,
+            session,
+            keys.EVENT.key(self._fleet, self._name),
+            encoding=keys.EVENT.encoding,
+            **keys.EVENT.qos.options(),
+            cache=ext.CacheConfig(max_samples=200),
+            publisher_detection=True,
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
-        )  # fmt: skip
+        )
 
     def state(self) -> wire.VehicleState:
         """As it is now: parked at its place."""
@@ -152,9 +167,20 @@ def _replying(key: str, body: Callable[[], bytes]) -> Callable[[zenoh.Query], No
 
 _DONE = wire.Outcome(verb="ping", status="done", took=0.0, result={"t": 0.0})
 _LINK = wire.LinkQuality(
-    t=0.0, name="autopilot", url="udpin:127.0.0.1:14550", state="up", age=0.01, rx_rate=32.1, rx_bytes_rate=812.3,
-    loss=0.0, rtt=0.0012, rx_frames=4823, rx_bytes=122_034, tx_frames=312, opens=1,
-)  # fmt: skip
+    t=0.0,
+    name="autopilot",
+    url="udpin:127.0.0.1:14550",
+    state="up",
+    age=0.01,
+    rx_rate=32.1,
+    rx_bytes_rate=812.3,
+    loss=0.0,
+    rtt=0.0012,
+    rx_frames=4823,
+    rx_bytes=122_034,
+    tx_frames=312,
+    opens=1,
+)
 
 
 def _state(fleet: str, name: str, zid: str, number: int) -> wire.VehicleState:
@@ -162,16 +188,31 @@ def _state(fleet: str, name: str, zid: str, number: int) -> wire.VehicleState:
     north, east = 20.0 * (number // 32), 20.0 * (number % 32)
     ages = dict.fromkeys(("position", "attitude", "battery", "gps"), 0.04183530807495117)
     return wire.VehicleState(
-        t=0.0, fleet=fleet, name=name, instance=zid, connected=True, sysid=1 + number % 250, compid=1,
-        uid=f"{number:016x}", autopilot="ardupilot", kind="copter", firmware="4.5.7", mode="GUIDED", armed=False,
-        status="STANDBY", landed=True, ready=True, link="up",
+        t=0.0,
+        fleet=fleet,
+        name=name,
+        instance=zid,
+        connected=True,
+        sysid=1 + number % 250,
+        compid=1,
+        uid=f"{number:016x}",
+        autopilot="ardupilot",
+        kind="copter",
+        firmware="4.5.7",
+        mode="GUIDED",
+        armed=False,
+        status="STANDBY",
+        landed=True,
+        ready=True,
+        link="up",
         position=wire.GlobalPosition(
             lat_deg=-35.363261 + north / 111_194.9, lon_deg=149.16523 + east / 90_680.0, alt_amsl=584.09, alt_rel=0.012
         ),
-        local=(north, east, -0.012), velocity=(0.01, -0.01, 0.0),
+        local=(north, east, -0.012),
+        velocity=(0.01, -0.01, 0.0),
         attitude=wire.Attitude(roll=0.0012345678, pitch=-0.00234567, yaw=1.5707963268),
         battery=wire.Battery(voltage=12.587, current=0.51, remaining=0.99),
         gps=wire.Gps(fix="RTK_FIXED", satellites=10, hdop=1.21),
         clock=wire.ClockInfo(boot_t=1_790_000_000.123456, error_s=0.000123456, drift_ppm=0.0123),
         ages=ages,
-    )  # fmt: skip
+    )

@@ -165,9 +165,15 @@ class Gateway:
 
         handler: Any = zenoh.handlers.Callback(on_reply, query.drop, indirect=False)
         self._inside.get(
-            query.selector, handler, payload=query.payload, encoding=query.encoding, attachment=query.attachment,
-            timeout=ASK_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE, **keys.DO.qos.options(),
-        )  # fmt: skip
+            query.selector,
+            handler,
+            payload=query.payload,
+            encoding=query.encoding,
+            attachment=query.attachment,
+            timeout=ASK_TIMEOUT,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            **keys.DO.qos.options(),
+        )
 
     def _put_inside(self, sample: zenoh.Sample) -> None:
         _pass(self._inside, sample)
@@ -229,6 +235,10 @@ def _pass(session: zenoh.Session, sample: zenoh.Sample) -> None:
     """The same key, bytes, proof and class of service on the other side; never a put that blocks."""
     with contextlib.suppress(zenoh.ZError):  # that side is closing
         session.put(
-            sample.key_expr, sample.payload, encoding=sample.encoding, attachment=sample.attachment,
-            priority=sample.priority, congestion_control=zenoh.CongestionControl.DROP,
-        )  # fmt: skip
+            sample.key_expr,
+            sample.payload,
+            encoding=sample.encoding,
+            attachment=sample.attachment,
+            priority=sample.priority,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )

@@ -28,17 +28,45 @@ def report(runs: Sequence[Run]) -> RenderableType:
 
 def measured(runs: Sequence[Run]) -> RenderableType:
     """One line a run."""
-    table = _table("measured", "vehicles", "routers", "groups", "form", "re-sync", "in", "idle", "to the ground",
-                   "states", "RSS", "station CPU", "all states", "all tokens", "order", "worst", "late")  # fmt: skip
+    table = _table(
+        "measured",
+        "vehicles",
+        "routers",
+        "groups",
+        "form",
+        "re-sync",
+        "in",
+        "idle",
+        "to the ground",
+        "states",
+        "RSS",
+        "station CPU",
+        "all states",
+        "all tokens",
+        "order",
+        "worst",
+        "late",
+    )
     for run in runs:
         shape = run.shape
         table.add_row(
-            str(shape.vehicles), f"{shape.routers} {shape.topology}", str(shape.groups or "-"), f"{run.form:.1f} s",
-            f"{run.sync_bytes / 1e3:.0f} kB", f"{run.sync:.1f} s", f"{run.idle_rate / 1e3:.2f} kB/s",
-            f"{run.trunk_rate / 1e3:.1f} kB/s", f"{run.states:.0f}/{run.offered:.0f} Hz",
-            f"{run.rss_ground / 1e6:.0f} MB", f"{run.station_cpu:.1%}", _ms(run.ask if run.ask_answers else None),
-            _ms(run.history if run.history_answers else None), _ms(run.ping), _ms(run.ping_worst), str(run.late),
-        )  # fmt: skip
+            str(shape.vehicles),
+            f"{shape.routers} {shape.topology}",
+            str(shape.groups or "-"),
+            f"{run.form:.1f} s",
+            f"{run.sync_bytes / 1e3:.0f} kB",
+            f"{run.sync:.1f} s",
+            f"{run.idle_rate / 1e3:.2f} kB/s",
+            f"{run.trunk_rate / 1e3:.1f} kB/s",
+            f"{run.states:.0f}/{run.offered:.0f} Hz",
+            f"{run.rss_ground / 1e6:.0f} MB",
+            f"{run.station_cpu:.1%}",
+            _ms(run.ask if run.ask_answers else None),
+            _ms(run.history if run.history_answers else None),
+            _ms(run.ping),
+            _ms(run.ping_worst),
+            str(run.late),
+        )
     raw = f"one vehicle's raw telemetry crosses beside it: {len(STREAMED)} messages, {runs[-1].raw:.0f} frames/s here"
     return Group(table, Text(raw))
 
@@ -46,17 +74,28 @@ def measured(runs: Sequence[Run]) -> RenderableType:
 def fitted(runs: Sequence[Run]) -> RenderableType:
     """A straight line through the runs, for each cost, beside the largest run."""
     largest = max(runs, key=lambda run: run.shape.vehicles)
-    table = _table("flat key space", "cost", f"measured at {largest.shape.vehicles}", "fitted: fixed", "per vehicle",
-                   "worst miss", "fitted at 1000")  # fmt: skip
+    table = _table(
+        "flat key space",
+        "cost",
+        f"measured at {largest.shape.vehicles}",
+        "fitted: fixed",
+        "per vehicle",
+        "worst miss",
+        "fitted at 1000",
+    )
     for cost in COSTS:
         line, value = fit(runs, cost), cost.of(largest)
         if line is None or value is None:
             continue
         there = f"{line.at(1000):.4g} {cost.unit}" if line.worst <= STRAIGHT else "no line"
         table.add_row(
-            cost.name, f"{value * cost.scale:.4g} {cost.unit}", f"{line.fixed:.4g}", f"{line.each:.4g}",
-            f"{line.worst:.0%}", there,
-        )  # fmt: skip
+            cost.name,
+            f"{value * cost.scale:.4g} {cost.unit}",
+            f"{line.fixed:.4g}",
+            f"{line.each:.4g}",
+            f"{line.worst:.0%}",
+            there,
+        )
     return table
 
 

@@ -14,7 +14,11 @@ def shorten(state: wire.VehicleState, age: float) -> wire.GroupMember:
     """One vehicle for a map: positions to a centimetre, speeds to a centimetre a second."""
     p, v = state.position, state.velocity
     return wire.GroupMember(
-        name=state.name, age=round(age, 2), kind=state.kind, mode=state.mode, armed=state.armed,
+        name=state.name,
+        age=round(age, 2),
+        kind=state.kind,
+        mode=state.mode,
+        armed=state.armed,
         lat_deg=round(p.lat_deg, 7) if p else None,
         lon_deg=round(p.lon_deg, 7) if p else None,
         alt_amsl=round(p.alt_amsl, 2) if p else None,
@@ -22,7 +26,7 @@ def shorten(state: wire.VehicleState, age: float) -> wire.GroupMember:
         battery=None if state.battery is None or state.battery.remaining is None else state.battery.remaining,
         fix=state.gps.fix if state.gps else None,
         faults=[text for text in (None if state.connected else "no autopilot", state.clash, state.pilot) if text],
-    )  # fmt: skip
+    )
 
 
 def parts(group: str, t: float, members: list[wire.GroupMember]) -> Iterator[bytes]:

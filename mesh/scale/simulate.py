@@ -36,8 +36,9 @@ def _grouped(children: Children, shape: Shape) -> Run:
     trunk.hear()
     each = max(shape.routers // shape.groups, 1)
     networks = [Network(children, f"g{i}-", shape.topology, each) for i in range(shape.groups)]
-    shares = [range(i * shape.vehicles // shape.groups, (i + 1) * shape.vehicles // shape.groups)
-              for i in range(shape.groups)]  # fmt: skip
+    shares = [
+        range(i * shape.vehicles // shape.groups, (i + 1) * shape.vehicles // shape.groups) for i in range(shape.groups)
+    ]
     for network in networks:
         network.ready()
         until(network.formed, "every router has a neighbour")
@@ -65,7 +66,10 @@ def _doors(gateways: list[Child]) -> int:
 
 def _gateway(children: Children, i: int, network: Network, port: int) -> Child:
     how = {
-        "fleet": FLEET, "group": f"g{i}", "inside": [network.local], "connect": [endpoint(port)],
+        "fleet": FLEET,
+        "group": f"g{i}",
+        "inside": [network.local],
+        "connect": [endpoint(port)],
         "listen": [f"tcp/127.0.0.1:{free_port()}"],
-    }  # fmt: skip
+    }
     return children.start(f"gateway{i}", GATEWAY, how)

@@ -81,9 +81,13 @@ class Station:
         if verb == "ping":
             return await self._ping()
         return {
-            **usage(), "states": self._states, "raw": self._raw, "bytes": self._bytes, "groups": self._groups,
+            **usage(),
+            "states": self._states,
+            "raw": self._raw,
+            "bytes": self._bytes,
+            "groups": self._groups,
             "t": time.monotonic(),
-        }  # fmt: skip
+        }
 
     async def _ask(self) -> dict[str, Any]:
         start = time.perf_counter()

@@ -138,8 +138,19 @@ def measure(
         station = children.start("station", STATION, said)
         station.hear()
         until(lambda: bool(station.ask("known")["known"] >= shape.vehicles), "the station has heard everybody", 0.2)
-        return _read(shape, nodes, ground, station, meter, form=form, sync=sync, sync_bytes=sync_bytes,
-                     sync_cpu=sync_cpu,                     idle_rate=idle_rate, forming_cpu=forming_cpu)  # fmt: skip
+        return _read(
+            shape,
+            nodes,
+            ground,
+            station,
+            meter,
+            form=form,
+            sync=sync,
+            sync_bytes=sync_bytes,
+            sync_cpu=sync_cpu,
+            idle_rate=idle_rate,
+            forming_cpu=forming_cpu,
+        )
 
 
 def _rate(meter: Meter, seconds: float) -> float:
@@ -158,11 +169,23 @@ def _read(shape: Shape, nodes: list[Child], ground: Child, station: Child, meter
     asked, history, ping = station.ask("ask"), station.ask("tokens"), station.ask("ping")
     first = nodes[0].ask("usage")
     return Run(
-        shape=shape, rss=first["rss"], rss_ground=relay_after["rss"], trunk_rate=trunk_rate,
-        states=(after["states"] - before["states"]) / took, raw=(after["raw"] - before["raw"]) / took,
-        offered=5.0 * shape.vehicles, relay_cpu=(relay_after["cpu"] - relay_before["cpu"]) / took,
-        station_cpu=(after["cpu"] - before["cpu"]) / took, known=station.ask("known")["known"],
-        ask=asked["seconds"] if asked["answers"] else None, ask_answers=asked["answers"], history=history["seconds"],
-        history_answers=history["answers"], ping=ping["median"], ping_worst=ping["worst"], ping_lost=ping["lost"],
-        late=late, **so_far,
-    )  # fmt: skip
+        shape=shape,
+        rss=first["rss"],
+        rss_ground=relay_after["rss"],
+        trunk_rate=trunk_rate,
+        states=(after["states"] - before["states"]) / took,
+        raw=(after["raw"] - before["raw"]) / took,
+        offered=5.0 * shape.vehicles,
+        relay_cpu=(relay_after["cpu"] - relay_before["cpu"]) / took,
+        station_cpu=(after["cpu"] - before["cpu"]) / took,
+        known=station.ask("known")["known"],
+        ask=asked["seconds"] if asked["answers"] else None,
+        ask_answers=asked["answers"],
+        history=history["seconds"],
+        history_answers=history["answers"],
+        ping=ping["median"],
+        ping_worst=ping["worst"],
+        ping_lost=ping["lost"],
+        late=late,
+        **so_far,
+    )

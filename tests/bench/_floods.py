@@ -318,11 +318,32 @@ async def scene(place: Path) -> AsyncIterator[Scene]:
         stack.push_async_callback(autopilot.close)
         with (place / "log").open("w") as log:
             up = subprocess.Popen(
-                [sys.executable, "-m", "zmav", "up", "--link", autopilot.url, "--fleet", "alpha", "--name", "quad1",
-                 "-l", TCP.format(ports.tcp), "-l", QUIC.format(ports.quic), "-l", TLS.format(ports.tls),
-                 "--credentials", str(folder / "quad1"), "--cache", str(place / "cache")],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            )  # fmt: skip
+                [
+                    sys.executable,
+                    "-m",
+                    "zmav",
+                    "up",
+                    "--link",
+                    autopilot.url,
+                    "--fleet",
+                    "alpha",
+                    "--name",
+                    "quad1",
+                    "-l",
+                    TCP.format(ports.tcp),
+                    "-l",
+                    QUIC.format(ports.quic),
+                    "-l",
+                    TLS.format(ports.tls),
+                    "--credentials",
+                    str(folder / "quad1"),
+                    "--cache",
+                    str(place / "cache"),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
         stack.callback(up.wait)
         stack.callback(up.kill)
         for _ in range(100):
@@ -371,8 +392,10 @@ async def compare(seconds: float, only: str) -> None:
                     continue
                 attacker = subprocess.Popen(
                     [sys.executable, __file__, "--flood", name, str(made.folder), *map(str, made.ports)],
-                    preexec_fn=lambda: os.nice(19), stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                )  # fmt: skip
+                    preexec_fn=lambda: os.nice(19),
+                    stdin=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                )
                 await asyncio.sleep(2.5)  # its start costs processor time, and is no part of the flood
                 flooded, gap = await made.measure(seconds)
                 attacker.kill()

@@ -71,9 +71,8 @@ class Rig:
     """The processes of one demonstration; ``with Rig(processes, ...)``."""
 
     def __init__(
-        self, processes: Children, folder: Path, options: list[str], on_ground: bool,
-        camera: str = "down",
-    ) -> None:  # fmt: skip
+        self, processes: Children, folder: Path, options: list[str], on_ground: bool, camera: str = "down"
+    ) -> None:
         """``camera``: whose pictures are looked at."""
         self.processes, self.folder, self.on_ground, self._camera = processes, folder, on_ground, camera
         self.ground = f"tcp/127.0.0.1:{free_port()}"
@@ -89,13 +88,47 @@ class Rig:
         local = [f"tcp/127.0.0.1:{free_port()}" for _ in (QUAD, ROVER)]
         for port, name, link, own in zip((mavlink, mavlink + 1), (QUAD, ROVER), links, local, strict=True):
             more = ["-e", links[0]] if name == ROVER else []
-            start(name, "up", "--link", f"udpin:127.0.0.1:{port}", "--name", name, "--fleet", FLEET,
-                  "-l", link, "-l", own, *origin, *more)  # fmt: skip
+            start(
+                name,
+                "up",
+                "--link",
+                f"udpin:127.0.0.1:{port}",
+                "--name",
+                name,
+                "--fleet",
+                FLEET,
+                "-l",
+                link,
+                "-l",
+                own,
+                *origin,
+                *more,
+            )
         start("ground", "router", "-l", self.ground, "-e", links[0])
         spacing = str(AWAY / ROVERS_SOUTH)
-        start("sim", "sim", "--copters", "1", "--rovers", "1", "--spacing", spacing, "--control", str(self.control),
-              "--endpoint", f"udp:127.0.0.1:{mavlink}+1", "--camera", "copter1:15", "--pad", "rover1",
-              "--camera-port", str(pictures), "--scene", str(self.folder / "scene.toml"), *self._options)  # fmt: skip
+        start(
+            "sim",
+            "sim",
+            "--copters",
+            "1",
+            "--rovers",
+            "1",
+            "--spacing",
+            spacing,
+            "--control",
+            str(self.control),
+            "--endpoint",
+            f"udp:127.0.0.1:{mavlink}+1",
+            "--camera",
+            "copter1:15",
+            "--pad",
+            "rover1",
+            "--camera-port",
+            str(pictures),
+            "--scene",
+            str(self.folder / "scene.toml"),
+            *self._options,
+        )
         self.board, self._pictures = local[0], f"http://127.0.0.1:{pictures}/copter1.mjpeg"
 
     def start_agents(self) -> None:
@@ -206,9 +239,7 @@ def scene(bridge: bool) -> str:
     return FIELD + (BRIDGE.format(north=6.0 - AWAY, east=4.0) if bridge else "")
 
 
-async def fly(
-    rig: Rig, console: Console, way: Way, seconds: float, hide: bool, land: bool = True
-) -> Demonstration:  # fmt: skip
+async def fly(rig: Rig, console: Console, way: Way, seconds: float, hide: bool, land: bool = True) -> Demonstration:
     """All of it. Raises what went wrong, in words."""
     async with contextlib.AsyncExitStack() as stack:
         rig.start(scene(hide))

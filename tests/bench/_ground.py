@@ -59,8 +59,12 @@ def frames() -> Callable[[int], bytes]:
     packer = Packer(load_dialect(), 1, 191)
     return lambda n: packer.pack(
         "SET_POSITION_TARGET_LOCAL_NED",
-        target_system=1, target_component=1, coordinate_frame=1, type_mask=0x0DC7, vx=n * STEP,
-    )  # fmt: skip
+        target_system=1,
+        target_component=1,
+        coordinate_frame=1,
+        type_mask=0x0DC7,
+        vx=n * STEP,
+    )
 
 
 def udp(port: str, rate: float, seconds: float) -> None:

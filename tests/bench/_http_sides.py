@@ -39,9 +39,18 @@ def frames(rate: float) -> Iterator[bytes]:
         number += 1
         time.sleep(max(start + number / rate - time.monotonic(), 0.0))
         yield packer.pack(
-            MESSAGE, time_usec=time.monotonic_ns(), fix_type=3, lat=-353632610, lon=1491652300, alt=584090, eph=121,
-            epv=200, vel=10, cog=18000, satellites_visible=10,
-        )  # fmt: skip
+            MESSAGE,
+            time_usec=time.monotonic_ns(),
+            fix_type=3,
+            lat=-353632610,
+            lon=1491652300,
+            alt=584090,
+            eph=121,
+            epv=200,
+            vel=10,
+            cog=18000,
+            satellites_visible=10,
+        )
 
 
 def zenoh(endpoint: str, rate: str) -> None:

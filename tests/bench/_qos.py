@@ -121,9 +121,11 @@ def far(config: dict[str, Any]) -> None:
         query.reply(query.key_expr, b"done")
 
     for key in (
-        keys.SETPOINT.key(FLEET, VEHICLE, agent="*"), keys.STATE.key(FLEET, VEHICLE),
-        keys.RX.key(FLEET, VEHICLE, sys="*", comp="*", msg="*"), CAMERA,
-    ):  # fmt: skip
+        keys.SETPOINT.key(FLEET, VEHICLE, agent="*"),
+        keys.STATE.key(FLEET, VEHICLE),
+        keys.RX.key(FLEET, VEHICLE, sys="*", comp="*", msg="*"),
+        CAMERA,
+    ):
         reader.declare_subscriber(key, on_sample)
     reader.declare_queryable(keys.DO.key(FLEET, VEHICLE, verb="*"), on_query)
     print("ready", flush=True)

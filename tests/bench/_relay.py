@@ -20,7 +20,7 @@ class Relay:
 
     def __init__(
         self, port: int, delay: float, loss: float, jitter: float = 0.0, seed: int = 0, after: float = 0.0
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._to, self._delay, self._jitter, self.loss = ("127.0.0.1", port), delay, jitter, loss
         self._rng, self._stop = random.Random(seed), threading.Event()
         self._opens = time.monotonic() + after

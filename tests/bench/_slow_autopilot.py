@@ -125,9 +125,13 @@ class SlowAutopilot:
 
     def _value(self, name: str, index: int) -> int:
         return self._say(
-            "PARAM_VALUE", param_id=name, param_value=self.params[name], param_type=REAL32,
-            param_count=len(self.params), param_index=index,
-        )  # fmt: skip
+            "PARAM_VALUE",
+            param_id=name,
+            param_value=self.params[name],
+            param_type=REAL32,
+            param_count=len(self.params),
+            param_index=index,
+        )
 
     def _say(self, name: str, **fields: Any) -> int:
         frame = self._packer.pack(name, **fields)

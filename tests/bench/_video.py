@@ -23,7 +23,7 @@ class BadVideo:
 
     def __init__(
         self, board: str, ground: str, fleet: str, vehicle: str, delay: float, loss: float, seed: int = 0
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._board, self._ground = (open_session(SessionSettings(connect=(each,))) for each in (board, ground))
         self._fleet, self._vehicle, self._delay, self._loss = fleet, vehicle, delay, loss
         self._rng, self._count = random.Random(seed), itertools.count()

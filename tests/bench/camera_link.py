@@ -55,11 +55,14 @@ class Link(NamedTuple):
 
 
 LINKS = (
-    Link("no loss"), Link("10 % lost", 0.1), Link("30 % lost", 0.3),
+    Link("no loss"),
+    Link("10 % lost", 0.1),
+    Link("30 % lost", 0.3),
     Link("100 kB/s, 30 ms queue", rate=100e3, queue=0.03),
-    Link("40 kB/s, 30 ms queue", rate=40e3, queue=0.03), Link("40 kB/s, 2 s queue", rate=40e3, queue=2.0),
+    Link("40 kB/s, 30 ms queue", rate=40e3, queue=0.03),
+    Link("40 kB/s, 2 s queue", rate=40e3, queue=2.0),
     Link("100 kB/s, 30 ms, 10 % lost", 0.1, 100e3, 0.03),
-)  # fmt: skip
+)
 
 
 def scenes() -> list[Image]:
@@ -138,9 +141,12 @@ def result(delays: list[float], taken: int, torn: int, size: int, seconds: float
     share = len(delays) / max(taken, 1)
     ordered = sorted(delays) or [float("nan")]
     return Result(
-        min(share, 1.0), torn / max(torn + len(delays), 1), statistics.median(ordered),
-        ordered[int(0.95 * (len(ordered) - 1))], size / seconds,
-    )  # fmt: skip
+        min(share, 1.0),
+        torn / max(torn + len(delays), 1),
+        statistics.median(ordered),
+        ordered[int(0.95 * (len(ordered) - 1))],
+        size / seconds,
+    )
 
 
 def routers(held: contextlib.ExitStack) -> list[tuple[zenoh.Session, str]]:

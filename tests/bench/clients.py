@@ -111,9 +111,11 @@ def run(name: str, rate: float, seconds: float) -> dict[str, Any]:
             each.wait()
     ages = sorted(json.loads(told.splitlines()[-1])[-sent:])
     return {
-        "p50": statistics.median(ages), "p99": ages[int(0.99 * (len(ages) - 1))], "came": len(ages) / sent,
+        "p50": statistics.median(ages),
+        "p99": ages[int(0.99 * (len(ages) - 1))],
+        "came": len(ages) / sent,
         "cpu": [each / sent for each in used],
-    }  # fmt: skip
+    }
 
 
 def _send(port: int, rate: float, seconds: float, sides: list[subprocess.Popen[str]]) -> tuple[int, list[float]]:

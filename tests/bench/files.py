@@ -113,9 +113,10 @@ def theirs(watch: Stopwatch, url: str, path: str, log: int, upload: bytes) -> No
 
 async def ours(watch: Stopwatch, url: str, path: str, log: int, upload: bytes) -> None:
     """From the order to the file's last byte on the ground's disk, checksums included."""
-    with tempfile.TemporaryDirectory() as folder, open_session(
-        SessionSettings(mode="router", listen=["tcp/127.0.0.1:17953"])
-    ) as session:  # fmt: skip
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_session(SessionSettings(mode="router", listen=["tcp/127.0.0.1:17953"])) as session,
+    ):
         settings = OnboardSettings(link=url, name="quad1", cache=folder)
         async with Onboard(session, settings), zmav.open(connect=["tcp/127.0.0.1:17953"]) as z:
             v = z.vehicle("quad1")

@@ -30,14 +30,32 @@ PATIENCE_S = 60.0
 def main() -> None:
     """The median of three, for growing fleets."""
     print(LINE.format("routers", "kind", "links", "lease", "formed", "B/link", "idle B/s", "packets/s", "fleet kB/s"))
-    for kind, number, lease in (("each", 8, 1000), ("each", 8, 2000), ("few", 16, 2000), ("each", 16, 2000),
-                                ("few", 30, 2000)):  # fmt: skip
+    for kind, number, lease in (
+        ("each", 8, 1000),
+        ("each", 8, 2000),
+        ("few", 16, 2000),
+        ("each", 16, 2000),
+        ("few", 30, 2000),
+    ):
         with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # ports are let go late
             runs = [pool.apply(run, (kind, number, lease, PORT)) for _ in range(3)]
-        links, (formed, opening, idle, packets) = runs[0][0], (statistics.median(row[i] for row in runs) for i in
-                                                              range(1, 5))  # fmt: skip
-        print(LINE.format(number, kind, links, f"{lease / 1000:g} s", f"{formed:.2f} s", f"{opening / links:.0f}",
-                          f"{idle / links:.0f}", f"{packets / links:.1f}", f"{idle / 1000:.1f}"))  # fmt: skip
+        links, (formed, opening, idle, packets) = (
+            runs[0][0],
+            (statistics.median(row[i] for row in runs) for i in range(1, 5)),
+        )
+        print(
+            LINE.format(
+                number,
+                kind,
+                links,
+                f"{lease / 1000:g} s",
+                f"{formed:.2f} s",
+                f"{opening / links:.0f}",
+                f"{idle / links:.0f}",
+                f"{packets / links:.1f}",
+                f"{idle / 1000:.1f}",
+            )
+        )
 
 
 def run(kind: str, number: int, lease: int, port: int) -> tuple[int, float, float, float, float]:

@@ -94,11 +94,16 @@ def sides(sink: Sink, count: int) -> Iterator[list[Side]]:
     forwarder = free_port(socket.SOCK_DGRAM)
     plan: list[tuple[str, int, int, list[list[str]]]] = [
         ("pymavlink", forwarder, 0, [[sys.executable, PEERS, "pymavlink", str(forwarder), str(sink.port)]]),
-        ("zmav gcs", ports, 1, [
-            [sys.executable, HERE, "fleet", str(ports), str(count), endpoint],
-            [sys.executable, "-m", "zmav", "gcs", "--udp", str(sink.port), "--fleet", "bench", "-e", endpoint],
-        ]),
-    ]  # fmt: skip
+        (
+            "zmav gcs",
+            ports,
+            1,
+            [
+                [sys.executable, HERE, "fleet", str(ports), str(count), endpoint],
+                [sys.executable, "-m", "zmav", "gcs", "--udp", str(sink.port), "--fleet", "bench", "-e", endpoint],
+            ],
+        ),
+    ]
     with contextlib.ExitStack() as stack:
         found = [Side("direct", sink.port, 0, [])]
         for name, port, step, commands in plan:

@@ -192,9 +192,12 @@ class Meter:
         with self._lock:
             delays, took = list(self._delays), time.monotonic() - start
         return {
-            "rate": len(delays) / took, "delay": statistics.median(delays), "trip": statistics.median(trips),
-            "p95": sorted(trips)[int(0.95 * len(trips))], "lost": lost,
-        }  # fmt: skip
+            "rate": len(delays) / took,
+            "delay": statistics.median(delays),
+            "trip": statistics.median(trips),
+            "p95": sorted(trips)[int(0.95 * len(trips))],
+            "lost": lost,
+        }
 
 
 def spawn(*arguments: str, **options: Any) -> subprocess.Popen[str]:
@@ -245,9 +248,14 @@ def compare(scene: Scene, name: str, rounds: int, seconds: float) -> str:
     for number in range(rounds):
         quiet.append(scene.meter.measure(seconds))
         attacker = spawn(
-            __file__, "--attack", name, str(scene.folder), *map(str, scene.where), preexec_fn=lambda: os.nice(19),
+            __file__,
+            "--attack",
+            name,
+            str(scene.folder),
+            *map(str, scene.where),
+            preexec_fn=lambda: os.nice(19),
             stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        )
         time.sleep(1.5)  # its start costs processor time, and is no part of the attack
         attacked.append(scene.meter.measure(seconds))
         if number == rounds - 1:

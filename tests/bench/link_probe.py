@@ -71,8 +71,18 @@ async def measured(credentials: bool) -> dict[str, Any]:
 
 
 def table(protocol: str, found: dict[str, Any]) -> Table:
-    made = Table("link", "RTT set", "measured", "loss set", "to hub", "from hub", "rate set", "to hub", "from hub",
-                 title=f"{protocol}, {SETTLE_S:.0f} s after its start; RTT in ms, rates on the wire")  # fmt: skip
+    made = Table(
+        "link",
+        "RTT set",
+        "measured",
+        "loss set",
+        "to hub",
+        "from hub",
+        "rate set",
+        "to hub",
+        "from hub",
+        title=f"{protocol}, {SETTLE_S:.0f} s after its start; RTT in ms, rates on the wire",
+    )
     for name, values in {**LINKS, "uneven": UNEVEN}.items():
         link = found.get(name)
         delay = float(str(values.get("delay", "0 ms")).split()[0])

@@ -66,9 +66,10 @@ def _cell(value: float | None, width: int) -> str:
 
 async def accuracy(table: Table, credentials: bool) -> None:
     tables = {
-        "hosts": {"a": {}, "b": {}}, "credentials": credentials,
+        "hosts": {"a": {}, "b": {}},
+        "credentials": credentials,
         "media": [{"kind": "link", "between": ["a", "b"], "name": LINK}],
-    }  # fmt: skip
+    }
     label = "quic, credentials" if credentials else "udp"
     async with Lab(check(msgspec.convert(tables, Scenario))) as lab:
         await lab.ready()
@@ -240,9 +241,12 @@ async def _paced(table: Table, bench: Bench, a: Node, b: Node, hz: float, size: 
     what = f"{hz:.0f} Hz of {size} B ({hz * size * 8e-6:.1f} Mbit/s)"
     table.add(f"{what}: sent", "Hz", hz, statistics.median(sent))
     for name, unit, values in (
-        ("lost", "%", lost), ("sender behind its times, median", "µs", late), ("jitter", "µs", jitter),
-        ("CPU of the sender's router a datagram", "µs", cpu[0]), ("of the receiver's", "µs", cpu[1]),
-    ):  # fmt: skip
+        ("lost", "%", lost),
+        ("sender behind its times, median", "µs", late),
+        ("jitter", "µs", jitter),
+        ("CPU of the sender's router a datagram", "µs", cpu[0]),
+        ("of the receiver's", "µs", cpu[1]),
+    ):
         table.add(f"{what}: {name}", unit, None, statistics.median(values))
 
 

@@ -67,8 +67,10 @@ async def chain6(credentials: bool, quick: bool) -> None:
             medians.append(statistics.median(took))
             states = await _delays(z, lab, vehicle.name, 3.0 if quick else 10.0)
             ages.append(statistics.median(states))
-            print(f"  {i} hops: order and answer {rigs.milliseconds(took)}; "
-                  f"state one way {rigs.milliseconds(states)}, {len(states)} of them")  # fmt: skip
+            print(
+                f"  {i} hops: order and answer {rigs.milliseconds(took)}; "
+                f"state one way {rigs.milliseconds(states)}, {len(states)} of them"
+            )
             must(len(took) == count, f"{len(took)} of {count} orders were answered over {i} hops")
         each = (medians[-1] - medians[0]) / (HOPS - 1) / 2
         print(f"  per added hop, one way: orders {1e3 * each:.2f} ms, states {1e3 * (ages[-1] - ages[0]) / 4:.2f} ms")

@@ -29,9 +29,14 @@ from tests.agents.planner.execute.fleet import airborne
 from tests.agents.planner.execute.virtual import History, carousel, crossing, slower
 
 SIDES = (
-    ("arducopter", 2.0, 1.0), ("arducopter", 4.0, 2.0), ("arducopter", 5.0, 2.5), ("px4", 2.0, 1.0), ("px4", 4.0, 2.0),
-    ("ardurover", 1.0, 0.5), ("ardurover", 2.0, 1.0),
-)  # fmt: skip
+    ("arducopter", 2.0, 1.0),
+    ("arducopter", 4.0, 2.0),
+    ("arducopter", 5.0, 2.5),
+    ("px4", 2.0, 1.0),
+    ("px4", 4.0, 2.0),
+    ("ardurover", 1.0, 0.5),
+    ("ardurover", 2.0, 1.0),
+)
 
 
 async def follow(autopilot: str, speed: float, accel: float) -> None:

@@ -71,18 +71,19 @@ def scenario(count: int, standby: bool, resort: bool) -> Scenario:
     if standby:
         pairs += [("van", name) for name in quads[1::2]] + [("ground", "van")]
     medium = {
-        "kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, "rate": "6 Mbit/s", "delay": "62 ms",
-        "jitter": "37 ms", "loss": 0.0, "burst": 2.0,
-    }  # fmt: skip
+        "kind": "radio",
+        "name": "mesh",
+        "interface": "wlan0",
+        "pairs": pairs,
+        "rate": "6 Mbit/s",
+        "delay": "62 ms",
+        "jitter": "37 ms",
+        "loss": 0.0,
+        "burst": 2.0,
+    }
     # A link outlasts the storms: opened anew with so much loss, it takes ten seconds to come back from one of two.
     more = {"failsafe": {"action": "loiter"}, "separation": {"on": resort}, "mesh": {"lease": LINK_LEASE}}
-    return rigs.scenario(
-        name="swap",
-        profile="mesh",
-        hosts=hosts,
-        media=[medium],
-        fleet=more,
-    )
+    return rigs.scenario(name="swap", profile="mesh", hosts=hosts, media=[medium], fleet=more)
 
 
 def ring(count: int) -> list[tuple[float, float]]:
@@ -241,10 +242,12 @@ async def campaign(args: argparse.Namespace, kill: bool) -> bool:
             _logs(lab)
     took = [row["took"] for row in rows]
     deaths = f", {sum(row['kills'] for row in rows)} planners killed" if kill else ""
-    print(f"{sum(row['good'] for row in rows)} of {len(rows)} good{deaths}: "
-          f"least separation {min(row['apart'] for row in rows):.2f} m (must be {2 * RADIUS:.2f}), "
-          f"least clearance {min(row['clear'] for row in rows):.2f} m (must be {RADIUS:.2f}); "
-          f"took {statistics.median(took):.0f} s in the median, {max(took):.0f} s at most")  # fmt: skip
+    print(
+        f"{sum(row['good'] for row in rows)} of {len(rows)} good{deaths}: "
+        f"least separation {min(row['apart'] for row in rows):.2f} m (must be {2 * RADIUS:.2f}), "
+        f"least clearance {min(row['clear'] for row in rows):.2f} m (must be {RADIUS:.2f}); "
+        f"took {statistics.median(took):.0f} s in the median, {max(took):.0f} s at most"
+    )
     return good
 
 
@@ -302,9 +305,15 @@ async def swapped(desk: Planners, names: list[str], truth: Truth, rng: random.Ra
 
 
 async def killed(
-    lab: Lab, desk: Planners, names: list[str], truth: Truth, rng: random.Random, running: dict[str, Any], run: int,
+    lab: Lab,
+    desk: Planners,
+    names: list[str],
+    truth: Truth,
+    rng: random.Random,
+    running: dict[str, Any],
+    run: int,
     most: int,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """One swap whose planner dies again and again on the way; the other goes on with it, the dead one comes again."""
     await _known(desk, names)
     truth.reset()
@@ -337,9 +346,11 @@ async def _ended(desk: Planners, goal: str, truth: Truth, start: float, run: int
     entry = next(e for e in book.goals if e.id == goal)
     row = {"took": time.monotonic() - start, "apart": truth.apart, "clear": truth.clear, "state": entry.state}
     row["good"] = truth.apart >= 2 * RADIUS and truth.clear >= RADIUS and entry.state == "done"
-    print(f"  {run + 1:3d}: {entry.state} in {row['took']:5.1f} s (plan {entry.makespan or 0.0:.1f} s), separation "
-          f"{truth.apart:.2f} m {truth.pair}, trees {truth.clear:.2f} m, {truth.looks} looks {more} {entry.text}",
-          flush=True)  # fmt: skip
+    print(
+        f"  {run + 1:3d}: {entry.state} in {row['took']:5.1f} s (plan {entry.makespan or 0.0:.1f} s), separation "
+        f"{truth.apart:.2f} m {truth.pair}, trees {truth.clear:.2f} m, {truth.looks} looks {more} {entry.text}",
+        flush=True,
+    )
     return row
 
 

@@ -55,8 +55,17 @@ def scenario() -> Scenario:
     names = [name for name in hosts if name != "ground"]
     pairs = [("ground", name) for name in names]
     pairs += [(a, b) for a, b in itertools.pairwise(names) if a[:4] == b[:4]]
-    medium = {"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, "rate": "6 Mbit/s",
-              "delay": "62 ms", "jitter": "37 ms", "loss": 0.0, "burst": 2.0}  # fmt: skip
+    medium = {
+        "kind": "radio",
+        "name": "mesh",
+        "interface": "wlan0",
+        "pairs": pairs,
+        "rate": "6 Mbit/s",
+        "delay": "62 ms",
+        "jitter": "37 ms",
+        "loss": 0.0,
+        "burst": 2.0,
+    }
     slow = {f"rover{i + 1}": {"body": {"speed": SLOW}} for i in range(ROVERS)}
     fleet = {"failsafe": {"action": "loiter"}, "mesh": {"lease": 8.0}, "vehicles": slow}
     return rigs.scenario(name="mixed", profile="mesh", hosts=hosts, media=[medium], fleet=fleet)
@@ -175,8 +184,10 @@ def main() -> int:
     args = parser.parse_args()
     if not rigs.able():
         return 0
-    print(f"{COPTERS} copters, {ROVERS} rovers, {PLANES} planes; over two hops loss {args.loss:.0%} and 50-198 ms; "
-          f"copters keep {2 * RADIUS:g} m")  # fmt: skip
+    print(
+        f"{COPTERS} copters, {ROVERS} rovers, {PLANES} planes; over two hops loss {args.loss:.0%} and 50-198 ms; "
+        f"copters keep {2 * RADIUS:g} m"
+    )
     return 0 if asyncio.run(flown(args)) else 1
 
 

@@ -33,8 +33,15 @@ from zmav.errors import ZmavError
 from zmav.wire.swarm import Corner, Shape
 
 SHAPES: list[tuple[Shape, int]] = [
-    ("line", 7), ("vee", 9), ("column", 8), ("circle", 12), ("sphere", 12), ("grid", 16), ("grid", 36), ("vee", 21),
-]  # fmt: skip
+    ("line", 7),
+    ("vee", 9),
+    ("column", 8),
+    ("circle", 12),
+    ("sphere", 12),
+    ("grid", 16),
+    ("grid", 36),
+    ("vee", 21),
+]
 OPEN_SHAPES: list[tuple[Shape, int]] = [("grid", 64), ("sphere", 128), ("grid", 256)]
 SPEED, ACCEL = 5.0, 2.5
 ELL: list[Corner] = [(0.0, 0.0), (200.0, 0.0), (200.0, 80.0), (80.0, 80.0), (80.0, 200.0), (0.0, 200.0)]
@@ -115,11 +122,13 @@ def searchers(count: int, mixed: bool) -> FleetView:
         return crew(count)
     views = [
         view(
-            f"v{i:03}", (-40.0 - 5.0 * (i // 8), -40.0 + 5.0 * (i % 8), -10.0),
-            sweep_width=10.0 * (1 + i % 3), speed=5.0 + 3.0 * (i % 2),
+            f"v{i:03}",
+            (-40.0 - 5.0 * (i // 8), -40.0 + 5.0 * (i % 8), -10.0),
+            sweep_width=10.0 * (1 + i % 3),
+            speed=5.0 + 3.0 * (i % 2),
         )
         for i in range(count)
-    ]  # fmt: skip
+    ]
     return FleetView({each.name: each for each in views})
 
 

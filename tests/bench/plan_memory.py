@@ -52,9 +52,19 @@ async def measure(goals: int) -> None:
     looks = {1, *(round(goals * share) for share in (0.1, 0.25, 0.5, 0.75, 1.0))}
     async with airborne(STARTS, HEIGHT) as fleet:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "zmav", "swarm", "planner", "--name", "p", "--patience", "1", "-e", fleet.endpoint,
+            sys.executable,
+            "-m",
+            "zmav",
+            "swarm",
+            "planner",
+            "--name",
+            "p",
+            "--patience",
+            "1",
+            "-e",
+            fleet.endpoint,
             stderr=asyncio.subprocess.DEVNULL,
-        )  # fmt: skip
+        )
         try:
             planner = None
             while planner is None or not (await planner.order("status", zmav.wire.Order()))["ready"]:
@@ -69,8 +79,9 @@ async def measure(goals: int) -> None:
                     solver = " ".join(f"{resident(pid):.1f}" for pid in children(process.pid))
                     print(
                         f"goals {number:4d}: planner {resident(process.pid):.1f} MB, solver {solver} MB,"
-                        f" {time.monotonic() - began:.0f} s, {ends}", flush=True,
-                    )  # fmt: skip
+                        f" {time.monotonic() - began:.0f} s, {ends}",
+                        flush=True,
+                    )
         finally:
             process.kill()
             await process.wait()

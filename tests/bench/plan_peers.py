@@ -139,8 +139,13 @@ def orca(scene: Scene, grid: list[list[int]], starts: Cells, goals: Cells) -> Fo
     return None
 
 
-SIDES = {"zmav": ours, "pymapf PIBT": mapf("pibt"), "pymapf LaCAM": mapf("lacam"), "pymapf CBS": mapf("cbs"),
-         "pyrvo": orca}  # fmt: skip
+SIDES = {
+    "zmav": ours,
+    "pymapf PIBT": mapf("pibt"),
+    "pymapf LaCAM": mapf("lacam"),
+    "pymapf CBS": mapf("cbs"),
+    "pyrvo": orca,
+}
 
 
 def bound(scene: Scene) -> float:

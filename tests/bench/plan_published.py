@@ -28,8 +28,9 @@ from agents.planner.solve.pipeline import solve
 Ends = tuple[Floats, Floats]
 
 
-def scattered(rng: np.random.Generator, low: Floats, high: Floats, count: int, apart: Floats, off: list[Cylinder],
-              radius: float) -> Floats:  # fmt: skip
+def scattered(
+    rng: np.random.Generator, low: Floats, high: Floats, count: int, apart: Floats, off: list[Cylinder], radius: float
+) -> Floats:
     """(count, 3): random places, pairwise apart by 1 where x, y, z are measured in ``apart``; clear of cylinders."""
     found: list[Floats] = []
     for _ in range(200_000):
@@ -42,19 +43,34 @@ def scattered(rng: np.random.Generator, low: Floats, high: Floats, count: int, a
     raise ValueError(f"no room for {count}")
 
 
-def scene_of(ends: Ends, trees: list[Cylinder], bounds: Bounds, radius: float, vmax: float, amax: float,
-             downwash: float) -> Scene:  # fmt: skip
+def scene_of(
+    ends: Ends, trees: list[Cylinder], bounds: Bounds, radius: float, vmax: float, amax: float, downwash: float
+) -> Scene:
     vehicles = [
-        Vehicle(id=f"v{i:03}", type="copter", start=(a[0], a[1], a[2]), goal=(b[0], b[1], b[2]), radius=radius,
-                vmax=vmax, amax=amax)
+        Vehicle(
+            id=f"v{i:03}",
+            type="copter",
+            start=(a[0], a[1], a[2]),
+            goal=(b[0], b[1], b[2]),
+            radius=radius,
+            vmax=vmax,
+            amax=amax,
+        )
         for i, (a, b) in enumerate(zip(ends[0].tolist(), ends[1].tolist(), strict=True))
-    ]  # fmt: skip
+    ]
     obstacles: list[Obstacle] = [*trees]
     return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, downwash=downwash, goal_tolerance=0.05)
 
 
-def box(rng: np.random.Generator, count: int, size: tuple[float, float, float], trees: int, vmax: float, amax: float,
-        downwash: float) -> Scene:  # fmt: skip
+def box(
+    rng: np.random.Generator,
+    count: int,
+    size: tuple[float, float, float],
+    trees: int,
+    vmax: float,
+    amax: float,
+    downwash: float,
+) -> Scene:
     """From random places to random places in a room, radius 0.15 m, among round trees of radius 0.3 m."""
     low, high = np.array([-size[0] / 2, -size[1] / 2, 0.0]), np.array([size[0] / 2, size[1] / 2, size[2]])
     middles = scattered(rng, low, high * [1, 1, 0], trees, np.array([1.2, 1.2, 1.0]), [], 0.0)

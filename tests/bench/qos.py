@@ -44,11 +44,19 @@ def line(process: subprocess.Popen[str]) -> str:
 def measure(seconds: float, queue: float, credentials: list[str] | None, **more: Any) -> dict[str, Any]:
     """One run; what was sent and heard."""
     config: dict[str, Any] = {
-        "local": [free_udp_ports(1), free_udp_ports(1)], "router": free_udp_ports(1), "air": free_udp_ports(1),
+        "local": [free_udp_ports(1), free_udp_ports(1)],
+        "router": free_udp_ports(1),
+        "air": free_udp_ports(1),
         "radios": [free_udp_ports(1), free_udp_ports(1)],
-        "budget": None, "video": VIDEO, "chunk": 1100, "best_effort": False, "cfg": [], "seconds": seconds,
-        "credentials": credentials, **more,
-    }  # fmt: skip
+        "budget": None,
+        "video": VIDEO,
+        "chunk": 1100,
+        "best_effort": False,
+        "cfg": [],
+        "seconds": seconds,
+        "credentials": credentials,
+        **more,
+    }
     running = []
     try:
         if not config["budget"]:
@@ -107,8 +115,11 @@ def _busiest(result: dict[str, Any]) -> str:
 
 def classes(seconds: float) -> None:
     head = ("setpoint", "order (round trip)", "state", "raw", "video")
-    print("delay in ms, median/p99, and how much arrived".ljust(52) + "".join(f"{name:>18}" for name in head)
-          + f"{'disorder':>9}{'busiest s':>12}")  # fmt: skip
+    print(
+        "delay in ms, median/p99, and how much arrived".ljust(52)
+        + "".join(f"{name:>18}" for name in head)
+        + f"{'disorder':>9}{'busiest s':>12}"
+    )
     with tempfile.TemporaryDirectory() as folder:
         members = certified(Path(folder))
         runs: list[tuple[str, float, float, list[str] | None, dict[str, Any]]] = [
@@ -119,12 +130,22 @@ def classes(seconds: float) -> None:
             ("same, the radio's queue 30 ms", RATE, 0.03, None, {"cfg": OURS}),
             ("bearers with a budget of 1 Mbit/s", RATE, 0.0, None, {"cfg": OURS, "budget": "1 Mbit/s"}),
             ("same, QUIC with TLS", RATE, 0.0, members, {"cfg": OURS, "budget": "1 Mbit/s"}),
-            ("bearers, 1 Mbit/s, video best effort", RATE, 0.0, None,
-             {"cfg": OURS, "budget": "1 Mbit/s", "best_effort": True}),
+            (
+                "bearers, 1 Mbit/s, video best effort",
+                RATE,
+                0.0,
+                None,
+                {"cfg": OURS, "budget": "1 Mbit/s", "best_effort": True},
+            ),
             ("bearers, 60 kB/s", 60e3, 0.0, None, {"cfg": OURS, "budget": "60 kB/s"}),
-            ("bearers, 60 kB/s, two pictures of 5 kB a second", 60e3, 0.0, None,
-             {"cfg": OURS, "budget": "60 kB/s", "video": 10e3, "chunk": 5000}),
-        ]  # fmt: skip
+            (
+                "bearers, 60 kB/s, two pictures of 5 kB a second",
+                60e3,
+                0.0,
+                None,
+                {"cfg": OURS, "budget": "60 kB/s", "video": 10e3, "chunk": 5000},
+            ),
+        ]
         for what, rate, queue, credentials, more in runs:
             row(what, {**measure(seconds, queue, credentials, **more), "rate": rate})
 
@@ -146,10 +167,7 @@ def cost(count: int) -> None:
     """What a datagram of 1,200 bytes costs through two bearers in one process, without and with a budget."""
     print("\nthrough two bearers: CPU a datagram and bearer")
     for budget in (None, "10 MB/s"):
-        ports, routers = (
-            [free_udp_ports(1), free_udp_ports(1)],
-            [free_udp_ports(1), free_udp_ports(1)],
-        )
+        ports, routers = ([free_udp_ports(1), free_udp_ports(1)], [free_udp_ports(1), free_udp_ports(1)])
         bearers = []
         for side, name in enumerate(("near", "far")):
             far = Far(("far", "near")[side], [(0, ("127.0.0.1", ports[1 - side]), 20)], opens=side == 0)

@@ -33,9 +33,17 @@ from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 
 MIX = (
-    "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS",
-    "VFR_HUD", "SYS_STATUS", "GPS_RAW_INT", "BATTERY_STATUS",
-)  # fmt: skip
+    "ATTITUDE",
+    "LOCAL_POSITION_NED",
+    "GLOBAL_POSITION_INT",
+    "ATTITUDE",
+    "SERVO_OUTPUT_RAW",
+    "RC_CHANNELS",
+    "VFR_HUD",
+    "SYS_STATUS",
+    "GPS_RAW_INT",
+    "BATTERY_STATUS",
+)
 THEIRS = """
 import socket, struct, sys, time
 from pymavlink import mavutil

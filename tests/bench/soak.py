@@ -43,11 +43,21 @@ SETTLED = 0.3
 GROWTH = 0.10
 """of a process's resident memory from then to the end, at most"""
 FAULTS: dict[str, dict[str, float]] = {
-    "link-cut": {}, "link-loss": {"percent": 30.0}, "link-delay": {"ms": 400.0}, "link-duplication": {},
-    "link-corruption": {}, "gps-loss": {}, "gps-glitch": {"north": 20.0}, "compass": {}, "baro": {"metres": 3.0},
-    "imu": {"vibration": 20.0}, "rc-loss": {}, "frozen": {"watchdog_s": 5.0}, "reboot": {},
+    "link-cut": {},
+    "link-loss": {"percent": 30.0},
+    "link-delay": {"ms": 400.0},
+    "link-duplication": {},
+    "link-corruption": {},
+    "gps-loss": {},
+    "gps-glitch": {"north": 20.0},
+    "compass": {},
+    "baro": {"metres": 3.0},
+    "imu": {"vibration": 20.0},
+    "rc-loss": {},
+    "frozen": {"watchdog_s": 5.0},
+    "reboot": {},
     "battery": {"left_percent": 40.0},
-}  # fmt: skip
+}
 FOR = (5.0, 18.0)
 """s that a fault lasts"""
 
@@ -109,12 +119,14 @@ class Soak:
             "arm": lambda: v.arm(ready_timeout=20.0),
             "takeoff": lambda: v.takeoff(height),
             "goto": lambda: v.goto(pos=place),
-            "hold": v.hold, "rtl": v.rtl, "ping": v.ping,
+            "hold": v.hold,
+            "rtl": v.rtl,
+            "ping": v.ping,
             "param list": v.params.list,
             "param get": lambda: v.params.get("MAV_SYS_ID" if v.name == "quad2" else "RTL_ALT"),
             "lease": lambda: self._stream(v),
             "planner goto": lambda: self._goal(v.name, place),
-        }  # fmt: skip
+        }
 
     async def _stream(self, v: zmav.Vehicle) -> None:
         async with v.lease("soak") as lease:
@@ -126,10 +138,18 @@ class Soak:
         """As a person would give it: its program's exit code is the answer."""
         where = f"{name}={place[0]:.0f},{place[1]:.0f},{-place[2]:.0f}"
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "zmav", "swarm", "goto", where, "--no-wait", stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.STDOUT, env={"PATH": "/usr/bin:/bin", **self.stage.environment("ground")},
+            sys.executable,
+            "-m",
+            "zmav",
+            "swarm",
+            "goto",
+            where,
+            "--no-wait",
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            env={"PATH": "/usr/bin:/bin", **self.stage.environment("ground")},
             cwd=Path(__file__).resolve().parents[2],
-        )  # fmt: skip
+        )
         out, _ = await process.communicate()
         if process.returncode != 0:
             lines = out.decode().strip().splitlines() or ["without a word"]
@@ -182,9 +202,7 @@ async def _awaited(do: Callable[[], Awaitable[object]]) -> object:
 
 def everything_cuttable(demo: Demo) -> Demo:
     """With a step that names every link, so that each is laid through a relay."""
-    return msgspec.structs.replace(
-        demo, story=msgspec.structs.replace(demo.story, steps=[Step(cut=demo.links())])
-    )  # fmt: skip
+    return msgspec.structs.replace(demo, story=msgspec.structs.replace(demo.story, steps=[Step(cut=demo.links())]))
 
 
 async def soak(args: argparse.Namespace, processes: Children, stage: Stage, demo: Demo) -> bool:

@@ -76,16 +76,30 @@ class Fleet:
 
 def _state(name: str, i: int, now: float) -> wire.VehicleState:
     return wire.VehicleState(
-        t=now, fleet="demo", name=name, instance="a", connected=True, sysid=i + 1, compid=1, autopilot="ardupilot",
-        kind="copter", firmware="4.7.0", mode="GUIDED", armed=True, status="ACTIVE", link="up",
+        t=now,
+        fleet="demo",
+        name=name,
+        instance="a",
+        connected=True,
+        sysid=i + 1,
+        compid=1,
+        autopilot="ardupilot",
+        kind="copter",
+        firmware="4.7.0",
+        mode="GUIDED",
+        armed=True,
+        status="ACTIVE",
+        link="up",
         position=wire.GlobalPosition(lat_deg=-35.3, lon_deg=149.1, alt_amsl=600.0 + now % 7.0, alt_rel=now % 7.0),
-        local=(1.0 * i, now % 5.0, -10.0), velocity=(1.0, 0.5, 0.0),
+        local=(1.0 * i, now % 5.0, -10.0),
+        velocity=(1.0, 0.5, 0.0),
         attitude=wire.Attitude(roll=0.0, pitch=0.1, yaw=1.0),
         battery=wire.Battery(voltage=12.1, current=9.0, remaining=0.8),
         gps=wire.Gps(fix="3D_FIX", satellites=14, hdop=0.8),
-        ages={"position": 0.1}, setpoints={"flown": int(now)},
+        ages={"position": 0.1},
+        setpoints={"flown": int(now)},
         lease=wire.LeaseInfo(holder="planner", expires=now + 2.5, number=1),
-    )  # fmt: skip
+    )
 
 
 def cpu(endpoint: str) -> float:
@@ -93,9 +107,13 @@ def cpu(endpoint: str) -> float:
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", SIZE[1], SIZE[0], 0, 0))
     process = subprocess.Popen(
-        [sys.executable, "-m", "zmav", "top", "-e", endpoint], stdin=slave, stdout=slave, stderr=slave,
-        env={**os.environ, "TERM": "xterm-256color"}, start_new_session=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "zmav", "top", "-e", endpoint],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        env={**os.environ, "TERM": "xterm-256color"},
+        start_new_session=True,
+    )
     written = 0
 
     def drain() -> None:

@@ -167,14 +167,19 @@ def _row(what: str, gap: float, found: list[dict[str, Any]]) -> dict[str, Any]:
         return [round(statistics.median(values)), round(max(values))] if values else []
 
     return {
-        "torn": what, "gap": gap, "rounds": len(found),
-        "engaged_ms": spread("engaged_ms"), "left_ms": spread("left_ms"),
+        "torn": what,
+        "gap": gap,
+        "rounds": len(found),
+        "engaged_ms": spread("engaged_ms"),
+        "left_ms": spread("left_ms"),
         "went_on": sum(bool(each.get("went_on")) for each in found),
-        "still": sum(bool(each.get("still")) for each in found), "held_ms": spread("held_ms"),
-        "next_flew": sum(bool(each.get("next_flew")) for each in found), "next_ms": spread("next_ms"),
+        "still": sum(bool(each.get("still")) for each in found),
+        "held_ms": spread("held_ms"),
+        "next_flew": sum(bool(each.get("next_flew")) for each in found),
+        "next_ms": spread("next_ms"),
         "sank_m": round(max(each.get("sank", 0.0) for each in found), 2),
         "why": sorted({each["why"] for each in found if "why" in each}),
-    }  # fmt: skip
+    }
 
 
 def _line(row: dict[str, Any]) -> str:

@@ -88,10 +88,17 @@ class Measure:
         while True:
             for i, name in enumerate(self._others):
                 state = wire.VehicleState(
-                    t=time.time(), fleet=fleet, name=name, instance="bench", connected=True, kind="copter",
-                    mode="GUIDED", local=(10.0 * i, step % 300, -10.0), velocity=(0.0, 5.0, 0.0),
+                    t=time.time(),
+                    fleet=fleet,
+                    name=name,
+                    instance="bench",
+                    connected=True,
+                    kind="copter",
+                    mode="GUIDED",
+                    local=(10.0 * i, step % 300, -10.0),
+                    velocity=(0.0, 5.0, 0.0),
                     attitude=wire.Attitude(roll=0.0, pitch=0.1, yaw=1.6),
-                )  # fmt: skip
+                )
                 self._z.put(keys.STATE, keys.STATE.key(fleet, name), state)
             step += 1
             await asyncio.sleep(0.2)
@@ -107,9 +114,13 @@ class Measure:
         took, frames, delays = time.monotonic() - start, list(self._frames), sorted(self._delays)
         gaps = [b - a for a, b in itertools.pairwise(frames)]
         return Turn(
-            len(frames) / took, max(gaps, default=took), statistics.median(delays or [0.0]),
-            delays[int(0.99 * len(delays))] if delays else 0.0, statistics.median(pings or [0.0]), self._vehicle_hz,
-        )  # fmt: skip
+            len(frames) / took,
+            max(gaps, default=took),
+            statistics.median(delays or [0.0]),
+            delays[int(0.99 * len(delays))] if delays else 0.0,
+            statistics.median(pings or [0.0]),
+            self._vehicle_hz,
+        )
 
 
 class View:
@@ -180,8 +191,10 @@ def table(turns: dict[str, list[Turn]]) -> None:
         "painter MB",
     )
     print(f"{'':>22}" + "".join(f"{name:>15}" for name in head))
-    rows = {side: [statistics.median(values) for values in zip(*map(msgspec.structs.astuple, found), strict=True)]
-            for side, found in turns.items()}  # fmt: skip
+    rows = {
+        side: [statistics.median(values) for values in zip(*map(msgspec.structs.astuple, found), strict=True)]
+        for side, found in turns.items()
+    }
     for side, row in rows.items():
         scale = (1.0, 1e3, 1e3, 1e3, 1e3, 1.0, 1.0, 1.0)
         print(f"{side:>22}" + "".join(f"{x * k:15.2f}" for x, k in zip(row, scale, strict=True)))

@@ -47,9 +47,20 @@ def bad(speaker: Speaker) -> dict[str, dict[str, Any]]:
 def state(**changes: Any) -> bytes:
     """The state of a vehicle in order, but for ``changes``."""
     whole = wire.VehicleState(
-        t=time.time(), fleet="demo", name="quad7", instance="x", connected=True, sysid=7, compid=1, autopilot="generic",
-        kind="copter", mode="HOLD", armed=False, ready=True, link="up",
-    )  # fmt: skip
+        t=time.time(),
+        fleet="demo",
+        name="quad7",
+        instance="x",
+        connected=True,
+        sysid=7,
+        compid=1,
+        autopilot="generic",
+        kind="copter",
+        mode="HOLD",
+        armed=False,
+        ready=True,
+        link="up",
+    )
     return wire.encode(msgspec.structs.replace(whole, **changes))
 
 
@@ -129,10 +140,18 @@ def qualities(**per_report: int) -> Iterator[bytes]:
         counts: dict[str, Any] = {name: each * n for name, each in per_report.items()}
         yield wire.encode(
             wire.LinkQuality(
-                t=time.time(), name="autopilot", url="udpin:0.0.0.0:14550", state="up", age=0.0, rx_rate=50.0,
-                rx_bytes_rate=2000.0, loss=0.0, rx_frames=100 * n, **counts,
+                t=time.time(),
+                name="autopilot",
+                url="udpin:0.0.0.0:14550",
+                state="up",
+                age=0.0,
+                rx_rate=50.0,
+                rx_bytes_rate=2000.0,
+                loss=0.0,
+                rx_frames=100 * n,
+                **counts,
             )
-        )  # fmt: skip
+        )
 
 
 @pytest.mark.parametrize(
@@ -298,8 +317,7 @@ def test_a_link_that_loses_some_is_told_of_and_is_no_fault(here: type[Here]) -> 
 
 
 @pytest.mark.parametrize(
-    ("url", "words"),
-    [("pigeon:coop", "link: "), ("tcp:127.0.0.1:1", "link: "), ("/dev/no-such-tty,57600", "device: ")],
+    ("url", "words"), [("pigeon:coop", "link: "), ("tcp:127.0.0.1:1", "link: "), ("/dev/no-such-tty,57600", "device: ")]
 )
 def test_a_link_that_does_not_open(here: type[Here], url: str, words: str) -> None:
     told = here().fails("doctor", "--link", url, "--for", "0.2")

@@ -200,8 +200,12 @@ def well(fleet: Fleet) -> None:
     assert "traffic" not in lines, "it was listened to"
     page = zmav_here("doctor", "--file", str(fleet.file), "--for", "1.2", "-e", fleet.ground)
     assert [line for line in page.out.splitlines() if line and not line.startswith(" ")][1:-1] == [
-        "routers and links", "alpha/ground", "alpha/quad1", "alpha/quad2", "fleet",
-    ]  # fmt: skip
+        "routers and links",
+        "alpha/ground",
+        "alpha/quad1",
+        "alpha/quad2",
+        "fleet",
+    ]
     assert len(page.out.splitlines()) < 60
 
 
@@ -238,9 +242,21 @@ def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     sim, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
     fleet.start("sim", "--copters", "1", "--speed", "8", "--seed", "3", "--endpoint", f"tcp:{sim}")
     up = fleet.start(
-        "up", "--link", f"tcp:127.0.0.1:{sim}", "--name", "quad3", "--fleet", "alpha",
-        "-l", endpoint, "-e", fleet.ground, "--cache", str(tmp_path / "cache3"), code=SHIFTED,
-    )  # fmt: skip
+        "up",
+        "--link",
+        f"tcp:127.0.0.1:{sim}",
+        "--name",
+        "quad3",
+        "--fleet",
+        "alpha",
+        "-l",
+        endpoint,
+        "-e",
+        fleet.ground,
+        "--cache",
+        str(tmp_path / "cache3"),
+        code=SHIFTED,
+    )
 
     async def there(true: Callable[[zmav.VehicleState], bool]) -> None:
         async with fleet.open() as z:

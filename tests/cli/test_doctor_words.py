@@ -40,8 +40,19 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def quality(name: str, **changes: Any) -> wire.NeighbourQuality:
-    whole = wire.NeighbourQuality(t=0.0, name=name, router="aa", peer="bb", url="udp/1", state="up", age=0.1, rtt=0.004,
-                                  loss_in=0.0, loss_out=0.0, cost=100)  # fmt: skip
+    whole = wire.NeighbourQuality(
+        t=0.0,
+        name=name,
+        router="aa",
+        peer="bb",
+        url="udp/1",
+        state="up",
+        age=0.1,
+        rtt=0.004,
+        loss_in=0.0,
+        loss_out=0.0,
+        cost=100,
+    )
     return msgspec.structs.replace(whole, **changes)
 
 

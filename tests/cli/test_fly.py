@@ -77,9 +77,13 @@ def test_faults_are_named_before_anything_is_done(here: type[Here], arguments: t
 
 @pytest.mark.parametrize(
     ("line", "words"),
-    [("nonsense", "line 2 is not JSON"), ("[1]", "line 2 is no object"), ('{"speed": 1}', "speed"),
-     ('{"lease": "mine", "vel": [0, 0, 0]}', "lease is put in")],
-)  # fmt: skip
+    [
+        ("nonsense", "line 2 is not JSON"),
+        ("[1]", "line 2 is no object"),
+        ('{"speed": 1}', "speed"),
+        ('{"lease": "mine", "vel": [0, 0, 0]}', "lease is put in"),
+    ],
+)
 def test_a_wrong_line_ends_the_stream(vehicle: Vehicle, line: str, words: str) -> None:
     ran = CliRunner().invoke(cli.zmav, ["fly", "quad1", "--stdin", "-e", vehicle.endpoint], input=f"\n{line}\n")
     assert ran.exit_code == 1

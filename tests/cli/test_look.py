@@ -40,8 +40,12 @@ def test_ls_shows_who_is_there(vehicle: Vehicle) -> None:
     assert re.search(r"[+-]\d\.\dN [+-]\d\.\dE", told.out), "where it stands"
     (row,) = vehicle.zmav("ls", "--json").lines
     assert (row["name"], row["kind"], row["mode"], row["armed"], row["present"]) == (
-        "quad1", "copter", "STABILIZE", False, True,
-    )  # fmt: skip
+        "quad1",
+        "copter",
+        "STABILIZE",
+        False,
+        True,
+    )
     assert row["battery"]["voltage"] == pytest.approx(12.6, abs=0.1)
     assert row["position"]["lat_deg"] == pytest.approx(-35.363, abs=0.01)
     assert 0.0 <= row["age"] < 2.0
@@ -203,9 +207,17 @@ def test_info(vehicle: Vehicle) -> None:
 def test_info_shows_how_well_routers_hear_their_neighbours(net: Net, here: type[Here]) -> None:
     session, endpoint = net.router()
     good = wire.NeighbourQuality(
-        t=1.0, name="relay", router="ab", peer="cd", url="udp/1.2.3.4:5", state="up",
-        age=0.2, rtt=0.0345, loss_in=0.25, loss_out=0.0,
-    )  # fmt: skip
+        t=1.0,
+        name="relay",
+        router="ab",
+        peer="cd",
+        url="udp/1.2.3.4:5",
+        state="up",
+        age=0.2,
+        rtt=0.0345,
+        loss_in=0.25,
+        loss_out=0.0,
+    )
     lies = {"relay": wire.encode(good), "bad": b"[" * 9000, "ground": wire.encode(good).replace(b"0.0345", b"9.9")}
     lies["[red"] = wire.encode(good).replace(b"relay", b"[red")
 

@@ -56,8 +56,10 @@ def plain(vehicle: Vehicle) -> Any:
 def test_a_plan_there_and_back(plain: Vehicle, survey: Path, tmp_path: Path) -> None:
     do = plain.zmav
     assert do("mission", "upload", "quad*", str(survey)).out.splitlines() == [
-        "quad1: mission uploaded, 3 items", "quad1: fence uploaded, 3 items", "quad1: rally uploaded, 1 items",
-    ]  # fmt: skip
+        "quad1: mission uploaded, 3 items",
+        "quad1: fence uploaded, 3 items",
+        "quad1: rally uploaded, 1 items",
+    ]
     back = tmp_path / "{vehicle}-back.plan"
     told = do("mission", "download", "quad*", str(back))
     path = tmp_path / "quad1-back.plan"
@@ -76,8 +78,10 @@ def test_a_plan_there_and_back(plain: Vehicle, survey: Path, tmp_path: Path) -> 
     assert "-35.3632110" in told.out
     lines = do("mission", "clear", "quad1", "--kind", "all", "--json").lines
     assert [(each["vehicle"], each["kind"]) for each in lines] == [
-        ("quad1", "mission"), ("quad1", "fence"), ("quad1", "rally"),
-    ]  # fmt: skip
+        ("quad1", "mission"),
+        ("quad1", "fence"),
+        ("quad1", "rally"),
+    ]
     assert do("mission", "show", "quad1", "--json").lines[0]["mission"]["items"] == []
 
 

@@ -20,9 +20,19 @@ if TYPE_CHECKING:
 def test_list_by_pattern(vehicle: Vehicle) -> None:
     told = vehicle.zmav("param", "list", "quad1", "wpnav_speed*")
     assert told.out.split() == [
-        "name", "value", "type", "WPNAV_SPEED", "1000", "REAL32", "WPNAV_SPEED_DN", "150", "REAL32",
-        "WPNAV_SPEED_UP", "250", "REAL32",
-    ]  # fmt: skip
+        "name",
+        "value",
+        "type",
+        "WPNAV_SPEED",
+        "1000",
+        "REAL32",
+        "WPNAV_SPEED_DN",
+        "150",
+        "REAL32",
+        "WPNAV_SPEED_UP",
+        "250",
+        "REAL32",
+    ]
     lines = vehicle.zmav("param", "list", "quad*", "--json").lines
     assert len(lines) == 1354
     assert {"vehicle": "quad1", "name": "RTL_ALT", "value": 1500, "type": "INT32"} in lines

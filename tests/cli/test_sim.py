@@ -257,19 +257,37 @@ def test_it_is_shown_while_the_world_runs(
 def make_status() -> Callable[..., WorldStatus]:
     def make(**changes: Any) -> WorldStatus:
         usual = VehicleStatus(
-            name="quad1", sysid=1, kind="copter", autopilot="arducopter", airframe="quad", url="", mode="GUIDED",
-            armed=True, landed=False, ready=True, ned_m=(0.0, 0.0, 0.0), height_m=0.0, speed_mps=0.0, heading_deg=0.0,
-            battery_pct=100, links=1,
-        )  # fmt: skip
+            name="quad1",
+            sysid=1,
+            kind="copter",
+            autopilot="arducopter",
+            airframe="quad",
+            url="",
+            mode="GUIDED",
+            armed=True,
+            landed=False,
+            ready=True,
+            ned_m=(0.0, 0.0, 0.0),
+            height_m=0.0,
+            speed_mps=0.0,
+            heading_deg=0.0,
+            battery_pct=100,
+            links=1,
+        )
         replace = msgspec.structs.replace
         world = WorldStatus(
-            time_s=61.0, speed=4.0, speed_reached=3.9, behind=True, cpu_share=0.42, clients=5,
+            time_s=61.0,
+            speed=4.0,
+            speed_reached=3.9,
+            behind=True,
+            cpu_share=0.42,
+            clients=5,
             vehicles=(
                 usual,
                 replace(usual, name="quad2", landed=True, faults=("gps-loss",)),
                 replace(usual, name="ugv", kind="rover", mode="HOLD", armed=False, failed="a defect"),
             ),
-        )  # fmt: skip
+        )
         return replace(world, **changes)
 
     return make

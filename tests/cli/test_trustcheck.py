@@ -109,10 +109,15 @@ def test_vehicles_certificates(authority: Authority, tmp_path: Path) -> None:
         authority,
         {"quad1": authority.ledger.number},
         {
-            "good": good, "soon": soon, "out": out, "over": over, "thief": good,
-            "stranger": Credentials.load(stranger).certificate, "silent": ZmavError("silent shows no certificate"),
+            "good": good,
+            "soon": soon,
+            "out": out,
+            "over": over,
+            "thief": good,
+            "stranger": Credentials.load(stranger).certificate,
+            "silent": ZmavError("silent shows no certificate"),
         },
-    )  # fmt: skip
+    )
     found = {f.subject.removeprefix("alpha/").removesuffix(" certificate"): f for f in said[1:]}
     assert {name for name, f in found.items() if f.ok} == {"good", "over"}
     words = {"soon": "soon", "out": "revoked", "thief": "it is good's", "stranger": "authority", "silent": "shows no"}

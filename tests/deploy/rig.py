@@ -56,8 +56,10 @@ class Place:
         settings.with_name(f"{settings.name}.id").write_text(uuid.uuid4().hex)
         self._holder = subprocess.Popen(
             ["unshare", "--net", "--mount", "sh", "-c", PREPARE, str(settings)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=_die_with_us,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            preexec_fn=_die_with_us,
+        )
         assert self._holder.stdin is not None
         assert self._holder.stdout is not None
         self._holder.stdin.write(b"ready\n")
@@ -81,9 +83,13 @@ class Place:
         """A program in here, which ends with us."""
         with (log or self.log.with_suffix(f".{Path(command[0]).name}")).open("ab") as file:
             process = subprocess.Popen(
-                self.inside(*command), stdin=subprocess.DEVNULL, stdout=file, stderr=file,
-                env={**os.environ, **environment}, preexec_fn=_die_with_us,
-            )  # fmt: skip
+                self.inside(*command),
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=file,
+                env={**os.environ, **environment},
+                preexec_fn=_die_with_us,
+            )
         self._started.append(process)
         return process
 
@@ -96,8 +102,9 @@ class Place:
         links: list[dict[str, Any]] = json.loads(self.run("ip", "-j", "-4", "addr"))
         return {
             (link["ifname"], str(ip_interface(f"{each['local']}/{each['prefixlen']}")))
-            for link in links for each in link.get("addr_info", ())
-        }  # fmt: skip
+            for link in links
+            for each in link.get("addr_info", ())
+        }
 
     def await_address(self, interface: str, address: str) -> None:
         """Return once networkd has set it."""

@@ -233,8 +233,11 @@ def test_docker_compose_reads_it(name: str) -> None:
         pytest.skip("needs docker with the compose plugin")
     done = subprocess.run(
         ["docker", "compose", "-f", str(CONTAINERS / name), "config", "--quiet"],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -290,10 +293,13 @@ class Boxes:
     def words(self, service: str) -> list[str]:
         """The service's command line, with this machine's places."""
         places = {
-            "/etc/zmav/fleet.toml": str(self.fleet), "/tmp/sim.sock": str(self.directory / "sim.sock"),
-            "/recordings": str(self.directory / "recordings"), "0.0.0.0": "127.0.0.1", **self.published,
+            "/etc/zmav/fleet.toml": str(self.fleet),
+            "/tmp/sim.sock": str(self.directory / "sim.sock"),
+            "/recordings": str(self.directory / "recordings"),
+            "0.0.0.0": "127.0.0.1",
+            **self.published,
             "0.0.0.0:5790": f"127.0.0.1:{self.published['5790']}",
-        }  # fmt: skip
+        }
         return [places.get(word, word) for word in self.file["services"][service]["command"]]
 
     def start(self, service: str) -> None:
@@ -304,15 +310,23 @@ class Boxes:
         with (self.directory / f"{service}.log").open("wb") as log:
             self.processes[service] = subprocess.Popen(
                 [sys.executable, "-m", "zmav", *self.words(service)],
-                cwd=self.directory, env=self.environment(service), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            )  # fmt: skip
+                cwd=self.directory,
+                env=self.environment(service),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
 
     def asked(self, service: str, *words: str) -> str:
         """``docker compose exec SERVICE zmav WORDS``; empty where it fails."""
         done = subprocess.run(
             [sys.executable, "-m", "zmav", *words],
-            env=self.environment(service), capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
+            env=self.environment(service),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
         return done.stdout if done.returncode == 0 else ""
 
     def log(self) -> str:
@@ -366,9 +380,10 @@ def test_the_services_commands_are_a_fleet(boxes: Boxes) -> None:
     page = f"http://127.0.0.1:{boxes.published['8088']}/vehicles"
 
     def fetched(headers: dict[str, str]) -> bytes:
-        with contextlib.suppress(urllib.error.URLError), urllib.request.urlopen(
-            urllib.request.Request(page, headers=headers), timeout=10
-        ) as answer:  # fmt: skip
+        with (
+            contextlib.suppress(urllib.error.URLError),
+            urllib.request.urlopen(urllib.request.Request(page, headers=headers), timeout=10) as answer,
+        ):
             return bytes(answer.read())
         return b""
 
@@ -377,7 +392,8 @@ def test_the_services_commands_are_a_fleet(boxes: Boxes) -> None:
         station.settimeout(30)
         assert station.recv(1) in (b"\xfd", b"\xfe"), "the GCS bridge speaks MAVLink"
     until(lambda: any((boxes.directory / "recordings").rglob("*.mcap")), "a recording", boxes)
-    assert boxes.asked("simulator", *probe_of(boxes.file["services"]["simulator"])[1:3], "--control",
-                       str(boxes.directory / "sim.sock"))  # fmt: skip
+    assert boxes.asked(
+        "simulator", *probe_of(boxes.file["services"]["simulator"])[1:3], "--control", str(boxes.directory / "sim.sock")
+    )
     ended = boxes.end()
     assert set(ended.values()) <= {0}, f"{ended}\n{boxes.log()}"

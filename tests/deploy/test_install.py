@@ -97,8 +97,12 @@ class Copy:
         environment = {**os.environ, "TOP": str(self.top), "TREE": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
         return subprocess.run(
             ["unshare", "--mount", "--propagation", "private", "bash", "-c", ENTER + text],
-            capture_output=True, text=True, check=False, timeout=PATIENCE_S, env=environment,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE_S,
+            env=environment,
+        )
 
 
 @pytest.fixture

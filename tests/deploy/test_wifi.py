@@ -159,9 +159,10 @@ def test_who_bridges_a_client_uses_four_addresses_at_both_ends() -> None:
         rule, folder = path.read_text(encoding="utf-8"), path.parents[2]
         assert "set power_save off" in rule
         joined = [
-            each for each in folder.rglob("*.network")
+            each
+            for each in folder.rglob("*.network")
             if "Bridge=br0" in each.read_text() and re.search(r"(?m)^Name=.*wlan", each.read_text())
-        ]  # fmt: skip
+        ]
         assert bool(joined) == ("set 4addr on" in rule), path
         units = list(folder.rglob("wpa_supplicant@*.service.d/*.conf"))
         assert units
@@ -233,8 +234,12 @@ def test_systemd_takes_the_unit_with_what_is_added_to_it(dropin: Path, tmp_path:
     for text, good in ((dropin.read_text(encoding="utf-8"), True), ("[Service]\nRestrat=always\n", False)):
         target.write_text(text, encoding="utf-8")
         done = subprocess.run(
-            ["systemd-analyze", "verify", unit], env={"PATH": os.environ["PATH"], "SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
+            ["systemd-analyze", "verify", unit],
+            env={"PATH": os.environ["PATH"], "SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
         about = [line for line in (done.stdout + done.stderr).splitlines() if str(tmp_path) in line or unit in line]
         assert (not about) == good, about

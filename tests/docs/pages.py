@@ -85,51 +85,60 @@ PARTS: dict[str, tuple[Part, ...]] = {
 
 NOT_RUN: dict[str, str] = {
     # A regular expression that the whole command matches, or "PAGE: COMMAND": why it is not run here.
-    r"(cd zmav && )?make (test|check|demo( ARGS=(\S+|'.*'))?)":
-        "the first is this; the others take minutes: tests/agents/demo",
+    r"(cd zmav && )?make (test|check|demo( ARGS=(\S+|'.*'))?)": (
+        "the first is this; the others take minutes: tests/agents/demo"
+    ),
     r"(sudo|systemctl|journalctl|git|ssh|scp) .*": "changes this machine, or wants another one: tests/deploy",
-    r"docs/(install|vehicle-setup).md: .*":
-        "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py",
+    r"docs/(install|vehicle-setup).md: .*": (
+        "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py"
+    ),
     r"docs/quickstart.md: (zmav .*quad[23].*|zmav mesh (ca|config|graph).*|zmav swarm .*|zmav param set 'quad\*' .*"
-    r"|zmav (ls|doctor|gcs|top|record --out flights|do .*|echo quad1/ATTITUDE|demo --stay))":
-        "with three vehicles, in the reader's order: README.md has them run; tests/agents/demo",
+    r"|zmav (ls|doctor|gcs|top|record --out flights|do .*|echo quad1/ATTITUDE|demo --stay))": (
+        "with three vehicles, in the reader's order: README.md has them run; tests/agents/demo"
+    ),
     r"zmav demo (?!--list$).*": "minutes of flight: tests/agents/demo",
     r"zmav doctor( --file .*| --link .*)": "looks at a vehicle's own computer: tests/cli/test_doctor_fleet.py",
     r"zmav hil .*": "asks a person, and wants an autopilot: tests/agents/hil",
     r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
     r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
     r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
-    r"zmav sim (--(ardupilot|px4|stack) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)":
-        "real flight stacks, or as many vehicles as fill the machine: tests/sim",
-    r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*":
-        "needs a device: tests/hil, tests/agents/camera",
+    r"zmav sim (--(ardupilot|px4|stack) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)": (
+        "real flight stacks, or as many vehicles as fill the machine: tests/sim"
+    ),
+    r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*": "needs a device: tests/hil, tests/agents/camera",
     r"pip install .*": "a network to the package registries; what it names is looked up among its extras",
     r"zmav view|zmav view --viewer .*": "opens a window, or wants one elsewhere: tests/ground/view",
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
     r"zmav (up|router) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
-    r"docs/.*\.md: zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &":
-        "README.md has them run; others are about a goal of the reader's: tests/agents/planner/live",
-    r"zmav agent (run|do) (follower|helipad) .*|zmav agent do follower .*":
-        "wants a camera above a rover: 'zmav demo follow' has one; tests/agents/follower",
-    r"docs/(?!agents).*\.md: zmav agent .*(hex1|rover1|quad1).*|docs/controllers.md: zmav (do|up|sim) .*":
-        "README.md has them run; cycles by the clock want a machine for themselves: tests/agents/controllers",
+    r"docs/.*\.md: zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &": (
+        "README.md has them run; others are about a goal of the reader's: tests/agents/planner/live"
+    ),
+    r"zmav agent (run|do) (follower|helipad) .*|zmav agent do follower .*": (
+        "wants a camera above a rover: 'zmav demo follow' has one; tests/agents/follower"
+    ),
+    r"docs/(?!agents).*\.md: zmav agent .*(hex1|rover1|quad1).*|docs/controllers.md: zmav (do|up|sim) .*": (
+        "README.md has them run; cycles by the clock want a machine for themselves: tests/agents/controllers"
+    ),
     r"zmav camera .*": "wants a camera, or a video: tests/agents/camera",
     r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
     r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",
-    r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*":
-        "addresses of the example's network: tests/mesh/credentials",
+    r"zmav (ls|do|doctor|mesh ca roster) .*-e quic/10\..*": (
+        "addresses of the example's network: tests/mesh/credentials"
+    ),
     r"zmav mesh ca init --fleet alpha --passphrase": "asks for a passphrase at a terminal: tests/mesh/credentials",
     r"zmav doctor --credentials DIR": "DIR is the reader's: tests/cli/test_doctor.py",
     r"zmav gcs --udp 192.*": "an address that is not here: tests/ground/gcs",
-    r"zmav replay (recordings|quad1.*)":
-        "README.md has one run; in real time it ends with the recorder: tests/ground/record/test_replay.py",
+    r"zmav replay (recordings|quad1.*)": (
+        "README.md has one run; in real time it ends with the recorder: tests/ground/record/test_replay.py"
+    ),
     r"zmav record --out /data .*": "a disk that is not here: tests/ground/record",
     r"zmav get '?\S*history/.*": "wants a recorder by that name with a past: tests/ground/record",
-    r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*":
-        "terminals outside of the test's folder: tests/sim/test_endpoints.py",
+    r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*": (
+        "terminals outside of the test's folder: tests/sim/test_endpoints.py"
+    ),
     r"zmav lab simulate .*": "minutes of many cores: tests/mesh/scale",
     r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
-}  # fmt: skip
+}
 
 COMING = frozenset[str]()
 """verbs that are being written and may be named before they are there"""

@@ -127,9 +127,13 @@ class Stage:
         self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")
         self.environment |= {
             "XDG_RUNTIME_DIR": self._runtime.name,  # short: a socket's path may have some 100 letters
-            "PATH": path, "HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache"), "MPLBACKEND": "Agg",
-            "PYTHONUNBUFFERED": "1", "TERM": "dumb",
-        }  # fmt: skip
+            "PATH": path,
+            "HOME": str(folder),
+            "XDG_CACHE_HOME": str(folder / ".cache"),
+            "MPLBACKEND": "Agg",
+            "PYTHONUNBUFFERED": "1",
+            "TERM": "dumb",
+        }
         for name in LINKED:
             (folder / name).symlink_to(ROOT / name)
         (folder / ".venv").symlink_to(sys.prefix)
@@ -198,6 +202,12 @@ class Stage:
 
     def _open(self, text: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            [*self.network.enter, "bash", "-c", text], cwd=self.folder, env=self.environment, text=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
-        )  # fmt: skip
+            [*self.network.enter, "bash", "-c", text],
+            cwd=self.folder,
+            env=self.environment,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )

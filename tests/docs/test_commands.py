@@ -185,21 +185,36 @@ def test_what_does_not_run_is_said(tmp_path: Path) -> None:
 
 def simple(number: int, command: int, lat: float, lon: float, alt: float) -> dict[str, Any]:
     params = [0, 0, 0, None, lat, lon, alt]
-    return {"type": "SimpleItem", "autoContinue": True, "command": command, "doJumpId": number, "frame": 3,
-            "params": params}  # fmt: skip
+    return {
+        "type": "SimpleItem",
+        "autoContinue": True,
+        "command": command,
+        "doJumpId": number,
+        "frame": 3,
+        "params": params,
+    }
 
 
 def plan() -> dict[str, Any]:
     """A mission of a few seconds from where the copter is, as QGroundControl saves it."""
     items = [simple(1, 22, -35.363261, 149.165230, 10), simple(2, 16, -35.36320, 149.165230, 10)]
     return {
-        "fileType": "Plan", "version": 1, "groundStation": "QGroundControl",
-        "geoFence": {"circles": [], "polygons": [], "version": 2}, "rallyPoints": {"points": [], "version": 2},
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
         "mission": {
-            "cruiseSpeed": 15, "firmwareType": 3, "globalPlanAltitudeMode": 1, "hoverSpeed": 5, "items": items,
-            "plannedHomePosition": [-35.363261, 149.165230, 584.09], "vehicleType": 2, "version": 2,
+            "cruiseSpeed": 15,
+            "firmwareType": 3,
+            "globalPlanAltitudeMode": 1,
+            "hoverSpeed": 5,
+            "items": items,
+            "plannedHomePosition": [-35.363261, 149.165230, 584.09],
+            "vehicleType": 2,
+            "version": 2,
         },
-    }  # fmt: skip
+    }
 
 
 def files(folder: Path) -> None:

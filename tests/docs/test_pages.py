@@ -121,5 +121,7 @@ def test_a_dead_link_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         "# One thing: a test\n[a](nosuch.md) [b](#one-thing-a-test) ![c](x.png) [d](page.md#two) `[e](f)`\n"
     )
     assert [fault.partition(": ")[2] for fault in dead(page)] == [
-        "(nosuch.md) is not there", "(x.png) is not there", "page.md has no heading #two",
-    ]  # fmt: skip
+        "(nosuch.md) is not there",
+        "(x.png) is not there",
+        "page.md has no heading #two",
+    ]

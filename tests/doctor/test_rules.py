@@ -18,10 +18,17 @@ NOW = 1_800_000_000.0
 def state(**more: Any) -> wire.VehicleState:
     """A vehicle that is well."""
     well: dict[str, Any] = {
-        "connected": True, "sysid": 1, "autopilot": "ardupilot", "mode": "GUIDED", "armed": True, "status": "ACTIVE",
-        "battery": wire.Battery(remaining=0.9), "gps": wire.Gps(fix="3D_FIX", satellites=12, hdop=0.8), "link": "up",
+        "connected": True,
+        "sysid": 1,
+        "autopilot": "ardupilot",
+        "mode": "GUIDED",
+        "armed": True,
+        "status": "ACTIVE",
+        "battery": wire.Battery(remaining=0.9),
+        "gps": wire.Gps(fix="3D_FIX", satellites=12, hdop=0.8),
+        "link": "up",
         "ages": {"position": 0.1},
-    }  # fmt: skip
+    }
     return wire.VehicleState(t=NOW, fleet="demo", name="quad1", instance="a", **(well | more))
 
 
@@ -65,11 +72,17 @@ CASES: list[tuple[str, Facts, str]] = [
     ("state", facts(presence="stale", age=12.2), "bad: no state for 12s"),
     ("state", facts(presence="gone", age=125.0), "bad: no state for 2m05, and its token is gone"),
     ("state", facts(presence="silent", age=None, state=None), "bad: its token is there, but no state was heard"),
-    ("state", facts(presence="silent", age=None, state=None, disbelieved=("unknown",)),
-     "bad: its states are not believed: unknown"),
+    (
+        "state",
+        facts(presence="silent", age=None, state=None, disbelieved=("unknown",)),
+        "bad: its states are not believed: unknown",
+    ),
     ("disbelieved", facts(disbelieved=("name", "replayed")), "warn: somebody else spoke in its name: name"),
-    ("clash", facts(state=state(clash="quad2 and quad1 both have system id 1")),
-     "bad: clash: quad2 and quad1 both have system id 1"),
+    (
+        "clash",
+        facts(state=state(clash="quad2 and quad1 both have system id 1")),
+        "bad: clash: quad2 and quad1 both have system id 1",
+    ),
     ("clash", facts(twins=("quad2",)), "bad: clash of system ids with quad2"),
     ("autopilot", facts(state=state(connected=False, link="up")), "bad: autopilot silent (link up)"),
     ("autopilot", facts(state=state(connected=False, sysid=None, link="down")), "bad: no autopilot heard (link down)"),
@@ -91,20 +104,29 @@ CASES: list[tuple[str, Facts, str]] = [
     ("weak-hop", facts(way=hop(0.3)), "warn: weak hop quad1 - quad2 (up, 30% lost)"),
     ("slow", facts(rtt=1.2), "warn: answers take 1.2s"),
     ("lease-end", facts(state=state(lease_end=end("gone", 12.0))), "warn: lease of planner ended 12s ago: gone"),
-    ("lease-end", facts(state=state(lease_end=end("preempted", 5.0, "boss"))),
-     "warn: lease of planner ended 5.0s ago: preempted by boss"),
+    (
+        "lease-end",
+        facts(state=state(lease_end=end("preempted", 5.0, "boss"))),
+        "warn: lease of planner ended 5.0s ago: preempted by boss",
+    ),
     ("dropped", facts(recent=collections.Counter(late=3, order=1)), "warn: setpoints dropped: 3 late, 1 order"),
-    ("refused", facts(recent=collections.Counter({PROOF + "missing": 2})),
-     "warn: orders without proof refused: 2 missing"),
+    (
+        "refused",
+        facts(recent=collections.Counter({PROOF + "missing": 2})),
+        "warn: orders without proof refused: 2 missing",
+    ),
     ("agent-silent", facts(agents=(agent(age=8.0, stale=True),)), "warn: agent follower silent for 8.0s"),
-    ("clock", facts(state=state(clock=wire.ClockInfo(boot_t=0.0, error_s=0.01, gps_offset_s=-3.2))),
-     "warn: companion's clock 3.2 s off GPS"),
+    (
+        "clock",
+        facts(state=state(clock=wire.ClockInfo(boot_t=0.0, error_s=0.01, gps_offset_s=-3.2))),
+        "warn: companion's clock 3.2 s off GPS",
+    ),
     ("error", facts(events=(event("info", 1.0), event("critical", 2.0))), "warn: Crash: disarming (2.0s ago)"),
     ("pilot", facts(state=state(pilot="the switch says so")), "note: pilot: the switch says so"),
     ("not-ready", facts(state=state(armed=False, not_ready=["no GPS", "EKF"])), "note: not ready: no GPS; EKF"),
     ("not-ready", facts(state=state(armed=False, ready=False)), "note: not ready: it does not say why"),
     ("recording", facts(state=state(replayed=True)), "note: a recording: it takes no orders"),
-]  # fmt: skip
+]
 
 WELL: dict[str, Facts] = {
     "all is well": facts(),

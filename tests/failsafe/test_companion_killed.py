@@ -65,9 +65,7 @@ class Flight(NamedTuple):
 async def flight(spec: VehicleSpec) -> AsyncIterator[Flight]:
     with World([spec], endpoint="tcp:0", speed=SPEED, ready_s=0.5) as world:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
-        up = Process(
-            sys.executable, "-m", "zmav", "up", "--link", world.urls[0], "-l", endpoint, "--origin", *PLACE
-        )  # fmt: skip
+        up = Process(sys.executable, "-m", "zmav", "up", "--link", world.urls[0], "-l", endpoint, "--origin", *PLACE)
         try:
             up.expect("demo/quad1: ")
             async with zmav.open(connect=[endpoint]) as z:

@@ -129,8 +129,10 @@ async def test_what_only_watches_is_killed(bench: StartBench, start: Start, tmp_
     """The agent flies on, and the vehicle's states say so."""
     b = await armed(bench)
     arguments = {
-        "gcs": ["--tcp", str(free_port())], "record": ["--out", str(tmp_path)], "http": ["--port", str(free_port())],
-    }[program]  # fmt: skip
+        "gcs": ["--tcp", str(free_port())],
+        "record": ["--out", str(tmp_path)],
+        "http": ["--port", str(free_port())],
+    }[program]
     watching = start(program, *arguments, "-e", b.endpoint)
     words = {"gcs": "quad1 is there", "record": "", "http": ""}[program]
     await asyncio.to_thread(watching.expect, words)

@@ -48,9 +48,13 @@ class Intending(Px4Peer):
 
     def heartbeat_alone(self) -> None:
         self.send(
-            "HEARTBEAT", type=2, autopilot=12, base_mode=1 | 128 * self.armed, custom_mode=self.mode,
+            "HEARTBEAT",
+            type=2,
+            autopilot=12,
+            base_mode=1 | 128 * self.armed,
+            custom_mode=self.mode,
             system_status=self.status,
-        )  # fmt: skip
+        )
 
     def current_mode(self) -> None:
         self.send("CURRENT_MODE", standard_mode=0, custom_mode=self.mode, intended_custom_mode=self.intended)

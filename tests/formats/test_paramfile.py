@@ -92,7 +92,7 @@ def test_the_same_line_twice_is_one() -> None:
         ("1\tx\tA\t1\t9\n", 1, "component 'x'"),
         ("1\t1\tA\t1\t9\n2\t1\tA\t1\t9\n", 2, "expected one vehicle"),
     ],
-)  # fmt: skip
+)
 def test_faults_name_the_file_and_the_line(text: str, line: int, words: str) -> None:
     with pytest.raises(BadInput, match=r"^my\.params") as caught:
         read(text.encode(), "my.params")

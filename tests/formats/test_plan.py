@@ -24,32 +24,50 @@ WAYPOINT, JUMP, RALLY = "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_DO_JUMP", "MAV_CMD_NAV_
 def simple(command: Any = 16, jump_id: int | None = None, **more: Any) -> dict[str, Any]:
     """A SimpleItem as QGroundControl writes it."""
     item = {
-        "AMSLAltAboveTerrain": None, "Altitude": 50, "AltitudeMode": 1, "autoContinue": True, "command": command,
-        "frame": 3, "params": [0, 0, 0, None, 47.39, 8.54, 50], "type": "SimpleItem", **more,
-    }  # fmt: skip
+        "AMSLAltAboveTerrain": None,
+        "Altitude": 50,
+        "AltitudeMode": 1,
+        "autoContinue": True,
+        "command": command,
+        "frame": 3,
+        "params": [0, 0, 0, None, 47.39, 8.54, 50],
+        "type": "SimpleItem",
+        **more,
+    }
     return item if jump_id is None else {**item, "doJumpId": jump_id}
 
 
 def survey(*items: dict[str, Any]) -> dict[str, Any]:
     """A survey, of which the generated items matter."""
     return {
-        "type": "ComplexItem", "complexItemType": "survey", "angle": 90, "polygon": [[47.0, 8.0]],
+        "type": "ComplexItem",
+        "complexItemType": "survey",
+        "angle": 90,
+        "polygon": [[47.0, 8.0]],
         "TransectStyleComplexItem": {"CameraCalc": {"version": 1}, "Items": list(items), "version": 1},
-    }  # fmt: skip
+    }
 
 
 def file(*items: dict[str, Any], **more: Any) -> dict[str, Any]:
     """A whole .plan."""
     return {
-        "fileType": "Plan", "version": 1, "groundStation": "QGroundControl",
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
         "geoFence": {"circles": [], "polygons": [], "version": 2},
         "rallyPoints": {"points": [], "version": 2},
         "mission": {
-            "cruiseSpeed": 15, "firmwareType": 12, "globalPlanAltitudeMode": 1, "hoverSpeed": 5, "items": list(items),
-            "plannedHomePosition": [47.3977, 8.5456, 488.1], "vehicleType": 2, "version": 2,
+            "cruiseSpeed": 15,
+            "firmwareType": 12,
+            "globalPlanAltitudeMode": 1,
+            "hoverSpeed": 5,
+            "items": list(items),
+            "plannedHomePosition": [47.3977, 8.5456, 488.1],
+            "vehicleType": 2,
+            "version": 2,
         },
         **more,
-    }  # fmt: skip
+    }
 
 
 def read(document: Any) -> Plan:
@@ -71,10 +89,14 @@ def test_simple_items() -> None:
         MissionItem(command="MAV_CMD_NAV_TAKEOFF", params=[0, 0, 0, None], x=47.39, y=8.54, z=50),
         MissionItem(command=WAYPOINT, params=[1.5, 2, 3, 4], x=-35.1, y=149.2, z=12.5, autocontinue=False),
         MissionItem(
-            command="MAV_CMD_NAV_RETURN_TO_LAUNCH", frame="MAV_FRAME_MISSION", params=[0, 0, 0, None],
-            x=47.39, y=8.54, z=50,
+            command="MAV_CMD_NAV_RETURN_TO_LAUNCH",
+            frame="MAV_FRAME_MISSION",
+            params=[0, 0, 0, None],
+            x=47.39,
+            y=8.54,
+            z=50,
         ),
-    ]  # fmt: skip
+    ]
     assert (got.home, got.firmware, got.vehicle) == ((47.3977, 8.5456, 488.1), 12, 2)
     assert (got.fence, got.rally) == ([], [])
 
@@ -83,9 +105,11 @@ def test_the_items_generated_for_a_survey_are_taken() -> None:
     got = read(file(simple(22, 1), survey(simple(16, 2, params=[0] * 6 + [7]), simple(206, 3, frame=2)), simple(20, 4)))
     assert got.mission is not None
     assert [(i.command, i.z) for i in got.mission] == [
-        ("MAV_CMD_NAV_TAKEOFF", 50), (WAYPOINT, 7), ("MAV_CMD_DO_SET_CAM_TRIGG_DIST", 50),
+        ("MAV_CMD_NAV_TAKEOFF", 50),
+        (WAYPOINT, 7),
+        ("MAV_CMD_DO_SET_CAM_TRIGG_DIST", 50),
         ("MAV_CMD_NAV_RETURN_TO_LAUNCH", 50),
-    ]  # fmt: skip
+    ]
 
 
 def test_jumps_go_to_items_by_their_doJumpId() -> None:
@@ -161,7 +185,7 @@ def without(document: dict[str, Any], *path: Any) -> dict[str, Any]:
         (file(rallyPoints={"version": 2, "points": [[1, 2]]}), "$.rallyPoints.points[0]", "length 3"),
         ([], "$", "Expected `object`"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named_by_its_path(document: Any, path: str, words: str) -> None:
     with pytest.raises(BadInput) as caught:
         read(document)
@@ -222,10 +246,15 @@ finite = st.floats(-1e6, 1e6)
 latitudes, longitudes = st.floats(-90, 90), st.floats(-180, 180)
 commands = st.sampled_from([name for name in ENUMS["MAV_CMD"] if "FENCE" not in name and name not in (JUMP, RALLY)])
 items = st.builds(
-    MissionItem, command=commands, frame=st.sampled_from(FRAMES),
-    params=st.lists(st.none() | finite, min_size=4, max_size=4), x=latitudes, y=longitudes, z=finite,
+    MissionItem,
+    command=commands,
+    frame=st.sampled_from(FRAMES),
+    params=st.lists(st.none() | finite, min_size=4, max_size=4),
+    x=latitudes,
+    y=longitudes,
+    z=finite,
     autocontinue=st.booleans(),
-)  # fmt: skip
+)
 vertices = st.tuples(latitudes, longitudes)
 shapes = st.one_of(
     st.builds(fence.Polygon, st.lists(vertices, min_size=3, max_size=6).map(tuple), st.booleans()),
@@ -252,9 +281,11 @@ def test_a_plan_comes_back_as_it_went(
     polygons = [shape for shape in around if isinstance(shape, fence.Polygon)]
     circles = [shape for shape in around if isinstance(shape, fence.Circle)]
     whole = Plan(
-        mission=mission, fence=fence.items([*polygons, *circles]), home=home,
+        mission=mission,
+        fence=fence.items([*polygons, *circles]),
+        home=home,
         rally=[MissionItem(command=RALLY, x=x, y=y, z=z) for x, y, z in rally],
-    )  # fmt: skip
+    )
     got = plan.read(plan.write(whole, ENUMS), ENUMS)
     assert (got.mission, got.fence, got.rally) == (whole.mission, whole.fence, whole.rally)
     assert home is None or got.home == home
@@ -273,9 +304,7 @@ def test_every_command_has_a_name(number: int) -> None:
 scalars = st.none() | st.booleans() | finite | st.text(max_size=5)
 names = st.sampled_from(["fileType", "mission", "items", "version", "params", "type"])
 documents = st.recursive(
-    scalars,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=4),
-    max_leaves=15,
+    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=4), max_leaves=15
 )
 
 

@@ -88,7 +88,7 @@ def test_the_kind_is_seen_by_the_commands(kind: str) -> None:
         (FILE.replace("177\t1", "177\tnan"), 5, "jumps to row nan"),
         (FILE.replace("0\t1\t0\t16", "0\t1\t0\t22"), 2, "first row is home, a waypoint (16), not MAV_CMD_NAV_TAKEOFF"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named_by_its_line(text: str, line: int, words: str) -> None:
     with pytest.raises(BadInput) as caught:
         read(text)
@@ -115,11 +115,15 @@ def test_written_as_people_know_it() -> None:
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 items = st.builds(
-    MissionItem, command=st.sampled_from([name for name in ENUMS["MAV_CMD"] if name != JUMP]),
+    MissionItem,
+    command=st.sampled_from([name for name in ENUMS["MAV_CMD"] if name != JUMP]),
     frame=st.sampled_from(list(ENUMS["MAV_FRAME"])),
-    params=st.lists(st.none() | numbers, min_size=4, max_size=4), x=numbers, y=numbers, z=numbers,
+    params=st.lists(st.none() | numbers, min_size=4, max_size=4),
+    x=numbers,
+    y=numbers,
+    z=numbers,
     autocontinue=st.booleans(),
-)  # fmt: skip
+)
 
 
 @given(st.lists(items, max_size=6), st.data())

@@ -76,9 +76,16 @@ class Fleet(NamedTuple):
     async def run(self, name: str, *arguments: str) -> Script:
         environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
         process = await asyncio.create_subprocess_exec(
-            sys.executable, str(EXAMPLES / f"{name}.py"), *arguments, self.endpoint, cwd=ROOT, env=environment,
-            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-        )  # fmt: skip
+            sys.executable,
+            str(EXAMPLES / f"{name}.py"),
+            *arguments,
+            self.endpoint,
+            cwd=ROOT,
+            env=environment,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+        )
         return Script(process)
 
     async def down(self) -> None:
@@ -210,9 +217,15 @@ class Leader:
     async def _speak(self) -> None:
         while True:
             state = wire.VehicleState(
-                t=time.time(), fleet="demo", name="rover1", instance="a", connected=True, kind="rover",
-                local=self.local, velocity=(0.0, 0.0, 0.0),
-            )  # fmt: skip
+                t=time.time(),
+                fleet="demo",
+                name="rover1",
+                instance="a",
+                connected=True,
+                kind="rover",
+                local=self.local,
+                velocity=(0.0, 0.0, 0.0),
+            )
             self._z.put(keys.STATE, keys.STATE.key("demo", "rover1"), state)
             await asyncio.sleep(0.1)
 

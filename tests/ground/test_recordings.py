@@ -26,8 +26,14 @@ if TYPE_CHECKING:
 PATIENCE_S = 30.0
 EVENT = b'{"t": 1.0, "kind": "mode", "severity": "info", "text": "%s"}'
 REST = (
-    "state", "event", "link/autopilot", "agent/ev1/status", "mav/rx/1/1/ATTITUDE", "setpoint/x", "agent/ev1/out/signals"
-)  # fmt: skip
+    "state",
+    "event",
+    "link/autopilot",
+    "agent/ev1/status",
+    "mav/rx/1/1/ATTITUDE",
+    "setpoint/x",
+    "agent/ev1/out/signals",
+)
 
 
 class Two(NamedTuple):
@@ -67,11 +73,13 @@ async def test_past_events_are_of_vehicles(two: Two) -> None:
     """Those that a publisher keeps, which come first where somebody asks for them."""
     publishers = [
         zenoh.ext.declare_advanced_publisher(
-            two.router, keys.EVENT.key(fleet, "quad1"), cache=zenoh.ext.CacheConfig(max_samples=5),
+            two.router,
+            keys.EVENT.key(fleet, "quad1"),
+            cache=zenoh.ext.CacheConfig(max_samples=5),
             publisher_detection=True,
         )
         for fleet in ("demo-replay", "demo")
-    ]  # fmt: skip
+    ]
     for publisher in publishers:
         publisher.put(EVENT % b"before")
     async with two.z.subscribe("*/event", history=5) as events:

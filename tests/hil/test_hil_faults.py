@@ -116,10 +116,21 @@ def test_a_blocked_pitot_tube_tells_ardupilot_of_no_wind(world: World) -> None:
     assert told(ardupilot(world))["airspeed"] == 0.0
 
 
-@pytest.mark.parametrize(("name", "kind"), [
-    ("a", "gps-loss"), ("a", "compass"), ("a", "baro"), ("a", "imu"), ("p", "rangefinder"), ("p", "pitot"),
-    ("a", "reboot"), ("p", "frozen"), ("p", "link-cut"), ("a", "camera-blackout"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("a", "gps-loss"),
+        ("a", "compass"),
+        ("a", "baro"),
+        ("a", "imu"),
+        ("p", "rangefinder"),
+        ("p", "pitot"),
+        ("a", "reboot"),
+        ("p", "frozen"),
+        ("p", "link-cut"),
+        ("a", "camera-blackout"),
+    ],
+)
 def test_what_the_stack_would_not_notice_is_refused(world: World, name: str, kind: str) -> None:
     with pytest.raises(BadInput, match=name):
         world.fault(name, kind)

@@ -158,13 +158,26 @@ class TestAnswer:
         assert told(compose(body))["rng_1"] == pytest.approx(8.0 / 1.5 * math.sqrt(2), rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "motor", "roll", "pitch", "yaw"), [
-    # ardupilot.org, "Connect ESCs and Motors": motor 1 of each frame, and one more; signs of the moment that it makes.
-    ("quad", 1, -1, 0, 1), ("quad", 2, 1, 0, 1), ("quad", 3, 0, 1, -1), ("quad", 4, 0, -1, -1),
-    ("sih", 1, -1, 1, 1), ("sih", 2, 1, -1, 1), ("sih", 3, 1, 1, -1), ("sih", 4, -1, -1, -1),
-    ("hexa", 1, -1, 0, -1), ("hexa", 2, 1, 0, 1), ("hexa", 3, 1, 1, -1), ("hexa", 4, -1, -1, 1),
-    ("hexa", 5, -1, 1, 1), ("hexa", 6, 1, -1, -1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "motor", "roll", "pitch", "yaw"),
+    [
+        # ardupilot.org, "Connect ESCs and Motors": motor 1 of each frame, and one more; signs of the moment it makes.
+        ("quad", 1, -1, 0, 1),
+        ("quad", 2, 1, 0, 1),
+        ("quad", 3, 0, 1, -1),
+        ("quad", 4, 0, -1, -1),
+        ("sih", 1, -1, 1, 1),
+        ("sih", 2, 1, -1, 1),
+        ("sih", 3, 1, 1, -1),
+        ("sih", 4, -1, -1, -1),
+        ("hexa", 1, -1, 0, -1),
+        ("hexa", 2, 1, 0, 1),
+        ("hexa", 3, 1, 1, -1),
+        ("hexa", 4, -1, -1, 1),
+        ("hexa", 5, -1, 1, 1),
+        ("hexa", 6, 1, -1, -1),
+    ],
+)
 def test_motors_sit_where_ardupilot_counts_them(name: str, motor: int, roll: int, pitch: int, yaw: int) -> None:
     body = plant(name, start=(0.0, 0.0, -50.0))
     pwm = [1000] * 16

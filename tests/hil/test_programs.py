@@ -57,9 +57,7 @@ class TestFlight:
         peer_params(tree, PEER_RATE=200)
         home = Home(47.0, 8.0, 400.0, 90.0)
         world = make_world(
-            flown(tree, directory=tmp_path, instance=7),
-            flown(tree, directory=tmp_path, instance=8),
-            home=home,
+            flown(tree, directory=tmp_path, instance=7), flown(tree, directory=tmp_path, instance=8), home=home
         )
         wait_until(lambda: all(v.ned_m[2] < -4.0 for v in world.status().vehicles))
         first, second = started(tmp_path / "copter1"), started(tmp_path / "copter2")
@@ -201,9 +199,15 @@ class TestFinding:
 
     def job(self, binary: Path) -> Job:
         return px4_job(
-            binary, craft("sih"), instance=3, sysid=4, home=Position(47.0, 8.0, 400.0), heading_deg=-90.0,
-            own_physics=False, speed=2.0,
-        )  # fmt: skip
+            binary,
+            craft("sih"),
+            instance=3,
+            sysid=4,
+            home=Position(47.0, 8.0, 400.0),
+            heading_deg=-90.0,
+            own_physics=False,
+            speed=2.0,
+        )
 
     def test_what_is_missing_is_said_before_anything_is_opened(self, tree: Path, tmp_path: Path) -> None:
         with pytest.raises(BadConfig, match=r"arduplane.*build/sitl/bin/arduplane.*waf"):
@@ -269,14 +273,26 @@ class TestFinding:
     def test_px4_has_no_sitl_frame_for_our_hexarotor(self, tmp_path: Path) -> None:
         with pytest.raises(BadConfig, match="'sih'"):
             px4_job(
-                tmp_path, craft("hexa"), instance=0, sysid=1, home=Position(0.0, 0.0, 0.0), heading_deg=0.0,
-                own_physics=False, speed=1.0,
-            )  # fmt: skip
+                tmp_path,
+                craft("hexa"),
+                instance=0,
+                sysid=1,
+                home=Position(0.0, 0.0, 0.0),
+                heading_deg=0.0,
+                own_physics=False,
+                speed=1.0,
+            )
 
 
 NOTHING: dict[str, Any] = {
-    "px4": (), "ardupilot": None, "stacks": (), "devices": (), "own_physics": False, "instance": None, "keep": None,
-}  # fmt: skip
+    "px4": (),
+    "ardupilot": None,
+    "stacks": (),
+    "devices": (),
+    "own_physics": False,
+    "instance": None,
+    "keep": None,
+}
 
 
 class TestOptions:

@@ -129,9 +129,9 @@ class TestStream:
         for frame in Splitter(load_dialect("ardupilotmega")).feed(b"".join(sent)):
             stream.take(frame)
 
-    @pytest.mark.parametrize(("motor", "roll", "pitch", "yaw"), [
-        (1, -1, 1, 1), (2, 1, -1, 1), (3, 1, 1, -1), (4, -1, -1, -1),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        ("motor", "roll", "pitch", "yaw"), [(1, -1, 1, 1), (2, 1, -1, 1), (3, 1, 1, -1), (4, -1, -1, -1)]
+    )
     def test_motors_sit_where_px4_counts_them(self, motor: int, roll: int, pitch: int, yaw: int) -> None:
         # docs.px4.io, "Airframes Reference", Quadrotor x.
         stream = self.stream(start=(0.0, 0.0, -50.0))

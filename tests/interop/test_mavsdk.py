@@ -151,10 +151,19 @@ async def test_it_flies(client: Client) -> None:
 def item(north: float, home: Any) -> MissionItem:
     no = math.nan
     return MissionItem(
-        latitude_deg=home.latitude_deg + north / M_PER_DEG, longitude_deg=home.longitude_deg, relative_altitude_m=6.0,
-        speed_m_s=6.0, is_fly_through=True, gimbal_pitch_deg=no, gimbal_yaw_deg=no, loiter_time_s=no,
-        camera_photo_interval_s=no, acceptance_radius_m=no, yaw_deg=no, camera_photo_distance_m=no,
-    )  # fmt: skip
+        latitude_deg=home.latitude_deg + north / M_PER_DEG,
+        longitude_deg=home.longitude_deg,
+        relative_altitude_m=6.0,
+        speed_m_s=6.0,
+        is_fly_through=True,
+        gimbal_pitch_deg=no,
+        gimbal_yaw_deg=no,
+        loiter_time_s=no,
+        camera_photo_interval_s=no,
+        acceptance_radius_m=no,
+        yaw_deg=no,
+        camera_photo_distance_m=no,
+    )
 
 
 async def test_it_flies_a_mission(client: Client) -> None:

@@ -39,9 +39,12 @@ def test_the_crc_extra_is_its_definition_s() -> None:
 
 
 @given(
-    st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**16 - 1), st.integers(0, 255),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**16 - 1),
+    st.integers(0, 255),
     st.binary(max_size=40),
-)  # fmt: skip
+)
 def test_what_was_sent_is_read(number: int, boot: int, sequence: int, levels: int, arguments: bytes) -> None:
     payload = struct.pack("<IIHBBB40s", number, boot, sequence, 190, 255, levels, arguments)
     event = read_event(frame(payload))

@@ -19,10 +19,12 @@ ARGUMENTS = struct.pack("<BhfBHqf", 7, -42, 3.14159, 2, 5, -(1 << 40), 21.5)
 ENUMS: dict[str, dict[str, Any]] = {
     "gait_t": {"type": "uint8_t", "entries": {"2": {"name": "trot", "description": "Trot"}}},
     "feet_t": {
-        "type": "uint16_t", "is_bitfield": True, "separator": " and ",
+        "type": "uint16_t",
+        "is_bitfield": True,
+        "separator": " and ",
         "entries": {"1": {"name": "left", "description": "left"}, "4": {"name": "right", "description": "right"}},
     },
-}  # fmt: skip
+}
 
 
 def packed(message: str, types: list[str] = TYPES, **more: Any) -> bytes:

@@ -21,7 +21,7 @@ from zmav.mavlink.paramvalue import (
     type_name,
     type_number,
     value_of,
-)  # fmt: skip
+)
 from zmav.wire import PARAM_TYPES
 
 BYTEWISE, C_CAST = ParamEncoding.BYTEWISE, ParamEncoding.C_CAST
@@ -90,10 +90,17 @@ def test_what_is_no_number(raw: str) -> None:
 @pytest.mark.parametrize(
     ("value", "kind"),
     [
-        (math.nan, "REAL32"), (math.inf, "INT32"), (True, "INT8"), (256, "UINT8"), (-1, "UINT32"), (0.5, "INT16"),
-        (1e39, "REAL32"), (10**400, "REAL32"), (10**400, "INT32"),
+        (math.nan, "REAL32"),
+        (math.inf, "INT32"),
+        (True, "INT8"),
+        (256, "UINT8"),
+        (-1, "UINT32"),
+        (0.5, "INT16"),
+        (1e39, "REAL32"),
+        (10**400, "REAL32"),
+        (10**400, "INT32"),
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("encoding", [BYTEWISE, C_CAST])
 def test_what_a_type_cannot_hold(value: float, kind: str, encoding: ParamEncoding) -> None:
     with pytest.raises(BadInput) as caught:
@@ -115,8 +122,14 @@ def test_type_numbers_are_mavlink_s() -> None:
 
 @pytest.mark.parametrize(
     ("one", "other", "equal"),
-    [(0.1, float32(0.1), True), (1, 1.0, True), (2**24, 2**24 + 1, False), (None, None, True), (None, 0, False),
-     (0.1, 0.1001, False)],
-)  # fmt: skip
+    [
+        (0.1, float32(0.1), True),
+        (1, 1.0, True),
+        (2**24, 2**24 + 1, False),
+        (None, None, True),
+        (None, 0, False),
+        (0.1, 0.1001, False),
+    ],
+)
 def test_what_is_the_same(one: float | None, other: float | None, equal: bool) -> None:
     assert same(one, other) is equal

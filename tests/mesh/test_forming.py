@@ -101,9 +101,11 @@ def ring(*names: str) -> dict[str, Any]:
     """Hosts of which each hears the one before and the one behind; nobody is named in the fleet file."""
     pairs = [[name, names[number - 1]] for number, name in enumerate(names)]
     return {
-        "name": "ring", "profile": "mesh", "hosts": {name: {} for name in names},
+        "name": "ring",
+        "profile": "mesh",
+        "hosts": {name: {} for name in names},
         "media": [{"kind": "radio", "name": "air", "interface": "wlan0", "pairs": pairs}],
-    }  # fmt: skip
+    }
 
 
 async def test_a_ring_forms_by_itself_survives_a_router_and_is_whole_again(labs: Labs) -> None:
@@ -145,9 +147,11 @@ async def asked(session: zenoh.Session, key: str) -> None:
 async def test_a_vehicle_that_was_away_is_a_vehicle_again(labs: Labs) -> None:
     """Its token and state are back, and all events of the time between, in order; who was cut off has no lease."""
     lab = await labs.lab(
-        name="away", profile="lan", hosts={"ground": {}, "quad1": {"vehicle": "rover"}},
+        name="away",
+        profile="lan",
+        hosts={"ground": {}, "quad1": {"vehicle": "rover"}},
         media=[{"kind": "link", "between": ["ground", "quad1"], "interface": "wlan0"}],
-    )  # fmt: skip
+    )
     link = lab.network.wiring.edges[0].name
     names = Names(await labs.session(lab, "ground"), lab.fleet)
     far, near = [await lab.endpoint(host) for host in ("ground", "quad1")]

@@ -213,9 +213,11 @@ def test_what_a_person_gave_wins_and_says_so(plan: Plan, tmp_path: Path) -> None
     file = tmp_path / "zenoh.json5"
     file.write_text("{transport: {link: {tx: {lease: 4321}}}, scouting: {multicast: {ttl: 3}}}")
     given: dict[str, Any] = {
-        "listen": ["tcp/127.0.0.1:1"], "connect": ["tcp/127.0.0.1:2"], "file": str(file),
+        "listen": ["tcp/127.0.0.1:1"],
+        "connect": ["tcp/127.0.0.1:2"],
+        "file": str(file),
         "cfg": ["transport/link/tx/keep_alive:7", "queries_default_timeout:5"],
-    }  # fmt: skip
+    }
     found = plan(**given)
     expected = {
         "listen/endpoints": (["tcp/127.0.0.1:1"], "-l"),
@@ -248,11 +250,7 @@ def test_every_value_is_one_that_zenoh_takes_and_says_its_source(plan: Plan) -> 
     ("before", "after", "words"),
     [
         ('profile = "PROFILE"', 'profile = "wifi"', "Invalid enum value 'wifi'"),
-        (
-            '"10.77.0.9"',
-            '"10.77.0.1"',
-            "ground.mesh.radios[0].address is 10.77.0.1; expected another one than",
-        ),
+        ('"10.77.0.9"', '"10.77.0.1"', "ground.mesh.radios[0].address is 10.77.0.1; expected another one than"),
         ('"10.77.0.9"', '"ten"', "'ten' is not an IP address"),
         ('"10.77.0.9"', '"10.77.0.0/24"', "not the network's own"),
         ('"10.77.0.9"', '"0.0.0.0"', "one host's own address"),

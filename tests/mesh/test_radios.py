@@ -26,8 +26,11 @@ def test_this_computer_has_its_loopback() -> None:
 def test_an_interface_is_found_by_its_address_and_the_network_is_the_interface_s() -> None:
     found = stand(Radio(address="10.77.0.1"), WLAN)
     assert (found.radio.interface, str(found.address), found.present, found.fixed) == (
-        "wlan0", "10.77.0.1/20", True, True,
-    )  # fmt: skip
+        "wlan0",
+        "10.77.0.1/20",
+        True,
+        True,
+    )
     assert str(stand(Radio(address="10.77.0.1/16"), WLAN).address) == "10.77.0.1/16"
     assert str(stand(Radio(address="10.77.0.1"), {}).address) == "10.77.0.1/24"
     assert str(stand(Radio(address="fd00::1"), {}).address) == "fd00::1/64"
@@ -41,8 +44,9 @@ def test_an_address_is_found_by_its_interface() -> None:
     nothing: tuple[Interfaces, ...] = ({}, {"wlan0": []})
     for there in nothing:
         assert (stand(Radio(interface="wlan0"), there).address, stand(Radio(interface="wlan0"), there).present) == (
-            None, False,
-        )  # fmt: skip
+            None,
+            False,
+        )
 
 
 def test_all_of_loopback_is_there() -> None:

@@ -73,9 +73,25 @@ def test_a_rule_matches_one_message_of_one_vehicle() -> None:
 def test_what_must_arrive_and_what_is_real_time_is_no_rule_s(tmp_path: Path) -> None:
     (item,) = downsampling(FleetConfig(), "demo", "quad1", thinned(FleetConfig(), [LTE]))
     rules = [zenoh.KeyExpr(rule["key_expr"]) for rule in item["rules"]]
-    parts = {"agent": "a", "verb": "arm", "msg": "ATTITUDE", "hz": "5", "instance": "1", "sys": "1", "comp": "1",
-             "param": "P", "kind": "mission", "file": "f", "offset": "0", "link": "l", "holder": "h", "role": "vehicle",
-             "autopilot": "x", "uid": "1", "topic": "origin"}  # fmt: skip
+    parts = {
+        "agent": "a",
+        "verb": "arm",
+        "msg": "ATTITUDE",
+        "hz": "5",
+        "instance": "1",
+        "sys": "1",
+        "comp": "1",
+        "param": "P",
+        "kind": "mission",
+        "file": "f",
+        "offset": "0",
+        "link": "l",
+        "holder": "h",
+        "role": "vehicle",
+        "autopilot": "x",
+        "uid": "1",
+        "topic": "origin",
+    }
     for channel in keys.CHANNELS.values():
         if channel.name in ("rx", "state"):
             continue

@@ -18,9 +18,17 @@ MISSION, FENCE, RALLY = 0, 1, 2
 ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED = 0, 1, 3, 5, 13, 14
 Item = dict[str, Any]
 HOME = {
-    "frame": 0, "command": 16, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": 0.0,
-    "x": -353632610, "y": 1491652300, "z": 584.0,
-}  # fmt: skip
+    "frame": 0,
+    "command": 16,
+    "autocontinue": 1,
+    "param1": 0.0,
+    "param2": 0.0,
+    "param3": 0.0,
+    "param4": 0.0,
+    "x": -353632610,
+    "y": 1491652300,
+    "z": 584.0,
+}
 
 
 class MissionPeer(Peer):
@@ -130,9 +138,12 @@ class MissionPeer(Peer):
         for _ in range(self.times_asked):
             system, component = upload["from"]
             self.send(
-                self.asks, target_system=system, target_component=component, seq=upload["next"],
+                self.asks,
+                target_system=system,
+                target_component=component,
+                seq=upload["next"],
                 mission_type=upload["kind"],
-            )  # fmt: skip
+            )
         upload.setdefault("asked", []).append(upload["next"])
         if self.timer:
             self.timer.cancel()
@@ -222,11 +233,19 @@ def raw(items: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The same as an autopilot stores it."""
     return [
         {
-            "frame": 3, "command": 16, "autocontinue": 1, "param1": item["params"][0], "param2": 0.0, "param3": 0.0,
-            "param4": 0.0, "x": round(item["x"] * 1e7), "y": round(item["y"] * 1e7), "z": item["z"],
+            "frame": 3,
+            "command": 16,
+            "autocontinue": 1,
+            "param1": item["params"][0],
+            "param2": 0.0,
+            "param3": 0.0,
+            "param4": 0.0,
+            "x": round(item["x"] * 1e7),
+            "y": round(item["y"] * 1e7),
+            "z": item["z"],
         }
         for item in items
-    ]  # fmt: skip
+    ]
 
 
 FENCE_ITEMS = [

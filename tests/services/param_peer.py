@@ -67,9 +67,13 @@ class ParamPeer(Peer):
         number, kind = {**self.params, **self.hidden}[name]
         self.packer.compid = compid
         self.send(
-            "PARAM_VALUE", param_id=name, param_value=self._field(number, kind), param_type=kind, param_index=index,
+            "PARAM_VALUE",
+            param_id=name,
+            param_value=self._field(number, kind),
+            param_type=kind,
+            param_index=index,
             param_count=len(self.params) if count is None else count,
-        )  # fmt: skip
+        )
         self.packer.compid = 1
 
     def junk(self, **fields: Any) -> None:
@@ -178,9 +182,11 @@ async def scenes(bench: StartBench) -> AsyncIterator[StartScene]:
     peers: list[ParamPeer] = []
 
     async def start(
-        params: dict[str, tuple[float, int]] | None = None, prepare: Callable[[ParamPeer], None] | None = None,
-        link: str = "{}", **more: Any,
-    ) -> Scene:  # fmt: skip
+        params: dict[str, tuple[float, int]] | None = None,
+        prepare: Callable[[ParamPeer], None] | None = None,
+        link: str = "{}",
+        **more: Any,
+    ) -> Scene:
         peer = ParamPeer(**more)
         peer.link = link
         peer.params = dict(params or HOME)

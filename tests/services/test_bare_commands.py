@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize(
-    ("kind", "mode", "enters"), [(2, 3, "GUIDED"), (10, 10, "HOLD"), (10, 15, "HOLD")],
+    ("kind", "mode", "enters"),
+    [(2, 3, "GUIDED"), (10, 10, "HOLD"), (10, 15, "HOLD")],
     ids=["copter in AUTO", "rover in AUTO", "rover in GUIDED"],
-)  # fmt: skip
+)
 async def test_what_would_set_off_is_not_armed_by_a_bare_command(
     bench: StartBench, kind: int, mode: int, enters: str
 ) -> None:

@@ -92,18 +92,21 @@ def _command(r: random.Random) -> dict[str, Any]:
     north, east = _far(r)
     lat, lon = ORIGIN.lat_deg + north / 111_320.0, max(-179.0, min(179.0, ORIGIN.lon_deg + east / 90_800.0))
     lat = max(-89.0, min(89.0, lat))
-    return r.choice([
-        {"command": "DO_REPOSITION", "frame": "GLOBAL_RELATIVE_ALT",
-         "params": {"param1": -1.0, "param2": 1.0, "param5": lat, "param6": lon, "param7": 10.0}},
-        {"command": "DO_REPOSITION", "frame": "GLOBAL_RELATIVE_ALT",
-         "params": {"param1": -1.0, "param2": 1.0, "param5": ORIGIN.lat_deg, "param6": ORIGIN.lon_deg,
-                    "param7": _height(r)}},
-        {"command": "DO_CHANGE_SPEED", "params": {"param1": float(r.randrange(4)), "param2": 500.0, "param3": -1.0}},
-        {"command": "NAV_TAKEOFF", "params": {"param7": 4000.0}},
-        {"command": "DO_REPOSITION", "params": {"param1": -1.0, "param5": lat, "param6": lon, "param7": 10.0}},
-        {"command": "DO_REPOSITION", "params": {"param1": -1.0, "param5": lat, "param6": lon, "param7": None}},
-        {"command": "GUIDED_CHANGE_ALTITUDE", "frame": "GLOBAL_RELATIVE_ALT", "params": {"param7": -20.0}},
-    ])  # fmt: skip
+    relative = {"command": "DO_REPOSITION", "frame": "GLOBAL_RELATIVE_ALT"}
+    there = {"param1": -1.0, "param5": lat, "param6": lon}
+    here = {"param1": -1.0, "param2": 1.0, "param5": ORIGIN.lat_deg, "param6": ORIGIN.lon_deg, "param7": _height(r)}
+    faster = {"param1": float(r.randrange(4)), "param2": 500.0, "param3": -1.0}
+    return r.choice(
+        [
+            {**relative, "params": {**there, "param2": 1.0, "param7": 10.0}},
+            {**relative, "params": here},
+            {"command": "DO_CHANGE_SPEED", "params": faster},
+            {"command": "NAV_TAKEOFF", "params": {"param7": 4000.0}},
+            {"command": "DO_REPOSITION", "params": {**there, "param7": 10.0}},
+            {"command": "DO_REPOSITION", "params": {**there, "param7": None}},
+            {"command": "GUIDED_CHANGE_ALTITUDE", "frame": "GLOBAL_RELATIVE_ALT", "params": {"param7": -20.0}},
+        ]
+    )
 
 
 def _setpoint(r: random.Random) -> dict[str, Any]:
@@ -203,8 +206,13 @@ async def test_what_is_declared_is_not_forced(bench: StartBench) -> None:
         ({"pos": [60.0, 0.0, -10.0]}, "radius of 50 m"),
         ({"pos": [10.0, 0.0, -31.0]}, "ceiling of 30 m"),
     ):
-        b.peer.send("GLOBAL_POSITION_INT", lat=round(ORIGIN.lat_deg * 1e7), lon=round(ORIGIN.lon_deg * 1e7),
-                    alt=594090, relative_alt=10000)  # fmt: skip
+        b.peer.send(
+            "GLOBAL_POSITION_INT",
+            lat=round(ORIGIN.lat_deg * 1e7),
+            lon=round(ORIGIN.lon_deg * 1e7),
+            alt=594090,
+            relative_alt=10000,
+        )
         await b.state(lambda s: s["position"] and s["ages"]["position"] < 1.0, "its position")
         with pytest.raises(BadInput, match=why):
             await b.ground.do("goto", **args, force=True)
@@ -214,8 +222,13 @@ async def test_a_wider_field_is_what_the_fleet_file_says(bench: StartBench) -> N
     wide = Geofence(radius=math.inf, floor=-math.inf, ceiling=math.inf)
     b = await (await bench(settings={"origin": ORIGIN, "geofence": wide, "limits": Limits(speed=math.inf)})).connected()
     await b.flying()
-    b.peer.send("GLOBAL_POSITION_INT", lat=round(ORIGIN.lat_deg * 1e7), lon=round(ORIGIN.lon_deg * 1e7),
-                alt=594090, relative_alt=10000)  # fmt: skip
+    b.peer.send(
+        "GLOBAL_POSITION_INT",
+        lat=round(ORIGIN.lat_deg * 1e7),
+        lon=round(ORIGIN.lon_deg * 1e7),
+        alt=594090,
+        relative_alt=10000,
+    )
     await b.state(lambda s: s["position"], "its position")
     for pos in ([9000.0, 0.0, -10.0], [0.0, 0.0, -900.0], [0.0, 0.0, 40.0]):
         await b.ground.do("goto", pos=pos, arrive=False)
@@ -241,9 +254,7 @@ async def test_nobody_is_sent_anywhere_who_does_not_know_where_it_is(bench: Star
         await b.ground.do("goto", frame="global", lat_deg=47.0, lon_deg=8.0, alt_rel=10.0)
 
 
-async def test_near_the_ground_it_sinks_no_faster_than_for_a_landing(
-    hovering: tuple[Vehicle, World, Ground],
-) -> None:
+async def test_near_the_ground_it_sinks_no_faster_than_for_a_landing(hovering: tuple[Vehicle, World, Ground]) -> None:
     vehicle, _, _ = hovering
     async with vehicle.lease("lander") as lease:
         lease.setpoint(vel=(0.0, 0.0, 1.0))
@@ -342,8 +353,11 @@ async def test_a_rally_point_beyond_the_field_is_not_taken(mission_bench: Missio
     b, peer = await mission_bench("ardupilot")
     await (b.flying() if armed else b.connected())
     point = {"command": "MAV_CMD_NAV_RALLY_POINT", "x": HERE_X, "y": HERE_Y, "z": 20.0}
-    for bad, why in (({"x": -35.46}, "beyond the geofence's radius"), ({"z": -20.0}, "under the ground"),
-                     ({"z": 500.0}, "over the ceiling")):  # fmt: skip
+    for bad, why in (
+        ({"x": -35.46}, "beyond the geofence's radius"),
+        ({"z": -20.0}, "under the ground"),
+        ({"z": 500.0}, "over the ceiling"),
+    ):
         with pytest.raises(BadInput, match=f"item 1: pos: .*{why}"):
             await b.ground.do("mission_upload", kind="rally", items=[point, point | bad])
     assert peer.heard("MISSION_COUNT") == []
@@ -424,8 +438,10 @@ async def test_no_force_moves_home_s_height_where_heights_are_declared(mission_b
 
 async def test_a_mission_that_lands_is_begun_over_a_declared_floor(mission_bench: MissionBench) -> None:
     b, peer = await mission_bench("ardupilot", settings={"geofence": Geofence(floor=2.0)})
-    items = [{"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0},
-             {"command": "MAV_CMD_NAV_LAND", "x": HERE_X, "y": HERE_Y, "z": 0.0}]  # fmt: skip
+    items = [
+        {"command": WAYPOINT, "x": HERE_X, "y": HERE_Y, "z": 20.0},
+        {"command": "MAV_CMD_NAV_LAND", "x": HERE_X, "y": HERE_Y, "z": 0.0},
+    ]
     await b.ground.do("mission_upload", kind="mission", items=items)
     await b.flying()
     assert (await b.ground.do("mission_start")).status == "done"

@@ -109,9 +109,10 @@ async def test_an_arming_is_asked_for_again_while_there_is_time(bench: StartBenc
 
 
 @pytest.mark.parametrize(
-    ("mav_type", "mode", "guided"), [(1, 10, 15), (1, 13, 15), (10, 10, 4), (10, 6, 4), (2, 3, 4)],
+    ("mav_type", "mode", "guided"),
+    [(1, 10, 15), (1, 13, 15), (10, 10, 4), (10, 6, 4), (2, 3, 4)],
     ids=["plane AUTO", "plane TAKEOFF", "rover AUTO", "rover FOLLOW", "copter AUTO"],
-)  # fmt: skip
+)
 async def test_it_is_not_armed_in_a_mode_that_sets_off(
     bench: StartBench, mav_type: int, mode: int, guided: int
 ) -> None:

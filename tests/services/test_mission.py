@@ -54,9 +54,14 @@ async def test_a_refused_item_brings_the_old_mission_back(mission_bench: Mission
     assert said["severity"] == "warning"
 
 
-@pytest.mark.parametrize(("style", "kind", "number", "items"), [
-    ("px4", "mission", MISSION, NEW), ("ardupilot", "fence", FENCE, FENCE_ITEMS), ("px4", "rally", RALLY, RALLY_ITEMS),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("style", "kind", "number", "items"),
+    [
+        ("px4", "mission", MISSION, NEW),
+        ("ardupilot", "fence", FENCE, FENCE_ITEMS),
+        ("px4", "rally", RALLY, RALLY_ITEMS),
+    ],
+)
 async def test_where_nothing_was_overwritten_nothing_is_restored(
     mission_bench: MissionBench, style: str, kind: str, number: int, items: list[dict[str, Any]]
 ) -> None:

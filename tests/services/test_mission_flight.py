@@ -80,8 +80,10 @@ async def test_the_orders_that_begin_a_mission(mission_bench: MissionBench) -> N
         if t.name == "COMMAND_LONG" and t.fields["command"] in (START, SET_MODE, SET_CURRENT)
     ]
     assert [(f["command"], f["param1"], f["param2"]) for f in orders] == [
-        (SET_CURRENT, 2.0, 0.0), (SET_MODE, 1.0, float(AUTO)), (START, 0.0, 0.0),
-    ]  # fmt: skip
+        (SET_CURRENT, 2.0, 0.0),
+        (SET_MODE, 1.0, float(AUTO)),
+        (START, 0.0, 0.0),
+    ]
 
 
 async def test_a_rover_needs_no_start(mission_bench: MissionBench) -> None:

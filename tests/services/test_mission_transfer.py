@@ -295,7 +295,7 @@ async def test_a_plan_that_changes_while_it_is_read(mission_bench: MissionBench)
         ("fence", [{**FENCE_ITEMS[3], "params": [0]}], "a circle of radius 0 m"),
         ("mission", [{"command": WAYPOINT, "x": 95}, {"command": WAYPOINT}, {"command": "X"}], "item 0: .*; item 2: "),
     ],
-)  # fmt: skip
+)
 async def test_bad_items_are_named_before_anything_is_sent(
     mission_bench: MissionBench, kind: str, items: list[dict[str, Any]], words: str
 ) -> None:
@@ -318,8 +318,12 @@ async def test_places_by_frame(mission_bench: MissionBench) -> None:
     ]
     await b.ground.do("mission_upload", items=items)
     assert [(i["x"], i["y"]) for i in peer.stored()] == [
-        (-351234567, 1497654321), (125000, -72500), (1, 2), (1, 2), (15000000, 25000000),
-    ]  # fmt: skip
+        (-351234567, 1497654321),
+        (125000, -72500),
+        (1, 2),
+        (1, 2),
+        (15000000, 25000000),
+    ]
     assert all(math.isnan(peer.stored()[0][f"param{n}"]) for n in range(1, 5))
     assert peer.stored()[4]["command"] == 31999
     await b.ground.do("mission_download")

@@ -36,9 +36,11 @@ async def test_the_set_is_read_at_connect_and_served(scene: StartScene) -> None:
     table = await s.table()
     assert [p.name for p in table.params] == list(s.peer.params)  # each at its index
     assert sorted((p.name, p.value, p.type) for p in table.params) == [
-        ("FRAME", 1, "INT8"), ("RTL_ALT", 1500, "INT32"), ("WPNAV_ACCEL", 250.0, "REAL32"),
+        ("FRAME", 1, "INT8"),
+        ("RTL_ALT", 1500, "INT32"),
+        ("WPNAV_ACCEL", 250.0, "REAL32"),
         ("WPNAV_SPEED", 1000.0, "REAL32"),
-    ]  # fmt: skip
+    ]
     assert table.encoding == "c_cast"
     assert (table.complete, table.count, table.autopilot, table.unchanged) == (True, 4, "ardupilot", False)
     assert table.firmware == "4.7.0"

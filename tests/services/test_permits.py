@@ -42,10 +42,30 @@ NEEDS_NONE = {
 }
 """classes that send to the autopilot and are permitted by somebody else, or move nothing"""
 PERMITTING = {
-    "admit", "guard", "prove", "allowed", "accept", "busy", "free", "may_take", "may_move", "may_send", "check",
-    "checks", "near", "lead", "leads", "leading", "aside", "permit", "sealed", "param", "rally", "future",
+    "admit",
+    "guard",
+    "prove",
+    "allowed",
+    "accept",
+    "busy",
+    "free",
+    "may_take",
+    "may_move",
+    "may_send",
+    "check",
+    "checks",
+    "near",
+    "lead",
+    "leads",
+    "leading",
+    "aside",
+    "permit",
+    "sealed",
+    "param",
+    "rally",
+    "future",
     "ask_time",
-}  # fmt: skip
+}
 
 
 def classes() -> Iterator[tuple[Path, ast.ClassDef]]:
@@ -83,11 +103,12 @@ MOVERS = [
     (path, node.name) for path, node in classes() if calls(node) and node.name not in NEEDS_NONE
 ]  # what asks for something dangerous, and is not excused by name
 ASKERS = [
-    (path, node.name) for path, node in classes()
+    (path, node.name)
+    for path, node in classes()
     if "__init__" in {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
     and any(permit in ast.unparse(node) for permit in PERMITS)
     and permits(built(path, node.name))
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("path", "name"), MOVERS, ids=[name for _, name in MOVERS])
@@ -110,12 +131,24 @@ def test_those_that_are_meant_are_among_them() -> None:
     """The search above finds what it is for."""
     asking = {name for _, name in ASKERS}
     assert asking >= {
-        "Authority", "Files", "FrameForwarder", "GcsTraffic", "Leases", "Orders", "PositionLeader", "Questions",
-        "Setpoints", "StreamWatchdog",
-    }  # fmt: skip
+        "Authority",
+        "Files",
+        "FrameForwarder",
+        "GcsTraffic",
+        "Leases",
+        "Orders",
+        "PositionLeader",
+        "Questions",
+        "Setpoints",
+        "StreamWatchdog",
+    }
     assert {name for _, name in MOVERS} >= {
-        "Authority", "FrameForwarder", "PositionLeader", "Setpoints", "StreamWatchdog",
-    }  # fmt: skip
+        "Authority",
+        "FrameForwarder",
+        "PositionLeader",
+        "Setpoints",
+        "StreamWatchdog",
+    }
     assert NEEDS_NONE.keys() <= {node.name for _, node in classes() if calls(node)}, "an excuse that nobody needs"
 
 

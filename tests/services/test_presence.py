@@ -35,9 +35,12 @@ def tokens(b: Bench) -> list[dict[str, str]]:
 async def refuses_everything(b: Bench) -> None:
     """Orders, frames and setpoints to a vehicle in a clash; but not what makes it safe."""
     for verb, args in (
-        ("arm", {}), ("takeoff", {"alt_rel": 5.0}), ("goto", {"pos": [0, 0, -5]}), ("set_mode", {"mode": "GUIDED"}),
+        ("arm", {}),
+        ("takeoff", {"alt_rel": 5.0}),
+        ("goto", {"pos": [0, 0, -5]}),
+        ("set_mode", {"mode": "GUIDED"}),
         ("lease", {"holder": "a"}),
-    ):  # fmt: skip
+    ):
         with pytest.raises(Clash):
             await b.ground.do(verb, **args)
     fields = {"target_system": 1, "target_component": 1, "command": ARM, "confirmation": 0}

@@ -62,9 +62,14 @@ class Px4(NamedTuple):
 
 @contextlib.asynccontextmanager
 async def px4(
-    net: Net, onboard: StartOnboard, cache: Path, speed: float = 1.0, opens: bool = True,
-    armed: bool = False, **params: float,
-) -> AsyncIterator[Px4]:  # fmt: skip
+    net: Net,
+    onboard: StartOnboard,
+    cache: Path,
+    speed: float = 1.0,
+    opens: bool = True,
+    armed: bool = False,
+    **params: float,
+) -> AsyncIterator[Px4]:
     """``opens``: MAVFTP opens files. ``armed``: it is so before it is heard."""
     port = free_udp_ports(1)
     spec = VehicleSpec(autopilot="px4", sysid=1, endpoints=(f"onboard:0:{port}",), params=params)

@@ -200,9 +200,11 @@ async def test_a_message_may_be_named_by_its_number(bench: StartBench, one: Stre
 
 async def test_wishes_that_make_no_sense_are_counted_and_left_out(bench: StartBench, one: StreamPeer) -> None:
     b = await on(bench, one)
-    held, junk = [], [
-        ("VFR_HUD", rate) for rate in ("0", "-1", "501", "inf", "nan", "fast", "1e999", "-0")
-    ] + [(name, "5") for name in ("NO_SUCH", "vfr_hud", "UNKNOWN_x", "UNKNOWN_", "UNKNOWN_16777216")]  # fmt: skip
+    held, junk = (
+        [],
+        [("VFR_HUD", rate) for rate in ("0", "-1", "501", "inf", "nan", "fast", "1e999", "-0")]
+        + [(name, "5") for name in ("NO_SUCH", "vfr_hud", "UNKNOWN_x", "UNKNOWN_", "UNKNOWN_16777216")],
+    )
     for name, rate in junk:
         held.append(token(b.ground, name, rate))
     good = token(b.ground, "VFR_HUD", "1e1")
@@ -242,10 +244,14 @@ async def test_one_behind_another_router_counts_too(bench: StartBench, one: Stre
 async def test_who_takes_everything_asks_for_nothing(bench: StartBench, one: StreamPeer) -> None:
     b = await on(bench, one)
     for key in (
-        "zmav/demo/quad2/mav/rx/*/*/VFR_HUD", "zmav/demo/quad1/mav/rx/1/100/WIND",
-        "zmav/demo/quad1/mav/rx/*/*/STATUSTEXT", "zmav/demo/quad1/mav/rx/*/*/PARAM_SET",
-        "zmav/demo/quad1/mav/rx/*/*/NO_SUCH", "zmav/demo/quad1/mav/rx/*/*/HEARTBEAT", "zmav/demo/quad1/state",
-    ):  # fmt: skip
+        "zmav/demo/quad2/mav/rx/*/*/VFR_HUD",
+        "zmav/demo/quad1/mav/rx/1/100/WIND",
+        "zmav/demo/quad1/mav/rx/*/*/STATUSTEXT",
+        "zmav/demo/quad1/mav/rx/*/*/PARAM_SET",
+        "zmav/demo/quad1/mav/rx/*/*/NO_SUCH",
+        "zmav/demo/quad1/mav/rx/*/*/HEARTBEAT",
+        "zmav/demo/quad1/state",
+    ):
         b.ground.session.declare_subscriber(key, lambda sample: None)
     last = b.ground.session.declare_subscriber("**/VFR_HUD", lambda sample: None)
     await flows(one, "VFR_HUD", PLAIN_HZ)
@@ -256,9 +262,15 @@ async def test_who_takes_everything_asks_for_nothing(bench: StartBench, one: Str
 
 @pytest.mark.parametrize(
     "key",
-    ["zmav/**", "**", "zmav/demo/quad1/mav/rx/**", "zmav/demo/quad1/mav/rx/*/*/*", "zmav/demo/*/mav/rx/1/1/*",
-     "zmav/demo/quad1/mav/rx/*/*/$*A$*"],
-)  # fmt: skip
+    [
+        "zmav/**",
+        "**",
+        "zmav/demo/quad1/mav/rx/**",
+        "zmav/demo/quad1/mav/rx/*/*/*",
+        "zmav/demo/*/mav/rx/1/1/*",
+        "zmav/demo/quad1/mav/rx/*/*/$*A$*",
+    ],
+)
 async def test_beside_who_takes_everything_what_flows_goes_on(bench: StartBench, one: StreamPeer, key: str) -> None:
     b = await on(bench, one)
     b.ground.session.declare_subscriber("**/VFR_HUD", lambda sample: None)
@@ -446,9 +458,13 @@ async def test_the_key_of_a_wish() -> None:
     assert keys.match(key)[0] is keys.WANT
     assert want_key("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 2.5) != want_key("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 2.5)
     for bad, hz in (
-        ("zmav/demo/quad1/state", 5.0), ("zmav/demo/quad1/mav/rx/*/*/*", 5.0), ("zmav/demo/quad1/mav/rx/**", 5.0),
-        ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", 5.0), ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 0.0),
-        ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 501.0), ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", float("nan")),
-    ):  # fmt: skip
+        ("zmav/demo/quad1/state", 5.0),
+        ("zmav/demo/quad1/mav/rx/*/*/*", 5.0),
+        ("zmav/demo/quad1/mav/rx/**", 5.0),
+        ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", 5.0),
+        ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 0.0),
+        ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", 501.0),
+        ("zmav/demo/quad1/mav/rx/*/*/ATTITUDE", float("nan")),
+    ):
         with pytest.raises(BadInput):
             want_key(bad, hz)

@@ -156,12 +156,24 @@ pulses = st.none() | st.lists(st.none() | st.integers(-10, 70_000) | st.integers
 
 @given(
     frame=st.sampled_from(["ned", "global"]),
-    pos=vectors, vel=vectors, acc=vectors, rates=vectors, torque=vectors,
-    lat_deg=numbers, lon_deg=numbers, alt_amsl=numbers, alt_rel=numbers, yaw=numbers, yaw_rate=numbers, thrust=numbers,
+    pos=vectors,
+    vel=vectors,
+    acc=vectors,
+    rates=vectors,
+    torque=vectors,
+    lat_deg=numbers,
+    lon_deg=numbers,
+    alt_amsl=numbers,
+    alt_rel=numbers,
+    yaw=numbers,
+    yaw_rate=numbers,
+    thrust=numbers,
     attitude=st.none() | st.tuples(st.floats(), st.floats(), st.floats(), st.floats()) | st.just(IDENTITY),
     manual=st.none() | st.builds(wire.ManualControl, x=st.floats(), z=st.floats(), buttons=st.integers()),
-    rc=pulses, servo=pulses, keep=st.sets(st.sampled_from([*SOUND, "yaw", "thrust", "lat_deg", "lon_deg", "alt_rel"])),
-)  # fmt: skip
+    rc=pulses,
+    servo=pulses,
+    keep=st.sets(st.sampled_from([*SOUND, "yaw", "thrust", "lat_deg", "lon_deg", "alt_rel"])),
+)
 def test_whatever_comes_is_refused_or_can_be_sent(keep: set[str], **fields: Any) -> None:
     names = {"frame", *keep, *(name for level in keep for name in SOUND.get(level, {}))}
     given_fields = {name: value for name, value in fields.items() if name in names}

@@ -173,8 +173,16 @@ def fence(corners: list[tuple[float, float]] | None = None, **more: Any) -> Fenc
 
 
 SQUARE = [(50.0, 50.0), (50.0, -50.0), (-50.0, -50.0), (-50.0, 50.0)]
-HORSESHOE = [(50.0, 50.0), (50.0, -50.0), (-50.0, -50.0), (-50.0, -20.0), (30.0, -20.0), (30.0, 20.0), (-50.0, 20.0),
-             (-50.0, 50.0)]  # fmt: skip
+HORSESHOE = [
+    (50.0, 50.0),
+    (50.0, -50.0),
+    (-50.0, -50.0),
+    (-50.0, -20.0),
+    (30.0, -20.0),
+    (30.0, 20.0),
+    (-50.0, 20.0),
+    (-50.0, 50.0),
+]
 
 
 def refused(way: Segment, which: Fence | None, limits: Limits | None = None, **more: Any) -> tuple[str, str] | None:
@@ -188,8 +196,11 @@ def refused(way: Segment, which: Fence | None, limits: Limits | None = None, **m
 def test_the_fence_is_held_between_the_points_too() -> None:
     """It swings out beyond the edge between two points that are both within."""
     fast = (15.0, 0.0, 0.0)
-    swing = segment(point(0.0, (40.0, 0.0, -5.0), vel=fast), point(5.0, (40.0, 10.0, -5.0), vel=(-15.0, 0.0, 0.0)),
-                    point(15.0, (0.0, 10.0, -5.0)))  # fmt: skip
+    swing = segment(
+        point(0.0, (40.0, 0.0, -5.0), vel=fast),
+        point(5.0, (40.0, 10.0, -5.0), vel=(-15.0, 0.0, 0.0)),
+        point(15.0, (0.0, 10.0, -5.0)),
+    )
     assert max(local(swing.at(NOW + i / 10))[0] for i in range(51)) > 51.0
     for each in (fence(SQUARE), fence(HORSESHOE), fence(radius=50.0)):
         assert refused(swing, each) == ("fence", "segment[0..1].pos")
@@ -201,9 +212,11 @@ def test_the_fence_is_held_between_the_points_too() -> None:
 def test_a_bay_is_not_crossed() -> None:
     across = segment(point(0.0, (-30.0, -30.0, -5.0)), point(10.0, (-30.0, 30.0, -5.0)))
     around = segment(
-        point(0.0, (-30.0, -35.0, -5.0)), point(10.0, (40.0, -35.0, -5.0), vel=NOUGHT),
-        point(20.0, (40.0, 35.0, -5.0), vel=NOUGHT), point(30.0, (-30.0, 35.0, -5.0)),
-    )  # fmt: skip
+        point(0.0, (-30.0, -35.0, -5.0)),
+        point(10.0, (40.0, -35.0, -5.0), vel=NOUGHT),
+        point(20.0, (40.0, 35.0, -5.0), vel=NOUGHT),
+        point(30.0, (-30.0, 35.0, -5.0)),
+    )
     assert refused(across, fence(SQUARE)) is None
     assert refused(across, fence(HORSESHOE)) == ("fence", "segment[0..1].pos")
     assert refused(around, fence(HORSESHOE)) is None
@@ -232,9 +245,10 @@ def test_ceiling_and_floor_count_from_home() -> None:
 def test_limits_hold_between_the_points(limits: Limits, count: str, field: str) -> None:
     """From rest to rest the points themselves are still; the fastest is in the middle: 1.5 times the mean."""
     way = segment(
-        point(0.0, NOUGHT, yaw=0.0), point(4.0, (8.0, 0.0, -4.0), vel=NOUGHT, yaw=1.0),
+        point(0.0, NOUGHT, yaw=0.0),
+        point(4.0, (8.0, 0.0, -4.0), vel=NOUGHT, yaw=1.0),
         point(8.0, (8.0, 0.0, -1.0), yaw=1.0),
-    )  # fmt: skip
+    )
     assert refused(way, None, limits) == (count, field)
     wider = Limits(speed=3.0, climb=1.5, descend=1.125, accel=3.4, yaw_rate=0.25)
     assert refused(way, None, wider) is None

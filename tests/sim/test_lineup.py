@@ -24,8 +24,16 @@ def lined_up(specs: list[VehicleSpec], yaw_deg: float = 0.0, terrain: Terrain | 
 def test_kinds_are_counted_each_and_ids_all() -> None:
     specs = lined_up(gather([], MIXED))
     assert [spec.name for spec in specs] == [
-        "copter1", "copter2", "hexa1", "rover1", "rover2", "plane1", "plane2", "px4-1", "px4-2",
-    ]  # fmt: skip
+        "copter1",
+        "copter2",
+        "hexa1",
+        "rover1",
+        "rover2",
+        "plane1",
+        "plane2",
+        "px4-1",
+        "px4-2",
+    ]
     assert [spec.sysid for spec in specs] == list(range(1, 10))
 
 
@@ -33,8 +41,12 @@ def test_what_was_given_is_kept_and_gone_around() -> None:
     specs = [VehicleSpec(sysid=2), VehicleSpec(name="copter1"), VehicleSpec(), VehicleSpec(sysid=1), VehicleSpec()]
     found = lined_up(specs)
     assert [(spec.name, spec.sysid) for spec in found] == [
-        ("copter2", 2), ("copter1", 3), ("copter3", 4), ("copter4", 1), ("copter5", 5),
-    ]  # fmt: skip
+        ("copter2", 2),
+        ("copter1", 3),
+        ("copter3", 4),
+        ("copter4", 1),
+        ("copter5", 5),
+    ]
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0])

@@ -14,10 +14,15 @@ if TYPE_CHECKING:
 
 UNSUPPORTED, FAILED = 3, 4
 MODES = (
-    ("arducopter", 1, "ACRO"), ("arducopter", 7, "CIRCLE"), ("arducopter", 16, "POSHOLD"),
-    ("arducopter", 21, "SMARTRTL"), ("ardurover", 1, "ACRO"), ("ardurover", 12, "SMART_RTL"),
-    ("arduplane", 2, "STABILIZE"), ("arduplane", 8, "AUTOTUNE"),
-)  # fmt: skip
+    ("arducopter", 1, "ACRO"),
+    ("arducopter", 7, "CIRCLE"),
+    ("arducopter", 16, "POSHOLD"),
+    ("arducopter", 21, "SMARTRTL"),
+    ("ardurover", 1, "ACRO"),
+    ("ardurover", 12, "SMART_RTL"),
+    ("arduplane", 2, "STABILIZE"),
+    ("arduplane", 8, "AUTOTUNE"),
+)
 
 
 @pytest.mark.parametrize(("autopilot", "number", "name"), MODES)

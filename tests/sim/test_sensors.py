@@ -89,12 +89,17 @@ class TestTruth:
         assert math.isnan(suite(bodies(down=-RANGE_MAX_M)).readings(0).range_m)
         assert suite(bodies(down=0.0)).readings(0).range_m == pytest.approx(RANGE_MOUNT_M)
 
-    @pytest.mark.parametrize(("lat", "lon", "north", "east", "down"), [
-        # nT at sea level at 2025.0, worked out by pygeomag 1.1 from the same coefficients.
-        (47.4, 8.55, 21522.8, 1287.8, 43254.4), (51.5, -0.1, 19542.1, 312.4, 45005.1),
-        (-35.36, 149.17, 23028.1, 5167.6, -53110.4), (37.77, -122.4, 22384.5, 5162.6, 41593.4),
-        (80.0, 0.0, 6521.6, 145.9, 54791.5),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        ("lat", "lon", "north", "east", "down"),
+        [
+            # nT at sea level at 2025.0, worked out by pygeomag 1.1 from the same coefficients.
+            (47.4, 8.55, 21522.8, 1287.8, 43254.4),
+            (51.5, -0.1, 19542.1, 312.4, 45005.1),
+            (-35.36, 149.17, 23028.1, 5167.6, -53110.4),
+            (37.77, -122.4, 22384.5, 5162.6, 41593.4),
+            (80.0, 0.0, 6521.6, 145.9, 54791.5),
+        ],
+    )
     def test_the_magnetic_field_is_the_world_magnetic_models(
         self, lat: float, lon: float, north: float, east: float, down: float
     ) -> None:

@@ -47,9 +47,15 @@ class Authority:
         self.members: list[dict[str, Any]] = []
 
     def issue(
-        self, name: str, role: str, *, fleet: str | None = None, begins: float = -DAY, ends: float = DAY,
+        self,
+        name: str,
+        role: str,
+        *,
+        fleet: str | None = None,
+        begins: float = -DAY,
+        ends: float = DAY,
         folder: str | None = None,
-    ) -> Path:  # fmt: skip
+    ) -> Path:
         """A member's folder. ``begins``, ``ends``: seconds from now."""
         key, now = Ed25519PrivateKey.generate(), time.time()
         parts = ((NameOID.COMMON_NAME, name), (NameOID.ORGANIZATION_NAME, fleet or self.fleet))

@@ -94,9 +94,11 @@ def test_who_is_a_vehicle(authority: Authority) -> None:
 def test_tokens_say_what_their_giver_is(role: Role) -> None:
     """A viewer that is present as a planner would have the planners believe that somebody else is in charge."""
     allowed = {
-        Role.VIEWER: {"viewer", "router"}, Role.PLANNER: {"viewer", "router", "planner"},
-        Role.OPERATOR: {"viewer", "router", "planner", "operator"}, Role.VEHICLE: {"viewer", "router", "vehicle"},
-    }[role]  # fmt: skip
+        Role.VIEWER: {"viewer", "router"},
+        Role.PLANNER: {"viewer", "router", "planner"},
+        Role.OPERATOR: {"viewer", "router", "planner", "operator"},
+        Role.VEHICLE: {"viewer", "router", "vehicle"},
+    }[role]
     for said in ("viewer", "router", "planner", "operator", "vehicle"):
         parts = {"vehicle": "x1", "role": said, "fleet": "demo"}
         if said in allowed:

@@ -67,9 +67,12 @@ def test_nothing_can_be_changed(signed: Signed) -> None:
         with pytest.raises(Forbidden):
             signed.verifier.verify(KEY, PAYLOAD, bytes(changed))
     for key, payload in (
-        ("zmav/demo/quad2/do/ping", PAYLOAD), ("zmav/demo/quad1/do/arm", PAYLOAD), (KEY, b""), (KEY, PAYLOAD + b" "),
+        ("zmav/demo/quad2/do/ping", PAYLOAD),
+        ("zmav/demo/quad1/do/arm", PAYLOAD),
+        (KEY, b""),
+        (KEY, PAYLOAD + b" "),
         (KEY[:-1], b"g" + PAYLOAD),
-    ):  # fmt: skip
+    ):
         with pytest.raises(Forbidden) as e:
             signed.verifier.verify(key, payload, signed.attachment)
         assert e.value.detail["reason"] == "signature"

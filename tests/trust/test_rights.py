@@ -11,9 +11,22 @@ from zmav.trust.rights import may, writers
 from zmav.verbs import SWARM_VERBS, VERBS, Access
 
 CONFIGURES = {
-    "command", "reboot", "param_set", "param_load", "file_put", "file_remove", "file_mkdir", "file_rmdir",
-    "file_rename", "log_erase", "revoke", "servo", "relay", "mission_upload", "mission_clear",
-}  # fmt: skip
+    "command",
+    "reboot",
+    "param_set",
+    "param_load",
+    "file_put",
+    "file_remove",
+    "file_mkdir",
+    "file_rmdir",
+    "file_rename",
+    "log_erase",
+    "revoke",
+    "servo",
+    "relay",
+    "mission_upload",
+    "mission_clear",
+}
 LOOKS = {"ping", "file_list", "file_crc", "log_list"}
 
 

@@ -19,9 +19,11 @@ def test_both_sides_come_to_the_same_secret_and_others_do_not() -> None:
     assert secret == vehicle.secret(holder.public, "demo/quad1", "token")
     assert len(secret) == 32
     others = {
-        stranger.secret(vehicle.public, "demo/quad1", "token"), stranger.secret(holder.public, "demo/quad1", "token"),
-        holder.secret(vehicle.public, "demo/quad2", "token"), holder.secret(vehicle.public, "demo/quad1", "another"),
-    }  # fmt: skip
+        stranger.secret(vehicle.public, "demo/quad1", "token"),
+        stranger.secret(holder.public, "demo/quad1", "token"),
+        holder.secret(vehicle.public, "demo/quad2", "token"),
+        holder.secret(vehicle.public, "demo/quad1", "another"),
+    }
     assert len(others) == 4
     assert secret not in others
 
@@ -42,9 +44,12 @@ def test_nothing_can_be_changed() -> None:
         changed[at] ^= 1
         assert not is_sealed(SECRET, KEY, PAYLOAD, bytes(changed))
     for secret, key, payload in (
-        (bytes(32), KEY, PAYLOAD), (SECRET, KEY + "2", PAYLOAD), (SECRET, KEY, PAYLOAD + b" "), (SECRET, KEY, b""),
+        (bytes(32), KEY, PAYLOAD),
+        (SECRET, KEY + "2", PAYLOAD),
+        (SECRET, KEY, PAYLOAD + b" "),
+        (SECRET, KEY, b""),
         (SECRET, KEY[:-1], b"e" + PAYLOAD),
-    ):  # fmt: skip
+    ):
         assert not is_sealed(secret, key, payload, sealed)
     assert not is_sealed(SECRET, KEY, PAYLOAD, None)
 

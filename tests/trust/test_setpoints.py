@@ -139,8 +139,10 @@ async def test_an_overheard_token_is_its_holders(guarded: StartGuarded) -> None:
     """Renewed, released and used for orders by the certificate that took it, and by no other."""
     g: Guarded = await guarded(**SETTINGS)
     async with (
-        g.client("swap", "planner") as z, g.client("thief", "planner") as thief, g.client("chief", "operator") as chief
-    ):  # fmt: skip
+        g.client("swap", "planner") as z,
+        g.client("thief", "planner") as thief,
+        g.client("chief", "operator") as chief,
+    ):
         await g.b.flying()
         vehicle, other = z.vehicle("quad1"), thief.vehicle("quad1")
         async with vehicle.lease("alice", ttl=30.0) as lease:

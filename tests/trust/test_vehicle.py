@@ -209,9 +209,12 @@ async def test_who_flies_and_who_configures(guarded: StartGuarded) -> None:
         vehicle = z.vehicle("quad1")
         await vehicle.set_mode("GUIDED")
         for order in (
-            vehicle.params.set("ARMING_CHECK", 0), vehicle.reboot(), vehicle.revoke(), vehicle.files.remove("/a"),
+            vehicle.params.set("ARMING_CHECK", 0),
+            vehicle.reboot(),
+            vehicle.revoke(),
+            vehicle.files.remove("/a"),
             vehicle.command("PREFLIGHT_REBOOT_SHUTDOWN"),
-        ):  # fmt: skip
+        ):
             assert await reason(order) == "role"
     async with g.client("eye", "viewer") as z:
         vehicle = z.vehicle("quad1")

@@ -21,9 +21,16 @@ from zmav.wire import CameraInfo
 
 BENT = (-0.25, 0.08, 0.001, -0.002, -0.01)
 INFO = CameraInfo(
-    t=0.0, camera="down", width=640, height=480, focal=(520.0, 524.0), center=(322.0, 236.5), distortion=BENT,
-    mount=(0.1, -0.3, 0.7), rate_hz=10.0,
-)  # fmt: skip
+    t=0.0,
+    camera="down",
+    width=640,
+    height=480,
+    focal=(520.0, 524.0),
+    center=(322.0, 236.5),
+    distortion=BENT,
+    mount=(0.1, -0.3, 0.7),
+    rate_hz=10.0,
+)
 PIXELS = np.array([[0.0, 0.0], [639.0, 479.0], [322.0, 236.5], [100.3, 400.7]])
 
 

@@ -31,9 +31,20 @@ class ArduPilot(Autopilot):
     }
     # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
     own_params: ClassVar[tuple[str, ...]] = (
-        "MAV_SYSID", "SYSID_THISMAV", "STAT_*", "FORMAT_VERSION", "BARO*_GND_PRESS", "BARO_GND_TEMP", "BARO_FIELD_ELV",
-        "*_DEVID", "INS_ACC*_ID", "INS_GYR*_ID", "INS*_ACC_ID", "INS*_GYR_ID", "COMPASS_DEV_ID*",
-    )  # fmt: skip
+        "MAV_SYSID",
+        "SYSID_THISMAV",
+        "STAT_*",
+        "FORMAT_VERSION",
+        "BARO*_GND_PRESS",
+        "BARO_GND_TEMP",
+        "BARO_FIELD_ELV",
+        "*_DEVID",
+        "INS_ACC*_ID",
+        "INS_GYR*_ID",
+        "INS*_ACC_ID",
+        "INS*_GYR_ID",
+        "COMPASS_DEV_ID*",
+    )
 
     def __init__(self, kind: str) -> None:
         super().__init__(kind)

@@ -42,9 +42,15 @@ def position_target(target: Target) -> Message:
     if target.yaw_rate is None:
         mask |= YAW_RATE
     common = {
-        "vx": vx, "vy": vy, "vz": vz, "afx": ax, "afy": ay, "afz": az,
-        "yaw": target.yaw or 0.0, "yaw_rate": target.yaw_rate or 0.0,
-    }  # fmt: skip
+        "vx": vx,
+        "vy": vy,
+        "vz": vz,
+        "afx": ax,
+        "afy": ay,
+        "afz": az,
+        "yaw": target.yaw or 0.0,
+        "yaw_rate": target.yaw_rate or 0.0,
+    }
     if target.lat_deg is None or target.lon_deg is None:
         fields = {"coordinate_frame": LOCAL_NED, "type_mask": mask | POSITION, **common}
         return Message("SET_POSITION_TARGET_LOCAL_NED", fields)
@@ -92,9 +98,14 @@ def velocity_only(target: Target) -> list[Action]:
 
 def _place(target: Target, vel: tuple[float, float, float] | None = None) -> Target:
     return Target(
-        target.lat_deg, target.lon_deg, target.alt_amsl, target.alt_rel, vel=vel, yaw=target.yaw,
+        target.lat_deg,
+        target.lon_deg,
+        target.alt_amsl,
+        target.alt_rel,
+        vel=vel,
+        yaw=target.yaw,
         yaw_rate=target.yaw_rate,
-    )  # fmt: skip
+    )
 
 
 def ground_velocity(target: Target) -> list[Action]:
@@ -145,10 +156,14 @@ def _attitude(
     return Message(
         "SET_ATTITUDE_TARGET",
         {
-            "type_mask": mask, "q": q, "body_roll_rate": p, "body_pitch_rate": q_, "body_yaw_rate": r,
+            "type_mask": mask,
+            "q": q,
+            "body_roll_rate": p,
+            "body_pitch_rate": q_,
+            "body_yaw_rate": r,
             "thrust": thrust or 0.0,
         },
-    )  # fmt: skip
+    )
 
 
 def sticks(target: Target) -> list[Action]:
@@ -167,10 +182,13 @@ def _manual(target: Target, z_offset: float, z_span: float) -> Message:
     return Message(
         "MANUAL_CONTROL",
         {
-            "x": round(m.x * STICK), "y": round(m.y * STICK), "z": round(m.z * z_span + z_offset),
-            "r": round(m.r * STICK), "buttons": m.buttons,
+            "x": round(m.x * STICK),
+            "y": round(m.y * STICK),
+            "z": round(m.z * z_span + z_offset),
+            "r": round(m.r * STICK),
+            "buttons": m.buttons,
         },
-    )  # fmt: skip
+    )
 
 
 def released_sticks() -> Message:

@@ -15,11 +15,22 @@ from zmav.autopilots.base import HERE, Autopilot, Command, Target
 _TO_A_PLACE = frozenset(
     f"MAV_CMD_{name}"
     for name in (
-        "DO_REPOSITION", "DO_ORBIT", "NAV_TAKEOFF", "NAV_VTOL_TAKEOFF", "NAV_WAYPOINT", "NAV_SPLINE_WAYPOINT",
-        "NAV_LOITER_UNLIM", "NAV_LOITER_TURNS", "NAV_LOITER_TIME", "NAV_LOITER_TO_ALT", "NAV_PAYLOAD_PLACE",
-        "NAV_FOLLOW", "OVERRIDE_GOTO", "NAV_RALLY_POINT",
+        "DO_REPOSITION",
+        "DO_ORBIT",
+        "NAV_TAKEOFF",
+        "NAV_VTOL_TAKEOFF",
+        "NAV_WAYPOINT",
+        "NAV_SPLINE_WAYPOINT",
+        "NAV_LOITER_UNLIM",
+        "NAV_LOITER_TURNS",
+        "NAV_LOITER_TIME",
+        "NAV_LOITER_TO_ALT",
+        "NAV_PAYLOAD_PLACE",
+        "NAV_FOLLOW",
+        "OVERRIDE_GOTO",
+        "NAV_RALLY_POINT",
     )
-)  # fmt: skip
+)
 _TO_A_LANDING = frozenset(f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_VTOL_LAND", "DO_LAND_START"))
 _TO_A_HEIGHT = frozenset(
     f"MAV_CMD_{name}" for name in ("GUIDED_CHANGE_ALTITUDE", "NAV_CONTINUE_AND_CHANGE_ALT", "CONDITION_CHANGE_ALT")

@@ -94,9 +94,13 @@ class Px4(Autopilot):
     unrated: ClassVar[frozenset[str]] = frozenset({"HEARTBEAT", "MISSION_CURRENT"})
     never_rated: ClassVar[tuple[int, ...]] = (2, 3, 4)
     missions = MissionRules(
-        mode="MISSION", start_command=False, set_by_command=False, mission_frame=True, exact=False,
+        mode="MISSION",
+        start_command=False,
+        set_by_command=False,
+        mission_frame=True,
+        exact=False,
         never_placed=frozenset({"MAV_CMD_DO_LAND_START", "MAV_CMD_DO_SET_HOME"}),
-    )  # fmt: skip
+    )
     params_bytewise: ClassVar[bool] = True
     # The system id, flight time and number of flights, ids of the sensors it found.
     own_params: ClassVar[tuple[str, ...]] = ("MAV_SYS_ID", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")

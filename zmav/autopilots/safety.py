@@ -125,12 +125,7 @@ _PLANE = (
         "battery is empty",
         "1",
     ),
-    Safety(
-        ("FS_LONG_ACTN",),
-        _is(0),
-        "the long failsafe goes on with the mission, and with GUIDED",
-        "1 (RTL)",
-    ),
+    Safety(("FS_LONG_ACTN",), _is(0), "the long failsafe goes on with the mission, and with GUIDED", "1 (RTL)"),
     _WATCH,
 )
 _PX4 = (
@@ -205,21 +200,33 @@ _ANY: dict[str, tuple[str, ...]] = {
     "ardupilot": ("GUIDED", "AUTO", "RTL", "LAND", "LOITER", "TAKEOFF", "HOLD", "QLAND", "QRTL", "BRAKE"),
 }
 _BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
-    "px4": {
-        "takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "reposition": ("HOLD",), "mission_start": ("MISSION",),
-    },
+    "px4": {"takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "reposition": ("HOLD",), "mission_start": ("MISSION",)},
     "ardupilot": {"goto": ("GUIDED",), "reposition": ("GUIDED",), "mission_start": ("AUTO",)},
-}  # fmt: skip
+}
 
 
 _CHANGING = {
     f"MAV_CMD_{name}"
     for name in (
-        "DO_SET_MODE", "NAV_TAKEOFF", "NAV_VTOL_TAKEOFF", "NAV_LAND", "NAV_VTOL_LAND", "NAV_RETURN_TO_LAUNCH",
-        "NAV_LOITER_UNLIM", "NAV_PRECLAND", "MISSION_START", "DO_REPOSITION", "DO_PAUSE_CONTINUE", "DO_GO_AROUND",
-        "DO_LAND_START", "DO_RETURN_PATH_START", "DO_CHANGE_ALTITUDE", "DO_ORBIT", "DO_FOLLOW",
+        "DO_SET_MODE",
+        "NAV_TAKEOFF",
+        "NAV_VTOL_TAKEOFF",
+        "NAV_LAND",
+        "NAV_VTOL_LAND",
+        "NAV_RETURN_TO_LAUNCH",
+        "NAV_LOITER_UNLIM",
+        "NAV_PRECLAND",
+        "MISSION_START",
+        "DO_REPOSITION",
+        "DO_PAUSE_CONTINUE",
+        "DO_GO_AROUND",
+        "DO_LAND_START",
+        "DO_RETURN_PATH_START",
+        "DO_CHANGE_ALTITUDE",
+        "DO_ORBIT",
+        "DO_FOLLOW",
     )
-}  # fmt: skip
+}
 """commands that change the mode by themselves: after any other, a new mode is somebody else's wish"""
 
 

@@ -187,9 +187,7 @@ async def _read(heard: zmav.Subscription[None]) -> None:
 @vehicle_option
 @fleet_option
 @zenoh_options
-def do(
-    agent: str, verb: str, arguments: tuple[str, ...], vehicle: str, fleet: str, settings: SessionSettings
-) -> None:  # fmt: skip
+def do(agent: str, verb: str, arguments: tuple[str, ...], vehicle: str, fleet: str, settings: SessionSettings) -> None:
     """Give an agent an order: 'zmav agent do follower follow target=rover1 --vehicle quad1'."""
     run(_tell(agent, verb, assignments(arguments), vehicle, fleet, settings))
 
@@ -222,9 +220,14 @@ def param_set(agent: str, name: str, value: float, vehicle: str, fleet: str, set
 
 
 async def _tell(
-    agent: str, verb: str, arguments: dict[str, Any], vehicle: str, fleet: str, settings: SessionSettings,
+    agent: str,
+    verb: str,
+    arguments: dict[str, Any],
+    vehicle: str,
+    fleet: str,
+    settings: SessionSettings,
     table: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         (target,) = await z.wait_for(vehicle, timeout=5.0)
         result = await target.tell(agent, verb, **arguments)

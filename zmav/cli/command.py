@@ -23,9 +23,16 @@ from zmav.session import SessionSettings
 @json_option
 @zenoh_options
 def command(
-    vehicles: str, name: str, params: tuple[str, ...], frame: str | None, explain: bool, dialect: str, fleet: str,
-    as_json: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    vehicles: str,
+    name: str,
+    params: tuple[str, ...],
+    frame: str | None,
+    explain: bool,
+    dialect: str,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+) -> None:
     """Give any MAV_CMD: 'zmav command quad1 DO_CHANGE_SPEED Speed=5 SpeedType=GROUNDSPEED'.
 
     Parameters go by the dialect's labels or as param1 to param7; what is not given is 0, and null stands for NaN.

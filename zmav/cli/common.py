@@ -24,9 +24,12 @@ def zenoh_options(command: F) -> F:
     """``-e -l -m -c --cfg`` as the zenoh tools have them, given to the verb as one ``settings``."""
 
     @click.option(
-        "-e", "--connect", multiple=True, metavar="ENDPOINT",
+        "-e",
+        "--connect",
+        multiple=True,
+        metavar="ENDPOINT",
         help="Zenoh endpoint to connect to (repeatable).  [default for clients: $ZMAV_CONNECT, or loopback's router]",
-    )  # fmt: skip
+    )
     @click.option("-l", "--listen", multiple=True, metavar="ENDPOINT", help="Zenoh endpoint to listen on (repeatable).")
     @click.option(
         "-m", "--mode", type=click.Choice(["client", "peer", "router"]), help="[default: client, or the file's]"
@@ -34,14 +37,23 @@ def zenoh_options(command: F) -> F:
     @click.option("-c", "--config", metavar="FILE", help="Zenoh configuration file.")
     @click.option("--cfg", multiple=True, metavar="PATH:VALUE", help="One Zenoh configuration value (repeatable).")
     @click.option(
-        "--credentials", metavar="DIR", envvar=VARIABLE, show_envvar=True,
+        "--credentials",
+        metavar="DIR",
+        envvar=VARIABLE,
+        show_envvar=True,
         help="Folder of the member we are: see 'zmav mesh ca'.",
-    )  # fmt: skip
+    )
     @functools.wraps(command)
     def wrapped(
-        *args: Any, connect: tuple[str, ...], listen: tuple[str, ...], mode: Mode | None, config: str | None,
-        cfg: tuple[str, ...], credentials: str | None, **kwargs: Any,
-    ) -> Any:  # fmt: skip
+        *args: Any,
+        connect: tuple[str, ...],
+        listen: tuple[str, ...],
+        mode: Mode | None,
+        config: str | None,
+        cfg: tuple[str, ...],
+        credentials: str | None,
+        **kwargs: Any,
+    ) -> Any:
         settings = SessionSettings(
             mode=mode, connect=connect, listen=listen, file=config, cfg=cfg, credentials=credentials
         )
@@ -51,9 +63,11 @@ def zenoh_options(command: F) -> F:
 
 
 fleet_option = click.option(
-    "--fleet", default=lambda: os.environ.get("ZMAV_FLEET", "demo"), show_default="demo, or $ZMAV_FLEET",
+    "--fleet",
+    default=lambda: os.environ.get("ZMAV_FLEET", "demo"),
+    show_default="demo, or $ZMAV_FLEET",
     help="Fleet to look at; '*' for all.",
-)  # fmt: skip
+)
 seconds_option = click.option(
     "--for", "seconds", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to listen."
 )

@@ -43,10 +43,13 @@ async def _delay(vehicles: tuple[str, ...], count: int, fleet: str, as_json: boo
             trips = [1e3 * await vehicle.ping() for _ in range(count)]
             rows.append(
                 {
-                    "vehicle": vehicle.name, "min_ms": min(trips), "median_ms": statistics.median(trips),
-                    "max_ms": max(trips), "state_age_ms": 1e3 * statistics.median(await ages(z, vehicle)),
+                    "vehicle": vehicle.name,
+                    "min_ms": min(trips),
+                    "median_ms": statistics.median(trips),
+                    "max_ms": max(trips),
+                    "state_age_ms": 1e3 * statistics.median(await ages(z, vehicle)),
                 }
-            )  # fmt: skip
+            )
     show(rows, as_json, ("vehicle", "min_ms", "median_ms", "max_ms", "state_age_ms"))
 
 

@@ -68,10 +68,19 @@ class Agent(msgspec.Struct, frozen=True):
 @json_option
 @zenoh_options
 def command(
-    link: str | None, fleet_file: str | None, name: str | None, user: str | None, disks: tuple[str, ...],
-    dialect: str | None, explain: bool, whole: bool, fleet: str | None, seconds: float, as_json: bool,
+    link: str | None,
+    fleet_file: str | None,
+    name: str | None,
+    user: str | None,
+    disks: tuple[str, ...],
+    dialect: str | None,
+    explain: bool,
+    whole: bool,
+    fleet: str | None,
+    seconds: float,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Examine this host, the routers and the vehicles: 'zmav doctor'; on a vehicle, with its serial port: 'zmav doctor
     --file /etc/zmav/vehicle.toml --name quad1'; or a link alone: 'zmav doctor --link /dev/ttyACM0'.
 

@@ -65,9 +65,17 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @json_option
 @zenoh_options
 def command(
-    vehicle: str, level: str | None, from_stdin: bool, seconds: float, rate: float, priority: int, fleet: str,
-    as_json: bool, settings: SessionSettings, **given: Any,
-) -> None:  # fmt: skip
+    vehicle: str,
+    level: str | None,
+    from_stdin: bool,
+    seconds: float,
+    rate: float,
+    priority: int,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+    **given: Any,
+) -> None:
     """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1,0,0 --for 5'.
 
     PX4 flies sticks in POSCTL, and is put into HOLD when they end.

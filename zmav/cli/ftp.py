@@ -14,9 +14,16 @@ from zmav.errors import ZmavError
 from zmav.session import SessionSettings
 
 ACTIONS = {
-    "ls": (0, 1), "get": (1, 2), "put": (2, 2), "rm": (1, 99), "mkdir": (1, 1), "rmdir": (1, 1), "mv": (2, 2),
-    "crc": (1, 1), "cancel": (0, 0),
-}  # fmt: skip
+    "ls": (0, 1),
+    "get": (1, 2),
+    "put": (2, 2),
+    "rm": (1, 99),
+    "mkdir": (1, 1),
+    "rmdir": (1, 1),
+    "mv": (2, 2),
+    "crc": (1, 1),
+    "cancel": (0, 0),
+}
 """action -> fewest and most paths"""
 
 

@@ -28,9 +28,18 @@ from zmav.wire import Vector
 @json_option
 @zenoh_options
 def command(
-    vehicles: str, to: Vector | None, at: tuple[float, float] | None, alt: float | None, amsl: float | None,
-    tolerance: float, no_wait: bool, force: bool, fleet: str, as_json: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    vehicles: str,
+    to: Vector | None,
+    at: tuple[float, float] | None,
+    alt: float | None,
+    amsl: float | None,
+    tolerance: float,
+    no_wait: bool,
+    force: bool,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+) -> None:
     """Fly to a point: 'zmav goto quad1 --to 20,0,10' or 'zmav goto quad1 --at 52.7561 -1.2461 --alt 10'."""
     if (to is None) == (at is None):
         raise click.UsageError("give one of --to and --at")

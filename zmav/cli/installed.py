@@ -116,9 +116,13 @@ def names(directory: str | None = None) -> list[str]:
 @click.option("-o", "--option", "options", multiple=True, metavar="NAME=VALUE", help="A setting (repeatable).")
 @click.option("--set", "tuned", multiple=True, metavar="NAME=VALUE", help="A parameter to begin with (repeatable).")
 def install(
-    what: str, name: str | None, vehicle: str | None, fleet: str | None, options: tuple[str, ...],
+    what: str,
+    name: str | None,
+    vehicle: str | None,
+    fleet: str | None,
+    options: tuple[str, ...],
     tuned: tuple[str, ...],
-) -> None:  # fmt: skip
+) -> None:
     """Have systemd run an agent from now on: 'sudo zmav agent install my_agent.py', 'sudo zmav agent install follower'.
 
     A file is copied. It is loaded once, as the user that it will run as, and refused where it holds no agent, or does
@@ -313,11 +317,4 @@ def _need_root(where: Path) -> None:
         raise BadConfig(text, field="directory", value=str(where), expected="root")
 
 
-VERBS = (
-    install,
-    remove,
-    logs,
-    _order("start", "Start"),
-    _order("stop", "Stop"),
-    _order("restart", "Restart"),
-)
+VERBS = (install, remove, logs, _order("start", "Start"), _order("stop", "Stop"), _order("restart", "Restart"))

@@ -26,9 +26,16 @@ from zmav.session import SessionSettings
 @json_option
 @zenoh_options
 def command(
-    vehicle: str, action: str, which: tuple[str, ...], to: str | None, by: str | None, yes: bool, fleet: str,
-    as_json: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    vehicle: str,
+    action: str,
+    which: tuple[str, ...],
+    to: str | None,
+    by: str | None,
+    yes: bool,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+) -> None:
     """The autopilot's flight logs: 'zmav log quad1 list', 'zmav log quad1 get latest', 'zmav log quad1 get 3 4'.
 
     An interrupted get goes on where it stopped. ArduPilot gives out no logs while it is armed.
@@ -44,9 +51,15 @@ def command(
 
 
 async def _do(
-    name: str, action: str, which: tuple[str, ...], to: str | None, by: str, fleet: str, as_json: bool,
+    name: str,
+    action: str,
+    which: tuple[str, ...],
+    to: str | None,
+    by: str,
+    fleet: str,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     async with vehicle_of(name, fleet, settings) as vehicle:
         if action == "erase":
             count = await vehicle.logs.erase()

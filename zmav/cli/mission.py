@@ -197,9 +197,14 @@ def convert(source: str, target: str, kind: MissionKind | None, dialect: str) ->
 
 
 async def _each(
-    pattern: str, work: Work, say: Callable[[dict[str, Any]], str], fleet: str, as_json: bool,
-    settings: SessionSettings, one: bool = False,
-) -> None:  # fmt: skip
+    pattern: str,
+    work: Work,
+    say: Callable[[dict[str, Any]], str],
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+    one: bool = False,
+) -> None:
     """Do the work with all vehicles that match, side by side; ends with an error if any of it failed."""
     async with zmav.open(fleet=fleet, settings=settings) as z:
         vehicles = await matching(z, pattern)

@@ -152,10 +152,13 @@ async def _save(
             if _fits(p.name, pattern)
         ]
         about = paramfile.ParamFile(
-            format=form, params=params, sysid=state.sysid if state else None, version=table.firmware or "",
+            format=form,
+            params=params,
+            sysid=state.sysid if state else None,
+            version=table.firmware or "",
             stack={"ardupilot": "ArduPilot", "px4": "PX4 Pro"}.get(table.autopilot, "Generic"),
             vehicle=(state and state.kind) or "",
-        )  # fmt: skip
+        )
         try:
             path.write_bytes(paramfile.write(about))
         except OSError as e:
@@ -179,9 +182,14 @@ def load(
 
 
 async def _load(
-    vehicles: str, file: paramfile.ParamFile, dry_run: bool, own: bool, fleet: str, as_json: bool,
+    vehicles: str,
+    file: paramfile.ParamFile,
+    dry_run: bool,
+    own: bool,
+    fleet: str,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         targets = await matching(z, vehicles)
         found = await read(targets)

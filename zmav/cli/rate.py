@@ -29,9 +29,14 @@ WAIT_S = 3.0
 @json_option
 @zenoh_options
 def command(
-    vehicle: str, message: str | None, hz: float | None, seconds: float | None, fleet: str, as_json: bool,
+    vehicle: str,
+    message: str | None,
+    hz: float | None,
+    seconds: float | None,
+    fleet: str,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Message rates of a vehicle: 'zmav rate quad1'. With a message and a rate, have the autopilot send it that fast
     until Ctrl-C, and show what arrives: 'zmav rate quad1 ATTITUDE 50'.
     """

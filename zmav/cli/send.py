@@ -27,9 +27,15 @@ from zmav.waiting import within
 @fleet_option
 @zenoh_options
 def command(
-    vehicles: str, message: str, fields: tuple[str, ...], sysid: int, compid: int, dialect: str, fleet: str,
+    vehicles: str,
+    message: str,
+    fields: tuple[str, ...],
+    sysid: int,
+    compid: int,
+    dialect: str,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Send a message, every field given: 'zmav send quad1 SET_MODE base_mode=1 custom_mode=4'.
 
     target_system and target_component are the vehicle's own unless given. A frame meant for another is refused.
@@ -38,9 +44,14 @@ def command(
 
 
 async def _send(
-    vehicles: str, message: str, fields: tuple[str, ...], source: tuple[int, int], dialect: str, fleet: str,
+    vehicles: str,
+    message: str,
+    fields: tuple[str, ...],
+    source: tuple[int, int],
+    dialect: str,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     values = assignments(fields)
     async with zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z:
         known = {field.name for field in z.dialect.message(message).fields}

@@ -37,16 +37,18 @@ def check_host(told: wire.HostReport, who: str = "") -> Iterator[Finding]:
     if told.load is not None and told.load > BUSY * max(told.cpus, 1):
         yield topics.LOAD.advise(
             f"{told.load:.1f} processes want {told.cpus} cores",
-            "see what is busy: top; a planner or a camera belongs on another host", who,
-        )  # fmt: skip
+            "see what is busy: top; a planner or a camera belongs on another host",
+            who,
+        )
     if told.temperature is not None and told.temperature >= HOT:
         yield topics.HEAT.advise(f"{told.temperature:.0f} °C", "give it a heat sink or air", who)
     yield from _power(told, who)
     if told.clock_synced is False:
         yield topics.TIME.advise(
             "nothing keeps the clock: no NTP, GPS or PTP",
-            "run chrony (timedatectl shows whether it works); without an uplink, let all hosts follow one", who,
-        )  # fmt: skip
+            "run chrony (timedatectl shows whether it works); without an uplink, let all hosts follow one",
+            who,
+        )
 
 
 def _summary(told: wire.HostReport) -> str:

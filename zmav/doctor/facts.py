@@ -97,8 +97,14 @@ class Facts:
 def facts_of(vehicle: Vehicle, **more: Any) -> Facts:
     """What a client knows of a vehicle by itself; ``more``: what was heard of it besides."""
     age = vehicle.age
-    return Facts(name=vehicle.name, presence=_presence(age, vehicle.present), age=age, state=vehicle.last_state,
-                 disbelieved=tuple(vehicle.disbelieved), **more)  # fmt: skip
+    return Facts(
+        name=vehicle.name,
+        presence=_presence(age, vehicle.present),
+        age=age,
+        state=vehicle.last_state,
+        disbelieved=tuple(vehicle.disbelieved),
+        **more,
+    )
 
 
 def _presence(age: float | None, token: bool) -> Presence:

@@ -270,8 +270,13 @@ LINE = "ask for fewer messages, or a higher baud rate with flow control; on a ra
 RULES: tuple[Rule, ...] = (
     Rule("state", "bad", _no_state, "is its computer on, and its router linked to this one?", always=True),
     Rule("clash", "bad", _clash, "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"),
-    Rule("autopilot", "bad", _autopilot, "on the vehicle, look at power, cable, port and baud rate; "
-         "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there"),
+    Rule(
+        "autopilot",
+        "bad",
+        _autopilot,
+        "on the vehicle, look at power, cable, port and baud rate; "
+        "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there",
+    ),
     Rule("status", "bad", _status, "its own words say why: zmav echo NAME/event"),
     Rule("battery-empty", "bad", _battery_empty, f"land it; {CHARGE}"),
     Rule("gps-fix", "bad", _gps_fix, SKY),
@@ -294,7 +299,7 @@ RULES: tuple[Rule, ...] = (
     Rule("pilot", "note", _pilot, "the pilot's switch gives it back"),
     Rule("not-ready", "note", _not_ready, f"{SKY}; its reasons as they come: zmav echo NAME/event"),
     Rule("recording", "note", _recording, "nothing: look at it as long as you like"),
-)  # fmt: skip
+)
 
 
 def of_state(state: wire.VehicleState) -> list[Reason]:

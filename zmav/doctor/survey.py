@@ -106,9 +106,20 @@ async def look(
         trust = part("credentials", look_at_trust(z, own, [v.name for v in present]), None)
         await links
         return Survey(
-            vehicles, await found, ears.autopilots, await clocks, await safety, await trust, ears.neighbours,
-            await hosts, ears.agents(), await tokens, late, file, name,
-        )  # fmt: skip
+            vehicles,
+            await found,
+            ears.autopilots,
+            await clocks,
+            await safety,
+            await trust,
+            ears.neighbours,
+            await hosts,
+            ears.agents(),
+            await tokens,
+            late,
+            file,
+            name,
+        )
 
 
 async def _of_all(names: list[str], work: list[Coroutine[Any, Any, T]]) -> dict[str, T]:

@@ -232,9 +232,14 @@ def check_agents(seen: Survey) -> Iterator[Finding]:
         said = f"{who}: {status.state}{', ' if status.text else ''}{status.text}"
         said += f", silent for {told.age:.0f} s" if stale else ""
         report = AgentReport(
-            name=status.agent, fleet=fleet, host=rest.partition(" ")[0], state=status.state, text=status.text,
-            age=told.age, stale=stale,
-        )  # fmt: skip
+            name=status.agent,
+            fleet=fleet,
+            host=rest.partition(" ")[0],
+            state=status.state,
+            text=status.text,
+            age=told.age,
+            stale=stale,
+        )
         found = of_agent(report)
         yield topics.AGENTS.wrong(said, found[0].advice) if found else topics.AGENTS.well(said)
 

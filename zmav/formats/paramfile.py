@@ -96,10 +96,15 @@ def write(file: ParamFile) -> bytes:
         about = " ".join(filter(None, (file.stack, file.vehicle, file.version)))
         return "\n".join([f"#NOTE: {about}" if about else "#NOTE: parameters", *lines, ""]).encode()
     header = [
-        f"# Onboard parameters for Vehicle {file.sysid or 1}", "#", f"# Stack: {file.stack}",
-        f"# Vehicle: {file.vehicle}", f"# Version: {file.version} ", f"# Git Revision: {file.git}", "#",
+        f"# Onboard parameters for Vehicle {file.sysid or 1}",
+        "#",
+        f"# Stack: {file.stack}",
+        f"# Vehicle: {file.vehicle}",
+        f"# Version: {file.version} ",
+        f"# Git Revision: {file.git}",
+        "#",
         "# Vehicle-Id Component-Id Name Value Type",
-    ]  # fmt: skip
+    ]
     return "\n".join([*header, *(_qgc_row(file, p) for p in params), ""]).encode()
 
 

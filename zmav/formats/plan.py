@@ -233,8 +233,10 @@ def _write_rally(index: int, item: MissionItem) -> list[float]:
     if item.command != RALLY or item.frame.removesuffix("_INT") != RELATIVE:
         raise BadInput(
             f"rally point {index} is {item.command} in {item.frame}: a .plan holds {RALLY} in {RELATIVE} alone",
-            field=f"rally[{index}]", value=item.frame, expected=RELATIVE,
-        )  # fmt: skip
+            field=f"rally[{index}]",
+            value=item.frame,
+            expected=RELATIVE,
+        )
     return [item.x, item.y, item.z]
 
 

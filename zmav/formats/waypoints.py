@@ -54,8 +54,10 @@ def write(plan: Plan, enums: Enums) -> bytes:
     if len(given) > 1:
         raise BadInput(
             f"a .waypoints file holds one kind, not {' and '.join(given)}: choose one, or write a .plan",
-            field="kind", value=given, expected="one of mission, fence, rally",
-        )  # fmt: skip
+            field="kind",
+            value=given,
+            expected="one of mission, fence, rally",
+        )
     x, y, z = plan.home or (0.0, 0.0, 0.0)
     rows = [_line(0, MissionItem(command="MAV_CMD_NAV_WAYPOINT", frame="MAV_FRAME_GLOBAL", x=x, y=y, z=z), enums)]
     items: list[MissionItem] = getattr(plan, given[0]) if given else []

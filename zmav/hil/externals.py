@@ -146,13 +146,26 @@ class Externals(NoExternals):
         def job(directory: Path) -> Job:
             if spec.autopilot == PX4:
                 return px4_job(
-                    binary, frame, instance=i, sysid=vehicle.sysid, home=home, heading_deg=heading,
-                    own_physics=stack.own_physics, speed=self._speed,
-                )  # fmt: skip
+                    binary,
+                    frame,
+                    instance=i,
+                    sysid=vehicle.sysid,
+                    home=home,
+                    heading_deg=heading,
+                    own_physics=stack.own_physics,
+                    speed=self._speed,
+                )
             return ardupilot_job(
-                binary, frame, instance=i, sysid=vehicle.sysid, home=home, heading_deg=heading, directory=directory,
-                port=vehicle.port if isinstance(vehicle, JsonVehicle) else None, speed=self._speed,
-            )  # fmt: skip
+                binary,
+                frame,
+                instance=i,
+                sysid=vehicle.sysid,
+                home=home,
+                heading_deg=heading,
+                directory=directory,
+                port=vehicle.port if isinstance(vehicle, JsonVehicle) else None,
+                speed=self._speed,
+            )
 
         self._jobs.append((vehicle, Path(stack.directory) if stack.directory else Path(), job))
 

@@ -141,9 +141,25 @@ class Plant(Fleet):
         return [
             Sense._make(
                 [
-                    *now.pos, *now.vel, roll, pitch, yaw, *now.rate, *now.specific_force, *now.q,
-                    0.0, 0.0, *now.q, yaw, throttle, float(self.battery.current[0]), float(now.contact), impact,
-                    math.sqrt(u * u + v * v + w * w), float(self.battery.volts[0]), *now.pos,
+                    *now.pos,
+                    *now.vel,
+                    roll,
+                    pitch,
+                    yaw,
+                    *now.rate,
+                    *now.specific_force,
+                    *now.q,
+                    0.0,
+                    0.0,
+                    *now.q,
+                    yaw,
+                    throttle,
+                    float(self.battery.current[0]),
+                    float(now.contact),
+                    impact,
+                    math.sqrt(u * u + v * v + w * w),
+                    float(self.battery.volts[0]),
+                    *now.pos,
                 ]
             )
-        ]  # fmt: skip
+        ]

@@ -126,14 +126,22 @@ class HilStream:
         return self._pack(
             "HIL_SENSOR",
             time_usec=self.time_us,
-            xacc=xacc, yacc=yacc, zacc=zacc, xgyro=xgyro, ygyro=ygyro, zgyro=zgyro, xmag=xmag, ymag=ymag, zmag=zmag,
+            xacc=xacc,
+            yacc=yacc,
+            zacc=zacc,
+            xgyro=xgyro,
+            ygyro=ygyro,
+            zgyro=zgyro,
+            xmag=xmag,
+            ymag=ymag,
+            zmag=zmag,
             abs_pressure=readings.pressure_hpa,
             diff_pressure=readings.diff_pressure_hpa,
             pressure_alt=readings.pressure_alt_m,
             temperature=readings.temperature_c,
             fields_updated=updated,
             id=0,
-        )  # fmt: skip
+        )
 
     def _gps(self, fix: GpsFix) -> bytes:
         """eph and epv in cm, as PX4 takes them; the time is UTC."""

@@ -14,15 +14,44 @@ HEAD = b"\xa3\x95"
 _FMT, _FMTU, _MULT, _UNIT = 128, 129, 130, 131
 _FIRST = 132
 _CODES = {
-    "b": "b", "B": "B", "h": "h", "H": "H", "i": "i", "I": "I", "q": "q", "Q": "Q", "f": "f", "d": "d",
-    "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B",
-}  # fmt: skip
+    "b": "b",
+    "B": "B",
+    "h": "h",
+    "H": "H",
+    "i": "i",
+    "I": "I",
+    "q": "q",
+    "Q": "Q",
+    "f": "f",
+    "d": "d",
+    "n": "4s",
+    "N": "16s",
+    "Z": "64s",
+    "c": "h",
+    "C": "H",
+    "e": "i",
+    "E": "I",
+    "L": "i",
+    "M": "B",
+}
 """a field's letter -> struct's"""
 _SCALE = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 _UNITS = {
-    "-": "", "s": "s", "d": "deg", "h": "degheading", "D": "deglatitude", "U": "deglongitude", "m": "m", "n": "m/s",
-    "v": "V", "A": "A", "a": "Ah", "S": "satellites", "#": "instance", "%": "%",
-}  # fmt: skip
+    "-": "",
+    "s": "s",
+    "d": "deg",
+    "h": "degheading",
+    "D": "deglatitude",
+    "U": "deglongitude",
+    "m": "m",
+    "n": "m/s",
+    "v": "V",
+    "A": "A",
+    "a": "Ah",
+    "S": "satellites",
+    "#": "instance",
+    "%": "%",
+}
 _MULTS = {"-": 0.0, "?": 1.0, "0": 1.0, "F": 1e-6, "C": 1e-3, "B": 1e-2, "G": 1e-7}
 
 

@@ -61,11 +61,14 @@ def line_up(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain:
     names, sysids, starts = _names(specs), _sysids(specs), _starts(specs, home, spacing_m, terrain)
     return [
         msgspec.structs.replace(
-            spec, name=name, sysid=sysid, start_ned_m=start,
+            spec,
+            name=name,
+            sysid=sysid,
+            start_ned_m=start,
             yaw_deg=home.yaw_deg if spec.yaw_deg is None else spec.yaw_deg,
         )
         for spec, name, sysid, start in zip(specs, names, sysids, starts, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _names(specs: Sequence[VehicleSpec]) -> list[str]:

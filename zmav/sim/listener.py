@@ -58,9 +58,11 @@ class Listener:
         except OSError as e:
             self._socket.close()
             raise BadConfig(
-                f"no control socket at {path}: {e.strerror or e}", field="control", value=str(path),
+                f"no control socket at {path}: {e.strerror or e}",
+                field="control",
+                value=str(path),
                 expected="a path in a directory that is there and may be written to",
-            ) from e  # fmt: skip
+            ) from e
         except ZmavError:
             self._socket.close()
             raise

@@ -66,9 +66,11 @@ def control_path(text: str | None = None) -> Path:
     path = Path(name) if "/" in name else control_directory() / f"{name}{SUFFIX}"
     if len(os.fsencode(path)) > LONGEST_PATH:
         raise BadConfig(
-            f"the control socket's path {path} is too long; give a shorter --control PATH", field="control",
-            value=str(path), expected=f"at most {LONGEST_PATH} bytes",
-        )  # fmt: skip
+            f"the control socket's path {path} is too long; give a shorter --control PATH",
+            field="control",
+            value=str(path),
+            expected=f"at most {LONGEST_PATH} bytes",
+        )
     return path
 
 
@@ -169,9 +171,7 @@ class Remote:
         self, vehicle: str, kind: str, *, for_s: float | None = None, **parameters: float | str
     ) -> list[FaultStatus]:
         """Let something go wrong with a vehicle, or with "all": see :meth:`zmav.sim.World.fault`."""
-        return self._asked(
-            list[FaultStatus], "fault", vehicle=vehicle, kind=kind, for_s=for_s, parameters=parameters
-        )  # fmt: skip
+        return self._asked(list[FaultStatus], "fault", vehicle=vehicle, kind=kind, for_s=for_s, parameters=parameters)
 
     def pilot(self, vehicle: str, mode: str | None = None, channels: dict[int, int] | None = None) -> WorldStatus:
         """The pilot turns the mode switch, or sets channels to pulse widths in us."""

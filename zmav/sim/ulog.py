@@ -14,9 +14,19 @@ MAGIC = b"ULog\x01\x12\x35\x01"
 _HEADER = struct.Struct("<8sQ")
 _MESSAGE = struct.Struct("<HB")
 _CODES = {
-    "int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I", "int64_t": "q",
-    "uint64_t": "Q", "float": "f", "double": "d", "bool": "?", "char": "c",
-}  # fmt: skip
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
+    "bool": "?",
+    "char": "c",
+}
 
 
 class Topic(NamedTuple):

@@ -171,9 +171,14 @@ class World:
         own = [i for i, spec in enumerate(specs) if spec.stack is None]
         self._addresses = [reached[i] for i in own]
         built = build(
-            [specs[i] for i in own], home=self.home, environment=self.environment, dt=self.tick_s / self._steps,
-            dialect=load_dialect("ardupilotmega"), epoch_us=int(self.epoch_s * 1e6), **options,
-        )  # fmt: skip
+            [specs[i] for i in own],
+            home=self.home,
+            environment=self.environment,
+            dt=self.tick_s / self._steps,
+            dialect=load_dialect("ardupilotmega"),
+            epoch_us=int(self.epoch_s * 1e6),
+            **options,
+        )
         self.vehicles += [vehicle for _, vehicle in built]
         self._squads += {id(squad): squad for squad, _ in built}.values()
         for vehicle in self.vehicles:

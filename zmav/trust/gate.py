@@ -74,9 +74,12 @@ class Gate(Verifier):
     """
 
     def __init__(
-        self, credentials: Credentials, utc: Callable[[], float] = time.time,
-        monotonic: Callable[[], float] = time.monotonic, given: Collection[str] = (),
-    ) -> None:  # fmt: skip
+        self,
+        credentials: Credentials,
+        utc: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+        given: Collection[str] = (),
+    ) -> None:
         self._given = given
         tags = Tags(credentials)
         super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic, tags=tags)

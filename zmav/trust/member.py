@@ -97,7 +97,7 @@ class Member:
             _, fleet, vehicle, *_ = (*key.split("/"), "", "")
             return self.signer.sign(
                 key, payload, introduce=True, to=self._hearers.get((fleet, vehicle, keys.STATE.name))
-            )  # fmt: skip
+            )
         return os.urandom(NONCE) if keys.answerers(key) else None
 
     def _introduces(self, place: Place, topic: str) -> bool:

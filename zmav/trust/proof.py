@@ -94,9 +94,7 @@ def read(attachment: bytes) -> Proof:
         raise malformed(f"a proof of origin with flags {flags:#x} and {rest} bytes behind it")
     signature, behind = attachment[_HEAD.size : UNINTRODUCED], attachment[UNINTRODUCED:]
     head = attachment[: _HEAD.size]
-    return Proof(
-        micros / 1e6, nonce, fingerprint, answers, signature, behind[tagged:], head, behind[:tagged]
-    )  # fmt: skip
+    return Proof(micros / 1e6, nonce, fingerprint, answers, signature, behind[tagged:], head, behind[:tagged])
 
 
 def challenge(attachment: bytes | None) -> bytes | None:
@@ -136,9 +134,16 @@ class Signer:
         return self.sign(key, payload, introduce=introduce, answers=asked, context=ANSWERED, to=to)
 
     def sign(
-        self, key: str, payload: bytes, *, introduce: bool = False, answers: bytes = NOTHING, now: float | None = None,
-        context: bytes = TOLD, to: Certificate | None = None,
-    ) -> bytes:  # fmt: skip
+        self,
+        key: str,
+        payload: bytes,
+        *,
+        introduce: bool = False,
+        answers: bytes = NOTHING,
+        now: float | None = None,
+        context: bytes = TOLD,
+        to: Certificate | None = None,
+    ) -> bytes:
         """The attachment that goes with ``payload`` on ``key``.
 
         ``introduce``: with our certificate, for who may not know it. ``now``: UTC seconds, of the clock by default.

@@ -41,9 +41,7 @@ def acts_as(role: Role, name: str, vehicle: str | None) -> frozenset[str]:
     return frozenset({*own, keys.ANYONE})
 
 
-def may(
-    role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], given: Collection[str] = ()
-) -> None:  # fmt: skip
+def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], given: Collection[str] = ()) -> None:
     """Raise :class:`Forbidden` unless the member ``name`` may put on, or ask, that key of ``channel``."""
     vehicle, allowed = parts.get("vehicle"), writers(channel, parts, given)
     if not acts_as(role, name, vehicle) & set(allowed):

@@ -68,10 +68,15 @@ class Verifier:
     """
 
     def __init__(
-        self, authority: x509.Certificate, fleet: str, roster: Roster,
-        utc: Callable[[], float] = time.time, monotonic: Callable[[], float] = time.monotonic, grace: float = 0.0,
+        self,
+        authority: x509.Certificate,
+        fleet: str,
+        roster: Roster,
+        utc: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+        grace: float = 0.0,
         tags: Tags | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._grace, self._tags = grace, tags
         self.authority, self.fleet, self._roster = authority, fleet, roster
         self._revoked, self._listed = _fingerprints(roster)
@@ -85,9 +90,7 @@ class Verifier:
     @classmethod
     def of(cls, credentials: Credentials, grace: float = 0.0) -> Verifier:
         """As the member of these credentials judges others."""
-        return cls(
-            credentials.authority, credentials.fleet, credentials.roster, grace=grace, tags=Tags(credentials)
-        )  # fmt: skip
+        return cls(credentials.authority, credentials.fleet, credentials.roster, grace=grace, tags=Tags(credentials))
 
     @property
     def roster(self) -> Roster:
@@ -149,9 +152,15 @@ class Verifier:
         return self.learn(der)
 
     def verify(
-        self, key: str, payload: bytes, attachment: bytes | None, *, answers: bytes = proof.NOTHING, fresh: bool = True,
+        self,
+        key: str,
+        payload: bytes,
+        attachment: bytes | None,
+        *,
+        answers: bytes = proof.NOTHING,
+        fresh: bool = True,
         context: bytes = proof.TOLD,
-    ) -> tuple[proof.Proof, Certificate]:  # fmt: skip
+    ) -> tuple[proof.Proof, Certificate]:
         """Who signed ``payload`` for ``key``; raises :class:`Forbidden` with a ``reason`` in its detail.
 
         ``answers``: what it must answer. ``fresh``: it is not old by our clock. Whether it comes a second time is not

@@ -84,15 +84,34 @@ class Lease:
         """
         frame: Literal["ned", "global"] = "global" if lat_deg is not None or lon_deg is not None else "ned"
         self._put(
-            valid, frame=frame, pos=pos, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl=alt_amsl, alt_rel=alt_rel, vel=vel,
-            acc=acc, yaw=yaw, yaw_rate=yaw_rate, attitude=attitude, rates=rates, thrust=thrust, torque=torque,
-            manual=manual, rc=None if rc is None else list(rc), servo=None if servo is None else list(servo),
-        )  # fmt: skip
+            valid,
+            frame=frame,
+            pos=pos,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_amsl=alt_amsl,
+            alt_rel=alt_rel,
+            vel=vel,
+            acc=acc,
+            yaw=yaw,
+            yaw_rate=yaw_rate,
+            attitude=attitude,
+            rates=rates,
+            thrust=thrust,
+            torque=torque,
+            manual=manual,
+            rc=None if rc is None else list(rc),
+            servo=None if servo is None else list(servo),
+        )
 
     def segment(
-        self, points: Sequence[wire.SegmentPoint], *, valid: float = 0.5, deadline: float | None = None,
+        self,
+        points: Sequence[wire.SegmentPoint],
+        *,
+        valid: float = 0.5,
+        deadline: float | None = None,
         repeated: bool = True,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Commit the vehicle to a trajectory that ends at rest; it flies it by itself, however bad the network gets.
 
         ``valid``: seconds within which it must have arrived there; ``deadline``: the same as UTC seconds by the
@@ -135,9 +154,12 @@ class Lease:
     async def keep(self) -> None:
         """Renew until cancelled or until the vehicle says no; a bad network is no reason to stop trying."""
         renewal = wire.TakeLease(
-            holder=self.holder, ttl=self._args.ttl, priority=self.priority, instance=self._args.instance,
+            holder=self.holder,
+            ttl=self._args.ttl,
+            priority=self.priority,
+            instance=self._args.instance,
             lease=self.token,
-        )  # fmt: skip
+        )
         while self.lost is None:
             await asyncio.sleep(self._args.ttl / 3)
             try:

@@ -96,8 +96,10 @@ def plans_of(
     if not isinstance(what, Plan):
         return {kind or "mission": list(what)}
     by_kind: dict[MissionKind, list[wire.MissionItem] | None] = {
-        "mission": what.mission, "fence": what.fence, "rally": what.rally,
-    }  # fmt: skip
+        "mission": what.mission,
+        "fence": what.fence,
+        "rally": what.rally,
+    }
     found = {each: items for each, items in by_kind.items() if items and kind in (None, each)}
     if not found:
         raise BadInput(f"{name} holds no {kind or 'items'}", field="kind", value=kind, expected="a plan with items")

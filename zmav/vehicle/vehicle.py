@@ -183,9 +183,17 @@ class Vehicle:
         """Fly to ``pos`` (m, NED about the fleet's origin) or to a WGS84 place; returns on arrival."""
         frame: Literal["ned", "global"] = "ned" if pos is not None else "global"
         args = wire.GoTo(
-            frame=frame, pos=pos, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl=alt_amsl, alt_rel=alt_rel, yaw=yaw,
-            tolerance=tolerance, timeout=timeout, arrive=arrive,
-        )  # fmt: skip
+            frame=frame,
+            pos=pos,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_amsl=alt_amsl,
+            alt_rel=alt_rel,
+            yaw=yaw,
+            tolerance=tolerance,
+            timeout=timeout,
+            arrive=arrive,
+        )
         await self.order("goto", args, progress)
 
     async def hold(self) -> None:
@@ -243,12 +251,12 @@ class Vehicle:
         """Give an order and see it through: sent again with the same id until the vehicle says how it ended."""
         args = msgspec.structs.replace(
             args, id=uuid.uuid4().hex, lease=args.lease or self._lease, given=args.given or time.time()
-        )  # fmt: skip
+        )
         return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args), progress)
 
     async def tell(
         self, agent: str, verb: str, progress: Progress | None = None, /, **arguments: Any
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Give an order to an agent that runs for this vehicle (:class:`zmav.Agent`), and see it through. Raises
         :class:`TimedOut` where none of that name answers, and what the agent refuses it with.
         """

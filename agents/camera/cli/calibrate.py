@@ -22,20 +22,43 @@ from zmav.waiting import within
 
 @click.command("calibrate")
 @click.argument("source", metavar="FOLDER|VEHICLE")
-@click.option("--squares", callback=pair("9x6"), required=True, metavar="AxB",
-              help="Squares of the board as printed (inner corners are one less each way).")  # fmt: skip
-@click.option("--size", "side", type=click.FloatRange(0.0, 10.0, min_open=True), required=True, metavar="M",
-              help="Side of a square, metres.")  # fmt: skip
+@click.option(
+    "--squares",
+    callback=pair("9x6"),
+    required=True,
+    metavar="AxB",
+    help="Squares of the board as printed (inner corners are one less each way).",
+)
+@click.option(
+    "--size",
+    "side",
+    type=click.FloatRange(0.0, 10.0, min_open=True),
+    required=True,
+    metavar="M",
+    help="Side of a square, metres.",
+)
 @click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), required=True, help="Where to write it.")
 @name_option
-@click.option("--for", "seconds", type=click.FloatRange(1.0), default=60.0, show_default=True,
-              help="Seconds to watch a vehicle's camera at most.")  # fmt: skip
+@click.option(
+    "--for",
+    "seconds",
+    type=click.FloatRange(1.0),
+    default=60.0,
+    show_default=True,
+    help="Seconds to watch a vehicle's camera at most.",
+)
 @fleet_option
 @zenoh_options
 def command(
-    source: str, squares: tuple[int, int], side: float, out: Path, camera: str, seconds: float, fleet: str,
+    source: str,
+    squares: tuple[int, int],
+    side: float,
+    out: Path,
+    camera: str,
+    seconds: float,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Work out a camera's lens from a chessboard: 'zmav camera calibrate views --squares 9x6 --size 0.025 -o a.toml'.
 
     Show the board whole and sharp, from ten sides or more: tilted to and fro and to the sides, near the corners of the

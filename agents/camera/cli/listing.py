@@ -45,6 +45,14 @@ def _table(found: list[tuple[str, CameraInfo]]) -> Table:
         wide = math.degrees(2.0 * math.atan2(0.5 * info.width, info.focal[0]))
         looks = "down" if not any(info.mount) else ",".join(f"{math.degrees(angle):.0f}°" for angle in info.mount)
         size, rate = f"{info.width}x{info.height}", f"{info.rate_hz:.3g} Hz"
-        table.add_row(vehicle, info.camera, size, rate, str(info.quality), f"{wide:.0f}°",
-                      looks + (", levelled" if info.gimbal else ""), info.source)  # fmt: skip
+        table.add_row(
+            vehicle,
+            info.camera,
+            size,
+            rate,
+            str(info.quality),
+            f"{wide:.0f}°",
+            looks + (", levelled" if info.gimbal else ""),
+            info.source,
+        )
     return table

@@ -32,8 +32,13 @@ USUAL_FOV = math.radians(63.0)
 @click.option("--rate", type=click.FloatRange(0.2, 60.0), default=10.0, show_default=True, help="Pictures a second.")
 @click.option("--size", callback=pair("640x480"), default="640x480", show_default=True, help="Pixels at most.")
 @click.option("--quality", type=click.IntRange(10, 95), default=70, show_default=True, help="Of JPEG.")
-@click.option("--budget", callback=rate_bytes, default="60kB/s", show_default=True,
-              help="To begin with, and for readers that do not report.")  # fmt: skip
+@click.option(
+    "--budget",
+    callback=rate_bytes,
+    default="60kB/s",
+    show_default=True,
+    help="To begin with, and for readers that do not report.",
+)
 @click.option("--least", callback=rate_bytes, default="4kB/s", show_default=True, help="However bad reports are.")
 @click.option("--most", callback=rate_bytes, default="2MB/s", show_default=True, help="However good they are.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="The file that 'zmav camera calibrate' wrote.")
@@ -41,16 +46,32 @@ USUAL_FOV = math.radians(63.0)
 @click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
 @click.option("--offset", callback=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")
 @click.option("--gimbal", is_flag=True, help="It is levelled: only the vehicle's heading counts.")
-@click.option("--delay", type=click.FloatRange(0.0, 5.0), default=0.0, show_default=True, metavar="S",
-              help="From shutter to us, where the source does not say when a picture was taken.")  # fmt: skip
+@click.option(
+    "--delay",
+    type=click.FloatRange(0.0, 5.0),
+    default=0.0,
+    show_default=True,
+    metavar="S",
+    help="From shutter to us, where the source does not say when a picture was taken.",
+)
 @click.option("--loop", is_flag=True, help="A file or folder begins again at its end.")
 @fleet_option
 @zenoh_options
 def command(
-    source: str, rate: float, delay: float, loop: bool, calibration: Path | None, fov: float | None,
-    mount: tuple[float, float, float] | None, offset: tuple[float, float, float] | None, gimbal: bool,
-    size: tuple[int, int], fleet: str, settings: SessionSettings, **rest: Any,
-) -> None:  # fmt: skip
+    source: str,
+    rate: float,
+    delay: float,
+    loop: bool,
+    calibration: Path | None,
+    fov: float | None,
+    mount: tuple[float, float, float] | None,
+    offset: tuple[float, float, float] | None,
+    gimbal: bool,
+    size: tuple[int, int],
+    fleet: str,
+    settings: SessionSettings,
+    **rest: Any,
+) -> None:
     """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
 
     SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
@@ -64,11 +85,13 @@ def command(
     lens = _lens(calibration, fov, found)
     roll, pitch, yaw = (math.radians(angle) for angle in mount or (0.0, 0.0, 0.0))
     given = Settings(
-        rate=rate, size=size, gimbal=gimbal or (found is not None and found.gimbal),
+        rate=rate,
+        size=size,
+        gimbal=gimbal or (found is not None and found.gimbal),
         mount=found.mount if found and mount is None else (roll, pitch, yaw),
         offset=found.offset if found and offset is None else offset or (0.0, 0.0, 0.0),
         **rest,
-    ).check()  # fmt: skip
+    ).check()
     run(_run(given, opened, lens, fleet, settings))
 
 

@@ -22,20 +22,34 @@ from zmav.waiting import together, within
 @click.command("view")
 @click.argument("vehicle")
 @name_option
-@click.option("--save", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.jpg",
-              help="Write the newest picture and end.")  # fmt: skip
+@click.option(
+    "--save",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.jpg",
+    help="Write the newest picture and end.",
+)
 @click.option("--serve", type=click.IntRange(0, 65535), metavar="PORT", help="For a browser on this computer; 0: any.")
 @click.option(
     "--wait", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Seconds for a first picture."
 )
-@click.option("--link", callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v), metavar="RATE",
-              help="What our link has for pictures, as 60kB/s.  [default: the camera finds out]")  # fmt: skip
+@click.option(
+    "--link",
+    callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),
+    metavar="RATE",
+    help="What our link has for pictures, as 60kB/s.  [default: the camera finds out]",
+)
 @fleet_option
 @zenoh_options
 def command(
-    vehicle: str, camera: str, save: Path | None, serve: int | None, wait: float, link: float | None, fleet: str,
+    vehicle: str,
+    camera: str,
+    save: Path | None,
+    serve: int | None,
+    wait: float,
+    link: float | None,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Show what comes of a camera: rate, delay, size, loss; 'zmav camera view quad1 --serve 8080' shows the pictures.
 
     The delay is from shutter to here, by both computers' clocks.
@@ -44,9 +58,15 @@ def command(
 
 
 async def _view(
-    vehicle: str, camera: str, save: Path | None, serve: int | None, wait: float, link: float | None, fleet: str,
+    vehicle: str,
+    camera: str,
+    save: Path | None,
+    serve: int | None,
+    wait: float,
+    link: float | None,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     async with (
         zmav.open(fleet=fleet, settings=settings) as z,
         Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures,

@@ -97,12 +97,14 @@ def stream(samples: Sequence[Sample], nominal_hz: float, numbered: bool) -> Stre
     gaps = np.diff(at)
     lasted = float(at[-1] - at[0])
     return Stream(
-        count=len(samples), hz=(len(samples) - 1) / lasted,
-        kbps=sum(each.size for each in samples[1:]) * 8e-3 / lasted, jitter_ms=1e3 * jitter(samples),
+        count=len(samples),
+        hz=(len(samples) - 1) / lasted,
+        kbps=sum(each.size for each in samples[1:]) * 8e-3 / lasted,
+        jitter_ms=1e3 * jitter(samples),
         late_ms=1e3 * float(np.quantile(np.abs(gaps - 1.0 / nominal_hz), 0.99)),
         lost=lost([each.seq for each in samples]) if numbered else None,
         gaps=[round(1e3 * float(gap), 3) for gap in gaps],
-    )  # fmt: skip
+    )
 
 
 class Ear:
@@ -154,9 +156,12 @@ class Ear:
         seconds = self.raw[-1][0] - self.raw[0][0]
         carried = sum(len(data) for _, data in self.raw) + sum(each.size for each in self.samples[SETPOINTS])
         return Links(
-            streams=streams, seconds=seconds, frames=len(numbers), frames_lost=lost(numbers, 256),
+            streams=streams,
+            seconds=seconds,
+            frames=len(numbers),
+            frames_lost=lost(numbers, 256),
             mbps=carried * 8e-6 / seconds,
-        )  # fmt: skip
+        )
 
 
 async def measure(seconds: float) -> Links:

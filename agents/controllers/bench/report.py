@@ -196,9 +196,12 @@ def _draw_links(axes: Axes, found: Links) -> None:
         off = np.sort(np.abs(np.array(each.gaps) - 1e3 / nominal))
         axes.plot(np.maximum(off, 1e-3), 1.0 - np.arange(len(off)) / len(off), label=f"{name} ({nominal:.0f} Hz)")
     axes.set(
-        xscale="log", yscale="log", xlabel="off the nominal interval, ms", ylabel="share of intervals farther off",
+        xscale="log",
+        yscale="log",
+        xlabel="off the nominal interval, ms",
+        ylabel="share of intervals farther off",
         title="Jitter by stream",
-    )  # fmt: skip
+    )
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower left")
 

@@ -32,9 +32,13 @@ def spread(seconds: Iterable[float]) -> Spread:
     if not len(row):
         raise Stale("nothing of what was measured came")
     return Spread(
-        count=len(row), median=float(np.median(row)), mean=float(row.mean()), p99=float(np.quantile(row, 0.99)),
-        most=float(row.max()), times=[round(float(each), 1) for each in row],
-    )  # fmt: skip
+        count=len(row),
+        median=float(np.median(row)),
+        mean=float(row.mean()),
+        p99=float(np.quantile(row, 0.99)),
+        most=float(row.max()),
+        times=[round(float(each), 1) for each in row],
+    )
 
 
 def effects(moved: Sequence[Stick], seen: Sequence[Stick]) -> list[float]:

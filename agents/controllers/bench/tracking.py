@@ -100,9 +100,13 @@ def errors(rows: list[tuple[float, Array, Array]], begin: float, seconds: float,
         raise Stale("nothing was heard of the flight")
     thin = slice(None, None, max(1, len(times) // 1000))
     return Errors(
-        rms=_rms(distances), peak=max(distances), attitude_deg=_rms(angles), times=[round(t, 3) for t in times[thin]],
-        distances=[round(d, 4) for d in distances[thin]], places=[(round(n, 3), round(e, 3)) for n, e in places[thin]],
-    )  # fmt: skip
+        rms=_rms(distances),
+        peak=max(distances),
+        attitude_deg=_rms(angles),
+        times=[round(t, 3) for t in times[thin]],
+        distances=[round(d, 4) for d in distances[thin]],
+        places=[(round(n, 3), round(e, 3)) for n, e in places[thin]],
+    )
 
 
 def _rms(values: list[float]) -> float:

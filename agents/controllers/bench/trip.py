@@ -130,9 +130,7 @@ async def measure(seconds: float) -> Trip:
         await asyncio.sleep(seconds)
         taps.close()
         sent = [each for each in fake.sent if each.at > begun]
-        radio, controller, output = (
-            spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output)
-        )  # fmt: skip
+        radio, controller, output = (spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output))
         inside = spread(taps.inside)
         return Trip(back=back, output=output, radio=radio, controller=controller, inside=inside, anytime=anytime)
 

@@ -43,18 +43,36 @@ SECONDS = {"step": 5.0, "doublet": 1.0, "chirp": 30.0}
 @click.option("--f0", type=float, default=0.1, show_default=True, help="Hz at which a chirp begins.")
 @click.option("--f1", type=float, default=5.0, show_default=True, help="Hz at which it ends.")
 @click.option("--feed", is_flag=True, help="Feed a chirp's derivative forward, too.")
-@click.option("--after", type=click.FloatRange(0.0, 60.0), default=2.0, show_default=True,
-              help="Seconds recorded after it.")  # fmt: skip
+@click.option(
+    "--after", type=click.FloatRange(0.0, 60.0), default=2.0, show_default=True, help="Seconds recorded after it."
+)
 @click.option("--vehicle", required=True, help="The vehicle that the agent flies.")
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
-              help="Draw it: png, svg or pdf.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.png",
+    help="Draw it: png, svg or pdf.",
+)
 @fleet_option
 @json_option
 @zenoh_options
 def inject(
-    agent: str, kind: str, channel: str, amplitude: float, seconds: float | None, f0: float, f1: float, feed: bool,
-    after: float, vehicle: str, output: Path | None, fleet: str, as_json: bool, settings: SessionSettings,
-) -> None:  # fmt: skip
+    agent: str,
+    kind: str,
+    channel: str,
+    amplitude: float,
+    seconds: float | None,
+    f0: float,
+    f1: float,
+    feed: bool,
+    after: float,
+    vehicle: str,
+    output: Path | None,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
+) -> None:
     """Add a signal to a controller's reference, and report how it follows.
 
     'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
@@ -66,9 +84,15 @@ def inject(
 
 
 async def _inject(
-    args: Inject, agent: str, vehicle: str, after: float, output: Path | None, as_json: bool, fleet: str,
+    args: Inject,
+    agent: str,
+    vehicle: str,
+    after: float,
+    output: Path | None,
+    as_json: bool,
+    fleet: str,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         report = await respond(z, vehicle, agent, args, after)
     click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
@@ -122,9 +146,12 @@ async def _record(signals: zmav.Subscription[wire.Signals], heard: list[wire.Sig
 
 
 async def _until_over(
-    signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], args: Inject, after: float,
+    signals: zmav.Subscription[wire.Signals],
+    heard: list[wire.Signals],
+    args: Inject,
+    after: float,
     order: asyncio.Task[dict[str, Any]],
-) -> None:  # fmt: skip
+) -> None:
     """Hear the whole injection and what comes after; raises what the order is refused with."""
     told, begun = heard[-1].t, None
     while begun is None or heard[-1].t < begun + duration(args) + after:

@@ -23,16 +23,41 @@ from zmav.trust.credentials import Credentials
 @click.option("--standby", is_flag=True, help="Let another take charge, and take over when it is gone.")
 @click.option("--fleet", help="The fleet's name.  [default: the fleet file's, $ZMAV_FLEET or demo]")
 @file_option
-@click.option("--margin", type=click.FloatRange(0.0, 20.0), default=0.5, show_default=True,
-              help="Metres between two vehicles beyond their radii.")  # fmt: skip
-@click.option("--tracking", type=click.FloatRange(0.05, 5.0), default=0.4, show_default=True,
-              help="Metres, of the margin, by which vehicles may be off their trajectories: more in wind.")  # fmt: skip
-@click.option("--downwash", type=click.FloatRange(1.0, 10.0), default=1.5, show_default=True,
-              help="How much farther above each other than beside each other.")  # fmt: skip
-@click.option("--patience", type=click.FloatRange(1.0, 600.0), default=3.0, show_default=True,
-              help="Seconds without a planner after which it takes charge.")  # fmt: skip
-@click.option("--clock-error", type=click.FloatRange(0.001), default=math.inf, show_default="they are measured",
-              help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.")  # fmt: skip
+@click.option(
+    "--margin",
+    type=click.FloatRange(0.0, 20.0),
+    default=0.5,
+    show_default=True,
+    help="Metres between two vehicles beyond their radii.",
+)
+@click.option(
+    "--tracking",
+    type=click.FloatRange(0.05, 5.0),
+    default=0.4,
+    show_default=True,
+    help="Metres, of the margin, by which vehicles may be off their trajectories: more in wind.",
+)
+@click.option(
+    "--downwash",
+    type=click.FloatRange(1.0, 10.0),
+    default=1.5,
+    show_default=True,
+    help="How much farther above each other than beside each other.",
+)
+@click.option(
+    "--patience",
+    type=click.FloatRange(1.0, 600.0),
+    default=3.0,
+    show_default=True,
+    help="Seconds without a planner after which it takes charge.",
+)
+@click.option(
+    "--clock-error",
+    type=click.FloatRange(0.001),
+    default=math.inf,
+    show_default="they are measured",
+    help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.",
+)
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of its leases.")
 @zenoh_options
 def planner(

@@ -40,9 +40,16 @@ def goal_options(command: F) -> F:
     @zenoh_options
     @functools.wraps(command)
     def wrapped(
-        *args: Any, queue: bool, preview: bool, picture: str | None, no_wait: bool, fleet: str, as_json: bool,
-        settings: SessionSettings, **kwargs: Any,
-    ) -> Any:  # fmt: skip
+        *args: Any,
+        queue: bool,
+        preview: bool,
+        picture: str | None,
+        no_wait: bool,
+        fleet: str,
+        as_json: bool,
+        settings: SessionSettings,
+        **kwargs: Any,
+    ) -> Any:
         if picture and not preview:
             raise click.UsageError("--picture needs --preview")
 
@@ -55,9 +62,15 @@ def goal_options(command: F) -> F:
 
 
 async def _order(
-    make: Make, queue: bool, preview: bool, picture: str | None, no_wait: bool, fleet: str, as_json: bool,
+    make: Make,
+    queue: bool,
+    preview: bool,
+    picture: str | None,
+    no_wait: bool,
+    fleet: str,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         planner = await find(z)
         goal = make(planner)
@@ -132,16 +145,29 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
 @click.option("--in-order", is_flag=True, help="The first vehicle gets the first place.")
 @goal_options
 def formation(
-    vehicles: tuple[str, ...], shape: swarm.Shape, at: Vector, heading: float, spacing: float,
-    via: tuple[Vector, ...], point: tuple[Vector, ...], in_order: bool, fly: Callable[[Make], None],
-) -> None:  # fmt: skip
+    vehicles: tuple[str, ...],
+    shape: swarm.Shape,
+    at: Vector,
+    heading: float,
+    spacing: float,
+    via: tuple[Vector, ...],
+    point: tuple[Vector, ...],
+    in_order: bool,
+    fly: Callable[[Make], None],
+) -> None:
     """Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 6'."""
     fly(
         lambda planner: swarm.Formation(
-            vehicles=planner.names(vehicles), shape=shape, at=at, heading=math.radians(heading), spacing=spacing,
-            via=list(via), points=list(point), labelled=in_order,
+            vehicles=planner.names(vehicles),
+            shape=shape,
+            at=at,
+            heading=math.radians(heading),
+            spacing=spacing,
+            via=list(via),
+            points=list(point),
+            labelled=in_order,
         )
-    )  # fmt: skip
+    )
 
 
 @click.command("follow")
@@ -154,23 +180,39 @@ def formation(
     multiple=True,
     help="One a vehicle.  [default: staggered behind, at its height]",
 )
-@click.option("--frame", type=click.Choice(["ned", "body"]), default="ned", show_default=True,
-              help="body: the offsets turn with the leader's course.")  # fmt: skip
+@click.option(
+    "--frame",
+    type=click.Choice(["ned", "body"]),
+    default="ned",
+    show_default=True,
+    help="body: the offsets turn with the leader's course.",
+)
 @click.option("--chain", is_flag=True, help="Each follows the one before it.")
 @click.option("--on-lost", type=click.Choice(["hold", "continue", "return", "land"]), default="hold", show_default=True)
 @click.option("--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader.")
 @goal_options
 def follow(
-    vehicles: tuple[str, ...], leader: str, offset: tuple[Vector, ...], frame: Any, chain: bool, on_lost: Any,
-    lost_after: float, fly: Callable[[Make], None],
-) -> None:  # fmt: skip
+    vehicles: tuple[str, ...],
+    leader: str,
+    offset: tuple[Vector, ...],
+    frame: Any,
+    chain: bool,
+    on_lost: Any,
+    lost_after: float,
+    fly: Callable[[Make], None],
+) -> None:
     """Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -5,0,10'."""
     fly(
         lambda planner: swarm.Follow(
-            vehicles=planner.names(vehicles), leader=leader, offsets=list(offset), frame=frame, chain=chain,
-            on_lost=on_lost, lost_after=lost_after,
+            vehicles=planner.names(vehicles),
+            leader=leader,
+            offsets=list(offset),
+            frame=frame,
+            chain=chain,
+            on_lost=on_lost,
+            lost_after=lost_after,
         )
-    )  # fmt: skip
+    )
 
 
 @click.command("search")
@@ -189,16 +231,25 @@ def follow(
 @click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before.")
 @goal_options
 def search(
-    vehicles: tuple[str, ...], polygon: list[swarm.Corner], alt: float, angle: float | None, overlap: float,
-    layer: float, fly: Callable[[Make], None],
-) -> None:  # fmt: skip
+    vehicles: tuple[str, ...],
+    polygon: list[swarm.Corner],
+    alt: float,
+    angle: float | None,
+    overlap: float,
+    layer: float,
+    fly: Callable[[Make], None],
+) -> None:
     """Sweep a polygon, split between the vehicles by what each can do."""
     fly(
         lambda planner: swarm.Search(
-            vehicles=planner.names(vehicles), polygon=polygon, height=alt, overlap=overlap, layer=layer,
+            vehicles=planner.names(vehicles),
+            polygon=polygon,
+            height=alt,
+            overlap=overlap,
+            layer=layer,
             angle=None if angle is None else math.radians(angle),
         )
-    )  # fmt: skip
+    )
 
 
 @click.command("patrol")

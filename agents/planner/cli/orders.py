@@ -113,22 +113,30 @@ def obstacle() -> None:
 @click.option("--ceiling", type=float, default=1000.0, show_default=True)
 @click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
 @click.option(
-    "--rise",
-    type=points.ground,
-    metavar=points.GROUND,
-    default="0,0",
-    help="Metres it rises per metre north and east.",
+    "--rise", type=points.ground, metavar=points.GROUND, default="0,0", help="Metres it rises per metre north and east."
 )
 @click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
 @fleet_option
 @json_option
 @zenoh_options
 def add(
-    name: str, box: tuple[Vector, Vector] | None, cylinder: swarm.Corner | None, no_fly: list[swarm.Corner] | None,
-    geofence: list[swarm.Corner] | None, ball: Vector | None, terrain: float | None, radius: float, floor: float,
-    ceiling: float, velocity: Vector | None, rise: swarm.Corner, ttl: float | None, fleet: str, as_json: bool,
+    name: str,
+    box: tuple[Vector, Vector] | None,
+    cylinder: swarm.Corner | None,
+    no_fly: list[swarm.Corner] | None,
+    geofence: list[swarm.Corner] | None,
+    ball: Vector | None,
+    terrain: float | None,
+    radius: float,
+    floor: float,
+    ceiling: float,
+    velocity: Vector | None,
+    rise: swarm.Corner,
+    ttl: float | None,
+    fleet: str,
+    as_json: bool,
     settings: SessionSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Add one, or move it: 'tower --cylinder 40,10 --radius 3 --ceiling 60'."""
     given = [
         swarm.Box(low=box[0], high=box[1]) if box else None,

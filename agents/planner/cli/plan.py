@@ -40,21 +40,37 @@ class Wish:
 
 @click.command("plan")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SCENE.json...")
-@click.option("-o", "--output", type=click.Path(path_type=Path, allow_dash=True), metavar="PLAN.json",
-              help="Where the plan goes: a file, a folder, or - (standard output, the default).")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="PLAN.json",
+    help="Where the plan goes: a file, a folder, or - (standard output, the default).",
+)
 @click.option("--check", is_flag=True, help="Plan nothing: judge a plan, with SCENE.json PLAN.json.")
 @click.option(
     "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="Search so long at most. [default: by N]"
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
-@click.option("--margin", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
-              help="Metres that two vehicles keep on top of their radii.")  # fmt: skip
+@click.option(
+    "--margin",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="Metres that two vehicles keep on top of their radii.",
+)
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE.png", help="Draw it from above and aside.")
 @click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON, one document a scene.")
 def command(
-    files: tuple[Path, ...], output: Path | None, check: bool, seconds: float | None, seed: int, margin: float,
-    picture: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    files: tuple[Path, ...],
+    output: Path | None,
+    check: bool,
+    seconds: float | None,
+    seed: int,
+    margin: float,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
     """Plan the motion of a whole swarm: 'zmav plan scene.json -o plan.json'.
 
     Several scenes are planned one after another: 'zmav plan scenes/*.json -o plans'. What cannot be planned gets a plan

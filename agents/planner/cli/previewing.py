@@ -49,9 +49,12 @@ def table(result: dict[str, Any]) -> Table:
     for step in result["steps"]:
         lasts, clear = step.get("makespan"), step.get("clearance")
         view.add_row(
-            str(step["step"]), few(step["vehicles"]), "-" if lasts is None else f"{lasts:.1f} s",
-            "-" if clear is None else f"{clear:.2f} m", str(step["text"]),
-        )  # fmt: skip
+            str(step["step"]),
+            few(step["vehicles"]),
+            "-" if lasts is None else f"{lasts:.1f} s",
+            "-" if clear is None else f"{clear:.2f} m",
+            str(step["text"]),
+        )
     return view
 
 

@@ -24,9 +24,14 @@ SILENCE = 3.0
 GIVE_UP = 60.0
 """s without a book after which nobody is waited for any more: a standby has taken over long before"""
 COLOURS = {
-    "queued": "dim", "planning": "cyan", "flying": "bold", "paused": "yellow", "done": "green", "failed": "bold red",
+    "queued": "dim",
+    "planning": "cyan",
+    "flying": "bold",
+    "paused": "yellow",
+    "done": "green",
+    "failed": "bold red",
     "cancelled": "yellow",
-}  # fmt: skip
+}
 
 
 async def until_ended(z: zmav.Client, ids: list[str], as_json: bool) -> list[swarm.GoalEntry]:
@@ -86,9 +91,14 @@ def table(entries: list[swarm.GoalEntry]) -> Table:
     view.add_column("what", overflow="fold")
     for entry in entries:
         view.add_row(
-            entry.id, kind_of(entry.goal), few(entry.goal.vehicles), Text(entry.state, COLOURS.get(entry.state, "")),
-            ProgressBar(100.0, 100.0 * entry.progress, width=12), _figures(entry), Text(entry.text),
-        )  # fmt: skip
+            entry.id,
+            kind_of(entry.goal),
+            few(entry.goal.vehicles),
+            Text(entry.state, COLOURS.get(entry.state, "")),
+            ProgressBar(100.0, 100.0 * entry.progress, width=12),
+            _figures(entry),
+            Text(entry.text),
+        )
     return view
 
 

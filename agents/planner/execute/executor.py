@@ -114,11 +114,21 @@ class Executor:
     """
 
     def __init__(
-        self, z: zmav.Client, names: Iterable[str], *, holder: str = "planner", priority: int = 0,
-        tracking: float = TRACKING, say: Say = lambda kind, severity, text, detail: None, replan: Replan | None = None,
-        clock: Clock | None = None, offsets: Mapping[str, Offset] | None = None, patience: float = PATIENCE,
-        taking: float = 0.0, waits: Callable[[str], None] = lambda text: None,
-    ) -> None:  # fmt: skip
+        self,
+        z: zmav.Client,
+        names: Iterable[str],
+        *,
+        holder: str = "planner",
+        priority: int = 0,
+        tracking: float = TRACKING,
+        say: Say = lambda kind, severity, text, detail: None,
+        replan: Replan | None = None,
+        clock: Clock | None = None,
+        offsets: Mapping[str, Offset] | None = None,
+        patience: float = PATIENCE,
+        taking: float = 0.0,
+        waits: Callable[[str], None] = lambda text: None,
+    ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
         self._patience, self._hurry = patience, False
         self._taking, self._waits = taking, waits

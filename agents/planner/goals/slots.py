@@ -84,11 +84,17 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
         starts[:, 2], ends[:, 2] = 0.0, 0.0
     vehicles = [
         Vehicle(
-            id=view.name, type="copter", start=_point(start), radius=view.body.radius, vmax=view.body.speed,
-            amax=view.body.accel, vz_up=view.body.climb, vz_down=view.body.descend,
+            id=view.name,
+            type="copter",
+            start=_point(start),
+            radius=view.body.radius,
+            vmax=view.body.speed,
+            amax=view.body.accel,
+            vz_up=view.body.climb,
+            vz_down=view.body.descend,
         )
         for view, start in zip(views, starts, strict=True)
-    ]  # fmt: skip
+    ]
     both = np.vstack((starts, ends))
     bounds = Bounds(min=_point(both.min(axis=0) - 1.0), max=_point(both.max(axis=0) + 1.0))
     scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in ends], bounds=bounds)

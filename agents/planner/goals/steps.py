@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.planner.model.problem import Floats, Motion, Path
 from zmav import wire
-from zmav.errors import BadInput
+from zmav.errors import BadInput, TimedOut
 from zmav.wire.base import Vector
 
 
@@ -212,3 +212,30 @@ def unroll(fly: Fly, laps: int) -> dict[str, Motion]:
 
 def _later(motion: Motion, seconds: float) -> Motion:
     return np.column_stack((motion[:, 0] + seconds, motion[:, 1:]))
+
+
+def without(step: PlanTo, gone: set[str]) -> PlanTo:
+    """The step for those who are left; of places that are anybody's, the first."""
+    keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
+    places = step.places[keep] if step.labelled else step.places[: len(keep)]
+    return PlanTo(tuple(step.vehicles[i] for i in keep), np.ascontiguousarray(places), step.labelled, step.text)
+
+
+def for_the_rest(step: Step, lost: set[str]) -> Step:
+    """The step without those who are lost (of a landing, as it is); raises :class:`TimedOut` for one that is nothing
+    without them.
+    """
+    if isinstance(step, PlanTo):
+        return without(step, lost)
+    if isinstance(step, Orders) and step.lands:
+        return step
+    named = step.motions if isinstance(step, Fly) else step.vehicles
+    if missing := sorted(lost & set(named)):
+        raise TimedOut(f"not heard any more: {', '.join(missing)}", vehicles=missing)
+    return step
+
+
+def to_begin(step: Fly) -> PlanTo:
+    """To where its motions begin: they end farther along the loop."""
+    places = np.array([motion[0, 1:] for motion in step.motions.values()])
+    return PlanTo(tuple(step.motions), places, True, f"{step.text}: to the next laps")

@@ -59,11 +59,18 @@ def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView], downwash:
         turn = 0.0 if view.hovers else body.turn_radius or body.speed**2 / body.accel
         sweepers.append(
             Sweeper(
-                name=view.name, start=np.array([east, north, up]), height=height, width=body.sweep_width,
-                speed=body.speed, accel=body.accel, climb=min(body.climb, body.descend), endurance=body.endurance,
-                radius=body.radius, turn_radius=turn,
+                name=view.name,
+                start=np.array([east, north, up]),
+                height=height,
+                width=body.sweep_width,
+                speed=body.speed,
+                accel=body.accel,
+                climb=min(body.climb, body.descend),
+                endurance=body.endurance,
+                radius=body.radius,
+                turn_radius=turn,
             )
-        )  # fmt: skip
+        )
     return sweepers
 
 

@@ -171,9 +171,14 @@ class Agent:
             return self.charge.book
         paused = any(entry.state == "paused" for entry in self.ledger.goals)
         return swarm.Book(
-            t=time.time(), planner=self.settings.name, instance=self.instance, term=self.charge.term, paused=paused,
-            obstacles=len(self.world.obstacles), goals=self.ledger.goals,
-        )  # fmt: skip
+            t=time.time(),
+            planner=self.settings.name,
+            instance=self.instance,
+            term=self.charge.term,
+            paused=paused,
+            obstacles=len(self.world.obstacles),
+            goals=self.ledger.goals,
+        )
 
     def check_known(self, goal: swarm.Goal) -> FleetView:
         """Raises :class:`BadInput` for vehicles that are not heard, and for places that are not in the field."""

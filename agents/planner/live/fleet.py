@@ -76,11 +76,16 @@ class Fleet:
         assert state.local is not None
         kind = state.kind or "copter"
         view = VehicleView(
-            name=name, kind=kind, body=self.bodies.of(name, state.kind), pos_ned=state.local,
-            vel_ned=state.velocity or (0.0, 0.0, 0.0), airborne=_flies(state, kind), home_ned=self._homes.get(name),
+            name=name,
+            kind=kind,
+            body=self.bodies.of(name, state.kind),
+            pos_ned=state.local,
+            vel_ned=state.velocity or (0.0, 0.0, 0.0),
+            airborne=_flies(state, kind),
+            home_ned=self._homes.get(name),
             ground=None if state.position is None else state.local[2] + state.position.alt_rel,
             armed=bool(state.armed),
-        )  # fmt: skip
+        )
         return HeardVehicle(view, time.monotonic() - at, state)
 
     @property

@@ -67,11 +67,18 @@ class LeasedVehicles:
     async def __aenter__(self) -> LeasedVehicles:
         run, settings = self._run, self._run.agent.settings
         executor = Executor(
-            run.agent.z, run.vehicles, holder=settings.name, priority=settings.priority,
-            tracking=self.tracking, say=self._say, replan=self._replan, clock=run.agent.clocks.clock,
+            run.agent.z,
+            run.vehicles,
+            holder=settings.name,
+            priority=settings.priority,
+            tracking=self.tracking,
+            say=self._say,
+            replan=self._replan,
+            clock=run.agent.clocks.clock,
             offsets=run.agent.clocks.of(run.vehicles),
-            taking=TAKE, waits=lambda why: run.text(f"waits for a lease: {why}"),
-        )  # fmt: skip
+            taking=TAKE,
+            waits=lambda why: run.text(f"waits for a lease: {why}"),
+        )
         self._executor = await self._stack.enter_async_context(executor)
         return self
 
@@ -202,11 +209,13 @@ class LeasedVehicles:
             motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
-            downwash=planned.scene.downwash, margin=planned.margin,
-            tracking=max(self.tracking / TIGHT, tracking), movers=self.movers(executor.clock.now()),
+            downwash=planned.scene.downwash,
+            margin=planned.margin,
+            tracking=max(self.tracking / TIGHT, tracking),
+            movers=self.movers(executor.clock.now()),
             tolerance=max(Flight.tolerance, run.agent.settings.tracking),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
-        )  # fmt: skip
+        )
 
     async def _replan(self, trouble: Trouble) -> Flight | None:
         """The executor asks: everybody that goes on rests."""

@@ -34,10 +34,16 @@ class OrderHandlers:
         member = agent.z.member
         self.gate = member.make_gate() if member else None
         self.orders = Orders(
-            agent.z.session, settings.fleet, settings.name, self.gate.check if self.gate else anybody,
-            Answers(member.signer if member else None, self.gate), proof_is_enough, keys.SWARM, SWARM_VERBS,
+            agent.z.session,
+            settings.fleet,
+            settings.name,
+            self.gate.check if self.gate else anybody,
+            Answers(member.signer if member else None, self.gate),
+            proof_is_enough,
+            keys.SWARM,
+            SWARM_VERBS,
             most=MOST_BYTES,
-        )  # fmt: skip
+        )
         if self.gate is not None:
             self.gate.on_refused = lambda error: agent.say_seldom("refused", "warning", f"refused: {error}")
         handlers: dict[str, Guarded] = {

@@ -147,9 +147,12 @@ class Planner:
         return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
 
     async def _judge(
-        self, scene: Scene, trajectories: dict[str, list[Sample]], room: Room,
+        self,
+        scene: Scene,
+        trajectories: dict[str, list[Sample]],
+        room: Room,
         terrain: tuple[float, float, float, float] | None,
-    ) -> jobs.Judgement:  # fmt: skip
+    ) -> jobs.Judgement:
         """No plan leaves unverified, and by how much it passes is told."""
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers, terrain))
         assert isinstance(judged, jobs.Judgement)

@@ -94,7 +94,7 @@ class StatusPublisher:
         self._revision = agent.world.revision
         told = swarm.ObstacleMap(
             t=time.time(), planner=agent.settings.name, instance=agent.instance, obstacles=agent.world.obstacles
-        )  # fmt: skip
+        )
         self._put("obstacle", told)
 
     def plan(self, goal: str, start: float, trajectories: dict[str, list[Sample]], clearance: float | None) -> None:
@@ -102,9 +102,14 @@ class StatusPublisher:
         tracks = {name: thin(samples) for name, samples in trajectories.items()}
         makespan = max((samples[-1][0] for samples in trajectories.values()), default=0.0)
         report = swarm.PlanReport(
-            t=time.time(), planner=self._agent.settings.name, goal=goal, start=start, makespan=makespan,
-            clearance=clearance, tracks=tracks,
-        )  # fmt: skip
+            t=time.time(),
+            planner=self._agent.settings.name,
+            goal=goal,
+            start=start,
+            makespan=makespan,
+            clearance=clearance,
+            tracks=tracks,
+        )
         self._plans[goal] = report
         self._put("plan", report)
 

@@ -76,9 +76,11 @@ class ReservedAirspace:
         """(goal, vehicle, tube) of all goals but these."""
         return [
             (name, vehicle, each)
-            for name, held in self._held.items() if name not in but
-            for vehicle, volumes in held.items() for each in volumes
-        ]  # fmt: skip
+            for name, held in self._held.items()
+            if name not in but
+            for vehicle, volumes in held.items()
+            for each in volumes
+        ]
 
     def vehicles(self, but: Collection[str] = ()) -> set[str]:
         """Anyone who holds any, in other goals than ``but``."""

@@ -11,7 +11,19 @@ import numpy as np
 
 from agents.planner.execute.executor import Trouble
 from agents.planner.execute.vehicle_command import RESTING
-from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.goals.steps import (
+    FleetView,
+    Fly,
+    Loiter,
+    Orders,
+    PlanTo,
+    Step,
+    Stop,
+    Track,
+    for_the_rest,
+    to_begin,
+    without,
+)
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
@@ -178,7 +190,7 @@ class Run:
     ) -> set[str]:
         """Gives ``gone`` and who was lost on the way: the others go on to land, and to nothing else."""
         begin, each = share[0], (share[1] - share[0]) / max(len(steps), 1)
-        for number, step in enumerate([_left(step, gone) for step in steps]):
+        for number, step in enumerate([for_the_rest(step, gone) for step in steps]):
             await self._goes.wait()
             self.text(step.text or type(step).__name__)
             part = (begin + number * each, begin + (number + 1) * each)
@@ -222,7 +234,7 @@ class Run:
         async def again(trouble: Trouble) -> Planned | None:
             nonlocal rest, flown
             await self._goes.wait()
-            rest = _without(rest, set(trouble.gone))
+            rest = without(rest, set(trouble.gone))
             if not rest.vehicles or self.stopping:
                 return None
             self._state("planning", f"planned again: {trouble.reason}")
@@ -258,7 +270,7 @@ class Run:
         laps = 0
         while step.laps == 0 or laps < step.laps:
             more = min(step.laps - laps if step.laps else MANY_LAPS, many_laps(step))
-            if laps and (missing := await self._plan_and_fly(leased, _to_begin(step), share)):
+            if laps and (missing := await self._plan_and_fly(leased, to_begin(step), share)):
                 return missing
             planned, why = await self.planner.check(step, self._view(), more)
             if planned is None:
@@ -339,9 +351,13 @@ class Run:
             self.check_stopped()
 
     async def _flown(
-        self, leased: LeasedVehicles, planned: Planned, text: str, share: tuple[float, float],
+        self,
+        leased: LeasedVehicles,
+        planned: Planned,
+        text: str,
+        share: tuple[float, float],
         again: Again | None = None,
-    ) -> Landed:  # fmt: skip
+    ) -> Landed:
         self._speak_for(planned)
         self._state("flying", text or "flies")
         self._flying = leased
@@ -355,7 +371,7 @@ class Run:
         radii = {vehicle.id: vehicle.radius for vehicle in planned.scene.vehicles}
         airspace = {
             name: [tube(motion_of(samples)[:, 1:], radii[name])] for name, samples in planned.trajectories.items()
-        }  # fmt: skip
+        }
         self.agent.airspace.hold(self.entry.id, airspace)
         self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
 
@@ -459,33 +475,6 @@ def _committed(state: wire.VehicleState) -> bool:
     if lease is not None:
         return lease.number == segment.lease
     return end is not None and end.number == segment.lease and end.reason in ("expired", "gone")
-
-
-def _without(step: PlanTo, gone: set[str]) -> PlanTo:
-    """The step for those who are left; of places that are anybody's, the first."""
-    keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
-    places = step.places[keep] if step.labelled else step.places[: len(keep)]
-    return PlanTo(tuple(step.vehicles[i] for i in keep), np.ascontiguousarray(places), step.labelled, step.text)
-
-
-def _left(step: Step, lost: set[str]) -> Step:
-    """The step without those who are lost (of a landing, as it is); raises :class:`TimedOut` for one that is nothing
-    without them.
-    """
-    if isinstance(step, PlanTo):
-        return _without(step, lost)
-    if isinstance(step, Orders) and step.lands:
-        return step
-    named = step.motions if isinstance(step, Fly) else step.vehicles
-    if missing := sorted(lost & set(named)):
-        raise TimedOut(f"not heard any more: {', '.join(missing)}", vehicles=missing)
-    return step
-
-
-def _to_begin(step: Fly) -> PlanTo:
-    """To where its motions begin: they end farther along the loop."""
-    places = np.array([motion[0, 1:] for motion in step.motions.values()])
-    return PlanTo(tuple(step.motions), places, True, f"{step.text}: to the next laps")
 
 
 def many_laps(step: Fly) -> int:

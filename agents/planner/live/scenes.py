@@ -36,15 +36,22 @@ class Room:
     def empty(self, points: Sequence[Vector]) -> scene.Scene:
         """The scene without vehicles, as large as needed for these places (ENU)."""
         return scene.Scene(
-            vehicles=[], obstacles=list(self.obstacles), bounds=self.pieces.bounds(points),
-            geofence=self.pieces.geofence, downwash=self.downwash,
-        )  # fmt: skip
+            vehicles=[],
+            obstacles=list(self.obstacles),
+            bounds=self.pieces.bounds(points),
+            geofence=self.pieces.geofence,
+            downwash=self.downwash,
+        )
 
 
 def room_of(
-    vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Pieces, walls: Sequence[scene.Obstacle],
-    spoken_for: set[str], downwash: float,
-) -> Room:  # fmt: skip
+    vehicles: Sequence[str],
+    fleet: Sequence[HeardVehicle],
+    pieces: Pieces,
+    walls: Sequence[scene.Obstacle],
+    spoken_for: set[str],
+    downwash: float,
+) -> Room:
     """Everything but ``vehicles``: who rests is a mover at rest, who is not heard has the column below its place.
 
     ``walls``: what other goals have spoken for; ``spoken_for``: the vehicles that are within it.
@@ -67,9 +74,10 @@ def moving(vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Piece
         *pieces.movers,
         *(
             Mover(view.name, _motion_of(view), view.body.radius)
-            for view in others if view.name not in vehicles and view.name not in spoken_for
+            for view in others
+            if view.name not in vehicles and view.name not in spoken_for
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _lost(seen: HeardVehicle) -> bool:
@@ -94,16 +102,19 @@ def scene_of(
     goals: list[Vector] = [(float(x), float(y), float(z)) for x, y, z in places]
     if labelled:
         goals = [
-            (g[0], g[1], s[2]) if view.kind in GROUND else g
-            for view, s, g in zip(views, starts, goals, strict=True)
-        ]  # fmt: skip
+            (g[0], g[1], s[2]) if view.kind in GROUND else g for view, s, g in zip(views, starts, goals, strict=True)
+        ]
     empty = room.empty([*starts, *goals, *also])
     vehicles = [_vehicle(view, s, g if labelled else None) for view, s, g in zip(views, starts, goals, strict=True)]
     return scene.Scene(
-        vehicles=vehicles, obstacles=empty.obstacles, bounds=empty.bounds, geofence=empty.geofence,
-        downwash=empty.downwash, assignment="labelled" if labelled else "unlabelled",
+        vehicles=vehicles,
+        obstacles=empty.obstacles,
+        bounds=empty.bounds,
+        geofence=empty.geofence,
+        downwash=empty.downwash,
+        assignment="labelled" if labelled else "unlabelled",
         goals=None if labelled else goals,
-    )  # fmt: skip
+    )
 
 
 def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Vehicle:
@@ -113,9 +124,17 @@ def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Veh
         kind = "rover" if view.kind in GROUND else "plane"
     accel = body.accel if kind == "plane" else HEADROOM * body.accel
     return scene.Vehicle(
-        id=view.name, type=kind, start=start, goal=goal, radius=body.radius, vmax=body.speed, amax=accel,
-        vz_up=body.climb, vz_down=body.descend, vmin=body.min_speed if kind == "plane" else None,
-    )  # fmt: skip
+        id=view.name,
+        type=kind,
+        start=start,
+        goal=goal,
+        radius=body.radius,
+        vmax=body.speed,
+        amax=accel,
+        vz_up=body.climb,
+        vz_down=body.descend,
+        vmin=body.min_speed if kind == "plane" else None,
+    )
 
 
 def narrower(view: FleetView, by: float, share: float = 1.0) -> FleetView:

@@ -53,8 +53,13 @@ def check(settings: Settings) -> None:
     """Raises :class:`BadConfig` naming what cannot be."""
     keys.check_name(settings.name, "name")
     keys.check_name(settings.fleet, "fleet")
-    for field, least, most in (("margin", 0.0, 20.0), ("tracking", 0.05, 5.0), ("downwash", 1.0, 10.0),
-                               ("patience", 1.0, 600.0), ("clock_error", 0.001, math.inf)):  # fmt: skip
+    for field, least, most in (
+        ("margin", 0.0, 20.0),
+        ("tracking", 0.05, 5.0),
+        ("downwash", 1.0, 10.0),
+        ("patience", 1.0, 600.0),
+        ("clock_error", 0.001, math.inf),
+    ):
         value = getattr(settings, field)
         if not least <= value <= most:
             text = f"{field} is {value}; expected {least} to {most}"

@@ -147,9 +147,15 @@ class Solver:
         """One life of the process; its exit code."""
         start = time.monotonic()
         self._process = process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "agents.planner.live.worker", stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE, start_new_session=True, limit=2**24, cwd=ROOT,
-        )  # fmt: skip
+            sys.executable,
+            "-m",
+            "agents.planner.live.worker",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+            limit=2**24,
+            cwd=ROOT,
+        )
         try:
             assert process.stdout is not None
             with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):

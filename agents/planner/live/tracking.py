@@ -199,7 +199,7 @@ class Tracking:
             clear = all(
                 segment_clear(world, np.ascontiguousarray(p), np.ascontiguousarray(q), radius)
                 for p, q in zip(moved[:-1:2], moved[2::2], strict=False)
-            )  # fmt: skip
+            )
             way = tube(moved[::3], radius)
             blocker = self._reserved.blocker(part, entry, now) if clear else "an obstacle"
             blocker = blocker or self._tubes_blocked(part, way)

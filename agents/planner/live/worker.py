@@ -82,7 +82,7 @@ class Worker:
             static = self._map(job.scene, job.terrain)
             return pipeline.solve(
                 job.scene, static=static, movers=job.movers, seconds=job.seconds, seed=job.seed, progress=self._news
-            )  # fmt: skip
+            )
         except PlanError as e:
             return Plan.failed(e, time.monotonic() - start)
 

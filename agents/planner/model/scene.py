@@ -317,6 +317,8 @@ def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
         return min(p[0], q[0]) <= r[0] <= max(p[0], q[0]) and min(p[1], q[1]) <= r[1] <= max(p[1], q[1])
 
     return (
-        (one == 0.0 and on(a, b, c)) or (other == 0.0 and on(a, b, d)) or (three == 0.0 and on(c, d, a))
+        (one == 0.0 and on(a, b, c))
+        or (other == 0.0 and on(a, b, d))
+        or (three == 0.0 and on(c, d, a))
         or (four == 0.0 and on(c, d, b))
-    )  # fmt: skip
+    )

@@ -155,9 +155,18 @@ def _gap(a: Floats, b: Floats) -> float:
 
 @jit
 def _pairs(
-    samples: Floats, offsets: Ints, radius: Floats, leaves: Ints, own: int, inverse: float,
-    start: float, width: float, boxes: Floats, tolerance: float, found: Floats,
-) -> tuple[int, int, int, float, float]:  # fmt: skip
+    samples: Floats,
+    offsets: Ints,
+    radius: Floats,
+    leaves: Ints,
+    own: int,
+    inverse: float,
+    start: float,
+    width: float,
+    boxes: Floats,
+    tolerance: float,
+    found: Floats,
+) -> tuple[int, int, int, float, float]:
     """Every pair with one of the first ``own`` in it.
 
     ``found``: rows i, j, least distance, time of those that are too near. Gives how many these are, and the pair with

@@ -77,9 +77,14 @@ def _clear(
 
 
 def _spread(
-    scene: Scene, code: Code, what: str, names: Sequence[str], places: Sequence[Point], radii: Sequence[float],
+    scene: Scene,
+    code: Code,
+    what: str,
+    names: Sequence[str],
+    places: Sequence[Point],
+    radii: Sequence[float],
     counts: Sequence[bool],
-) -> None:  # fmt: skip
+) -> None:
     at, reach, stays = np.array(places, dtype=np.float64), np.array(radii), np.array(counts)
     at[:, 2] /= scene.downwash
     pairs = []
@@ -119,9 +124,10 @@ def _within(scene: Scene, code: Code, what: str, names: Sequence[str], places: S
 def _level(scene: Scene) -> None:
     """Rovers keep their height, so a goal above or below it cannot be reached."""
     high = [
-        v for v in scene.vehicles
+        v
+        for v in scene.vehicles
         if v.type == "rover" and v.goal is not None and abs(v.goal[2] - v.start[2]) > scene.goal_tolerance
-    ]  # fmt: skip
+    ]
     if high and scene.assignment == "labelled":
         texts = [f"{v.id} is a rover, and its goal is not at its height of {v.start[2]:g} m" for v in high]
         _fail("unreachable", [v.id for v in high], texts)

@@ -19,9 +19,26 @@ from agents.planner.model.scene import Scene, Vehicle, name_of
 from agents.planner.model.separation import all_pairs
 
 FaultKind = Literal[
-    "missing", "unknown", "samples", "start", "goal", "heading", "speed", "climb", "descent", "slow", "acceleration",
-    "sampling", "height", "bounds", "fence", "obstacle", "separation", "late", "decimals",
-]  # fmt: skip
+    "missing",
+    "unknown",
+    "samples",
+    "start",
+    "goal",
+    "heading",
+    "speed",
+    "climb",
+    "descent",
+    "slow",
+    "acceleration",
+    "sampling",
+    "height",
+    "bounds",
+    "fence",
+    "obstacle",
+    "separation",
+    "late",
+    "decimals",
+]
 
 
 @dataclass(frozen=True)
@@ -178,10 +195,14 @@ def _limits(v: Vehicle, motion: Motion) -> list[Fault]:
         ("speed", found[0, 0], v.vmax * more, "flies {:.3f} m/s, {:.3f} are allowed"),
         ("climb", found[1, 0], up * more, "climbs {:.3f} m/s, {:.3f} are allowed"),
         ("descent", found[2, 0], down * more, "descends {:.3f} m/s, {:.3f} are allowed"),
-        ("acceleration", found[3, 0], v.amax * (1.0 + ACCELERATION) + ACCELERATION,
-         "accelerates by {:.3f} m/s², {:.3f} are allowed"),
+        (
+            "acceleration",
+            found[3, 0],
+            v.amax * (1.0 + ACCELERATION) + ACCELERATION,
+            "accelerates by {:.3f} m/s², {:.3f} are allowed",
+        ),
         ("sampling", found[4, 0], 0.2, "is {:.3f} s without a sample while it moves, {:.3f} are allowed"),
-    ]  # fmt: skip
+    ]
     faults = []
     for k, (kind, value, limit, words) in enumerate(rules):
         if value > limit + 2e-6:

@@ -54,8 +54,11 @@ class Plane:
     def motions(self, level: int) -> list[Motion]:
         """Those of a level from 0 to ``LEVELS`` - 1; each is clear of the world and the posts, and can be flown."""
         makers: tuple[Callable[[], Iterator[Motion]], ...] = (
-            self._direct, self._aside, self._circling, lambda: self._by_vias(VIAS[1]),
-        )  # fmt: skip
+            self._direct,
+            self._aside,
+            self._circling,
+            lambda: self._by_vias(VIAS[1]),
+        )
         while len(self._levels) <= level:
             made = [*(self._levels[-1] if self._levels else []), *makers[len(self._levels)]()]
             self._levels.append(sorted(made, key=lambda motion: float(motion[-1, 0])))
@@ -178,9 +181,13 @@ def wings_of(problem: Problem, index: int) -> Wings:
     """What a plane of a problem can do; its radius has a little room added."""
     p = problem
     return Wings(
-        radius=float(p.radius[index]) + SLACK, vmin=float(p.vmin[index]), vmax=float(p.vmax[index]),
-        amax=float(p.amax[index]), climb=float(p.climb[index]), descend=float(p.descend[index]),
-    )  # fmt: skip
+        radius=float(p.radius[index]) + SLACK,
+        vmin=float(p.vmin[index]),
+        vmax=float(p.vmax[index]),
+        amax=float(p.amax[index]),
+        climb=float(p.climb[index]),
+        descend=float(p.descend[index]),
+    )
 
 
 def posts_of(problem: Problem, index: int, *, starts: bool = True, goals: bool = True) -> Floats:
@@ -217,11 +224,7 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
 
 
 def plan_planes(
-    problem: Problem,
-    world: World,
-    indices: Sequence[int],
-    rng: np.random.Generator,
-    avoid: Sequence[Mover] = (),
+    problem: Problem, world: World, indices: Sequence[int], rng: np.random.Generator, avoid: Sequence[Mover] = ()
 ) -> list[Motion]:
     """Motions (T, 4) of the planes ``indices``, in that order: from the start at its heading to the goal, flying.
 

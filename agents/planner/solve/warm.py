@@ -88,15 +88,23 @@ def example(planes: bool) -> Scene:
         NoFly(polygon=[(30.0, -5.0), (35.0, -5.0), (35.0, 5.0)], floor=0.0, ceiling=30.0),
     ]
     if planes:
-        rover = Vehicle(id="r", type="rover", start=(-20.0, -20.0, 1.0), goal=(-20.0, 20.0, 1.0), radius=0.7, vmax=3.0,
-                        amax=1.5)  # fmt: skip
+        rover = Vehicle(
+            id="r", type="rover", start=(-20.0, -20.0, 1.0), goal=(-20.0, 20.0, 1.0), radius=0.7, vmax=3.0, amax=1.5
+        )
         wings = [
             Vehicle(
-                id=f"p{k}", type="plane", start=(-150.0 * way, 0.0, 60.0), goal=(150.0 * way, 0.0, 60.0), radius=3.0,
-                vmax=22.0, amax=5.0, vmin=12.0, start_heading_deg=20.0 + 180.0 * k,
+                id=f"p{k}",
+                type="plane",
+                start=(-150.0 * way, 0.0, 60.0),
+                goal=(150.0 * way, 0.0, 60.0),
+                radius=3.0,
+                vmax=22.0,
+                amax=5.0,
+                vmin=12.0,
+                start_heading_deg=20.0 + 180.0 * k,
             )
             for k, way in enumerate((1.0, -1.0))
-        ]  # fmt: skip
+        ]
         vehicles = [vehicles[0], rover, *wings]
         obstacles.append(Box(min=(-40.0, -90.0, 40.0), max=(40.0, 90.0, 90.0)))
     room = 200.0 if planes else 60.0

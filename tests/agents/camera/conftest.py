@@ -67,9 +67,13 @@ class Way:
     """
 
     def __init__(
-        self, near: zenoh.Session, far: zenoh.Session, lose: Callable[[], bool] = lambda: False,
-        rate: float | None = None, queue: float = 4000.0,
-    ) -> None:  # fmt: skip
+        self,
+        near: zenoh.Session,
+        far: zenoh.Session,
+        lose: Callable[[], bool] = lambda: False,
+        rate: float | None = None,
+        queue: float = 4000.0,
+    ) -> None:
         self.carried = self.lost = self.bytes = 0
         self._far, self._lose, self._rate, self._queue = far, lose, rate, queue
         self._loop = asyncio.get_running_loop()

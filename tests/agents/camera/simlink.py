@@ -110,9 +110,13 @@ class SimLink:
         a.expire(self.now)
         whole, torn, came = self._before
         report = FrameReport(
-            t=self.now + self._clock, seq=a.seq or 0, whole=a.whole - whole, torn=a.torn - torn,
-            delay=statistics.median(self._recent) if self._recent else None, rate_bytes=(a.bytes - came) / REPORT,
-        )  # fmt: skip
+            t=self.now + self._clock,
+            seq=a.seq or 0,
+            whole=a.whole - whole,
+            torn=a.torn - torn,
+            delay=statistics.median(self._recent) if self._recent else None,
+            rate_bytes=(a.bytes - came) / REPORT,
+        )
         self._before = (a.whole, a.torn, a.bytes)
         self._recent.clear()
         self._at(LATENCY, lambda: self.budget.report("reader", report, self.now))

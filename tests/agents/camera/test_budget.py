@@ -113,11 +113,19 @@ def test_not_everybody_is_heard() -> None:
 @pytest.mark.parametrize(
     "lie",
     [
-        {"whole": -5, "torn": -7}, {"whole": 10**9, "torn": 10**9}, {"rate_bytes": -1.0}, {"rate_bytes": 1e300},
-        {"delay": math.inf}, {"delay": -1e9}, {"delay": 1e9}, {"seq": 2**63}, {"seq": -1}, {"most_bytes": -1.0},
+        {"whole": -5, "torn": -7},
+        {"whole": 10**9, "torn": 10**9},
+        {"rate_bytes": -1.0},
+        {"rate_bytes": 1e300},
+        {"delay": math.inf},
+        {"delay": -1e9},
+        {"delay": 1e9},
+        {"seq": 2**63},
+        {"seq": -1},
+        {"most_bytes": -1.0},
         {"most_bytes": 0.0},
     ],
-)  # fmt: skip
+)
 def test_reports_that_lie_leave_the_budget_within_its_bounds(lie: dict[str, Any]) -> None:
     budget = Budget(OWN)
     for i in range(40):

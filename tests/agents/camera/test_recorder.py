@@ -54,8 +54,10 @@ def test_a_folder(tmp_path: Path) -> None:
     recorder.close()
     rows = lines(tmp_path / "new" / "folder" / "pictures.csv")
     assert [(row["file"], float(row["t"]), int(row["width"])) for row in rows] == [
-        ("00000000.jpg", 1000.0, 320), ("00000001.jpg", 1000.1, 320), ("00000002.jpg", 1000.2, 320)
-    ]  # fmt: skip
+        ("00000000.jpg", 1000.0, 320),
+        ("00000001.jpg", 1000.1, 320),
+        ("00000002.jpg", 1000.2, 320),
+    ]
     assert (tmp_path / "new" / "folder" / "00000001.jpg").read_bytes() == picture(1).jpeg
     with pytest.raises(BadConfig, match="is there already"):
         Recorder(tmp_path / "new" / "folder", 10.0, ROOMY)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import zmav
-from agents.controllers.supervisor import Settings, Supervisor
+from agents.controllers.settings import Settings
+from agents.controllers.supervisor import Supervisor
 from zmav import keys, wire
 from zmav.config import PilotSwitch
 from zmav.sim import VehicleSpec, World

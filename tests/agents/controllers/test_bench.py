@@ -212,7 +212,7 @@ def known() -> report.Report:
         cpu=cpu.Cpu({"supervisor": 16.5}, 15000, 6, 60.0, 1.5),
         tracking=tracking.Tracking({"px4": flown, "ev2": flown}, {"px4": {"text": "40 m in 50 s"}}),
         failed={"nothing": "was wrong"},
-    )  # fmt: skip
+    )
 
 
 def test_the_table_says_it_all() -> None:
@@ -221,18 +221,33 @@ def test_the_table_says_it_all() -> None:
         console.print(report.table(known()))
     text = capture.get()
     for part in (
-        "lost 3 of 1785", "1.25 Mb/s", "load 0.5 to 0.8 on 2", "median 1000, mean 1000", "2000 µs on the mean",
-        "worst 34.0 ms", "+1 ppm", "-100 ppm", "16.5 %", "6 of 15000 (0.040 %)", "1.00 of px4's", "40 m in 50 s",
+        "lost 3 of 1785",
+        "1.25 Mb/s",
+        "load 0.5 to 0.8 on 2",
+        "median 1000, mean 1000",
+        "2000 µs on the mean",
+        "worst 34.0 ms",
+        "+1 ppm",
+        "-100 ppm",
+        "16.5 %",
+        "6 of 15000 (0.040 %)",
+        "1.00 of px4's",
+        "40 m in 50 s",
         "failed: was wrong",
-    ):  # fmt: skip
+    ):
         assert part in text, f"{part!r} is not in:\n{text}"
 
 
 def test_what_is_saved_can_be_read_again(tmp_path: Path) -> None:
     saved = report.save(known(), tmp_path / "out")
     assert {path.name for path in saved} == {
-        "bench.json", "links.png", "trip.png", "clock.png", "cpu.png", "tracking.png"
-    }  # fmt: skip
+        "bench.json",
+        "links.png",
+        "trip.png",
+        "clock.png",
+        "cpu.png",
+        "tracking.png",
+    }
     assert all(path.read_bytes()[:4] == b"\x89PNG" for path in saved if path.suffix == ".png")
     told = json.loads(saved[0].read_text())
     assert told["links"]["frames_lost"] == 3 and told["trip"]["back"]["times"] == [900.0, 1000.0, 1100.0]

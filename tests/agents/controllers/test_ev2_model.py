@@ -145,9 +145,18 @@ def test_a_mass_that_changes_in_flight_is_carried(share: float) -> None:
 def test_another_vehicle_flies_by_parameters() -> None:
     body = Body(mass=1.4, inertia=(0.012, 0.012, 0.02), full=30.0, torques=(3.0, 3.0, 0.4), rotor_tau=0.02)
     tuned = {
-        "mass": 1.4, "inertia_x": 0.012, "inertia_y": 0.012, "inertia_z": 0.02, "thrust_full": 30.0, "torque_roll": 3.0,
-        "torque_pitch": 3.0, "torque_yaw": 0.4, "rotor_tau": 0.02, "gamma2_tilt": 0.22, "gamma2_yaw": 0.16,
-    }  # fmt: skip
+        "mass": 1.4,
+        "inertia_x": 0.012,
+        "inertia_y": 0.012,
+        "inertia_z": 0.02,
+        "thrust_full": 30.0,
+        "torque_roll": 3.0,
+        "torque_pitch": 3.0,
+        "torque_yaw": 0.4,
+        "rotor_tau": 0.02,
+        "gamma2_tilt": 0.22,
+        "gamma2_yaw": 0.16,
+    }
     ev2 = begun(body, tuned=tuned)
     goal = Reference(pos=np.array([2.0, -1.0, -1.5]), yaw=1.0)
     assert fly(ev2, body, goal, 12.0)[-1].pos == pytest.approx(goal.pos, abs=0.002)

@@ -30,9 +30,16 @@ def tilted(level: Level) -> Reference:
     """A reference of which no number is zero."""
     attitude = quaternion(0.2, -0.3, 1.1)
     return Reference(
-        level, np.array([1.0, 2.0, -3.0]), np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6]), 0.7, 0.05, attitude,
-        np.array([0.01, 0.02, 0.03]), 0.5,
-    )  # fmt: skip
+        level,
+        np.array([1.0, 2.0, -3.0]),
+        np.array([0.1, 0.2, 0.3]),
+        np.array([0.4, 0.5, 0.6]),
+        0.7,
+        0.05,
+        attitude,
+        np.array([0.01, 0.02, 0.03]),
+        0.5,
+    )
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -130,9 +137,7 @@ def test_a_chirp_goes_from_the_one_frequency_to_the_other_by_the_same_factor_eac
     assert np.abs(y[t > 59.9]).max() < 0.01
 
 
-@given(
-    st.floats(0.05, 2.0), st.floats(1.2, 20.0), st.floats(1.0, 30.0), st.floats(0.01, 0.99)
-)  # fmt: skip
+@given(st.floats(0.05, 2.0), st.floats(1.2, 20.0), st.floats(1.0, 30.0), st.floats(0.01, 0.99))
 def test_what_is_fed_forward_is_the_derivative(f0: float, factor: float, periods: float, at: float) -> None:
     seconds = min(periods / f0 * 1.001, LONGEST)
     injection = Injection(chirp(seconds, f0, min(f0 * factor, 50.0), feed=True), "position", 0.0)
@@ -235,8 +240,11 @@ def test_a_chirp_of_a_tilt_has_no_place_to_feed_forward() -> None:
 def test_rates_that_would_turn_it_over_are_refused() -> None:
     Injection(order(channel="p", amplitude=2.0, seconds=0.35), "rates", START)
     Injection(order(channel="r", amplitude=1.0, seconds=3.0), "rates", START)  # it may well turn about its own axis
-    for args in (order(channel="p", amplitude=2.0, seconds=0.5), order("doublet", "q", -1.0, 1.0),
-                 order("chirp", "p", 1.0, 20.0, f0=0.2)):  # fmt: skip
+    for args in (
+        order(channel="p", amplitude=2.0, seconds=0.5),
+        order("doublet", "q", -1.0, 1.0),
+        order("chirp", "p", 1.0, 20.0, f0=0.2),
+    ):
         with pytest.raises(BadInput, match="add up to"):
             Injection(args, "rates", START)
 

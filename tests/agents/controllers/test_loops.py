@@ -86,8 +86,9 @@ class TestLikePx4:
             wanted = Reference(
                 pos=np.array([4.0 * math.sin(t), 3.0 * math.cos(1.7 * t), 3.0 * math.sin(0.9 * t)]),
                 vel=np.array([4.0 * math.cos(t), -5.1 * math.sin(1.7 * t), 2.7 * math.cos(0.9 * t)]),
-                acc=np.array([-4.0 * math.sin(t), 0.0, 0.5]), yaw=math.sin(0.5 * t),
-            )  # fmt: skip
+                acc=np.array([-4.0 * math.sin(t), 0.0, 0.5]),
+                yaw=math.sin(0.5 * t),
+            )
             setpoints.pos[:, 0], setpoints.vel[:, 0], setpoints.acc[:, 0] = wanted.pos, wanted.vel, wanted.acc
             setpoints.yaw[:] = wanted.yaw
             theirs.outer(Known(state), CYCLE)
@@ -364,10 +365,11 @@ def test_the_altitude_is_held_while_somebody_leans() -> None:
         half = 0.5 * math.radians(25.0) * math.sin(2.0 * t)
         climb = 0.0 if t < 1.0 else min(t - 1.0, 2.0) * 0.75
         return Reference(
-            "altitude", pos=np.array([0.0, 0.0, -5.0 - climb]),
+            "altitude",
+            pos=np.array([0.0, 0.0, -5.0 - climb]),
             vel=np.array([0.0, 0.0, -0.75 if 1.0 <= t < 3.0 else 0.0]),
             attitude=np.array([math.cos(half), math.sin(half), 0.0, 0.0]),
-        )  # fmt: skip
+        )
 
     log = flown(AltitudeLoop(), at, 6.0)
     miss = log.pos[:, 2] - log.ref_pos[:, 2]

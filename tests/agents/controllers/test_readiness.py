@@ -10,9 +10,14 @@ from zmav import wire
 from zmav.errors import Refused
 
 FLYING = wire.VehicleState(
-    t=0.0, fleet="demo", name="quad1", instance="i", armed=True, landed=False,
+    t=0.0,
+    fleet="demo",
+    name="quad1",
+    instance="i",
+    armed=True,
+    landed=False,
     position=wire.GlobalPosition(lat_deg=47.0, lon_deg=8.0, alt_amsl=500.0, alt_rel=10.0),
-)  # fmt: skip
+)
 
 
 def estimate(hz: float) -> Estimate:

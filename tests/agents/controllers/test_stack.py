@@ -73,16 +73,26 @@ class SeesRates(Seen):
 
 
 KINDS: dict[Level, type[Seen]] = {
-    "position": SeesPosition, "velocity": SeesVelocity, "altitude": SeesAltitude, "attitude": SeesAttitude,
+    "position": SeesPosition,
+    "velocity": SeesVelocity,
+    "altitude": SeesAltitude,
+    "attitude": SeesAttitude,
     "rates": SeesRates,
-}  # fmt: skip
+}
 
 
 def full(level: Level) -> Reference:
     return Reference(
-        level, pos=np.array([1.0, 2.0, -4.0]), vel=np.array([0.3, 0.2, -0.1]), acc=np.array([0.5, 0.0, 0.0]), yaw=0.4,
-        yaw_rate=0.2, attitude=LEAN, rates=np.array([0.1, 0.2, 0.3]), thrust=0.45,
-    )  # fmt: skip
+        level,
+        pos=np.array([1.0, 2.0, -4.0]),
+        vel=np.array([0.3, 0.2, -0.1]),
+        acc=np.array([0.5, 0.0, 0.0]),
+        yaw=0.4,
+        yaw_rate=0.2,
+        attitude=LEAN,
+        rates=np.array([0.1, 0.2, 0.3]),
+        thrust=0.45,
+    )
 
 
 def run(controller: Level, reference: Level) -> tuple[Seen, Stack]:
@@ -97,10 +107,7 @@ def run(controller: Level, reference: Level) -> tuple[Seen, Stack]:
 @pytest.mark.parametrize("given", LEVELS)
 def test_every_outer_level_ends_in_the_controllers_own_and_the_inner_ones_are_refused(own: Level, given: Level) -> None:
     if LEVELS.index(given) > LEVELS.index(own):
-        for call in (
-            lambda: run(own, given),
-            lambda: Stack(KINDS[own]()).update(State(), full(given)),
-        ):
+        for call in (lambda: run(own, given), lambda: Stack(KINDS[own]()).update(State(), full(given))):
             with pytest.raises(BadInput, match=f"{own} on, a reference of {given} is inside") as caught:
                 call()
             assert caught.value.detail["field"] == "level"
@@ -188,8 +195,10 @@ class TestTuning:
         stack.update(State(), full("position"))
         assert stack.signals["position.vel.x"] == pytest.approx(0.3 + 2.0)
 
-    @pytest.mark.parametrize("name, value", [("nothing", 1.0), ("position.nothing", 1.0), ("altitude.kp", 99.0),
-                                             ("gain", -1.0), ("gain", math.nan)])  # fmt: skip
+    @pytest.mark.parametrize(
+        "name, value",
+        [("nothing", 1.0), ("position.nothing", 1.0), ("altitude.kp", 99.0), ("gain", -1.0), ("gain", math.nan)],
+    )
     def test_what_is_unknown_or_out_of_bounds_is_refused_and_changes_nothing(self, name: str, value: float) -> None:
         stack = Stack(SeesRates())
         with pytest.raises(BadInput):

@@ -58,9 +58,15 @@ class Mine(AttitudeLoop):
         return output
 '''
 FAULTS = {
-    1: "planted", 2: "no output for 25 cycles", 3: "not finite", 4: "signal 9", 5: "tilt|turns at", 6: "RatesThrust",
-    7: "2 numbers", 8: "process is gone",
-}  # fmt: skip
+    1: "planted",
+    2: "no output for 25 cycles",
+    3: "not finite",
+    4: "signal 9",
+    5: "tilt|turns at",
+    6: "RatesThrust",
+    7: "2 numbers",
+    8: "process is gone",
+}
 
 
 @pytest.fixture

@@ -75,7 +75,7 @@ class Bench:
         )
         self.shop = Workshop(
             str(path), "", self.flies.append, lambda loaded: self.agree(loaded), answered, failed, because
-        )  # fmt: skip
+        )
 
     def agree(self, loaded: Loaded) -> None:
         """As the supervisor would."""

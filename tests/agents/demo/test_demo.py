@@ -31,11 +31,15 @@ def start_demo() -> Iterator[Callable[..., Demo]]:
     def start(*arguments: str) -> Demo:
         started.append(
             subprocess.Popen(
-                [sys.executable, "-m", "zmav", "demo", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT, text=True, start_new_session=True,
+                [sys.executable, "-m", "zmav", "demo", *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                start_new_session=True,
                 env={**os.environ, "ZMAV_CREDENTIALS": "/of/another/fleet"},
             )
-        )  # fmt: skip
+        )
         return started[-1]
 
     yield start
@@ -106,8 +110,11 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
         assert float(away) < 1.0
     assert (tmp_path / "tracks.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in tmp_path.glob("recording/*/*")) == [
-        "quad1.001.tlog", "quad2.001.tlog", "quad3.001.tlog", "record.001.mcap",
-    ]  # fmt: skip
+        "quad1.001.tlog",
+        "quad2.001.tlog",
+        "quad3.001.tlog",
+        "record.001.mcap",
+    ]
     assert "all of it was flown" in out
     assert "Traceback" not in out
     assert alive(pids) == set()

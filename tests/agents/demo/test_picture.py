@@ -30,9 +30,11 @@ def stood(t: float, east: float = 0.0, up: float = 0.0) -> Row:
     return Row(t, ((0.0, east, up), (0.0, 30.0 - east, up)))
 
 
-LINE = [*(stood(float(t)) for t in range(330)),
-        *(stood(330.0 + t, 0.3 * t, min(5.0, 0.5 * t, 0.5 * (100 - t))) for t in range(101)),
-        *(stood(431.0 + t, 30.0) for t in range(40))]  # fmt: skip
+LINE = [
+    *(stood(float(t)) for t in range(330)),
+    *(stood(330.0 + t, 0.3 * t, min(5.0, 0.5 * t, 0.5 * (100 - t))) for t in range(101)),
+    *(stood(431.0 + t, 30.0) for t in range(40)),
+]
 """two that stand for 330 s, fly along a line for 100 s, and stand"""
 
 

@@ -105,9 +105,13 @@ def test_a_fleet_without_a_story_and_a_name_that_is_none_are_refused(tmp_path: P
 
 @pytest.mark.parametrize(
     ("links", "relays"),
-    [('"star"', (0, 0)), ('"line"', (0, 1)), ('[["ground", "b"], ["b", "a"]]', (1, 0)),
-     ('[["ground", "a"], ["a", "b"], ["ground", "b"]]', (0, 0))],
-)  # fmt: skip
+    [
+        ('"star"', (0, 0)),
+        ('"line"', (0, 1)),
+        ('[["ground", "b"], ["b", "a"]]', (1, 0)),
+        ('[["ground", "a"], ["a", "b"], ["ground", "b"]]', (0, 0)),
+    ],
+)
 def test_relays_are_counted_by_the_shortest_way(tmp_path: Path, links: str, relays: tuple[int, int]) -> None:
     demo = load(written(tmp_path, f"links = {links}\n{RUN}"))
     assert (demo.relays("a"), demo.relays("b")) == relays

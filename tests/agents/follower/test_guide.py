@@ -93,10 +93,16 @@ class World:
             place = (float(seen[0]), float(seen[1]), DECK)
             found.append(
                 Detection(
-                    symbol="H", u=0.0, v=0.0, scale_px=20.0, heading=0.0, score=0.8, pos=place,
+                    symbol="H",
+                    u=0.0,
+                    v=0.0,
+                    scale_px=20.0,
+                    heading=0.0,
+                    score=0.8,
+                    pos=place,
                     covariance=(0.01, 0.0, 0.01),
                 )
-            )  # fmt: skip
+            )
         return found
 
 

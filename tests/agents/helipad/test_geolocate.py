@@ -23,9 +23,13 @@ BENT = (-0.12, 0.03, 0.001, -0.0005, 0.0)
 
 
 def pose(
-    *, pos: tuple[float, float, float] = (10.0, -4.0, -6.0), roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0,
+    *,
+    pos: tuple[float, float, float] = (10.0, -4.0, -6.0),
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
     rate: float = 0.0,
-) -> Pose:  # fmt: skip
+) -> Pose:
     return Pose(0.0, pos, roll, pitch, yaw, rate)
 
 

@@ -103,9 +103,12 @@ def running(fleet: Path, folder: Path, device: Path, name: str) -> Iterator[subp
     code = "from agents.hil.cli import hil; hil()"
     words = ["--file", str(fleet), "--name", name, "--device", str(device), "--reports", str(folder), "--props-off"]
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "bench", *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [sys.executable, "-c", code, "bench", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+    )
     try:
         assert process.stdout is not None
         said = []
@@ -146,9 +149,7 @@ def test_ctrl_c_in_flight_disarms_it_and_leaves_nobody_behind(fleet: Path, tmp_p
     assert checks[-1].found == "it was interrupted"
 
 
-def test_unplugged_in_flight_it_says_that_it_may_be_armed(
-    fleet: Path, tmp_path: Path, make_board: MakeBoard
-) -> None:  # fmt: skip
+def test_unplugged_in_flight_it_says_that_it_may_be_armed(fleet: Path, tmp_path: Path, make_board: MakeBoard) -> None:
     board = make_board()
     with running(fleet, tmp_path, board.link, "px1") as process:
         board.unplug()

@@ -106,9 +106,12 @@ def test_a_file_that_is_no_report_is_said(report: Report, tmp_path: Path) -> Non
 
 
 async def test_a_real_autopilot_before_its_flight(
-    fleet: Path, tmp_path: Path, make_board: MakeBoard, capsys: pytest.CaptureFixture[str],
+    fleet: Path,
+    tmp_path: Path,
+    make_board: MakeBoard,
+    capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     """... with reports of itself; then with another fleet file, a changed parameter, and no report of the bench."""
     monkeypatch.setattr(gates, "DOCTOR_S", 1.0)
     board, file = make_board(hitl=0), load_fleet(fleet)

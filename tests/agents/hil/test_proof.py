@@ -9,9 +9,15 @@ from zmav.errors import Refused
 from zmav.mavlink.paramvalue import Value
 
 SIMULATING: dict[str, Value] = {
-    **{f"SIM_X{i}": 0.0 for i in range(20)}, "SIM_OH_MASK": 0, "INS_ACC_ID": 2753028, "INS_ACC2_ID": 2753036,
-    "INS_ACC3_ID": 0, "INS_GYR_ID": 2752772, "INS_GYR2_ID": 2752780, "INS_GYR3_ID": 0,
-}  # fmt: skip
+    **{f"SIM_X{i}": 0.0 for i in range(20)},
+    "SIM_OH_MASK": 0,
+    "INS_ACC_ID": 2753028,
+    "INS_ACC2_ID": 2753036,
+    "INS_ACC3_ID": 0,
+    "INS_GYR_ID": 2752772,
+    "INS_GYR2_ID": 2752780,
+    "INS_GYR3_ID": 0,
+}
 HIL = "MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MAV_MODE_FLAG_HIL_ENABLED"
 
 

@@ -15,20 +15,35 @@ Raw = dict[str, Any]
 def _base() -> Raw:
     """Six copters fly past a box, a cylinder and a zone."""
     vehicles = [
-        {"id": f"v{k:03d}", "type": "copter", "radius": 1.0, "vmax": 5.0, "amax": 2.5, "start": [-45, -40 + 8 * k, 10],
-         "goal": [45, -40 + 8 * k, 10]}
+        {
+            "id": f"v{k:03d}",
+            "type": "copter",
+            "radius": 1.0,
+            "vmax": 5.0,
+            "amax": 2.5,
+            "start": [-45, -40 + 8 * k, 10],
+            "goal": [45, -40 + 8 * k, 10],
+        }
         for k in range(6)
-    ]  # fmt: skip
+    ]
     obstacles = [
         {"type": "box", "min": [-10, -10, 0], "max": [10, 10, 30]},
         {"type": "cylinder", "center": [30, 30], "radius": 6.0, "floor": 0.0, "ceiling": 40.0},
         {"type": "no_fly", "polygon": [[-50, 20], [-30, 20], [-30, 45], [-50, 45]], "floor": 0.0, "ceiling": 40.0},
     ]
     return {
-        "format": "swarm-scene/1", "name": "broken", "assignment": "labelled", "vehicles": vehicles,
-        "obstacles": obstacles, "bounds": {"min": [-60, -60, 0], "max": [60, 60, 40]}, "downwash": 1.5,
-        "goal_tolerance": 0.5, "expect": "error", "class": "infeasible", "source": None,
-    }  # fmt: skip
+        "format": "swarm-scene/1",
+        "name": "broken",
+        "assignment": "labelled",
+        "vehicles": vehicles,
+        "obstacles": obstacles,
+        "bounds": {"min": [-60, -60, 0], "max": [60, 60, 40]},
+        "downwash": 1.5,
+        "goal_tolerance": 0.5,
+        "expect": "error",
+        "class": "infeasible",
+        "source": None,
+    }
 
 
 def _with(**of: Any) -> Callable[[Raw], None]:
@@ -93,10 +108,13 @@ def _cell(x: float, y: float) -> Callable[[Raw], None]:
 
     def change(scene: Raw) -> None:
         for low, high in (
-            ([x - 6, y - 6, 0], [x - 4, y + 6, 20]), ([x + 4, y - 6, 0], [x + 6, y + 6, 20]),
-            ([x - 4, y - 6, 0], [x + 4, y - 4, 20]), ([x - 4, y + 4, 0], [x - 1, y + 6, 20]),
-            ([x + 0.5, y + 4, 0], [x + 4, y + 6, 20]), ([x - 6, y - 6, 20], [x + 6, y + 6, 22]),
-        ):  # fmt: skip
+            ([x - 6, y - 6, 0], [x - 4, y + 6, 20]),
+            ([x + 4, y - 6, 0], [x + 6, y + 6, 20]),
+            ([x - 4, y - 6, 0], [x + 4, y - 4, 20]),
+            ([x - 4, y + 4, 0], [x - 1, y + 6, 20]),
+            ([x + 0.5, y + 4, 0], [x + 4, y + 6, 20]),
+            ([x - 6, y - 6, 20], [x + 6, y + 6, 22]),
+        ):
             scene["obstacles"].append({"type": "box", "min": low, "max": high})
 
     return change
@@ -123,15 +141,21 @@ CASES: dict[str, tuple[Code, list[str], Callable[[Raw], None]]] = {
     "a plane without vmin": ("invalid_scene", ["v003"], _vehicle(3, type="plane", start_heading_deg=0.0)),
     "a plane without heading": ("invalid_scene", ["v003"], _vehicle(3, type="plane", vmin=2.0)),
     "a plane whose vmin is over vmax": (
-        "invalid_scene", ["v003"], _vehicle(3, type="plane", vmin=6.0, start_heading_deg=0.0)
+        "invalid_scene",
+        ["v003"],
+        _vehicle(3, type="plane", vmin=6.0, start_heading_deg=0.0),
     ),
     "an unknown obstacle": ("invalid_scene", [], _also({"type": "cone", "center": [0, 0]})),
     "a box inside out": ("invalid_scene", [], _also({"type": "box", "min": [0, 0, 9], "max": [1, 1, 3]})),
     "a cylinder without radius": (
-        "invalid_scene", [], _also({"type": "cylinder", "center": [0, 0], "radius": -1, "floor": 0, "ceiling": 9})
+        "invalid_scene",
+        [],
+        _also({"type": "cylinder", "center": [0, 0], "radius": -1, "floor": 0, "ceiling": 9}),
     ),
     "a zone of two corners": (
-        "invalid_scene", [], _also({"type": "no_fly", "polygon": [[0, 0], [1, 1], [0, 0]], "floor": 0, "ceiling": 9})
+        "invalid_scene",
+        [],
+        _also({"type": "no_fly", "polygon": [[0, 0], [1, 1], [0, 0]], "floor": 0, "ceiling": 9}),
     ),
     "a zone that crosses itself": ("invalid_scene", [], _also(BOW_TIE)),
     "too few goals": ("invalid_scene", [], _all(_unlabelled, lambda scene: scene["goals"].pop())),
@@ -139,51 +163,63 @@ CASES: dict[str, tuple[Code, list[str], Callable[[Raw], None]]] = {
     "start in a box": ("start_in_obstacle", ["v004"], _vehicle(4, start=[0, 0, 10])),
     "start beside a box": ("start_in_obstacle", ["v004"], _vehicle(4, start=[-10.9, 0, 10])),
     "starts in a zone and a cylinder": (
-        "start_in_obstacle", ["v002", "v004"], _all(_vehicle(4, start=[-40, 30, 10]), _vehicle(2, start=[30, 24, 10]))
+        "start_in_obstacle",
+        ["v002", "v004"],
+        _all(_vehicle(4, start=[-40, 30, 10]), _vehicle(2, start=[30, 24, 10])),
     ),
     "goal in a box": ("goal_in_obstacle", ["v002"], _vehicle(2, goal=[0, 0, 10])),
     "goal above a box": ("goal_in_obstacle", ["v002"], _vehicle(2, goal=[0, 0, 30.9])),
     "goal in a zone, unlabelled": ("goal_in_obstacle", ["goals[3]"], _all(_unlabelled, _goal(3, [-40, 30, 10]))),
     "starts overlap": ("starts_overlap", ["v000", "v001"], _vehicle(1, start=[-45, -39, 10])),
     "three starts overlap": (
-        "starts_overlap", ["v000", "v001", "v003"],
+        "starts_overlap",
+        ["v000", "v001", "v003"],
         _all(_vehicle(3, start=[-45, -38.5, 10]), _vehicle(1, start=[-45, -38.5, 12.9])),
     ),
     "goals overlap": ("goals_overlap", ["v001", "v005"], _vehicle(5, goal=[45, -32, 12.9])),
     "goals overlap, unlabelled": (
-        "goals_overlap", ["goals[1]", "goals[5]"], _all(_unlabelled, _goal(5, [45, -31, 10]))
+        "goals_overlap",
+        ["goals[1]", "goals[5]"],
+        _all(_unlabelled, _goal(5, [45, -31, 10])),
     ),
     "start out of bounds": ("start_out_of_bounds", ["v001"], _vehicle(1, start=[-60.1, 0, 10])),
     "goal out of bounds": (
-        "goal_out_of_bounds", ["v001", "v003"], _all(_vehicle(3, goal=[0, 30, 41]), _vehicle(1, goal=[61, 0, 9]))
+        "goal_out_of_bounds",
+        ["v001", "v003"],
+        _all(_vehicle(3, goal=[0, 30, 41]), _vehicle(1, goal=[61, 0, 9])),
     ),
     "start out of the fence": ("start_out_of_bounds", ["v003"], _fenced),
     "goal out of the fence": (
-        "goal_out_of_bounds", ["v001"],
+        "goal_out_of_bounds",
+        ["v001"],
         _all(_fenced, _vehicle(3, start=[-40, -16, 10]), _vehicle(1, goal=[-50, -15, 10])),
     ),
     "goal under the fence": (
-        "goal_out_of_bounds", ["v001"],
+        "goal_out_of_bounds",
+        ["v001"],
         _all(_fenced, _vehicle(3, start=[-40, -16, 10]), _vehicle(1, goal=[40, -32, 1])),
     ),
     "a rover's goal in the air": ("unreachable", ["v001"], _vehicle(1, type="rover", goal=[45, -32, 20])),
-}  # fmt: skip
+}
 """what is known before anything is searched for"""
 
 CLOSED: dict[str, tuple[Code, list[str], Callable[[Raw], None]]] = {
     "a goal in a cell and a start in another": (
-        "unreachable", ["v000", "v002"],
+        "unreachable",
+        ["v000", "v002"],
         _all(_cell(45, -40), _cell(-45, -24), _vehicle(1, start=[-52, -40, 10]), _vehicle(3, start=[-52, -8, 10])),
     ),
     "a wall from end to end": (
-        "unreachable", [f"v{k:03d}" for k in range(6)],
+        "unreachable",
+        [f"v{k:03d}" for k in range(6)],
         _also({"type": "box", "min": [20, -60, 0], "max": [22, 60, 40]}),
     ),
     "a crack under a wall": (
-        "unreachable", [f"v{k:03d}" for k in range(6)],
+        "unreachable",
+        [f"v{k:03d}" for k in range(6)],
         _also({"type": "box", "min": [20, -60, 0.9], "max": [22, 60, 40]}),
     ),
-}  # fmt: skip
+}
 """what the map has to find"""
 
 

@@ -140,9 +140,10 @@ def _at_goals(scene: dict[str, Any], tracks: dict[str, Array]) -> set[tuple[str,
     reach = scene["goal_tolerance"] + 1e-6
     if scene["assignment"] == "labelled":
         return {
-            ("goal", v["id"]) for v in scene["vehicles"]
+            ("goal", v["id"])
+            for v in scene["vehicles"]
             if v["id"] in tracks and math.dist(tracks[v["id"]][-1, 1:], v["goal"]) > reach
-        }  # fmt: skip
+        }
     free = [tuple(goal) for goal in scene["goals"]]
     wrong = set()
     for name, track in tracks.items():  # tolerances are smaller than half of what goals are apart

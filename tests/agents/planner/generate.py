@@ -250,9 +250,15 @@ def fence(n: int, seed: int = 0, *, kind: Literal["L", "U", "layers"] = "L") -> 
         limits, goal = Fence(polygon=polygon, floor=2.0, ceiling=35.0), first[:, [1, 0, 2]]
     elif kind == "U":
         polygon = [
-            (-55.0, -55.0), (55.0, -55.0), (55.0, 55.0), (15.0, 55.0), (15.0, -15.0),
-            (-15.0, -15.0), (-15.0, 55.0), (-55.0, 55.0),
-        ]  # fmt: skip
+            (-55.0, -55.0),
+            (55.0, -55.0),
+            (55.0, 55.0),
+            (15.0, 55.0),
+            (15.0, -15.0),
+            (-15.0, -15.0),
+            (-15.0, 55.0),
+            (-55.0, 55.0),
+        ]
         first = np.column_stack((48.0 - 5.0 * (k % 5), 48.0 - 6.0 * (k // 5 % 5), 10.0 + 6.0 * (k // 25)))
         limits, goal = Fence(polygon=polygon, floor=2.0, ceiling=35.0), first * np.array([-1.0, 1.0, 1.0])
     else:
@@ -291,17 +297,33 @@ def mixed(n: int, seed: int = 0, *, planes: int | None = None, rovers: int | Non
     start = scatter(copters, rng, bounds, obstacles, 1.0, low=5.0, high=36.0)
     goal = scatter(copters, rng, bounds, obstacles, 1.0, low=5.0, high=36.0)
     vehicles = [
-        Vehicle(id=f"c{k:03d}", type="copter", start=point(start[k]), goal=point(goal[k]), radius=1.0, vmax=5.0,
-                amax=2.5, vz_up=2.5, vz_down=1.5)
+        Vehicle(
+            id=f"c{k:03d}",
+            type="copter",
+            start=point(start[k]),
+            goal=point(goal[k]),
+            radius=1.0,
+            vmax=5.0,
+            amax=2.5,
+            vz_up=2.5,
+            vz_down=1.5,
+        )
         for k in range(copters)
-    ]  # fmt: skip
+    ]
     start = scatter(rovers, rng, bounds, obstacles, 1.0, low=0.0, high=0.0)
     goal = scatter(rovers, rng, bounds, obstacles, 1.0, low=0.0, high=0.0)
     vehicles += [
-        Vehicle(id=f"r{copters + k:03d}", type="rover", start=point(start[k]), goal=point(goal[k]), radius=0.7,
-                vmax=3.0, amax=1.5)
+        Vehicle(
+            id=f"r{copters + k:03d}",
+            type="rover",
+            start=point(start[k]),
+            goal=point(goal[k]),
+            radius=0.7,
+            vmax=3.0,
+            amax=1.5,
+        )
         for k in range(rovers)
-    ]  # fmt: skip
+    ]
     vehicles += [_plane(rng, copters + rovers + k, k) for k in range(planes)]
     found = Scene(name=f"mixed_n{n:03d}_s{seed}", vehicles=vehicles, obstacles=obstacles, bounds=bounds, downwash=1.5)
     return limited(found)
@@ -317,9 +339,18 @@ def _plane(rng: np.random.Generator, number: int, k: int) -> Vehicle:
     heading = math.degrees(math.atan2(*(goal - start)[::-1]))
     ends = [point(np.array([*place, height + rng.uniform(-1.0, 1.0)])) for place in (start, goal)]
     return Vehicle(
-        id=f"p{number:03d}", type="plane", start=ends[0], goal=ends[1], radius=3.0, vmax=22.0, amax=5.0, vmin=12.0,
-        vz_up=3.0, vz_down=3.0, start_heading_deg=round(heading, 3),
-    )  # fmt: skip
+        id=f"p{number:03d}",
+        type="plane",
+        start=ends[0],
+        goal=ends[1],
+        radius=3.0,
+        vmax=22.0,
+        amax=5.0,
+        vmin=12.0,
+        vz_up=3.0,
+        vz_down=3.0,
+        start_heading_deg=round(heading, 3),
+    )
 
 
 def crowd(n: int, seed: int = 0, *, scale: Scale = "lab") -> Scene:

@@ -63,9 +63,15 @@ def gap(obstacle: Obstacle, place: Places) -> float:
 
 
 def scatter(
-    n: int, rng: np.random.Generator, bounds: Bounds, obstacles: Sequence[Obstacle], radius: float, *,
-    low: float, high: float,
-) -> Places:  # fmt: skip
+    n: int,
+    rng: np.random.Generator,
+    bounds: Bounds,
+    obstacles: Sequence[Obstacle],
+    radius: float,
+    *,
+    low: float,
+    high: float,
+) -> Places:
     """(n, 3): places apart from each other and from every obstacle, between two heights."""
     lo, hi = np.array(bounds.min) + 1.5 * radius, np.array(bounds.max) - 1.5 * radius
     found = np.empty((0, 3))
@@ -82,20 +88,41 @@ def scatter(
 
 
 def scene_of(
-    name: str, seed: int, start: Places, goal: Places, bounds: Bounds, scale: Scale,
-    obstacles: Sequence[Obstacle] = (), *, labelled: bool = True, geofence: Fence | None = None,
-) -> Scene:  # fmt: skip
+    name: str,
+    seed: int,
+    start: Places,
+    goal: Places,
+    bounds: Bounds,
+    scale: Scale,
+    obstacles: Sequence[Obstacle] = (),
+    *,
+    labelled: bool = True,
+    geofence: Fence | None = None,
+) -> Scene:
     """A scene of copters, with its time limit."""
     vehicles = [
-        Vehicle(id=f"v{k:03d}", type="copter", start=point(start[k]), goal=point(goal[k]) if labelled else None,
-                radius=SIZE[scale], vmax=SPEED[scale], amax=PUSH[scale])
+        Vehicle(
+            id=f"v{k:03d}",
+            type="copter",
+            start=point(start[k]),
+            goal=point(goal[k]) if labelled else None,
+            radius=SIZE[scale],
+            vmax=SPEED[scale],
+            amax=PUSH[scale],
+        )
         for k in range(len(start))
-    ]  # fmt: skip
+    ]
     found = Scene(
-        name=f"{name}{'_lab' if scale == 'lab' else ''}_n{len(start):03d}_s{seed}", vehicles=vehicles, bounds=bounds,
-        assignment="labelled" if labelled else "unlabelled", goals=None if labelled else [point(g) for g in goal],
-        obstacles=list(obstacles), geofence=geofence, downwash=DOWNWASH, goal_tolerance=0.5 * SIZE[scale],
-    )  # fmt: skip
+        name=f"{name}{'_lab' if scale == 'lab' else ''}_n{len(start):03d}_s{seed}",
+        vehicles=vehicles,
+        bounds=bounds,
+        assignment="labelled" if labelled else "unlabelled",
+        goals=None if labelled else [point(g) for g in goal],
+        obstacles=list(obstacles),
+        geofence=geofence,
+        downwash=DOWNWASH,
+        goal_tolerance=0.5 * SIZE[scale],
+    )
     return limited(found)
 
 

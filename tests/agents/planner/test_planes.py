@@ -22,9 +22,18 @@ WINGS = Wings(radius=3.0, vmin=12.0, vmax=22.0, amax=5.0, climb=3.0, descend=3.0
 
 def plane(name: str, start: Point, goal: Point, heading: float = 0.0) -> Vehicle:
     return Vehicle(
-        id=name, type="plane", start=start, goal=goal, radius=3.0, vmax=22.0, amax=5.0, vmin=12.0, vz_up=3.0,
-        vz_down=3.0, start_heading_deg=heading,
-    )  # fmt: skip
+        id=name,
+        type="plane",
+        start=start,
+        goal=goal,
+        radius=3.0,
+        vmax=22.0,
+        amax=5.0,
+        vmin=12.0,
+        vz_up=3.0,
+        vz_down=3.0,
+        start_heading_deg=heading,
+    )
 
 
 def arena(*vehicles: Vehicle, obstacles: tuple[Obstacle, ...] = (), fence: Fence | None = None) -> Scene:
@@ -39,9 +48,12 @@ def planned(scene: Scene, movers: tuple[Mover, ...] = ()) -> dict[str, Motion]:
     motions = plan_planes(problem, world_of(scene), planes, np.random.default_rng(0))
     tracks = {problem.ids[i]: motion for i, motion in zip(planes, motions, strict=True)}
     alone = Scene(
-        vehicles=[v for v in scene.vehicles if v.type == "plane"], obstacles=scene.obstacles, bounds=scene.bounds,
-        geofence=scene.geofence, downwash=scene.downwash,
-    )  # fmt: skip
+        vehicles=[v for v in scene.vehicles if v.type == "plane"],
+        obstacles=scene.obstacles,
+        bounds=scene.bounds,
+        geofence=scene.geofence,
+        downwash=scene.downwash,
+    )
     report = verify.verify(alone, tracks, movers)
     assert report.ok, report.faults
     return tracks

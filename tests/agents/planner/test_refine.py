@@ -70,8 +70,12 @@ def test_what_leaves_is_gone_after_its_last_sample() -> None:
     scene = circle(2)
     gone = Mover("plane", np.array([[0.0, 0.0, 12.0, 20.0], [2.0, 0.0, 0.0, 20.0]]), 4.0, leaves=True)
     problem = problem_of(scene, movers=[gone])
-    swarm = Swarm(problem, world_of(scene), knots_of_paths(problem, [np.array([v.start, v.goal]) for v in
-                  scene.vehicles], 12.0, 60), 12.0)  # fmt: skip
+    swarm = Swarm(
+        problem,
+        world_of(scene),
+        knots_of_paths(problem, [np.array([v.start, v.goal]) for v in scene.vehicles], 12.0, 60),
+        12.0,
+    )
     swarm.look()
     stays = Swarm(
         problem_of(scene, movers=[Mover("rock", gone.motion, 4.0)]), world_of(scene), swarm.place.copy(), 12.0

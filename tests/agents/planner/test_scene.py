@@ -160,8 +160,10 @@ def test_unknown_fields_are_left_alone_and_repeated_corners_dropped() -> None:
     scene["vehicles"][2]["colour"] = "red"
     scene["obstacles"][0]["name"] = "house"
     scene["geofence"] = {
-        "polygon": [[-60, -60], [60, -60], [60, 60], [60, 60], [-60, 60], [-60, -60]], "floor": 0, "ceiling": 40
-    }  # fmt: skip
+        "polygon": [[-60, -60], [60, -60], [60, 60], [60, 60], [-60, 60], [-60, -60]],
+        "floor": 0,
+        "ceiling": 40,
+    }
     read = parse(scene)
     validate(read)
     assert isinstance(read.geofence, Fence)

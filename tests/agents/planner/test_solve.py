@@ -55,9 +55,16 @@ def test_every_class_of_scene_is_solved(name: str, n: int) -> None:
 def test_a_plane_that_turns_quickly_leaves_on_its_heading(vmin: float, vmax: float, amax: float) -> None:
     bounds = Bounds(min=(-200.0, -200.0, 0.0), max=(200.0, 200.0, 60.0))
     plane = Vehicle(
-        id="p", type="plane", start=(0.0, 0.0, 20.0), goal=(-100.0, 30.0, 20.0), radius=0.5, vmin=vmin, vmax=vmax,
-        amax=amax, start_heading_deg=10.0,
-    )  # fmt: skip
+        id="p",
+        type="plane",
+        start=(0.0, 0.0, 20.0),
+        goal=(-100.0, 30.0, 20.0),
+        radius=0.5,
+        vmin=vmin,
+        vmax=vmax,
+        amax=amax,
+        start_heading_deg=10.0,
+    )
     motion = solve(Scene(vehicles=[plane], bounds=bounds)).motions()["p"]
     east, north = motion[1, 1:3] - motion[0, 1:3]
     assert math.degrees(math.atan2(north, east)) == pytest.approx(10.0, abs=1.1)

@@ -24,27 +24,64 @@ Array = NDArray[np.float64]
 SCENE: dict[str, Any] = {
     "format": "swarm-scene/1",
     "vehicles": [
-        {"id": "a", "type": "copter", "radius": 1.0, "vmax": 5.0, "amax": 2.5, "start": [-20, 0, 10],
-         "goal": [20, 0, 10], "vz_up": 2.5, "vz_down": 1.5},
-        {"id": "b", "type": "copter", "radius": 1.0, "vmax": 5.0, "amax": 2.5, "start": [-20, 3, 10],
-         "goal": [20, 3, 10], "vz_up": 2.5, "vz_down": 1.5},
-        {"id": "r", "type": "rover", "radius": 0.7, "vmax": 3.0, "amax": 1.5, "start": [-20, 0, 0],
-         "goal": [20, 0, 0]},
-        {"id": "p", "type": "plane", "radius": 3.0, "vmax": 22.0, "amax": 5.0, "vmin": 12.0, "start": [-90, 0, 40],
-         "goal": [60, 0, 40], "start_heading_deg": 0.0, "vz_up": 3.0, "vz_down": 3.0},
+        {
+            "id": "a",
+            "type": "copter",
+            "radius": 1.0,
+            "vmax": 5.0,
+            "amax": 2.5,
+            "start": [-20, 0, 10],
+            "goal": [20, 0, 10],
+            "vz_up": 2.5,
+            "vz_down": 1.5,
+        },
+        {
+            "id": "b",
+            "type": "copter",
+            "radius": 1.0,
+            "vmax": 5.0,
+            "amax": 2.5,
+            "start": [-20, 3, 10],
+            "goal": [20, 3, 10],
+            "vz_up": 2.5,
+            "vz_down": 1.5,
+        },
+        {"id": "r", "type": "rover", "radius": 0.7, "vmax": 3.0, "amax": 1.5, "start": [-20, 0, 0], "goal": [20, 0, 0]},
+        {
+            "id": "p",
+            "type": "plane",
+            "radius": 3.0,
+            "vmax": 22.0,
+            "amax": 5.0,
+            "vmin": 12.0,
+            "start": [-90, 0, 40],
+            "goal": [60, 0, 40],
+            "start_heading_deg": 0.0,
+            "vz_up": 3.0,
+            "vz_down": 3.0,
+        },
     ],
     "assignment": "labelled",
     "obstacles": [
         {"type": "box", "min": [-5, -6, 5], "max": [5, -2, 15]},
         {"type": "cylinder", "center": [0, 8], "radius": 2.0, "floor": 0.0, "ceiling": 20.0},
-        {"type": "no_fly", "polygon": [[10, -9], [18, -9], [14, -5], [18, -1.5], [10, -1.5]], "floor": 2,
-         "ceiling": 30},
+        {
+            "type": "no_fly",
+            "polygon": [[10, -9], [18, -9], [14, -5], [18, -1.5], [10, -1.5]],
+            "floor": 2,
+            "ceiling": 30,
+        },
     ],
     "bounds": {"min": [-100, -50, 0], "max": [100, 50, 60]},
-    "geofence": {"polygon": [[-95, -20], [95, -20], [95, 20], [0, 20], [0, 10], [-8, 10], [-8, 20], [-95, 20]],
-                 "floor": 0.0, "ceiling": 50.0},
-    "downwash": 1.5, "goal_tolerance": 0.5, "time_limit": 20.0,
-}  # fmt: skip
+    "geofence": {
+        "polygon": [[-95, -20], [95, -20], [95, 20], [0, 20], [0, 10], [-8, 10], [-8, 20], [-95, 20]],
+        "floor": 0.0,
+        "ceiling": 50.0,
+    },
+    "downwash": 1.5,
+    "goal_tolerance": 0.5,
+    "time_limit": 20.0,
+}
 
 
 def judged(scene: dict[str, Any], plan: dict[str, Any]) -> tuple[Report, set[tuple[str, str]], set[tuple[str, str]]]:
@@ -292,11 +329,19 @@ def test_movers_are_kept_clear_of_and_not_judged(plan: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "samples",
     [
-        [], [[]], [[0, 1, 2]], [["a", 0, 0, 0]], 3, None, [[0, -20, 0, 10], [1]], [[0, 1e300, 0, 10]],
-        [[0, 10**400, 0, 10]], [[math.inf] * 4],
+        [],
+        [[]],
+        [[0, 1, 2]],
+        [["a", 0, 0, 0]],
+        3,
+        None,
+        [[0, -20, 0, 10], [1]],
+        [[0, 1e300, 0, 10]],
+        [[0, 10**400, 0, 10]],
+        [[math.inf] * 4],
         [[[0, -20, 0, 10]]],
     ],
-)  # fmt: skip
+)
 def test_whatever_is_no_trajectory_is_a_fault(samples: Any, plan: dict[str, Any]) -> None:
     report = verify(msgspec.convert(SCENE, Scene), {**plan["trajectories"], "a": samples})
     assert [(fault.kind, fault.ids) for fault in report.faults] == [("samples", ("a",))]

@@ -111,9 +111,18 @@ class Loop:
 def _beat(session: zenoh.Session) -> None:
     """A vehicle that was heard a moment ago."""
     state = wire.VehicleState(
-        t=time.time(), fleet=FLEET, name="quad1", instance="quad11", connected=True, sysid=1, compid=1,
-        autopilot="ardupilot", kind="copter", mode="GUIDED", armed=True,
-    )  # fmt: skip
+        t=time.time(),
+        fleet=FLEET,
+        name="quad1",
+        instance="quad11",
+        connected=True,
+        sysid=1,
+        compid=1,
+        autopilot="ardupilot",
+        kind="copter",
+        mode="GUIDED",
+        armed=True,
+    )
     session.put(keys.STATE.key(FLEET, "quad1"), wire.encode(state))
 
 
@@ -179,19 +188,26 @@ def requests() -> list[bytes]:
     chunked = b'8\r\n{"alt_re\r\n6;x=y\r\nl": 5}\r\n0\r\nTrailer: x\r\n\r\n'
     sha = ("Upgrade: websocket", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==")
     return [
-        ask("GET /vehicles"), ask("GET /last/1/1/SYSTEM_TIME"), ask("GET /send/1/1/SET_MODE?base_mode=1&custom_mode=4"),
-        ask("GET /stop/1/1"), ask("GET /v1/mavlink/vehicles/1/components/1/messages/SYSTEM_TIME"), ask("GET /metrics"),
-        ask("GET /keys/quad1/SYSTEM_TIME?timeout=0.1"), ask("GET /v1/helper/mavlink?name=COMMAND_LONG"),
+        ask("GET /vehicles"),
+        ask("GET /last/1/1/SYSTEM_TIME"),
+        ask("GET /send/1/1/SET_MODE?base_mode=1&custom_mode=4"),
+        ask("GET /stop/1/1"),
+        ask("GET /v1/mavlink/vehicles/1/components/1/messages/SYSTEM_TIME"),
+        ask("GET /metrics"),
+        ask("GET /keys/quad1/SYSTEM_TIME?timeout=0.1"),
+        ask("GET /v1/helper/mavlink?name=COMMAND_LONG"),
         ask("POST /do/quad1/goto?arrive=false", b'{"pos": [1, 2, -3]}', "Content-Type: application/json"),
         ask("POST /do/quad1/takeoff", b"alt_rel=5&id=7", "Content-Type: application/x-www-form-urlencoded"),
-        ask("POST /keys/quad1/do/hold", b"{}"), ask("POST /fleet/hold", b'{"vehicles": ["quad*"]}'),
+        ask("POST /keys/quad1/do/hold", b"{}"),
+        ask("POST /fleet/hold", b'{"vehicles": ["quad*"]}'),
         ask("PUT /keys/zmav/demo/@fleet/origin", b'{"lat_deg": 1, "lon_deg": 2, "alt_amsl": 3}'),
         ask("PUT /keys/quad1/mav/tx/1/1/SET_MODE", b'{"base_mode": 1, "custom_mode": 4}'),
         ask("POST /v1/mavlink", b'{"message": {"type": "SYSTEM_TIME", "time_unix_usec": 1, "time_boot_ms": 1}}'),
-        ask("GET /setpoint/quad1?n=1&e=2&d=-3"), ask("GET /release/quad1"),
+        ask("GET /setpoint/quad1?n=1&e=2&d=-3"),
+        ask("GET /release/quad1"),
         b"POST /do/quad1/takeoff HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n" + chunked,
         b"GET /ws HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\n" + "\r\n".join((*sha, "", "")).encode(),
-    ]  # fmt: skip
+    ]
 
 
 def request(rng: random.Random, data: bytes) -> bytes | None:
@@ -239,9 +255,11 @@ def websockets() -> Iterator[Run]:
 
 def messages() -> list[bytes]:
     return [
-        b'{"subscribe": "quad1/SYSTEM_TIME", "hz": 5}', b'{"unsubscribe": "quad1/SYSTEM_TIME"}', b'{"ping": 7}',
+        b'{"subscribe": "quad1/SYSTEM_TIME", "hz": 5}',
+        b'{"unsubscribe": "quad1/SYSTEM_TIME"}',
+        b'{"ping": 7}',
         b'{"header": {"system_id": 1}, "message": {"type": "SYSTEM_TIME", "time_unix_usec": 1, "time_boot_ms": 1}}',
-    ]  # fmt: skip
+    ]
 
 
 # The bridge.
@@ -291,16 +309,22 @@ def from_stations() -> list[bytes]:
     to = {"target_system": 1, "target_component": 1}
     beat = packer.pack("HEARTBEAT", type=6, autopilot=8, system_status=4)
     asked = [
-        packer.pack("COMMAND_LONG", **to, command=400, param1=1.0), packer.pack("PARAM_REQUEST_LIST", **to),
+        packer.pack("COMMAND_LONG", **to, command=400, param1=1.0),
+        packer.pack("PARAM_REQUEST_LIST", **to),
         packer.pack("PARAM_REQUEST_READ", **to, param_id="RTL_ALT", param_index=-1),
         packer.pack("PARAM_SET", **to, param_id="RTL_ALT", param_value=5.0, param_type=9),
-        packer.pack("MISSION_REQUEST_LIST", **to), packer.pack("MISSION_COUNT", **to, count=3),
-        packer.pack("MISSION_REQUEST_INT", **to, seq=1), packer.pack("MISSION_ITEM_INT", **to, seq=0, command=16),
-        packer.pack("MISSION_ACK", **to), packer.pack("REQUEST_DATA_STREAM", **to, req_message_rate=4, start_stop=1),
+        packer.pack("MISSION_REQUEST_LIST", **to),
+        packer.pack("MISSION_COUNT", **to, count=3),
+        packer.pack("MISSION_REQUEST_INT", **to, seq=1),
+        packer.pack("MISSION_ITEM_INT", **to, seq=0, command=16),
+        packer.pack("MISSION_ACK", **to),
+        packer.pack("REQUEST_DATA_STREAM", **to, req_message_rate=4, start_stop=1),
         packer.pack("FILE_TRANSFER_PROTOCOL", target_system=1, payload=[1, 0, 0, 4, 9] + [0] * 246),
-        packer.pack("SET_MODE", target_system=1, base_mode=1, custom_mode=4), packer.pack("LOG_ERASE", **to),
-        packer.pack("LOG_REQUEST_LIST", **to, end=9), packer.pack("COMMAND_INT", **to, command=512, param1=148.0),
-    ]  # fmt: skip
+        packer.pack("SET_MODE", target_system=1, base_mode=1, custom_mode=4),
+        packer.pack("LOG_ERASE", **to),
+        packer.pack("LOG_REQUEST_LIST", **to, end=9),
+        packer.pack("COMMAND_INT", **to, command=512, param1=148.0),
+    ]
     return [beat + each for each in asked] + [beat + b"".join(asked)]
 
 
@@ -415,13 +439,18 @@ def _told(arguments: bytes, number: int) -> bytes:
 def order_texts() -> list[bytes]:
     item = {"command": "MAV_CMD_NAV_WAYPOINT", "params": [0, 0, 0, None], "x": -35.363, "y": 149.165, "z": 12.0}
     sensible: list[tuple[str, dict[str, Any]]] = [
-        ("mission_upload", {"kind": "mission", "items": [item, {**item, "z": 15.0}]}), ("set_mode", {"mode": "GUIDED"}),
-        ("command", {"command": "DO_SET_SERVO", "params": {"Instance": 5, "PWM": 1500}}), ("arm", {"ready_timeout": 0}),
+        ("mission_upload", {"kind": "mission", "items": [item, {**item, "z": 15.0}]}),
+        ("set_mode", {"mode": "GUIDED"}),
+        ("command", {"command": "DO_SET_SERVO", "params": {"Instance": 5, "PWM": 1500}}),
+        ("arm", {"ready_timeout": 0}),
         ("command", {"command": "DO_REPOSITION", "params": {"param5": -35.36}, "frame": "MAV_FRAME_GLOBAL_INT"}),
-        ("takeoff", {"alt_rel": 5}), ("goto", {"pos": [3, 2, -6], "arrive": False}), ("file_list", {"path": "/"}),
+        ("takeoff", {"alt_rel": 5}),
+        ("goto", {"pos": [3, 2, -6], "arrive": False}),
+        ("file_list", {"path": "/"}),
         ("goto", {"frame": "global", "lat_deg": -35.363, "lon_deg": 149.165, "alt_rel": 8, "yaw": 1, "arrive": False}),
-        ("param_set", {"name": "RTL_ALT", "value": 1500}), ("param_load", {"values": {"RTL_ALT": 1600, "NONE": 1}}),
-    ]  # fmt: skip
+        ("param_set", {"name": "RTL_ALT", "value": 1500}),
+        ("param_load", {"values": {"RTL_ALT": 1600, "NONE": 1}}),
+    ]
     made = [(verb, example(each.args, whole)) for verb, each in VERBS.items() for whole in (True, False)]
     return [f"{verb}\n{json.dumps(arguments)}".encode() for verb, arguments in (*sensible, *made)]
 

@@ -80,10 +80,14 @@ def _state(state: wire.VehicleState) -> None:
 
 
 USED: dict[type, Callable[[Any], object]] = {
-    wire.Setpoint: _setpoint, wire.GoTo: _fly, wire.Event: _event, wire.VehicleState: _state,
-    swarm.Submit: lambda order: check_goal(order.goal), swarm.Obstacle: check_obstacle,
+    wire.Setpoint: _setpoint,
+    wire.GoTo: _fly,
+    wire.Event: _event,
+    wire.VehicleState: _state,
+    swarm.Submit: lambda order: check_goal(order.goal),
+    swarm.Obstacle: check_obstacle,
     wire.Signals: schemas.of_signals,
-}  # fmt: skip
+}
 
 
 @functools.cache
@@ -238,9 +242,34 @@ def json_words(rng: random.Random, data: bytes) -> bytes | None:
 
 
 NEW: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 1e308, -1e308, 5e-324, float("nan"), float("inf"), 2**63, -(2**63) - 1, 2**64, "", "quad1",
-    "*", "\ud800", "a" * 300, "٣", [], {}, [[]], {"": 1}, [1, 2, 3], [0.0] * 50, [None] * 3, 1_700_000_001.0,
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    1,
+    1e308,
+    -1e308,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    2**63,
+    -(2**63) - 1,
+    2**64,
+    "",
+    "quad1",
+    "*",
+    "\ud800",
+    "a" * 300,
+    "٣",
+    [],
+    {},
+    [[]],
+    {"": 1},
+    [1, 2, 3],
+    [0.0] * 50,
+    [None] * 3,
+    1_700_000_001.0,
+)
 
 
 def _places(value: Any) -> Iterator[tuple[Any, Any]]:

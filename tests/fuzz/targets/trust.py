@@ -42,8 +42,10 @@ def fleet() -> Fleet:
     with tempfile.TemporaryDirectory() as folder:
         authority = Authority(Path(folder))
         member = authority.member("quad1", "operator")
-        strange = [authority.issue(f"x{n}", role, fleet=other) for n, (role, other) in enumerate(
-            (("admin", "demo"), ("viewer", "no name"), ("vehicle", "other")))]  # fmt: skip
+        strange = [
+            authority.issue(f"x{n}", role, fleet=other)
+            for n, (role, other) in enumerate((("admin", "demo"), ("viewer", "no name"), ("vehicle", "other")))
+        ]
         ders = [x509.load_pem_x509_certificate((each / "cert.pem").read_bytes()) for each in strange]
         return Fleet(authority.certificate, authority._key, member, [d.public_bytes(Encoding.DER) for d in ders])
 

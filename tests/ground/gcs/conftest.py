@@ -46,7 +46,7 @@ class Craft:
             keys.ALIVE.key(
                 FLEET, name, role=keys.VEHICLE, sys=sysid, autopilot="ardupilot", uid=self.uid, instance=name
             )
-        )  # fmt: skip
+        )
 
     def _on_told(self, sample: zenoh.Sample) -> None:
         with self._changed:
@@ -55,9 +55,17 @@ class Craft:
 
     def publish_state(self) -> None:
         state = wire.VehicleState(
-            t=time.time(), fleet=FLEET, name=self.name, instance=self.name, sysid=self.sysid, compid=1, uid=self.uid,
-            kind="copter", autopilot="ardupilot", connected=True,
-        )  # fmt: skip
+            t=time.time(),
+            fleet=FLEET,
+            name=self.name,
+            instance=self.name,
+            sysid=self.sysid,
+            compid=1,
+            uid=self.uid,
+            kind="copter",
+            autopilot="ardupilot",
+            connected=True,
+        )
         self.session.put(keys.STATE.key(FLEET, self.name), wire.encode(state), encoding=keys.JSON)
 
     def leave(self) -> None:
@@ -246,6 +254,12 @@ def command(craft: Craft, number: int, **params: float) -> dict[str, Any]:
 
 def unknown_frame(sysid: int, compid: int, seq: int = 0) -> bytes:
     """A frame whose message no dialect has: a HEARTBEAT with another number."""
-    beat = encode(load_dialect(), "HEARTBEAT", {"type": 6, "autopilot": 8, "base_mode": 0, "custom_mode": 0,
-                                                "system_status": 4}, sysid=sysid, compid=compid, seq=seq)  # fmt: skip
+    beat = encode(
+        load_dialect(),
+        "HEARTBEAT",
+        {"type": 6, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4},
+        sysid=sysid,
+        compid=compid,
+        seq=seq,
+    )
     return beat[:7] + (0xFFEEDD).to_bytes(3, "little") + beat[10:]

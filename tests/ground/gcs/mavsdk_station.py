@@ -23,10 +23,19 @@ PATIENCE_S = 60.0
 def item(seq: int, alt: float) -> MissionItem:
     no = math.nan
     return MissionItem(
-        latitude_deg=-35.361 + seq * 1e-4, longitude_deg=149.161, relative_altitude_m=alt, speed_m_s=5.0,
-        is_fly_through=True, gimbal_pitch_deg=no, gimbal_yaw_deg=no, loiter_time_s=no, camera_photo_interval_s=no,
-        acceptance_radius_m=no, yaw_deg=no, camera_photo_distance_m=no,
-    )  # fmt: skip
+        latitude_deg=-35.361 + seq * 1e-4,
+        longitude_deg=149.161,
+        relative_altitude_m=alt,
+        speed_m_s=5.0,
+        is_fly_through=True,
+        gimbal_pitch_deg=no,
+        gimbal_yaw_deg=no,
+        loiter_time_s=no,
+        camera_photo_interval_s=no,
+        acceptance_radius_m=no,
+        yaw_deg=no,
+        camera_photo_distance_m=no,
+    )
 
 
 async def main(address: str, vehicles: list[int], target: int, change: str) -> dict[str, Any]:

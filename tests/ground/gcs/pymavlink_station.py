@@ -77,10 +77,13 @@ def main(address: str, sysid: int, vehicles: list[int], target: int) -> dict[str
         "sent": [(seq, round(lat * 1e7), round(lon * 1e7), alt) for seq, (lat, lon, alt) in enumerate(items)],
         "back": back,
         "params": {system: {name: raw.hex() for name, raw in found.items()} for system, found in params.items()},
-        "twice": [(name, system, index, n) for (name, system, index), n in heard.items()
-                  if n > 1 and name in ("PARAM_VALUE", "MISSION_ITEM_INT")],
+        "twice": [
+            (name, system, index, n)
+            for (name, system, index), n in heard.items()
+            if n > 1 and name in ("PARAM_VALUE", "MISSION_ITEM_INT")
+        ],
         "foreign": foreign,
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":

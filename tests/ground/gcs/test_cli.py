@@ -32,9 +32,17 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
     one = scene.craft("quad1", 1)
     port = free_port()
     program = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "zmav", "gcs", "-e", scene.router_endpoint, "--tcp", f"{port}?hz=50", "--stats",
+        sys.executable,
+        "-m",
+        "zmav",
+        "gcs",
+        "-e",
+        scene.router_endpoint,
+        "--tcp",
+        f"{port}?hz=50",
+        "--stats",
         stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+    )
     try:
         assert program.stderr is not None
         said = ""

@@ -71,8 +71,10 @@ def requests(gcs: Caller, number: int) -> list[int]:
 def download(gcs: Caller, number: int, kind: int = MISSION) -> list[Item]:
     count = gcs.answer("MISSION_REQUEST_LIST", "MISSION_COUNT", number, mission_type=kind)
     assert (count["target_system"], count["target_component"], count["mission_type"]) == (gcs.sysid, 190, kind)
-    items = [gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", number, seq=seq, mission_type=kind)
-             for seq in range(count["count"])]  # fmt: skip
+    items = [
+        gcs.answer("MISSION_REQUEST_INT", "MISSION_ITEM_INT", number, seq=seq, mission_type=kind)
+        for seq in range(count["count"])
+    ]
     gcs.to("MISSION_ACK", number, type=ACCEPTED, mission_type=kind)
     assert [(item["seq"], item["mission_type"]) for item in items] == [(i, kind) for i in range(len(items))]
     return items
@@ -96,10 +98,16 @@ def test_what_is_uploaded_is_on_the_vehicle_and_comes_back(fleet: Fleet, gcs: Ca
     assert not home or (back[0]["frame"], abs(back[0]["z"] - 584.0) < 1.0) == (GLOBAL, True)  # home is the autopilot's
 
 
-@pytest.mark.parametrize(("kind", "items"), [
-    (FENCE, [{"frame": RELATIVE, "command": 5003, "param1": 80.0, "x": LAT, "y": LON, "z": 0.0, "autocontinue": 1}]),
-    (RALLY, [{"frame": RELATIVE, "command": 5100, "x": LAT, "y": LON + 5000, "z": 20.0, "autocontinue": 1}]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "items"),
+    [
+        (
+            FENCE,
+            [{"frame": RELATIVE, "command": 5003, "param1": 80.0, "x": LAT, "y": LON, "z": 0.0, "autocontinue": 1}],
+        ),
+        (RALLY, [{"frame": RELATIVE, "command": 5100, "x": LAT, "y": LON + 5000, "z": 20.0, "autocontinue": 1}]),
+    ],
+)
 def test_fence_and_rally_points_go_their_own_ways(fleet: Fleet, gcs: Caller, kind: int, items: list[Item]) -> None:
     mission = core(download(gcs, ARDUPILOT))
     assert upload(gcs, ARDUPILOT, items, kind)["mission_type"] == kind

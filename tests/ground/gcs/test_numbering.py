@@ -9,8 +9,15 @@ from hypothesis import strategies as st
 from ground.gcs.numbering import Numbering, renumbered
 from zmav.mavlink import Splitter, encode, load_dialect, parse_frame
 
-ATTITUDE = {"time_boot_ms": 7, "roll": 0.1, "pitch": 0.0, "yaw": -1.0, "rollspeed": 0.0, "pitchspeed": 2.0,
-            "yawspeed": 0}  # fmt: skip
+ATTITUDE = {
+    "time_boot_ms": 7,
+    "roll": 0.1,
+    "pitch": 0.0,
+    "yaw": -1.0,
+    "rollspeed": 0.0,
+    "pitchspeed": 2.0,
+    "yawspeed": 0,
+}
 STEPS = st.lists(st.sampled_from(["passes", "held back", "added", "lost"]), max_size=120)
 
 

@@ -126,9 +126,16 @@ async def test_a_bridge_of_a_recording_shows_it_and_takes_no_order(scene: Scene)
     dialect = load_dialect()
     async with zmav.open(fleet="demo-replay", connect=[scene.router_endpoint]) as z:
         state = wire.VehicleState(
-            t=time.time(), fleet="demo-replay", name="old", instance="x", replayed=True, connected=True, sysid=1,
-            compid=1, uid="u",
-        )  # fmt: skip
+            t=time.time(),
+            fleet="demo-replay",
+            name="old",
+            instance="x",
+            replayed=True,
+            connected=True,
+            sysid=1,
+            compid=1,
+            uid="u",
+        )
         while z.heard("old", "demo-replay") is None:
             scene.router.put(keys.STATE.key("demo-replay", "old"), wire.encode(state))
             await z.news(0.05)

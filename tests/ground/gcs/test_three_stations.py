@@ -95,8 +95,11 @@ def assert_all_of(fleet: Fleet, number: int, got: dict[str, Any]) -> None:
     held = fleet.params(number)
     assert got.keys() == held.keys()
     changing = {name for other, name in NEWS if other == number}  # read before or after
-    wrong = {name: (got[name], value) for name, value in held.items()
-             if name not in changing and got[name] != pytest.approx(value, rel=1e-6, abs=1e-6)}  # fmt: skip
+    wrong = {
+        name: (got[name], value)
+        for name, value in held.items()
+        if name not in changing and got[name] != pytest.approx(value, rel=1e-6, abs=1e-6)
+    }
     assert not wrong
 
 
@@ -116,9 +119,13 @@ def test_all_parameters_a_mission_each_and_no_cross_talk(fleet: Fleet, tmp_path:
     with ThreadPoolExecutor() as pool:
         shell = pool.submit(mavproxy, fleet, tmp_path)
         sdk = pool.submit(
-            script, "mavsdk_station.py", f"udpout://127.0.0.1:{fleet.udp[1]}", f"{PX4},{OTHER_COPTER}", str(PX4),
+            script,
+            "mavsdk_station.py",
+            f"udpout://127.0.0.1:{fleet.udp[1]}",
+            f"{PX4},{OTHER_COPTER}",
+            str(PX4),
             f"{name}={value}",
-        )  # fmt: skip
+        )
         plain = pool.submit(script, "pymavlink_station.py", f"tcp:{where}", str(SCRIPT_ID), vehicles, str(OTHER_COPTER))
         typed, called, scripted = shell.result(), sdk.result(), plain.result()
 

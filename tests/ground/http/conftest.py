@@ -148,9 +148,19 @@ class Served:
         if present:
             self._tokens.append(self.session.liveliness().declare_token(keys.ALIVE.key(FLEET, name, **about)))
         state = wire.VehicleState(
-            t=time.time(), fleet=FLEET, name=name, instance=f"{name}1", connected=True, sysid=sysid, compid=1,
-            autopilot="ardupilot", kind="copter", mode="GUIDED", armed=False, **more,
-        )  # fmt: skip
+            t=time.time(),
+            fleet=FLEET,
+            name=name,
+            instance=f"{name}1",
+            connected=True,
+            sysid=sysid,
+            compid=1,
+            autopilot="ardupilot",
+            kind="copter",
+            mode="GUIDED",
+            armed=False,
+            **more,
+        )
         key = keys.STATE.key(FLEET, name)
         self.linked(key)
         self.session.put(key, wire.encode(state))

@@ -33,9 +33,7 @@ class Counter(zmav.Agent):
     """Counts, as long as it is let."""
 
     name = "counter"
-    tunables: ClassVar = {
-        "gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast"), "roll.kp": Tunable(6.5, 0.0, 20.0)
-    }  # fmt: skip
+    tunables: ClassVar = {"gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast"), "roll.kp": Tunable(6.5, 0.0, 20.0)}
     verbs: ClassVar = {"count": Verb("count", Count, Access.CHANGE, "count up to a number")}
     go: asyncio.Event
     askers: list[str]
@@ -78,9 +76,13 @@ def counter(served: Served) -> Iterator[Counter]:
 
 @pytest.mark.parametrize(
     "path",
-    ["/agent/quad1/counter", "/keys/quad1/agent/counter/do", "/keys/demo/quad1/agent/counter/do",
-     "/keys/zmav/demo/quad1/agent/counter/do"],
-)  # fmt: skip
+    [
+        "/agent/quad1/counter",
+        "/keys/quad1/agent/counter/do",
+        "/keys/demo/quad1/agent/counter/do",
+        "/keys/zmav/demo/quad1/agent/counter/do",
+    ],
+)
 def test_an_agent_is_asked_by_every_name_of_its_orders(served: Served, counter: Counter, path: str) -> None:
     reply = served.post(f"{path}/count", {"to": 7, "agent": "ann"})
     assert (reply.status, reply.json["verb"], reply.json["status"]) == (200, "count", "done"), reply.text

@@ -48,10 +48,15 @@ def command(name: str, **params: float) -> dict[str, Any]:
     return {
         "header": {"system_id": 255, "component_id": 240, "sequence": 0},
         "message": {
-            "type": "COMMAND_LONG", **zeros, **params, "command": {"type": name}, "target_system": 1,
-            "target_component": 1, "confirmation": 0,
+            "type": "COMMAND_LONG",
+            **zeros,
+            **params,
+            "command": {"type": name},
+            "target_system": 1,
+            "target_component": 1,
+            "confirmation": 0,
         },
-    }  # fmt: skip
+    }
 
 
 def until(ask: Callable[[], Reply], true: Callable[[Any], bool]) -> Any:

@@ -187,16 +187,29 @@ def test_a_site_that_is_let_in(locked: Served) -> None:
 @pytest.mark.parametrize(
     "request_line",
     [
-        b"GET /last/%00/1/ATTITUDE HTTP/1.1", b"GET /last/%ff%fe/1/ATTITUDE HTTP/1.1", b"GET /%0d%0aX:1 HTTP/1.1",
-        b"GET /last/1/1/" + b"A" * 20_000 + b" HTTP/1.1", b"GET /vehicles?" + b"x=1&" * 5_000 + b" HTTP/1.1",
-        b"GET /vehicles?" + b"%" * 100 + b" HTTP/1.1", b"GET /v1/mavlink/" + b"../" * 50 + b" HTTP/1.1",
-        b"GET /send/1/1/SYSTEM_TIME?%FF=%FE&%00=1 HTTP/1.1", b"DELETE /vehicles HTTP/1.1", b"POST /vehicles HTTP/1.1",
-        b"PATCH /v1/mavlink HTTP/1.1", b"PUT /send/1/1/SET_MODE HTTP/1.1", b"GET /v1/ws/mavlink HTTP/1.1",
-        b"GET //// HTTP/1.1", b"GET /last/1/1/\xc3\xa4 HTTP/1.1", b"nonsense", b"GET http://evil/ HTTP/1.1",
-        b"GET /" + b"a" * 70_000 + b" HTTP/1.1", b"GET /last/1/1/a.b%2Fc HTTP/1.1",
-        b"GET /last/\xd9\xa1/1/ATTITUDE HTTP/1.1", b"GET /last/%D9%A1/1/ATTITUDE HTTP/1.1",
+        b"GET /last/%00/1/ATTITUDE HTTP/1.1",
+        b"GET /last/%ff%fe/1/ATTITUDE HTTP/1.1",
+        b"GET /%0d%0aX:1 HTTP/1.1",
+        b"GET /last/1/1/" + b"A" * 20_000 + b" HTTP/1.1",
+        b"GET /vehicles?" + b"x=1&" * 5_000 + b" HTTP/1.1",
+        b"GET /vehicles?" + b"%" * 100 + b" HTTP/1.1",
+        b"GET /v1/mavlink/" + b"../" * 50 + b" HTTP/1.1",
+        b"GET /send/1/1/SYSTEM_TIME?%FF=%FE&%00=1 HTTP/1.1",
+        b"DELETE /vehicles HTTP/1.1",
+        b"POST /vehicles HTTP/1.1",
+        b"PATCH /v1/mavlink HTTP/1.1",
+        b"PUT /send/1/1/SET_MODE HTTP/1.1",
+        b"GET /v1/ws/mavlink HTTP/1.1",
+        b"GET //// HTTP/1.1",
+        b"GET /last/1/1/\xc3\xa4 HTTP/1.1",
+        b"nonsense",
+        b"GET http://evil/ HTTP/1.1",
+        b"GET /" + b"a" * 70_000 + b" HTTP/1.1",
+        b"GET /last/1/1/a.b%2Fc HTTP/1.1",
+        b"GET /last/\xd9\xa1/1/ATTITUDE HTTP/1.1",
+        b"GET /last/%D9%A1/1/ATTITUDE HTTP/1.1",
     ],
-)  # fmt: skip
+)
 def test_nonsense_is_the_asker_s_fault(served: Served, request_line: bytes) -> None:
     head = raw(served, request_line + b"\r\nHost: localhost\r\nConnection: close\r\n\r\n")
     assert head.startswith(b"HTTP/1.1 4"), head[:200]

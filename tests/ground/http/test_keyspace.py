@@ -145,8 +145,14 @@ def test_a_message_is_put_by_its_fields_and_as_a_frame(served: Served) -> None:
     frame = parse_frame(data, load_dialect())
     assert (key, frame.sysid, frame.compid) == ("zmav/demo/quad1/mav/tx/1/1/SET_MODE", 255, 190)
     assert decode(frame, load_dialect()) == {"target_system": 1, "base_mode": 1, "custom_mode": 4}
-    raw = encode(load_dialect(), "HEARTBEAT", dict.fromkeys(
-        ("type", "autopilot", "base_mode", "custom_mode", "system_status"), 0), sysid=7, compid=8, seq=9)  # fmt: skip
+    raw = encode(
+        load_dialect(),
+        "HEARTBEAT",
+        dict.fromkeys(("type", "autopilot", "base_mode", "custom_mode", "system_status"), 0),
+        sysid=7,
+        compid=8,
+        seq=9,
+    )
     assert put(served, "quad1/mav/tx/0/0/HEARTBEAT", raw, "application/octet-stream").status == 200
     assert served.sent(1) == [("zmav/demo/quad1/mav/tx/0/0/HEARTBEAT", raw)]
 

@@ -28,20 +28,32 @@ if TYPE_CHECKING:
 
 MESSAGES = "/v1/mavlink/vehicles/1/components/1/messages"
 HEARTBEAT: dict[str, Any] = {
-    "type": "MAV_TYPE_QUADROTOR", "autopilot": "MAV_AUTOPILOT_ARDUPILOTMEGA", "base_mode": 81, "custom_mode": 4,
+    "type": "MAV_TYPE_QUADROTOR",
+    "autopilot": "MAV_AUTOPILOT_ARDUPILOTMEGA",
+    "base_mode": 81,
+    "custom_mode": 4,
     "system_status": "MAV_STATE_ACTIVE",
-}  # fmt: skip
+}
 ATTITUDE: dict[str, Any] = {
-    "time_boot_ms": 87110407, "roll": 0.25, "pitch": 0.5, "yaw": -2.5, "rollspeed": 0, "pitchspeed": 0, "yawspeed": 0.5,
-}  # fmt: skip
+    "time_boot_ms": 87110407,
+    "roll": 0.25,
+    "pitch": 0.5,
+    "yaw": -2.5,
+    "rollspeed": 0,
+    "pitchspeed": 0,
+    "yawspeed": 0.5,
+}
 ARM: dict[str, Any] = {
     "header": {"system_id": 255, "component_id": 240, "sequence": 0},
     "message": {
-        "type": "COMMAND_LONG", **{f"param{n}": float(n == 1) for n in range(1, 8)},
-        "command": {"type": "MAV_CMD_COMPONENT_ARM_DISARM"}, "target_system": 1, "target_component": 1,
+        "type": "COMMAND_LONG",
+        **{f"param{n}": float(n == 1) for n in range(1, 8)},
+        "command": {"type": "MAV_CMD_COMPONENT_ARM_DISARM"},
+        "target_system": 1,
+        "target_component": 1,
         "confirmation": 1,
     },
-}  # fmt: skip
+}
 
 
 def websocket(served: Served, query: str = "", path: str = "/v1/ws/mavlink") -> ClientConnection:
@@ -161,8 +173,15 @@ def test_enums_flags_and_mavtype(served: Served) -> None:
 def test_text_arrays_and_nan(served: Served) -> None:
     served.hear("STATUSTEXT", severity="MAV_SEVERITY_INFO", text="hello")
     assert served.get(f"{MESSAGES}/STATUSTEXT/message/text").json == "hello"
-    served.hear("ATTITUDE_QUATERNION_COV", time_usec=1, q=[1, 0, 0, 0], rollspeed=None, pitchspeed=0, yawspeed=0,
-                covariance=[0.5] * 9)  # fmt: skip
+    served.hear(
+        "ATTITUDE_QUATERNION_COV",
+        time_usec=1,
+        q=[1, 0, 0, 0],
+        rollspeed=None,
+        pitchspeed=0,
+        yawspeed=0,
+        covariance=[0.5] * 9,
+    )
     path = f"{MESSAGES}/ATTITUDE_QUATERNION_COV/message"
     assert served.get(f"{path}/q").json == [1, 0, 0, 0]
     assert served.get(f"{path}/q/0").json == 1
@@ -202,11 +221,17 @@ def test_every_message_can_be_shown_whatever_its_bytes() -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        "/v1/mavlink/nix", "/v1/mavlink/vehicles/9", "/v1/mavlink/vehicles/x/components", f"{MESSAGES}/NOSUCH",
-        f"{MESSAGES}/HEARTBEAT/message/nix", f"{MESSAGES}/HEARTBEAT/message/mavtype/type/more", f"{MESSAGES}/%00",
-        "/v1/mavlink/vehicles/1/components/1/messages/HEARTBEAT/message/../../status", "/v1/helper/nix",
+        "/v1/mavlink/nix",
+        "/v1/mavlink/vehicles/9",
+        "/v1/mavlink/vehicles/x/components",
+        f"{MESSAGES}/NOSUCH",
+        f"{MESSAGES}/HEARTBEAT/message/nix",
+        f"{MESSAGES}/HEARTBEAT/message/mavtype/type/more",
+        f"{MESSAGES}/%00",
+        "/v1/mavlink/vehicles/1/components/1/messages/HEARTBEAT/message/../../status",
+        "/v1/helper/nix",
     ],
-)  # fmt: skip
+)
 def test_a_missing_path_is_404_in_json(served: Served, path: str) -> None:
     served.hear("HEARTBEAT", **HEARTBEAT)
     reply = served.get(path)
@@ -311,10 +336,18 @@ def test_a_filter_that_names_a_message_asks_for_it(served: Served) -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        "(", "*", "a" * 501, "(([A-Z_])%2B)%2Bx$", "a{99999999999}", "A|" * 200 + "(", "^.*|" * 99 + "*", "[z-a]",
-        ".*A.*B.*", "(A|A)(A|A)(A|A)",
+        "(",
+        "*",
+        "a" * 501,
+        "(([A-Z_])%2B)%2Bx$",
+        "a{99999999999}",
+        "A|" * 200 + "(",
+        "^.*|" * 99 + "*",
+        "[z-a]",
+        ".*A.*B.*",
+        "(A|A)(A|A)(A|A)",
     ],
-)  # fmt: skip
+)
 def test_a_bad_filter_is_refused(served: Served, bad: str) -> None:
     with pytest.raises(InvalidStatus) as refused:
         websocket(served, f"?filter={bad}")

@@ -19,8 +19,14 @@ if TYPE_CHECKING:
     from tests.ground.http.conftest import Serve, Served
 
 ATTITUDE: dict[str, Any] = {
-    "time_boot_ms": 5, "roll": 0.25, "pitch": -0.5, "yaw": 1.0, "rollspeed": 0.0, "pitchspeed": 0.0, "yawspeed": 0.0,
-}  # fmt: skip
+    "time_boot_ms": 5,
+    "roll": 0.25,
+    "pitch": -0.5,
+    "yaw": 1.0,
+    "rollspeed": 0.0,
+    "pitchspeed": 0.0,
+    "yawspeed": 0.0,
+}
 
 
 @pytest.fixture
@@ -48,13 +54,32 @@ def test_the_last_message_as_text(served: Served) -> None:
 
 def test_arrays_enums_text_and_nan_of_a_last_message(served: Served) -> None:
     fields = {"time_usec": 1, "controls": [0.5, *[0.0] * 7], "mode": "MAV_MODE_PREFLIGHT", "nav_mode": 7}
-    served.hear("HIL_CONTROLS", roll_ailerons=None, pitch_elevator=0, yaw_rudder=0, throttle=0, aux1=0, aux2=0, aux3=0,
-                aux4=0, mode="MAV_MODE_PREFLIGHT", nav_mode=7, time_usec=1)  # fmt: skip
+    served.hear(
+        "HIL_CONTROLS",
+        roll_ailerons=None,
+        pitch_elevator=0,
+        yaw_rudder=0,
+        throttle=0,
+        aux1=0,
+        aux2=0,
+        aux3=0,
+        aux4=0,
+        mode="MAV_MODE_PREFLIGHT",
+        nav_mode=7,
+        time_usec=1,
+    )
     text = served.get("/last/1/1/HIL_CONTROLS").text
     assert "\nroll_ailerons nan\n" in text
     assert f"\nmode {fields['mode']}\n" in text
-    served.hear("ATTITUDE_QUATERNION_COV", time_usec=1, q=[1, 0, 0, 0], rollspeed=0, pitchspeed=0, yawspeed=0,
-                covariance=[0.5] * 9)  # fmt: skip
+    served.hear(
+        "ATTITUDE_QUATERNION_COV",
+        time_usec=1,
+        q=[1, 0, 0, 0],
+        rollspeed=0,
+        pitchspeed=0,
+        yawspeed=0,
+        covariance=[0.5] * 9,
+    )
     assert "\nq 1 0 0 0\n" in served.get("/last/1/1/ATTITUDE_QUATERNION_COV").text
 
 
@@ -117,9 +142,15 @@ def test_a_message_is_sent(served: Served) -> None:
 
 def test_numbers_and_arrays_are_sent(served: Served) -> None:
     reply = served.get(
-        "/send/2/1/SET_ATTITUDE_TARGET", time_boot_ms="0x10", type_mask="128.0", q="1,0,0,0", body_roll_rate="nan",
-        body_pitch_rate="0", body_yaw_rate="-1e-3", thrust=".5",
-    )  # fmt: skip
+        "/send/2/1/SET_ATTITUDE_TARGET",
+        time_boot_ms="0x10",
+        type_mask="128.0",
+        q="1,0,0,0",
+        body_roll_rate="nan",
+        body_pitch_rate="0",
+        body_yaw_rate="-1e-3",
+        thrust=".5",
+    )
     assert reply.status == 200, reply.text
     ((key, data),) = served.sent(1)
     assert key == "zmav/demo/quad2/mav/tx/2/1/SET_ATTITUDE_TARGET"

@@ -87,17 +87,43 @@ def answer(served: Served, key: str, payload: bytes) -> zenoh.Queryable[None]:
 def scraped(served: Served) -> list[Sample]:
     """quad3 with everything, its links, and quad4 with nothing known but its name."""
     served.vehicle(
-        "quad3", 3, firmware='4.7 "beta"', gps=wire.Gps(fix="3D_FIX", satellites=11, hdop=0.8),
-        battery=wire.Battery(voltage=15.2, current=3.5, remaining=0.61), lease=wire.LeaseInfo(holder="me", expires=1.0),
-        position=wire.GlobalPosition(lat_deg=-35.25, lon_deg=149.5, alt_amsl=600.0, alt_rel=16.0), link_loss=0.02,
+        "quad3",
+        3,
+        firmware='4.7 "beta"',
+        gps=wire.Gps(fix="3D_FIX", satellites=11, hdop=0.8),
+        battery=wire.Battery(voltage=15.2, current=3.5, remaining=0.61),
+        lease=wire.LeaseInfo(holder="me", expires=1.0),
+        position=wire.GlobalPosition(lat_deg=-35.25, lon_deg=149.5, alt_amsl=600.0, alt_rel=16.0),
+        link_loss=0.02,
         setpoints={"flown": 7, "late": 2},
-    )  # fmt: skip
+    )
     served.vehicle("quad4", 4)
     t = time.time()
-    link = wire.LinkQuality(t=t, name="autopilot", url="tcp:x", state="up", age=0.1, rx_rate=40.0, rx_bytes_rate=900.0,
-                            loss=0.02, rtt=0.004, rx_frames=1234, lost=5)  # fmt: skip
-    near = wire.NeighbourQuality(t=t, name="quad4", router="a", peer="b", url="udp/x", state="up", rtt=0.02,
-                                 loss_in=0.1, loss_out=0.2, signal=-61.0)  # fmt: skip
+    link = wire.LinkQuality(
+        t=t,
+        name="autopilot",
+        url="tcp:x",
+        state="up",
+        age=0.1,
+        rx_rate=40.0,
+        rx_bytes_rate=900.0,
+        loss=0.02,
+        rtt=0.004,
+        rx_frames=1234,
+        lost=5,
+    )
+    near = wire.NeighbourQuality(
+        t=t,
+        name="quad4",
+        router="a",
+        peer="b",
+        url="udp/x",
+        state="up",
+        rtt=0.02,
+        loss_in=0.1,
+        loss_out=0.2,
+        signal=-61.0,
+    )
     declared = [
         answer(served, keys.LINK.key("demo", "quad3", link="autopilot"), wire.encode(link)),
         answer(served, keys.LINK.key("demo", "quad3", link="quad4"), wire.encode(near)),
@@ -149,6 +175,12 @@ def test_a_scrape_says_how_the_gateway_is(served: Served, scraped: list[Sample])
     served.hear("SYSTEM_TIME", time_unix_usec=5, time_boot_ms=6)
     later = {each.name: each.value for each in read(served.get("/metrics").text)}
     assert later["zmav_http_frames_total"] == found["zmav_http_frames_total"] + 1
-    assert {"zmav_http_websockets", "zmav_http_subscriptions", "zmav_http_dropped_total", "zmav_http_cut_total",
-            "zmav_http_streams", "zmav_http_sent_total"} <= set(found)  # fmt: skip
+    assert {
+        "zmav_http_websockets",
+        "zmav_http_subscriptions",
+        "zmav_http_dropped_total",
+        "zmav_http_cut_total",
+        "zmav_http_streams",
+        "zmav_http_sent_total",
+    } <= set(found)
     assert abs(found["zmav_http_start_time_seconds"] - time.time()) < 600.0

@@ -21,8 +21,17 @@ if TYPE_CHECKING:
     from tests.ground.http.conftest import Served
 
 METHODS = {"get", "put", "post", "delete", "options", "head", "patch", "trace"}
-OPERATION = {"summary", "description", "operationId", "tags", "parameters", "requestBody", "responses", "x-access",
-             "x-writers"}  # fmt: skip
+OPERATION = {
+    "summary",
+    "description",
+    "operationId",
+    "tags",
+    "parameters",
+    "requestBody",
+    "responses",
+    "x-access",
+    "x-writers",
+}
 TEXT_OR_EMPTY = {"string", "number", "integer", "boolean", "object", "array", "null"}
 
 
@@ -64,8 +73,12 @@ def test_every_route_is_described(document: dict[str, Any], routes: list[Any]) -
 def test_everything_described_is_there(document: dict[str, Any], routes: list[Any]) -> None:
     for path, method, operation in operations(document):
         is_socket = "101" in operation["responses"]
-        scope: dict[str, Any] = {"type": "websocket" if is_socket else "http", "method": method.upper(),
-                 "path": re.sub(r"{\w+}", "1", path), "path_params": {}}  # fmt: skip
+        scope: dict[str, Any] = {
+            "type": "websocket" if is_socket else "http",
+            "method": method.upper(),
+            "path": re.sub(r"{\w+}", "1", path),
+            "path_params": {},
+        }
         assert any(route.matches(scope)[0] is Match.FULL for route in routes), f"{method} {path} leads nowhere"
 
 

@@ -201,8 +201,9 @@ def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
 
     def speak() -> None:
         while not landed.wait(0.1):  # what it said last must not grow old, however busy the machine is
-            state = wire.VehicleState(t=time.time(), fleet="demo", name="quad7", instance="quad71", connected=True,
-                                      sysid=7, armed=False)  # fmt: skip
+            state = wire.VehicleState(
+                t=time.time(), fleet="demo", name="quad7", instance="quad71", connected=True, sysid=7, armed=False
+            )
             served.session.put("zmav/demo/quad7/state", wire.encode(state))
 
     speaker = threading.Thread(target=speak)
@@ -218,9 +219,11 @@ def test_an_order_to_all_says_of_each_how_it_stands(airborne: Scene) -> None:
     assert (told["quad1"]["status"], told["quad1"]["text"]) == ("done", "done: landed and disarmed")
     assert (told["quad7"]["status"], told["quad7"]["text"]) == ("left_out", "left out: it is disarmed")
     for path, body, words in (
-        ("/fleet/rtll", {}, "no order"), ("/fleet/hold", {"vehicles": ["x*"]}, "no vehicle matches x*"),
-        ("/fleet/hold", {"vehicles": 7}, "a list of names"), ("/fleet/takeoff", {}, "alt_rel"),
-    ):  # fmt: skip
+        ("/fleet/rtll", {}, "no order"),
+        ("/fleet/hold", {"vehicles": ["x*"]}, "no vehicle matches x*"),
+        ("/fleet/hold", {"vehicles": 7}, "a list of names"),
+        ("/fleet/takeoff", {}, "alt_rel"),
+    ):
         refused = served.post(path, body)
         assert refused.status in (400, 404) and words in refused.text
 
@@ -242,8 +245,10 @@ def test_an_order_to_several_is_given_once(served: Served) -> None:
     assert again["vehicles"] == said["vehicles"]
     assert [each["status"] for each in again["vehicles"]] == ["done"]
     for path, body in (
-        ("/fleet/hold", {**order, "vehicles": ["q*"]}), ("/fleet/land", order), ("/fleet/hold", {**order, "wait": 1}),
-    ):  # fmt: skip
+        ("/fleet/hold", {**order, "vehicles": ["q*"]}),
+        ("/fleet/land", order),
+        ("/fleet/hold", {**order, "wait": 1}),
+    ):
         refused = served.post(path, body)
         assert (refused.status, refused.json["error"]["kind"]) == (400, "bad_input"), refused.text
         assert "'once' was used for another order (hold)" in refused.text
@@ -259,8 +264,16 @@ def test_a_state_comes_with_what_is_alarming(served: Served) -> None:
     """The rules of top and doctor, by the gateway: the page has none of its own."""
     served.vehicle("low1", 9, battery=wire.Battery(remaining=0.0))
     key = "zmav/demo/low1/state"
-    state = wire.VehicleState(t=1.0, fleet="demo", name="low1", instance="x", connected=True, sysid=9, armed=True,
-                              battery=wire.Battery(remaining=0.0))  # fmt: skip
+    state = wire.VehicleState(
+        t=1.0,
+        fleet="demo",
+        name="low1",
+        instance="x",
+        connected=True,
+        sysid=9,
+        armed=True,
+        battery=wire.Battery(remaining=0.0),
+    )
     queryable = served.session.declare_queryable(key, lambda query: query.reply(key, wire.encode(state)))
     (document,) = served.get("/keys/low1").json
     queryable.undeclare()

@@ -39,11 +39,20 @@ CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), ""
 )
 FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--mute-audio",
-    "--disable-background-timer-throttling", "--disable-renderer-backgrounding",
-    "--disable-backgrounding-occluded-windows", "--remote-debugging-port=0",
-)  # fmt: skip
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--mute-audio",
+    "--disable-background-timer-throttling",
+    "--disable-renderer-backgrounding",
+    "--disable-backgrounding-occluded-windows",
+    "--remote-debugging-port=0",
+)
 
 
 class Tab:
@@ -114,8 +123,13 @@ class Tab:
     async def picture(self, path: Path, width: int, height: int, *, dark: bool = False, scale: float = 1.0) -> None:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         await self.call("Emulation.setEmulatedMedia", features=[scheme])
-        await self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale,
-                        mobile=width < 600)  # fmt: skip
+        await self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=width < 600,
+        )
         await self.run("new Promise((resolve) => setTimeout(resolve, 600))")
         shot = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=False)
         path.write_bytes(base64.b64decode(shot["data"]))
@@ -146,9 +160,15 @@ async def browser() -> AsyncIterator[Tab]:
     """A tab of a Chromium of our own, which ends with the ``async with``."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         process = await asyncio.create_subprocess_exec(
-            CHROMIUM, *FLAGS, f"--user-data-dir={home}", "about:blank", stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, start_new_session=True,
-        )  # fmt: skip
+            CHROMIUM,
+            *FLAGS,
+            f"--user-data-dir={home}",
+            "about:blank",
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
         try:
             assert process.stderr is not None
             url = await within(PATIENCE_S, _address(process.stderr))
@@ -241,10 +261,20 @@ class Fleet:
     def _state(self, name: str, number: int) -> wire.VehicleState:
         place = wire.GlobalPosition(lat_deg=-35.3 + number / 1e4, lon_deg=149.1, alt_amsl=600, alt_rel=self.height)
         return wire.VehicleState(
-            t=time.time(), fleet="demo", name=name, instance=name, connected=True, sysid=number, compid=1,
-            position=place, kind="copter", autopilot="ardupilot", mode="<b>GUIDED</b>", armed=number == 1,
+            t=time.time(),
+            fleet="demo",
+            name=name,
+            instance=name,
+            connected=True,
+            sysid=number,
+            compid=1,
+            position=place,
+            kind="copter",
+            autopilot="ardupilot",
+            mode="<b>GUIDED</b>",
+            armed=number == 1,
             battery=wire.Battery(remaining=self.charge),
-        )  # fmt: skip
+        )
 
     def _on_order(self, query: zenoh.Query) -> None:
         with query:

@@ -48,9 +48,7 @@ class Counter(zmav.Agent):
     """An agent that counts when it is told to."""
 
     name = "counter"
-    tunables: ClassVar = {
-        "gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast"), "roll.kp": Tunable(6.5, 0.0, 20.0)
-    }  # fmt: skip
+    tunables: ClassVar = {"gain": Tunable(1.0, 0.0, 5.0, "1/s", "how fast"), "roll.kp": Tunable(6.5, 0.0, 20.0)}
     verbs: ClassVar = {
         "count": Verb("count", Count, Access.CHANGE, "count up to a number"),
         "rest": Verb("rest", wire.Order, Access.CHANGE, "do nothing"),

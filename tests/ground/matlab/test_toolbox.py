@@ -92,8 +92,19 @@ def test_frames_are_decoded(octave: Octave, tmp_path: Path) -> None:
     newer = bytes([0xFD, 0, 2, *range(9)])  # an incompatibility flag that nobody knows
     stamp = bytes.fromhex("00 06 2b 1f 8a 3c 7d fe")  # as in a .tlog: its end and what follows look like message 8
     data = stamp + whole + bytes(broken) + unknown + newer + bytes(signed[:9])
-    expected.append({"version": 2, "sys": 1, "comp": 1, "seq": 7, "msgid": 0x7FFFFF, "name": "", "signed": False,
-                     "checked": False, "fields": {}})  # fmt: skip
+    expected.append(
+        {
+            "version": 2,
+            "sys": 1,
+            "comp": 1,
+            "seq": 7,
+            "msgid": 0x7FFFFF,
+            "name": "",
+            "signed": False,
+            "checked": False,
+            "fields": {},
+        }
+    )
     (tmp_path / "frames").write_bytes(data)
     (tmp_path / "expected.json").write_text(json.dumps(expected))
     given = {"FRAMES": str(tmp_path / "frames"), "EXPECTED": str(tmp_path / "expected.json")}
@@ -113,8 +124,17 @@ def _expected(data: bytes) -> dict[str, Any]:
     for name, value in decode(frame, DIALECT).items():
         field = message.by_name[name]
         fields[name] = str(value) if field.type in ("int64_t", "uint64_t") else value
-    return {"version": frame.version, "sys": frame.sysid, "comp": frame.compid, "seq": frame.seq,
-            "msgid": frame.msgid, "name": message.name, "signed": False, "checked": True, "fields": fields}  # fmt: skip
+    return {
+        "version": frame.version,
+        "sys": frame.sysid,
+        "comp": frame.compid,
+        "seq": frame.seq,
+        "msgid": frame.msgid,
+        "name": message.name,
+        "signed": False,
+        "checked": True,
+        "fields": fields,
+    }
 
 
 def test_the_table_of_messages_is_the_dialects() -> None:

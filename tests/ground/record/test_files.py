@@ -27,10 +27,15 @@ if TYPE_CHECKING:
     from tests.ground.record.conftest import Frames, Room
 
 QUAD1 = "zmav/demo/quad1"
-STATE = wire.encode(wire.VehicleState(
-    t=1700000000.5, fleet="demo", name="quad1", instance="i",
-    position=wire.GlobalPosition(lat_deg=1.0, lon_deg=2.0, alt_amsl=3.0, alt_rel=0.0),
-))  # fmt: skip
+STATE = wire.encode(
+    wire.VehicleState(
+        t=1700000000.5,
+        fleet="demo",
+        name="quad1",
+        instance="i",
+        position=wire.GlobalPosition(lat_deg=1.0, lon_deg=2.0, alt_amsl=3.0, alt_rel=0.0),
+    )
+)
 
 
 def tlog(path: Path) -> list[bytes]:
@@ -91,9 +96,15 @@ def mcapfile_only() -> Any:
 def test_what_is_no_frame_or_not_recorded_spoils_nothing(desk: Any, frames: type[Frames]) -> None:
     here, make = desk(), frames()
     for key, data in (
-        (make.key, make()), (make.key, b"\xfd\x01"), (make.key, b""), ("param/X", b"{}"), ("nonsense/at/all", b"{}"),
-        ("mav/rx/300/1/ATTITUDE", make()), ("mav/rx/x/1/ATTITUDE", make()), ("mav/tx/1/1/ATTITUDE", make()),
-    ):  # fmt: skip
+        (make.key, make()),
+        (make.key, b"\xfd\x01"),
+        (make.key, b""),
+        ("param/X", b"{}"),
+        ("nonsense/at/all", b"{}"),
+        ("mav/rx/300/1/ATTITUDE", make()),
+        ("mav/rx/x/1/ATTITUDE", make()),
+        ("mav/tx/1/1/ATTITUDE", make()),
+    ):
         here.storage.put(f"{QUAD1}/{key}", data)
     here.storage.close()
     assert here.storage.counts.refused == 4

@@ -91,17 +91,20 @@ async def recording(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> None:
     make = Frames()
     sent = {
-        "quad1/mav/rx/1/1/ATTITUDE": make(), "quad1/mav/tx/1/1/ATTITUDE": make(),
+        "quad1/mav/rx/1/1/ATTITUDE": make(),
+        "quad1/mav/tx/1/1/ATTITUDE": make(),
         "quad1/state": wire.encode(wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="i")),
         "quad1/event": b'{"t": 1.0, "kind": "mode", "severity": "info", "text": "GUIDED"}',
         "quad1/setpoint/swap": b'{"lease": "x", "seq": 1, "deadline": 5.0, "pos": [1, 2, 3]}',
-        "quad1/link/autopilot": b'{"t": 1.0}', "quad1/agent/swap/status": b'{"t": 1.0, "agent": "swap"}',
-        "@fleet/plan": b'{"quad1": []}', "@group/north/states": b'{"t": 1.0, "group": "north"}',
+        "quad1/link/autopilot": b'{"t": 1.0}',
+        "quad1/agent/swap/status": b'{"t": 1.0, "agent": "swap"}',
+        "@fleet/plan": b'{"quad1": []}',
+        "@group/north/states": b'{"t": 1.0, "group": "north"}',
         "@obstacle/tower": b'{"name": "tower", "t": 1.0, "what": null}',
         "quad1/camera/down/detection": b'{"t": 1.0, "camera": "down", "found": []}',
         "quad1/agent/ev1/out/signals": b'{"t": 1.0, "values": {"ref.x": 1.0}}',
         "quad1/agent/ev1/param/kp": b'{"value": 1.0, "default": 1.0, "low": 0.0, "high": 2.0}',
-    }  # fmt: skip
+    }
     recorded = {c.name for c in keys.CHANNELS.values() if c.recorded and c.kind in ("pub", "put")}
     assert {keys.match(f"zmav/demo/{key}")[0].name for key in sent} == recorded
     for key, data in sent.items():
@@ -134,8 +137,9 @@ async def test_signals_are_numbers_that_readers_can_list(recording: Recording) -
     assert [(t, data) for t, data, _ in signals] == list(zip((5_500_000_000, 5_750_000_000), samples, strict=True))
     number = {"type": "number"}
     assert signals[0][2]["properties"] == {
-        "t": number, "values": {"type": "object", "properties": {"ref.x": number, "is.x": number}}
-    }  # fmt: skip
+        "t": number,
+        "values": {"type": "object", "properties": {"ref.x": number, "is.x": number}},
+    }
     ((_, odd, schema),) = found["zmav/demo/quad1/agent/odd/out/signals"]
     assert odd == b'{"t": 1.0, "values": [1]}'
     assert schema["properties"]["values"] == {"type": "object", "properties": {}}
@@ -205,9 +209,14 @@ async def test_what_memory_let_go_is_found_in_the_files(recording: Recording, mo
 
 @pytest.mark.parametrize(
     ("query", "words"),
-    [({"last": 0}, "last"), ({"last": 5000}, "last"), ({"since": "now"}, "since"), ({"wen": 1}, "wen"),
-     ({"since": 2.0, "until": 1.0}, "after until")],
-)  # fmt: skip
+    [
+        ({"last": 0}, "last"),
+        ({"last": 5000}, "last"),
+        ({"since": "now"}, "since"),
+        ({"wen": 1}, "wen"),
+        ({"since": 2.0, "until": 1.0}, "after until"),
+    ],
+)
 async def test_a_bad_question_is_answered_with_why(recording: Recording, query: dict[str, Any], words: str) -> None:
     with pytest.raises(BadInput, match=words):
         await recording.ask("quad1/state", **query)

@@ -151,11 +151,14 @@ class Recorded:
         for _ in range(20):
             self.came += [(f"zmav/demo/quad1/{make.key}", make()), (f"zmav/demo/quad2/{other.key}", other())]
         self.came += [
-            ("zmav/demo/quad1/mav/rx/9/9/ATTITUDE", make()), ("zmav/demo/quad1/event", EVENT),
-            ("zmav/demo/quad1/setpoint/swap", SETPOINT), ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", make()),
-            ("zmav/demo/quad2/state", b"no JSON"), ("zmav/demo/@fleet/goal", b'{"quad1": [1, 2, 3]}'),
+            ("zmav/demo/quad1/mav/rx/9/9/ATTITUDE", make()),
+            ("zmav/demo/quad1/event", EVENT),
+            ("zmav/demo/quad1/setpoint/swap", SETPOINT),
+            ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", make()),
+            ("zmav/demo/quad2/state", b"no JSON"),
+            ("zmav/demo/@fleet/goal", b'{"quad1": [1, 2, 3]}'),
             ("zmav/demo/@fleet/roster", b'{"n": 1}'),
-        ]  # fmt: skip
+        ]
         with Folder(folder) as out:
             storage = Storage(out, Settings(keep_free=0), load_dialect(), lambda line: None)
             storage.start()

@@ -75,8 +75,11 @@ def test_what_is_made_for_foxglove_is_as_its_schemas_say() -> None:
     fix = schemas.location(state)
     assert fix is not None
     event = wire.Event(t=5.25, kind="failsafe", severity="critical", text="returning")
-    made = ((schemas.LOCATION, fix), (schemas.LOG, schemas.log_line(event, "quad1")),
-            (schemas.PICTURE, schemas.picture(b"\xff\xd8", 5.25, "front")))  # fmt: skip
+    made = (
+        (schemas.LOCATION, fix),
+        (schemas.LOG, schemas.log_line(event, "quad1")),
+        (schemas.PICTURE, schemas.picture(b"\xff\xd8", 5.25, "front")),
+    )
     for schema, data in made:
         assert set(json.loads(data)) == set(check(schema)["properties"])
         assert json.loads(data)["timestamp"] == {"sec": 5, "nsec": 250_000_000}

@@ -8,8 +8,15 @@ from ground.top.keyboard import Keyboard
 def test_sequences_plain_keys_and_a_lone_escape() -> None:
     keyboard = Keyboard()
     assert keyboard.feed(b"q\x1b[A\x1bOBj\r\x7f\x1b[5~\x1b[1~") == [
-        "q", "up", "down", "j", "enter", "backspace", "pageup", "home",
-    ]  # fmt: skip
+        "q",
+        "up",
+        "down",
+        "j",
+        "enter",
+        "backspace",
+        "pageup",
+        "home",
+    ]
     assert keyboard.feed(b"\x1b") == ["esc"]
     assert keyboard.feed(b"\x1bx") == ["esc", "x"]
 

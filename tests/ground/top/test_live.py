@@ -93,10 +93,12 @@ class Voice:
     def event(self, name: str, text: str, ago: float = 0.0) -> None:
         """One event, kept for who comes later, as a vehicle keeps it."""
         publisher = zenoh.ext.declare_advanced_publisher(
-            self.session, keys.EVENT.key("demo", name), cache=zenoh.ext.CacheConfig(max_samples=10),
+            self.session,
+            keys.EVENT.key("demo", name),
+            cache=zenoh.ext.CacheConfig(max_samples=10),
             publisher_detection=True,
             sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
-        )  # fmt: skip
+        )
         self._declared.append(publisher)
         publisher.put(wire.encode(wire.Event(t=time.time() - ago, kind="statustext", severity="info", text=text)))
 
@@ -133,8 +135,12 @@ def document(voice: Voice, *arguments: str) -> dict[str, Any]:
 
 def test_once_as_json_tells_what_there_is(voice: Voice) -> None:
     now = time.time()
-    voice.state("quad1", battery=wire.Battery(remaining=0.12), velocity=(3.0, 4.0, -1.0),
-                lease=wire.LeaseInfo(holder="planner", expires=now + 3600.0))  # fmt: skip
+    voice.state(
+        "quad1",
+        battery=wire.Battery(remaining=0.12),
+        velocity=(3.0, 4.0, -1.0),
+        lease=wire.LeaseInfo(holder="planner", expires=now + 3600.0),
+    )
     voice.link("quad1", loss=0.1)
     voice.event("quad1", "EKF3 is using GPS", ago=7.0)
     voice.status("quad1", "follower", "track")
@@ -161,8 +167,12 @@ def test_once_as_json_tells_what_there_is(voice: Voice) -> None:
 def test_two_of_one_system_id_clash_and_junk_spoils_nothing(voice: Voice) -> None:
     voice.state("quad1", mode="\x1b[2J", sysid=3)
     voice.state("quad2", sysid=3)
-    for key in (keys.STATE.key("demo", "quad3"), keys.LINK.key("demo", "quad1", link="autopilot"),
-                keys.EVENT.key("demo", "quad1"), keys.AGENT_STATUS.key("demo", "quad1", agent="x")):  # fmt: skip
+    for key in (
+        keys.STATE.key("demo", "quad3"),
+        keys.LINK.key("demo", "quad1", link="autopilot"),
+        keys.EVENT.key("demo", "quad1"),
+        keys.AGENT_STATUS.key("demo", "quad1", agent="x"),
+    ):
         voice.junk(key, b'{"t": "\xff')
     result = once(voice, "--json")
     found = json.loads(result.stdout)
@@ -170,8 +180,9 @@ def test_two_of_one_system_id_clash_and_junk_spoils_nothing(voice: Voice) -> Non
     assert "\x1b" not in result.stdout
     assert [v["name"] for v in found["vehicles"]] == ["quad1", "quad2"]
     assert [v["reasons"][0]["text"] for v in found["vehicles"]] == [
-        "clash of system ids with quad2", "clash of system ids with quad1",
-    ]  # fmt: skip
+        "clash of system ids with quad2",
+        "clash of system ids with quad1",
+    ]
 
 
 def test_without_a_terminal_it_is_printed_once_and_says_what_to_do(voice: Voice) -> None:
@@ -207,9 +218,13 @@ class Screen:
         self.out = b""
         env = {**os.environ, "TERM": "xterm-256color", **environment}
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "zmav", *arguments], stdin=self.slave, stdout=self.slave, stderr=self.slave,
-            env=env, start_new_session=True,
-        )  # fmt: skip
+            [sys.executable, "-m", "zmav", *arguments],
+            stdin=self.slave,
+            stdout=self.slave,
+            stderr=self.slave,
+            env=env,
+            start_new_session=True,
+        )
 
     def resize(self, columns: int, lines: int) -> None:
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))

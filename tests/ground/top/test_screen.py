@@ -161,9 +161,14 @@ def test_details_tell_all_of_one(make: Make, report: MakeReport) -> None:
     press(ui, found, "down", "enter")
     text = "\n".join(drawn(ui, found, 80, 40))
     for part in (
-        "-- quad1 ---", "why        warn: lease of planner", "system 1, mode GUIDED, armed", "quad0 > x > quad1",
-        "planner (priority 0), ends in 2.6s", "follower SILENT, last track: 4 m", "3.0s ago  info: mode",
-    ):  # fmt: skip
+        "-- quad1 ---",
+        "why        warn: lease of planner",
+        "system 1, mode GUIDED, armed",
+        "quad0 > x > quad1",
+        "planner (priority 0), ends in 2.6s",
+        "follower SILENT, last track: 4 m",
+        "3.0s ago  info: mode",
+    ):
         assert part in text
     assert text.count("lease of") == 6  # the row's, and those of long reasons that go on in the next line
     press(ui, found, "esc")

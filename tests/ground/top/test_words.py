@@ -13,9 +13,21 @@ from zmav.doctor.words import clean, duration
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(None, "-"), (-1.0, "0.0s"), (0.44, "0.4s"), (9.94, "9.9s"), (9.96, "10s"), (99.4, "99s"), (100.0, "1m40"),
-     (3599.0, "59m59"), (3600.0, "1h00"), (86399.0, "23h59"), (86400.0, "1d"), (1e12, "9999d")],
-)  # fmt: skip
+    [
+        (None, "-"),
+        (-1.0, "0.0s"),
+        (0.44, "0.4s"),
+        (9.94, "9.9s"),
+        (9.96, "10s"),
+        (99.4, "99s"),
+        (100.0, "1m40"),
+        (3599.0, "59m59"),
+        (3600.0, "1h00"),
+        (86399.0, "23h59"),
+        (86400.0, "1d"),
+        (1e12, "9999d"),
+    ],
+)
 def test_durations_fit_their_column(seconds: float | None, words: str) -> None:
     assert duration(seconds) == words
     assert len(words) <= 5

@@ -101,10 +101,21 @@ def state() -> Callable[..., wire.VehicleState]:
     """``state(local=(n, e, d), ...)``: a vehicle's state."""
 
     def make(name: str = "quad1", **values: Any) -> wire.VehicleState:
-        return wire.VehicleState(**{
-            "t": T0, "fleet": "demo", "name": name, "instance": "i", "connected": True, "kind": "copter",
-            "mode": "GUIDED", "armed": True, "local": (10.0, 20.0, -5.0), "velocity": (1.0, 2.0, -0.5),
-            "position": wire.GlobalPosition(lat_deg=HOME[0], lon_deg=HOME[1], alt_amsl=65.0, alt_rel=5.0), **values,
-        })  # fmt: skip
+        return wire.VehicleState(
+            **{
+                "t": T0,
+                "fleet": "demo",
+                "name": name,
+                "instance": "i",
+                "connected": True,
+                "kind": "copter",
+                "mode": "GUIDED",
+                "armed": True,
+                "local": (10.0, 20.0, -5.0),
+                "velocity": (1.0, 2.0, -0.5),
+                "position": wire.GlobalPosition(lat_deg=HOME[0], lon_deg=HOME[1], alt_amsl=65.0, alt_rel=5.0),
+                **values,
+            }
+        )
 
     return make

@@ -21,9 +21,23 @@ HOSTILE = (b"", b"{", b"null", b"[]", b"\xff\xfe", b'{"t": "x"}', b"[" * 100_000
 
 
 @pytest.mark.parametrize(
-    "kind", ["state", "setpoint", "event", "link", "fleet", "graph", "mission", "home", "agent_status",
-             "camera_frame", "camera_detection", "agent_out", "of no kind"],
-)  # fmt: skip
+    "kind",
+    [
+        "state",
+        "setpoint",
+        "event",
+        "link",
+        "fleet",
+        "graph",
+        "mission",
+        "home",
+        "agent_status",
+        "camera_frame",
+        "camera_detection",
+        "agent_out",
+        "of no kind",
+    ],
+)
 def test_a_payload_that_is_nothing_is_left_out(paint: Make, state: Make, kind: str) -> None:
     painted = paint()
     for payload in HOSTILE:
@@ -73,10 +87,9 @@ def test_fifty_vehicles_have_a_path_each_and_names_without_modes(paint: Make, st
 FIELDS = ["pos", "min", "max", "center", "radius", "polygon", "floor", "frame", "path", "x"]
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=5)
-    | st.dictionaries(st.sampled_from(FIELDS), inner, max_size=5),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.sampled_from(FIELDS), inner, max_size=5),
     max_leaves=30,
-)  # fmt: skip
+)
 
 
 @given(json_values)

@@ -141,9 +141,11 @@ def test_the_trail_is_bounded_and_stays_when_the_vehicle_falls_silent(paint: Mak
 
 def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: Make) -> None:
     painted = paint()
-    links = [meshgraph.LinkShown("ground", "quad1", "good", 0.004, 0.0),
-             meshgraph.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
-             meshgraph.LinkShown("quad2", "quad3", "good")]  # fmt: skip
+    links = [
+        meshgraph.LinkShown("ground", "quad1", "good", 0.004, 0.0),
+        meshgraph.LinkShown("quad1", "quad2", "poor", 0.2, 0.3),
+        meshgraph.LinkShown("quad2", "quad3", "good"),
+    ]
     roles: dict[str, str | None] = {"ground": "router", "quad1": "vehicle", "quad2": "vehicle", "quad3": "vehicle"}
     ways = {"quad1": meshgraph.WayShown(0.004, 0.0, 1), "quad2": meshgraph.WayShown(0.204, 0.3, 2)}
     graph = meshgraph.encode(meshgraph.GraphShown(links, ways, roles))
@@ -195,11 +197,24 @@ def test_fence_mission_and_home_are_drawn_in_ned(paint: Make, state: Make) -> No
     vertex = "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION"
     fence = [wire.MissionItem(command=vertex, params=[3.0], x=c.lat_deg, y=c.lon_deg) for c in corners]
     top = global_of((20.0, 30.0, -25.0))
-    way = [wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=top.lat_deg, y=top.lon_deg, z=25.0),
-           wire.MissionItem(command="MAV_CMD_DO_CHANGE_SPEED", params=[0.0, 5.0])]  # fmt: skip
+    way = [
+        wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=top.lat_deg, y=top.lon_deg, z=25.0),
+        wire.MissionItem(command="MAV_CMD_DO_CHANGE_SPEED", params=[0.0, 5.0]),
+    ]
     fields = {"latitude": round(52.756e7), "longitude": round(-1.246e7), "altitude": 60000}
-    home = wire.LastMessage(name="HOME_POSITION", id=242, sysid=1, compid=1, seq=0, age=0.0, count=1, signed=False,
-                            verified=False, fields=fields, units={})  # fmt: skip
+    home = wire.LastMessage(
+        name="HOME_POSITION",
+        id=242,
+        sysid=1,
+        compid=1,
+        seq=0,
+        age=0.0,
+        count=1,
+        signed=False,
+        verified=False,
+        fields=fields,
+        units={},
+    )
     painted.step(
         ("state", Q1, state(local=(0.0, 0.0, -5.0), position=global_of((0.0, 0.0, -5.0)))),
         ("mission", (*Q1, "fence"), wire.Mission(kind="fence", items=fence)),
@@ -235,10 +250,14 @@ def test_the_area_of_a_search_is_an_outline_on_its_floor_and_hides_nobody(paint:
 
 def test_the_fleets_topics_are_drawn_where_they_have_a_form_and_told_where_they_have_none(paint: Make) -> None:
     painted = paint()
-    obstacles = {"frame": "local ENU", "obstacles": [
-        {"type": "box", "min": [0, 10, 0], "max": [4, 20, 30]},
-        {"type": "cylinder", "center": [5, 7], "radius": 2.0, "floor": 1.0, "ceiling": 9.0},
-        {"center": [1, 2, 3], "radius": 1.0}]}  # fmt: skip
+    obstacles = {
+        "frame": "local ENU",
+        "obstacles": [
+            {"type": "box", "min": [0, 10, 0], "max": [4, 20, 30]},
+            {"type": "cylinder", "center": [5, 7], "radius": 2.0, "floor": 1.0, "ceiling": 9.0},
+            {"center": [1, 2, 3], "radius": 1.0},
+        ],
+    }
     plan = {"quad1": {"path": [[0, 0, -5], [10, 0, -5]]}, "quad2": [[1, 1, -6], [2, 2, -6]]}
     for topic, document in (
         ("obstacle", obstacles),
@@ -291,8 +310,9 @@ def test_pictures_are_shown_with_what_was_detected(paint: Make) -> None:
 def test_a_symbol_is_boxed(paint: Make) -> None:
     painted, camera = paint(), (*Q1, "down")
     symbol = wire.Detection(symbol="H", u=100.0, v=50.0, scale_px=20.0, heading=0.1, score=0.9)
-    sight = wire.Detections(t=T0, camera="down", seq=1, width=640, height=480, detector="helipad", took=0.0, delay=0.0,
-                            found=[symbol])  # fmt: skip
+    sight = wire.Detections(
+        t=T0, camera="down", seq=1, width=640, height=480, detector="helipad", took=0.0, delay=0.0, found=[symbol]
+    )
     painted.step(("camera_detection", camera, wire.encode(sight)))
     boxes = painted.rows()["/camera/quad1/down/detection"]
     assert boxes[0].values["Boxes2D:centers"] == [[100.0, 50.0]]

@@ -53,10 +53,15 @@ def test_measured_and_asked_for_are_in_one_plot_and_told_apart(paint: Make) -> N
     painted.step(("agent_out", EV1, sample(out__torque__x=0.0625, integral=2.0, took_us=400.0)))
     rows = painted.rows()
     assert drawn(rows) == {
-        "position is.x": [0.0, 1.0], "position ref.x": [5.0, 5.0], "attitude is.pitch": [0.25, 0.25],
-        "attitude ref.pitch": [0.5, 0.5], "rates is.r": [-1.0, -1.0], "outputs out.torque.x": [0.0625],
-        "others integral": [2.0], "cycle took_us": [400.0],
-    }  # fmt: skip
+        "position is.x": [0.0, 1.0],
+        "position ref.x": [5.0, 5.0],
+        "attitude is.pitch": [0.25, 0.25],
+        "attitude ref.pitch": [0.5, 0.5],
+        "rates is.r": [-1.0, -1.0],
+        "outputs out.torque.x": [0.0625],
+        "others integral": [2.0],
+        "cycle took_us": [400.0],
+    }
     measured, asked = look(rows, "position", "is.x"), look(rows, "position", "ref.x")
     assert (measured["names"], asked["names"]) == ("hex1 ev1 x", "hex1 ev1 x ref")
     assert measured["widths"] > 2 * asked["widths"]
@@ -67,10 +72,19 @@ def test_measured_and_asked_for_are_in_one_plot_and_told_apart(paint: Make) -> N
 
 @pytest.mark.parametrize(
     ("name", "plot", "reference"),
-    [("is.vz", "velocity", False), ("ref.yaw", "attitude", True), ("reference.z", "position", True),
-     ("reference_vel.x", "velocity", True), ("out.thrust", "outputs", False), ("out", "others", False),
-     ("is.mass", "others", False), ("ref.mass", "others", True), ("p", "others", False), ("late", "cycle", False)],
-)  # fmt: skip
+    [
+        ("is.vz", "velocity", False),
+        ("ref.yaw", "attitude", True),
+        ("reference.z", "position", True),
+        ("reference_vel.x", "velocity", True),
+        ("out.thrust", "outputs", False),
+        ("out", "others", False),
+        ("is.mass", "others", False),
+        ("ref.mass", "others", True),
+        ("p", "others", False),
+        ("late", "cycle", False),
+    ],
+)
 def test_names_say_where_a_signal_belongs(name: str, plot: str, reference: bool) -> None:
     line = line_of(name)
     assert (line.plot, line.reference) == (plot, reference)

@@ -152,9 +152,17 @@ async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) 
     _, endpoint = net.router()
     port = free_port()
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "zmav", "view", "--web", "--port", str(port), "-e", endpoint,
+        sys.executable,
+        "-m",
+        "zmav",
+        "view",
+        "--web",
+        "--port",
+        str(port),
+        "-e",
+        endpoint,
         stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+    )
     assert process.stderr is not None
     try:
         said = (await within(PATIENCE_S, process.stderr.readline())).decode()

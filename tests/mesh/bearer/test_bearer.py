@@ -138,11 +138,17 @@ def test_garbage_and_strangers_get_nothing_and_what_is_carried_goes_on(pair: Mak
     port = ("127.0.0.1", both.ports[RIGHT][0])
     tag, noise = host_tag(FLEET, "left"), random.Random(5)
     junk = [
-        b"", b"\xb1", b"\xb3" + bytes(3), bytes(2000), pack_data(1, 1, False, b"not of the fleet"),
+        b"",
+        b"\xb1",
+        b"\xb3" + bytes(3),
+        bytes(2000),
+        pack_data(1, 1, False, b"not of the fleet"),
         pack_data(tag, 1, False, b"from an address that has proven nothing"),
-        pack_data(tag, 1, True, b"an answer to a flow that is none"), pack_probe(7, 1, 1, echo=False),
-        pack_probe(tag, 99, 1, echo=True), *(noise.randbytes(noise.randrange(1, 100)) for _ in range(500)),
-    ]  # fmt: skip
+        pack_data(tag, 1, True, b"an answer to a flow that is none"),
+        pack_probe(7, 1, 1, echo=False),
+        pack_probe(tag, 99, 1, echo=True),
+        *(noise.randbytes(noise.randrange(1, 100)) for _ in range(500)),
+    ]
     for data in junk:
         stranger.sendto(data, port)
     mine = udp()

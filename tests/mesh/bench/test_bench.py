@@ -129,13 +129,34 @@ ORDER = BenchOrder(run="one", role="send", peers=["quad2"], seconds=1.0, hz=10.0
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("seconds", 1e9), ("seconds", 0.0), ("seconds", math.nan), ("seconds", -math.inf),
-        ("hz", math.nan), ("hz", 0.0), ("hz", math.inf), ("hz", 1e6), ("size", 0), ("size", -1), ("size", 10**12),
-        ("gap", math.nan), ("guard", 1e4), ("patience", math.inf), ("patience", 1e9),
-        ("peers", []), ("peers", ["quad1"]), ("peers", ["a", "b"]), ("peers", ["*"]), ("peers", ["Quad 2"]),
-        ("asker", "x" * 101), ("asker", "\x1b[2J"), ("run", "a/b"), ("run", "*"), ("run", "x" * 41), ("run", ""),
+        ("seconds", 1e9),
+        ("seconds", 0.0),
+        ("seconds", math.nan),
+        ("seconds", -math.inf),
+        ("hz", math.nan),
+        ("hz", 0.0),
+        ("hz", math.inf),
+        ("hz", 1e6),
+        ("size", 0),
+        ("size", -1),
+        ("size", 10**12),
+        ("gap", math.nan),
+        ("guard", 1e4),
+        ("patience", math.inf),
+        ("patience", 1e9),
+        ("peers", []),
+        ("peers", ["quad1"]),
+        ("peers", ["a", "b"]),
+        ("peers", ["*"]),
+        ("peers", ["Quad 2"]),
+        ("asker", "x" * 101),
+        ("asker", "\x1b[2J"),
+        ("run", "a/b"),
+        ("run", "*"),
+        ("run", "x" * 41),
+        ("run", ""),
     ],
-)  # fmt: skip
+)
 def test_hostile_orders_are_refused_with_the_field(field: str, value: Any) -> None:
     with pytest.raises(BadInput) as caught:
         check(msgspec.structs.replace(ORDER, **{field: value}), "quad1")
@@ -347,13 +368,25 @@ def _result(
     received: int = 100, seconds: float = 1.0, loaded: BenchTrip | None = None, faults: list[str] | None = None
 ) -> StreamResult:
     total = BenchInterval(
-        start=0.0, end=seconds, bytes=10 * received, received=received, expected=100, jitter=0.0, out_of_order=0,
+        start=0.0,
+        end=seconds,
+        bytes=10 * received,
+        received=received,
+        expected=100,
+        jitter=0.0,
+        out_of_order=0,
         duplicates=0,
-    )  # fmt: skip
+    )
     sender = BenchReport(
-        run="r", host="quad1", role="send", state="done", elapsed=1.0, sent=100, send_seconds=1.0,
+        run="r",
+        host="quad1",
+        role="send",
+        state="done",
+        elapsed=1.0,
+        sent=100,
+        send_seconds=1.0,
         trips=[_trip(0.01), loaded or _trip(0.02)],
-    )  # fmt: skip
+    )
     receiver = BenchReport(run="r", host="quad2", role="receive", state="done", elapsed=1.0, total=total)
     flow = Flow(source="quad1", target="quad2", sender=sender, receiver=receiver)
     return StreamResult(stream=Stream(seconds=1.0, hz=100.0, size=10), flows=[flow], faults=faults or [])
@@ -371,10 +404,13 @@ async def test_only_an_operator_may_start_one(line: Start, net: Net, tmp_path: P
     folders = {
         name: authority.issue(name, role, out=tmp_path / name)
         for name, role in (
-            ("quad1", Role.VEHICLE), ("quad2", Role.VEHICLE), ("ann", Role.OPERATOR), ("vic", Role.VIEWER),
+            ("quad1", Role.VEHICLE),
+            ("quad2", Role.VEHICLE),
+            ("ann", Role.OPERATOR),
+            ("vic", Role.VIEWER),
             ("pat", Role.PLANNER),
         )
-    }  # fmt: skip
+    }
     async with contextlib.AsyncExitStack() as stack:
         made = Line(net, stack)
         await made.add(plan_of("quad1", Credentials.load(folders["quad1"])))

@@ -27,9 +27,19 @@ from zmav.wire.bench import BenchClock, BenchInterval, BenchReport, Spread
 
 def options(a: str, b: str, kind: str, **more: Any) -> verb.Options:
     given: dict[str, Any] = {
-        "seconds": None, "qos": None, "rate": None, "hz": None, "size": None, "both": False, "cuts": None, "gap": None,
-        "limit": "50Mbit/s", "reliable": None, "as_json": False, "csv": None,
-    }  # fmt: skip
+        "seconds": None,
+        "qos": None,
+        "rate": None,
+        "hz": None,
+        "size": None,
+        "both": False,
+        "cuts": None,
+        "gap": None,
+        "limit": "50Mbit/s",
+        "reliable": None,
+        "as_json": False,
+        "csv": None,
+    }
     return verb.Options(a=a, b=b, kind=kind, **{**given, **more})
 
 
@@ -120,16 +130,37 @@ def test_the_table_is_that_of_iperf() -> None:
     """Ten datagrams of a thousand bytes in a second, of twelve that were sent; the target's clock is 5 s ahead."""
     transit = Spread(count=10, min=5.01, median=5.02, p95=5.03, p99=5.04, max=5.05, mean=5.02)
     total = BenchInterval(
-        start=0.0, end=1.0, bytes=10_000, received=10, expected=12, jitter=0.0015, out_of_order=1, duplicates=3,
+        start=0.0,
+        end=1.0,
+        bytes=10_000,
+        received=10,
+        expected=12,
+        jitter=0.0015,
+        out_of_order=1,
+        duplicates=3,
         transit=transit,
-    )  # fmt: skip
+    )
     report = BenchReport(run="r", host="quad1", role="send", state="done", elapsed=1.0)
     clock = BenchClock(offset=5.0, within=0.004, utc_offset=0.0)
     flow = Flow(source="quad1", target="quad2", sender=report, receiver=report, clock=clock)
     words = table.interval_line(flow, total).split()
     assert words == [
-        "0.0-1.0", "s", "10.00", "kB", "80.00", "kbit/s", "1.50", "ms", "2/12", "(17", "%)", "1", "3", "20.00", "ms",
-    ]  # fmt: skip
+        "0.0-1.0",
+        "s",
+        "10.00",
+        "kB",
+        "80.00",
+        "kbit/s",
+        "1.50",
+        "ms",
+        "2/12",
+        "(17",
+        "%)",
+        "1",
+        "3",
+        "20.00",
+        "ms",
+    ]
 
 
 def test_the_longest_bar_is_the_fullest_bin() -> None:

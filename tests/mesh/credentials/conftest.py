@@ -153,10 +153,14 @@ def raw_client() -> Iterator[Callable[..., zenoh.Session]]:
     def open_raw(endpoint: str, **tls: Any) -> zenoh.Session:
         built = zenoh.Config()
         settings = {
-            "mode": "client", "connect/endpoints": [endpoint], "scouting/multicast/enabled": False,
-            "connect/timeout_ms": 0, "transport/unicast/open_timeout": 2000, "scouting/delay": 0,
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+            "connect/timeout_ms": 0,
+            "transport/unicast/open_timeout": 2000,
+            "scouting/delay": 0,
             **{f"transport/link/tls/{name}": value for name, value in tls.items()},
-        }  # fmt: skip
+        }
         for path, value in settings.items():
             built.insert_json5(path, json.dumps(value))
         opened.append(zenoh.open(built))

@@ -140,9 +140,10 @@ def test_the_table_of_rights_under_ones_own_name(fleet: Fleet, name: str) -> Non
     fleet.issue(quad1=Role.VEHICLE, **MEMBERS)
     alone = Host(relay=False)
     file = FleetConfig(
-        fleet="alpha", vehicles={"quad2": VehicleConfig(link="replay:x", mesh=alone)},
+        fleet="alpha",
+        vehicles={"quad2": VehicleConfig(link="replay:x", mesh=alone)},
         stations={"ops": StationConfig(mesh=alone)},
-    )  # fmt: skip
+    )
     door = fleet.router("quad1", file=file)
     home = fleet.home(door)
     session = fleet.open(name, door.quic)
@@ -154,8 +155,11 @@ def test_the_table_of_rights_under_ones_own_name(fleet: Fleet, name: str) -> Non
         rows = [(key, writers) for kind, key, writers in table if kind in kinds]
         through = tried(name, session, home, [key for key, _ in rows])
         assert through == {key for key, writers in rows if {*own, keys.ANYONE} & set(writers)}
-    says = {key.rpartition(f"/{name}/")[2] for kind, key, writers in table if kind == "pub" and "@" not in key
-            and put_all(name, session, home, [key])}  # fmt: skip
+    says = {
+        key.rpartition(f"/{name}/")[2]
+        for kind, key, writers in table
+        if kind == "pub" and "@" not in key and put_all(name, session, home, [key])
+    }
     assert ("state" in says, "beacon" in says, "mav/rx/x1/x1/x1" in says) == (role is Role.VEHICLE,) * 3
     assert says or role is Role.VIEWER, "a viewer says nothing but what it wants and what it gets of pictures"
 
@@ -176,10 +180,12 @@ def test_a_vehicle_that_does_not_relay_has_its_events_recovered(fleet: Fleet) ->
         home, "zmav/alpha/*/event", on_sample, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
     )
     publisher = zenoh.ext.declare_advanced_publisher(
-        fleet.open("quad2", door.quic), "zmav/alpha/quad2/event", cache=zenoh.ext.CacheConfig(max_samples=10),
+        fleet.open("quad2", door.quic),
+        "zmav/alpha/quad2/event",
+        cache=zenoh.ext.CacheConfig(max_samples=10),
         publisher_detection=True,
         sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
-    )  # fmt: skip
+    )
     for number in range(3):
         publisher.put(str(number).encode())
     assert came.wait(PATIENCE_S)
@@ -296,9 +302,12 @@ def test_what_was_missed_of_an_event_is_recovered_through_the_door(fleet: Fleet,
     """Advanced publishers' caches are asked on keys of their own."""
     home = fleet.open(None, door.local)
     publisher = zenoh.ext.declare_advanced_publisher(
-        home, "zmav/alpha/quad1/event", cache=zenoh.ext.CacheConfig(max_samples=10), publisher_detection=True,
+        home,
+        "zmav/alpha/quad1/event",
+        cache=zenoh.ext.CacheConfig(max_samples=10),
+        publisher_detection=True,
         sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
-    )  # fmt: skip
+    )
     for number in range(3):
         publisher.put(str(number).encode())
     viewer, came, heard = fleet.open("view", door.quic), threading.Event(), []

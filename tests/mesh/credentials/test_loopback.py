@@ -97,9 +97,11 @@ def test_a_program_orders_no_other_vehicle(fleet: Fleet, host: str) -> None:
     program.put(end, b"", congestion_control=BLOCK)
     came = home.asked.until(last) - {last}
     assert came == {
-        f"zmav/alpha/{vehicle}/{what}" for vehicle in vehicles for what in (*orders, *read)
+        f"zmav/alpha/{vehicle}/{what}"
+        for vehicle in vehicles
+        for what in (*orders, *read)
         if vehicle == host or what in read
-    }  # fmt: skip
+    }
     by_socket = fleet.open(None, door.unix)
     for key in ("zmav/alpha/quad2/do/land", last):
         by_socket.get(key, lambda reply: None, timeout=5.0)

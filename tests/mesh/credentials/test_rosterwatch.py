@@ -57,9 +57,9 @@ async def watch(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[
             credentials = Credentials.load(fleet.members[name])
             plan = plan_router(None, name, SessionSettings(credentials=str(credentials.folder)))
             said: list[str] = []
-            return Watched(door, await stack.enter_async_context(
-                RosterWatch(door.session, plan, credentials, said.append)
-            ), said)  # fmt: skip
+            return Watched(
+                door, await stack.enter_async_context(RosterWatch(door.session, plan, credentials, said.append)), said
+            )
 
         yield start
 
@@ -128,9 +128,7 @@ async def test_older_forged_and_foreign_ones_are_not_taken(fleet: Fleet, watch: 
     for name in "abcdefgh":
         other.issue(name, Role.VIEWER)
     text = json.dumps({**body, "fleet": "beta", "number": 99}).encode()
-    foreign = SignedRoster(
-        roster=text.decode(), signature=base64.b64encode(fleet.authority._key.sign(text)).decode()
-    )  # fmt: skip
+    foreign = SignedRoster(roster=text.decode(), signature=base64.b64encode(fleet.authority._key.sign(text)).decode())
     for wrong, why in ((forged, "not signed"), (other.roster(), "not signed"), (foreign, "fleet 'beta'")):
         with pytest.raises(BadConfig, match=why):
             one.watch.adopt(wrong)

@@ -36,9 +36,12 @@ def door(fleet: Fleet) -> Door:
 def showing(folder: Path, ca: Path | None = None) -> dict[str, Any]:
     """Zenoh's settings of a client that shows the certificate in a folder, whatever it is."""
     return {
-        "root_ca_certificate": str(ca or folder / "ca.pem"), "connect_certificate": str(folder / "cert.pem"),
-        "connect_private_key": str(folder / "key.pem"), "enable_mtls": True, "verify_name_on_connect": False,
-    }  # fmt: skip
+        "root_ca_certificate": str(ca or folder / "ca.pem"),
+        "connect_certificate": str(folder / "cert.pem"),
+        "connect_private_key": str(folder / "key.pem"),
+        "enable_mtls": True,
+        "verify_name_on_connect": False,
+    }
 
 
 def linked(session: zenoh.Session) -> bool:

@@ -66,10 +66,14 @@ class Lies:
                 (reply.ok or reply.err).payload.to_string()  # type: ignore[union-attr]  # one of the two is there
                 for key, payload, proof in orders
                 for reply in self._session.get(
-                    key, payload=payload, attachment=proof, timeout=3.0, target=zenoh.QueryTarget.ALL,
+                    key,
+                    payload=payload,
+                    attachment=proof,
+                    timeout=3.0,
+                    target=zenoh.QueryTarget.ALL,
                     consolidation=zenoh.ConsolidationMode.NONE,
                 )
-            ]  # fmt: skip
+            ]
             print(msgspec.json.encode(said).decode(), flush=True)
 
     def _forge(self, sample: zenoh.Sample) -> None:

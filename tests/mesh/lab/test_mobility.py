@@ -74,11 +74,14 @@ async def test_a_host_is_where_its_simulated_vehicle_is(start_lab: StartLab) -> 
         hosts={
             "box": {"position": [0, 0], "program": "none"},
             "rover": {
-                "vehicle": "rover", "program": "none", "follow": True, "sim": {"start_ned_m": [30.0, 400.0, 0.0]},
+                "vehicle": "rover",
+                "program": "none",
+                "follow": True,
+                "sim": {"start_ned_m": [30.0, 400.0, 0.0]},
             },
         },
         media=[{"kind": "radio", "name": "air", "range": {"free": 100, "cut": 200}}],
-    )  # fmt: skip
+    )
     (edge,) = lab.network.links()
     assert lab.network.state(edge.ab).up  # nobody knows yet where it is
 

@@ -39,9 +39,17 @@ async def taken_over(lab: Lab, *arguments: str) -> AsyncIterator[Path]:
     file = str(lab.directory / "fleet.toml")
     with said.open("w") as out:
         process = lab.spawn(
-            "quad1", sys.executable, str(ROGUE), file, "quad1", "quad2", *arguments,
-            stdout=out, stderr=out, env={"PYTHONPATH": str(TREE)},
-        )  # fmt: skip
+            "quad1",
+            sys.executable,
+            str(ROGUE),
+            file,
+            "quad1",
+            "quad2",
+            *arguments,
+            stdout=out,
+            stderr=out,
+            env={"PYTHONPATH": str(TREE)},
+        )
     try:
         while "routing" not in said.read_text():
             assert process.poll() is None, said.read_text()

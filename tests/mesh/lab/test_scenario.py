@@ -195,8 +195,13 @@ def test_links_are_found_by_the_names_people_give_them() -> None:
     )
     names = {edge.name: edge for edge in wiring.edges}
     assert sorted(names) == [
-        "ground-quad2", "ground-rover2", "lte:ground-quad1", "quad1-quad2", "quad1-rover2", "wifi:ground-quad1",
-    ]  # fmt: skip
+        "ground-quad2",
+        "ground-rover2",
+        "lte:ground-quad1",
+        "quad1-quad2",
+        "quad1-rover2",
+        "wifi:ground-quad1",
+    ]
     both = names["quad1-quad2"]
     for text in ("quad1-quad2", "quad2-quad1", "wifi:1-2"):
         assert sorted(wiring.find(text)[0][1]) == sorted((both.ab, both.ba)), text

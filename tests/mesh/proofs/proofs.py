@@ -205,15 +205,19 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
     alone = {n for n, at in sent.items() if cut + 0.1 < at < healed and n <= first}
     heard = [h for h in tap.heard if h.number > 0]
     return Partition(
-        sent, cut, healed, back,
+        sent,
+        cut,
+        healed,
+        back,
         max(h.at - sent[h.number] for h in heard),
         {h.number for h in heard if cut + 1.1 < h.at < healed},
         len({h.number for h in heard if h.at < cut}),
         len(alone),
         {h.number for h in heard} & alone,
         len({h.number for h in heard if h.number > first}),
-        [*events.texts("setpoint"), *events.texts("failsafe")], why,
-    )  # fmt: skip
+        [*events.texts("setpoint"), *events.texts("failsafe")],
+        why,
+    )
 
 
 async def _stream(lease: zmav.Lease, sent: dict[int, float], seconds: float) -> None:

@@ -50,10 +50,13 @@ def chain(
     hosts = {name: {"vehicle": "copter"} if name.startswith("quad") else {} for name in names}
     pairs = list(itertools.pairwise(names))
     return scenario(
-        name="chain", profile="mesh", credentials=credentials, hosts=_placed(hosts),
+        name="chain",
+        profile="mesh",
+        credentials=credentials,
+        hosts=_placed(hosts),
         fleet=_leased(lease),
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
-    )  # fmt: skip
+    )
 
 
 def ring(*, credentials: bool = False, lease: float | None = None, **conditions: Any) -> Scenario:
@@ -62,17 +65,27 @@ def ring(*, credentials: bool = False, lease: float | None = None, **conditions:
     hosts = {name: {"vehicle": "copter"} if name == "quad1" else {} for name in names}
     pairs = list(zip(names, [*names[1:], names[0]], strict=True))
     return scenario(
-        name="ring", profile="mesh", credentials=credentials, hosts=_placed(hosts), fleet=_leased(lease),
+        name="ring",
+        profile="mesh",
+        credentials=credentials,
+        hosts=_placed(hosts),
+        fleet=_leased(lease),
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
-    )  # fmt: skip
+    )
 
 
 def wds(*, credentials: bool = False, lease: float | None = None, **conditions: Any) -> Scenario:
     """One segment of three bridges: the ground at the first, a copter at each of the others."""
     hosts: dict[str, Any] = {"ground": {}, "quad1": {"vehicle": "copter"}, "quad2": {"vehicle": "copter"}}
     bridges = {"mast": ["ground"], "roof": ["quad1"], "van": ["quad2"]}
-    medium = {"kind": "wds", "name": "wds", "interface": "wlan0", "bridges": bridges,
-              "hops": [["mast", "roof"], ["roof", "van"]], **conditions}  # fmt: skip
+    medium = {
+        "kind": "wds",
+        "name": "wds",
+        "interface": "wlan0",
+        "bridges": bridges,
+        "hops": [["mast", "roof"], ["roof", "van"]],
+        **conditions,
+    }
     return scenario(
         name="wds", profile="wds", credentials=credentials, hosts=_placed(hosts), fleet=_leased(lease), media=[medium]
     )
@@ -84,9 +97,12 @@ def grid(width: int, height: int, *, credentials: bool = False, **conditions: An
     pairs = [(names[i], names[i + 1]) for i in range(len(names)) if (i + 1) % width]
     pairs += [(names[i], names[i + width]) for i in range(len(names) - width)]
     return scenario(
-        name="grid", profile="mesh", credentials=credentials, hosts={name: {} for name in names},
+        name="grid",
+        profile="mesh",
+        credentials=credentials,
+        hosts={name: {} for name in names},
         media=[{"kind": "radio", "name": "mesh", "interface": "wlan0", "pairs": pairs, **conditions}],
-    )  # fmt: skip
+    )
 
 
 def _leased(lease: float | None) -> dict[str, Any]:
@@ -130,10 +146,12 @@ class Events:
         ext = zenoh.ext
         self._news = asyncio.Event()
         self._subscriber = ext.declare_advanced_subscriber(
-            session, keys.EVENT.key(fleet, name), on_loop(asyncio.get_running_loop(), self._take),
+            session,
+            keys.EVENT.key(fleet, name),
+            on_loop(asyncio.get_running_loop(), self._take),
             history=ext.HistoryConfig(detect_late_publishers=True),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )  # fmt: skip
+        )
 
     def _take(self, sample: zenoh.Sample) -> None:
         self.events.append(wire.decode(sample.payload.to_bytes(), wire.Event, "event"))

@@ -39,15 +39,22 @@ class Routers:
         self.sessions: dict[str, zenoh.Session] = {}
 
     async def open(
-        self, name: str, *connect: str, cfg: tuple[str, ...] = (), listen: tuple[str, ...] = (),
+        self,
+        name: str,
+        *connect: str,
+        cfg: tuple[str, ...] = (),
+        listen: tuple[str, ...] = (),
         credentials: Path | None = None,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """A router alone; the UDP port it listens on, with credentials by QUIC."""
         endpoints = (("quic/127.0.0.1:0?mixed_rel=1" if credentials else "udp/127.0.0.1:0?rel=1;mixed_rel=1"), *listen)
         settings = SessionSettings(
-            mode="router", listen=endpoints, connect=connect, cfg=("scouting/delay:0", *cfg),
+            mode="router",
+            listen=endpoints,
+            connect=connect,
+            cfg=("scouting/delay:0", *cfg),
             credentials=str(credentials) if credentials else None,
-        )  # fmt: skip
+        )
         session = self.sessions[name] = await asyncio.to_thread(open_session, settings)
         self._stack.push_async_callback(asyncio.to_thread, session.close)
         (locator,) = (each for each in self.locators(name) if each.startswith(("udp/", "quic/")))

@@ -87,11 +87,14 @@ async def test_the_way_through_a_chain_and_its_weakest_hop(fleet: Fleet) -> None
         graph = await gathered(z, lambda g: both_ends(g) and len(roles(g)) == 3, "both ends")
         assert graph.start == "ground"
         assert {(n.name, n.role, n.answers) for n in graph.nodes.values()} == {
-            ("ground", "router", True), ("quad1", "vehicle", True), ("quad2", "vehicle", True)
-        }  # fmt: skip
+            ("ground", "router", True),
+            ("quad1", "vehicle", True),
+            ("quad2", "vehicle", True),
+        }
         assert [(link.a, link.b, link.state) for link in graph.links] == [
-            ("ground", "quad1", "up"), ("quad1", "quad2", "up")
-        ]  # fmt: skip
+            ("ground", "quad1", "up"),
+            ("quad1", "quad2", "up"),
+        ]
         way = graph.ways["quad2"]
         assert (way.hops, way.complete, way.traced) == (("ground", "quad1", "quad2"), True, True)
         weakest = way.weakest

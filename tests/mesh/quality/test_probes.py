@@ -22,11 +22,19 @@ A, B = b"aaaaaaaa", b"bbbbbbbb"
 U32 = st.integers(0, (1 << 32) - 2)
 
 
-@given(st.builds(
-    Stamp, source=st.just(A), period=st.sampled_from([0.02, 0.25, 5.0]), number=U32, sent=U32, echo=U32,
-    held=st.none() | U32, loss=st.none() | st.sampled_from([0.0, 0.5, 0.1234, 1.0]),
-    throughput=st.none() | st.sampled_from([1.0, 60_000.0, 4e9]),
-))  # fmt: skip
+@given(
+    st.builds(
+        Stamp,
+        source=st.just(A),
+        period=st.sampled_from([0.02, 0.25, 5.0]),
+        number=U32,
+        sent=U32,
+        echo=U32,
+        held=st.none() | U32,
+        loss=st.none() | st.sampled_from([0.0, 0.5, 0.1234, 1.0]),
+        throughput=st.none() | st.sampled_from([1.0, 60_000.0, 4e9]),
+    )
+)
 def test_a_stamp_is_read_back_as_it_was_written(stamp: Stamp) -> None:
     assert unpack(stamp.pack()) == stamp
 
@@ -92,8 +100,15 @@ def test_what_is_late_or_comes_twice_changes_nothing() -> None:
 def test_a_number_counts_once_and_an_old_one_never() -> None:
     window = LossWindow()
     assert [window.came(n) for n in (100, 102, 101, 101, 102, 99, 300, 101)] == [
-        True, True, True, False, False, False, True, False
-    ]  # fmt: skip
+        True,
+        True,
+        True,
+        False,
+        False,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_only_the_window_counts_and_too_few_say_nothing() -> None:

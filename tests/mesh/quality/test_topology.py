@@ -111,8 +111,11 @@ def test_a_map_and_the_ways_of_least_weight_over_it() -> None:
     """``dd`` does not answer; ``bb`` no longer tells of the link that ``cc`` still tells of."""
     links = linkstate.read({"aa": router("bb", "cc", "dd"), "bb": router("aa"), "cc": router("aa", "bb"), "x": b""})
     assert {zid: set(near) for zid, near in links.items()} == {
-        "aa": {"bb", "cc", "dd"}, "bb": {"aa"}, "cc": {"aa"}, "dd": {"aa"}
-    }  # fmt: skip
+        "aa": {"bb", "cc", "dd"},
+        "bb": {"aa"},
+        "cc": {"aa"},
+        "dd": {"aa"},
+    }
     assert all(100.0 <= weight <= 101.0 for near in links.values() for weight in near.values())
     heavy = {"aa": {"bb": 100.3, "cc": 1000.8}, "bb": {"aa": 100.3, "cc": 100.1}, "cc": {"bb": 100.1, "aa": 1000.8}}
     assert linkstate.ways(heavy, "aa") == {"aa": ["aa"], "bb": ["aa", "bb"], "cc": ["aa", "bb", "cc"]}
@@ -132,15 +135,17 @@ def test_a_silent_host_is_known_by_its_token_and_its_neighbours() -> None:
     token = {"role": "router", "sys": 0, "autopilot": "-", "uid": "-"}
     found.present([keys.ALIVE.key("demo", "relay", instance="cc", **token), "zmav/nonsense"])
     told = {"quad2": "bb", "cc": "cc"}
-    found.read([
-        Answer(keys.LINK.key("demo", "quad1", link=n), wire.encode(said(n, peer=zid))) for n, zid in told.items()
-    ])  # fmt: skip
+    found.read(
+        [Answer(keys.LINK.key("demo", "quad1", link=n), wire.encode(said(n, peer=zid))) for n, zid in told.items()]
+    )
     assert found.bad == 1
     assert found.missing() == [("demo", "cc"), ("demo", "quad2"), ("demo", "relay")]
     nodes = found.nodes()
     assert {(n.name, n.zid, n.role, n.answers) for n in nodes.values()} == {
-        ("quad1", "aa", None, True), ("quad2", "bb", None, False), ("relay", "cc", "router", False)
-    }  # fmt: skip
+        ("quad1", "aa", None, True),
+        ("quad2", "bb", None, False),
+        ("relay", "cc", "router", False),
+    }
     assert set(found.links()) == {("quad1", "quad2"), ("quad1", "relay")}
 
 

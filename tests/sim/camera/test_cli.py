@@ -23,8 +23,11 @@ def test_pictures_of_a_running_simulator(tmp_path: Path) -> None:
     options = ["--copters", "1", "--rovers", "1", "--pad", "rover1", "--camera", "copter1:30", "--camera-port", "0"]
     process = subprocess.Popen(
         [sys.executable, "-m", "zmav", "sim", *options, "--scene", scene, "--endpoint", "tcp:0"],
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env={"TMPDIR": str(tmp_path)},
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={"TMPDIR": str(tmp_path)},
+    )
     try:
         assert process.stdout is not None
         name, _, url = process.stdout.readline().strip().partition(" camera: ")

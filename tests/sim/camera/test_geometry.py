@@ -97,9 +97,13 @@ class TestGround:
 
     def test_another_lens_and_mount(self, make_studio: MakeStudio) -> None:
         camera = CameraSpec(
-            width=800, height=600, fov_deg=80.0, center_px=(391.3, 310.8), mount_deg=(4.0, 12.0, 90.0),
+            width=800,
+            height=600,
+            fov_deg=80.0,
+            center_px=(391.3, 310.8),
+            mount_deg=(4.0, 12.0, 90.0),
             offset_m=(0.1, -0.05, -0.2),
-        )  # fmt: skip
+        )
         studio = make_studio(camera, scene=Scene(ground="concrete", pads=(PlacedPad(position=(0, 0), pad=BOARD),)))
         north, east = board_corners()
         frame = studio.take((-0.8, 0.0, -3.0, 2.0, -3.0, 5.0))
@@ -140,9 +144,15 @@ class TestRover:
     @pytest.mark.parametrize("place", [(0.0, 0.0, -3.0), (0.5, 0.3, -4.0, 12.0, -9.0, 120.0)])
     def test_its_pad_is_at_its_deck(self, make_studio: MakeStudio, place: Place) -> None:
         board = PadSpec(
-            symbol="chessboard", symbol_m=1.0, shape="square", size_m=1.2, background="white", deck_m=0.6,
-            forward_m=0.1, right_m=-0.2,
-        )  # fmt: skip
+            symbol="chessboard",
+            symbol_m=1.0,
+            shape="square",
+            size_m=1.2,
+            background="white",
+            deck_m=0.6,
+            forward_m=0.1,
+            right_m=-0.2,
+        )
         studio = make_studio(AT_FEET, VehicleSpec(name="carrier", pad=board))
         frame = studio.take(place, (0.4, 0.2, 0.0, 0.0, 0.0, 40.0))
         ahead, right = (np.array(each) / 2.0 for each in board_corners())

@@ -80,9 +80,10 @@ class TestGround:
 
     def test_a_road_an_area_and_lines_at_their_places(self, make_studio: MakeStudio) -> None:
         scene = Scene(
-            light=PLAIN.light, roads=(Road(points=((-50.0, 4.0), (50.0, 4.0)), width_m=4.0, center_line="solid"),),
+            light=PLAIN.light,
+            roads=(Road(points=((-50.0, 4.0), (50.0, 4.0)), width_m=4.0, center_line="solid"),),
             areas=(Area(center=(0.0, -5.0), size=(4.0, 4.0), ground="sand"),),
-        )  # fmt: skip
+        )
         image = make_studio(DOWN, scene=scene).take((0.0, 0.0, -10.4)).image  # 50 px a metre
         assert mean(image[200:280, 260:310]) == pytest.approx(mean_color("grass"), abs=15.0)
         assert mean(image[100:400, 320 + 115 : 320 + 185]) == pytest.approx(mean_color("asphalt"), abs=15.0)

@@ -7,19 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plane.conftest import (
-    ARM,
-    AUTO,
-    AUTOLAND,
-    CIRCLE,
-    CRUISE,
-    FBWA,
-    GUIDED,
-    LOITER,
-    MANUAL,
-    RTL,
-    TAKEOFF,
-)
+from tests.sim.plane.conftest import ARM, AUTO, AUTOLAND, CIRCLE, CRUISE, FBWA, GUIDED, LOITER, MANUAL, RTL, TAKEOFF
 from tests.sim.plans import at, degrees, upload
 from zmav.errors import BadInput
 from zmav.sim import REALISTIC_READY_S
@@ -113,18 +101,12 @@ def test_in_the_air_it_does_not_disarm_unless_forced(flying: Field) -> None:
 
 
 def test_modes_and_what_it_says_of_those_it_has_not(flying: Field) -> None:
-    known = {
-        MANUAL: 209, CIRCLE: 217, FBWA: 209, CRUISE: 209, RTL: 217, LOITER: 217, TAKEOFF: 217, GUIDED: 217,
-    }  # fmt: skip
+    known = {MANUAL: 209, CIRCLE: 217, FBWA: 209, CRUISE: 209, RTL: 217, LOITER: 217, TAKEOFF: 217, GUIDED: 217}
     for number, flags in known.items():
         assert flying.mode(number) == ACCEPTED
         beat = flying.desk.all("HEARTBEAT")[-1]
         assert (beat["custom_mode"], beat["base_mode"]) == (number, flags)
-    for number, text in {
-        9: "No such mode 9",
-        17: "Q_ENABLE 0",
-        25: "Q_ENABLE 0",
-    }.items():
+    for number, text in {9: "No such mode 9", 17: "Q_ENABLE 0", 25: "Q_ENABLE 0"}.items():
         flying.desk.clear()
         assert flying.mode(number) == FAILED
         assert flying.desk.texts() == [text]
@@ -326,9 +308,7 @@ def test_attitude_targets_are_flown_for_three_seconds(flying: Field) -> None:
     half = math.radians(20.0) / 2.0
 
     def send() -> None:
-        flying.desk.send(
-            "SET_ATTITUDE_TARGET", type_mask=7, q=[math.cos(half), math.sin(half), 0.0, 0.0], thrust=0.7
-        )  # fmt: skip
+        flying.desk.send("SET_ATTITUDE_TARGET", type_mask=7, q=[math.cos(half), math.sin(half), 0.0, 0.0], thrust=0.7)
 
     flying.keep(4.0, send)
     assert math.degrees(flying.plane.sense.roll) == pytest.approx(20.0, abs=2.0)

@@ -185,8 +185,14 @@ def test_sticks_from_the_ground_are_taken(flying: Field) -> None:
     assert flying.plane.sense.throttle == pytest.approx(0.6, abs=0.02)
 
     def override() -> None:
-        flying.desk.send("RC_CHANNELS_OVERRIDE", chan1_raw=1250, chan2_raw=65535, chan3_raw=1500, chan4_raw=65535,
-                         **{f"chan{i}_raw": 65535 for i in range(5, 9)})  # fmt: skip
+        flying.desk.send(
+            "RC_CHANNELS_OVERRIDE",
+            chan1_raw=1250,
+            chan2_raw=65535,
+            chan3_raw=1500,
+            chan4_raw=65535,
+            **{f"chan{i}_raw": 65535 for i in range(5, 9)},
+        )
 
     flying.keep(2.0, override)
     assert flying.plane.sense.roll == pytest.approx(-0.567, abs=0.05)

@@ -50,8 +50,16 @@ def test_a_mission_from_the_ground_and_back_to_it(field: Field) -> None:
     assert reached(field.desk) == [1, 2, 3]
     assert field.away(-50.0, -200.0) < 60.0
     texts = field.desk.texts()
-    for text in ("Mission: 1 Takeoff", "Holding course", "Takeoff complete at 30", "Reached waypoint #2 dist",
-                 "Mission: 4 Land", "Landing approach start at ", "Flare ", "Auto disarmed"):  # fmt: skip
+    for text in (
+        "Mission: 1 Takeoff",
+        "Holding course",
+        "Takeoff complete at 30",
+        "Reached waypoint #2 dist",
+        "Mission: 4 Land",
+        "Landing approach start at ",
+        "Flare ",
+        "Auto disarmed",
+    ):
         assert any(each.startswith(text) for each in texts), text
     assert field.plane.mode.number == AUTO
     # In AUTO disarming does not begin the mission again.
@@ -80,24 +88,14 @@ def test_an_acceptance_radius_and_a_passing_distance(flying: Field) -> None:
 
 
 def test_loiters_by_time_and_height(flying: Field) -> None:
-    start(
-        flying,
-        [
-            at(TIME, 100, 0, 60, 2, 0, -1),
-            at(TO_ALT, 100, 0, 72, 0, 70),
-            at(FOREVER, 100, 0, 72),
-        ],
-    )
+    start(flying, [at(TIME, 100, 0, 60, 2, 0, -1), at(TO_ALT, 100, 0, 72, 0, 70), at(FOREVER, 100, 0, 72)])
     flying.desk.until(lambda: flying.plane.way.turned > 0.5)
     s = flying.plane.sense
     assert (s.north - 100.0) * s.ve - s.east * s.vn < 0.0  # counter-clockwise
     flying.desk.until(lambda: reached(flying.desk) == [1, 2], 90.0)
     assert flying.plane.height == pytest.approx(72.0, abs=6.0)
     texts = flying.desk.texts()
-    assert [t for t in texts if t.startswith("Loiter")] == [
-        "Loiter time complete",
-        "Loiter to alt complete",
-    ]
+    assert [t for t in texts if t.startswith("Loiter")] == ["Loiter time complete", "Loiter to alt complete"]
 
 
 def test_speeds_jumps_and_the_end_of_the_mission(flying: Field) -> None:

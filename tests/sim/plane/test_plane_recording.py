@@ -38,9 +38,7 @@ KNOWN = {
     "circling: NAV_CONTROLLER_OUTPUT.alt_error": "the real one settles half a metre off, slowly",
 }
 # The climb lasts three seconds, in which the plane comes back to its course after the run: these change all the time.
-PASSING = {
-    "yaw", "rollspeed", "pitchspeed", "xgyro", "ygyro", "yacc", "vy", "y", "xtrack_error",
-}  # fmt: skip
+PASSING = {"yaw", "rollspeed", "pitchspeed", "xgyro", "ygyro", "yacc", "vy", "y", "xtrack_error"}
 NOT_SENT = {
     "TERRAIN_REQUEST": "the simulated ground is flat, and nobody is asked for it",
     "PARAM_VALUE": "what the real one learns and saves in flight",
@@ -145,6 +143,23 @@ def same_fields(real: list[Message], ours: list[Message], dialect: Dialect) -> N
 def turning(name: str, field: str) -> bool:
     """On a circle these go all the way round: their medians say nothing."""
     return field in {
-        "yaw", "hdg", "heading", "lat", "lon", "lng", "lat_int", "lon_int", "x", "y", "vx", "vy", "cog", "nav_bearing",
-        "target_bearing", "xmag", "ymag", "zmag", "seq",
-    }  # fmt: skip
+        "yaw",
+        "hdg",
+        "heading",
+        "lat",
+        "lon",
+        "lng",
+        "lat_int",
+        "lon_int",
+        "x",
+        "y",
+        "vx",
+        "vy",
+        "cog",
+        "nav_bearing",
+        "target_bearing",
+        "xmag",
+        "ymag",
+        "zmag",
+        "seq",
+    }

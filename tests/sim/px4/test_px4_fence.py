@@ -23,9 +23,18 @@ def upload(companion: Companion, rows: list[tuple[int, float, Corner]]) -> int:
     for seq, (command, p1, (north, east)) in enumerate(rows):
         place = px4.place((north, east, 0.0))
         companion.send(
-            "MISSION_ITEM_INT", seq=seq, frame=0, command=command, current=0, autocontinue=1, param1=p1, mission_type=1,
-            x=round(place.lat_deg * 1e7), y=round(place.lon_deg * 1e7), z=0.0,
-        )  # fmt: skip
+            "MISSION_ITEM_INT",
+            seq=seq,
+            frame=0,
+            command=command,
+            current=0,
+            autocontinue=1,
+            param1=p1,
+            mission_type=1,
+            x=round(place.lat_deg * 1e7),
+            y=round(place.lon_deg * 1e7),
+            z=0.0,
+        )
     companion.world.step(0.5)
     return int(companion.all("MISSION_ACK")[-1]["type"])
 

@@ -108,9 +108,7 @@ class Script:
         self.next("HEARTBEAT", lambda m: m.get_srcComponent() == 1 and m.custom_mode == main << 16 | sub << 24)
 
     def go(self, north: float, east: float, down: float, mask: int = 0x9F8) -> None:
-        self.link.mav.set_position_target_local_ned_send(
-            0, 1, 1, 1, mask, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0
-        )  # fmt: skip
+        self.link.mav.set_position_target_local_ned_send(0, 1, 1, 1, mask, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0)
 
     def fly_to(self, north: float, east: float, down: float) -> None:
         while True:

@@ -136,9 +136,13 @@ class TestSetpoints:
 
         def say() -> None:
             companion.send(
-                "SET_POSITION_TARGET_GLOBAL_INT", coordinate_frame=frame, type_mask=0x9F8,
-                lat_int=round(place.lat_deg * 1e7), lon_int=round(place.lon_deg * 1e7), alt=up,
-            )  # fmt: skip
+                "SET_POSITION_TARGET_GLOBAL_INT",
+                coordinate_frame=frame,
+                type_mask=0x9F8,
+                lat_int=round(place.lat_deg * 1e7),
+                lon_int=round(place.lon_deg * 1e7),
+                alt=up,
+            )
 
         companion.offboard(say)
         companion.until(lambda: companion.near(6.0, 6.0, -6.0, 0.3), say=say)

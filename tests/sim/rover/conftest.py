@@ -37,8 +37,12 @@ class Yard:
 
     def sticks(self, steering: int = 1500, throttle: int = 1500) -> None:
         """Pulses, as an override."""
-        self.desk.send("RC_CHANNELS_OVERRIDE", **{f"chan{i}_raw": 65535 for i in (2, *range(4, 9))},
-                       chan1_raw=steering, chan3_raw=throttle)  # fmt: skip
+        self.desk.send(
+            "RC_CHANNELS_OVERRIDE",
+            **{f"chan{i}_raw": 65535 for i in (2, *range(4, 9))},
+            chan1_raw=steering,
+            chan3_raw=throttle,
+        )
 
     def keep(self, seconds: float, send: Callable[[], Any]) -> None:
         """Say it ten times a second."""

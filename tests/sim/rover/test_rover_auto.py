@@ -16,16 +16,32 @@ if TYPE_CHECKING:
 AUTO = 10
 WAYPOINT, LOITER_UNLIM, LOITER_TIME, RTL, SPEED, JUMP = 16, 17, 19, 20, 178, 177
 MISSION = [
-    do(SPEED, 3), at(WAYPOINT, 15, 0), at(WAYPOINT, 15, 10, 0, 2), at(LOITER_TIME, 5, 10, 0, 3),
-    at(WAYPOINT, 0, 10), do(JUMP, 5, 1), do(RTL),
-]  # fmt: skip
+    do(SPEED, 3),
+    at(WAYPOINT, 15, 0),
+    at(WAYPOINT, 15, 10, 0, 2),
+    at(LOITER_TIME, 5, 10, 0, 3),
+    at(WAYPOINT, 0, 10),
+    do(JUMP, 5, 1),
+    do(RTL),
+]
 # What the real one said of these, from DO_SET_MODE to the end.
 SAID = [
-    "Mission: 1 ChangeSpeed", "Mission: 2 WP", "Reached waypoint #2", "Mission: 3 WP",
-    "Reached waypoint #3. Loiter for 2 seconds", "Mission: 4 LoitTime", "Reached waypoint #4. Loiter for 3 seconds",
-    "Finished active loiter", "Mission: 5 WP", "Reached waypoint #5", "Mission: 6 Jump 1/1", "Mission: 5 WP",
-    "Reached waypoint #5", "Mission: 7 RTL", "Mission Complete",
-]  # fmt: skip
+    "Mission: 1 ChangeSpeed",
+    "Mission: 2 WP",
+    "Reached waypoint #2",
+    "Mission: 3 WP",
+    "Reached waypoint #3. Loiter for 2 seconds",
+    "Mission: 4 LoitTime",
+    "Reached waypoint #4. Loiter for 3 seconds",
+    "Finished active loiter",
+    "Mission: 5 WP",
+    "Reached waypoint #5",
+    "Mission: 6 Jump 1/1",
+    "Mission: 5 WP",
+    "Reached waypoint #5",
+    "Mission: 7 RTL",
+    "Mission Complete",
+]
 
 # Seconds that the real one took from one of these to another.
 TOOK = {

@@ -144,9 +144,7 @@ def test_attitude_is_a_heading_and_a_share_of_the_speed(yard: Yard) -> None:
     yard.keep(9.0, lambda: yard.desk.send("SET_ATTITUDE_TARGET", type_mask=0b111, q=q, thrust=0.4))
     assert yard.rover.sense.yaw == pytest.approx(math.pi / 2.0, abs=0.05)
     assert yard.speed == pytest.approx(0.4 * yard.rover.params["WP_SPEED"], abs=0.2)
-    yard.keep(
-        6.0, lambda: yard.desk.send("SET_ATTITUDE_TARGET", type_mask=128, q=q, thrust=0.2, body_yaw_rate=0.4)
-    )  # fmt: skip
+    yard.keep(6.0, lambda: yard.desk.send("SET_ATTITUDE_TARGET", type_mask=128, q=q, thrust=0.2, body_yaw_rate=0.4))
     assert yard.rover.sense.r == pytest.approx(0.4, abs=0.06)
 
 

@@ -30,9 +30,7 @@ def test_wakes_up(make_yard: MakeYard) -> None:
 
 def test_mode_in_the_heartbeat(yard: Yard) -> None:
     yard.desk.until(lambda: yard.rover.position_ok)
-    for mode, flags, state in (
-        (MANUAL, 65, 4), (HOLD, 1, 3), (LOITER, 9, 4), (RTL, 9, 4), (GUIDED, 9, 4),
-    ):  # fmt: skip
+    for mode, flags, state in ((MANUAL, 65, 4), (HOLD, 1, 3), (LOITER, 9, 4), (RTL, 9, 4), (GUIDED, 9, 4)):
         assert yard.mode(mode) == 0
         beat = yard.desk.last("HEARTBEAT")
         assert (beat["custom_mode"], beat["base_mode"], beat["system_status"]) == (mode, flags, state)

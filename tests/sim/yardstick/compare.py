@@ -16,10 +16,29 @@ from zmav.mavlink.dialect import Dialect
 
 # What may differ by so much (in the field's units) or by a third.
 TOLERANCE = {
-    "": 3.0, "rad": 0.06, "deg": 4.0, "cdeg": 400.0, "degE7": 3000.0, "rad/s": 0.05, "mrad/s": 50.0, "m": 0.5,
-    "mm": 500.0, "m/s": 0.6, "cm/s": 60.0, "m/s/s": 0.6, "mG": 20.0, "mgauss": 140.0, "gauss": 0.14, "%": 6.0,
-    "d%": 60.0, "us": 60.0, "cA": 400.0, "hPa": 2.0, "cm": 60.0, "mV": 100.0,
-}  # fmt: skip
+    "": 3.0,
+    "rad": 0.06,
+    "deg": 4.0,
+    "cdeg": 400.0,
+    "degE7": 3000.0,
+    "rad/s": 0.05,
+    "mrad/s": 50.0,
+    "m": 0.5,
+    "mm": 500.0,
+    "m/s": 0.6,
+    "cm/s": 60.0,
+    "m/s/s": 0.6,
+    "mG": 20.0,
+    "mgauss": 140.0,
+    "gauss": 0.14,
+    "%": 6.0,
+    "d%": 60.0,
+    "us": 60.0,
+    "cA": 400.0,
+    "hPa": 2.0,
+    "cm": 60.0,
+    "mV": 100.0,
+}
 CLOCKS = {"time_boot_ms", "time_usec", "time_unix_usec", "tc1", "ts1", "timestamp", "event_time_boot_ms", "uid"}
 COUNTERS = {"count", "seq", "sequence", "messages_sent", "tx_rate", "rx_rate", "messages_received"}
 TURN = {"deg": 360.0, "cdeg": 36000.0, "rad": math.tau}

@@ -12,16 +12,22 @@ DEFAULT_PORT = 8554
 
 CAMERA_OPTIONS = (
     click.option(
-        "--camera", "cameras", multiple=True, metavar="NAME[:RATE]",
+        "--camera",
+        "cameras",
+        multiple=True,
+        metavar="NAME[:RATE]",
         help="A downward camera on that vehicle, at so many Hz (20), served as HTTP; repeatable.",
     ),
     click.option("--pad", "pads", multiple=True, metavar="NAME", help="A landing pad on that vehicle; repeatable."),
     click.option("--scene", metavar="FILE", help="What cameras see: a scene file (TOML)."),
     click.option(
-        "--camera-port", type=click.IntRange(0, 65535), default=DEFAULT_PORT, show_default=True,
+        "--camera-port",
+        type=click.IntRange(0, 65535),
+        default=DEFAULT_PORT,
+        show_default=True,
         help="Where pictures are served on loopback; 0: any free port.",
     ),
-)  # fmt: skip
+)
 
 
 def parse_cameras(texts: tuple[str, ...]) -> dict[str, CameraSpec]:

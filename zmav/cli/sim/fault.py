@@ -24,9 +24,15 @@ from zmav.sim.faults.table import describe, make_fault, values_from_words
 @control_option
 @json_option
 def fault(
-    vehicle: str | None, kind: str | None, parameters: tuple[str, ...], for_s: float | None, clear: bool,
-    kinds: bool, control: str | None, as_json: bool,
-) -> None:  # fmt: skip
+    vehicle: str | None,
+    kind: str | None,
+    parameters: tuple[str, ...],
+    for_s: float | None,
+    clear: bool,
+    kinds: bool,
+    control: str | None,
+    as_json: bool,
+) -> None:
     """Let something go wrong: 'zmav sim fault copter1 gps-glitch north=30 --for 20'. VEHICLE is a name or 'all'.
     Without any, show the faults that are on.
     """

@@ -76,9 +76,8 @@ class StatusLine:
     def __enter__(self) -> StatusLine:
         if self._console.is_terminal:
             self._live = Live(
-                get_renderable=self._line, console=self._console,
-                refresh_per_second=REFRESH_HZ, transient=True,
-            )  # fmt: skip
+                get_renderable=self._line, console=self._console, refresh_per_second=REFRESH_HZ, transient=True
+            )
             self._live.start()
         else:
             self._thread = threading.Thread(target=self._write, name="zmav-sim-line", daemon=True)

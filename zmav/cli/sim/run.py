@@ -32,7 +32,9 @@ COUNT = click.IntRange(0, 250)
 
 _OPTIONS = (
     click.option(
-        "--fleet", "fleet_file", metavar="FILE",
+        "--fleet",
+        "fleet_file",
+        metavar="FILE",
         help="Fleet file (TOML), the one that 'zmav up --file' reads: its vehicles with a sim table, and its world.",
     ),
     click.option(
@@ -45,7 +47,10 @@ _OPTIONS = (
     *STACK_OPTIONS,
     *CAMERA_OPTIONS,
     click.option(
-        "--endpoint", "endpoints", multiple=True, metavar="ENDPOINT",
+        "--endpoint",
+        "endpoints",
+        multiple=True,
+        metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
         "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  "
         "[default: ardupilot or px4]",
@@ -53,14 +58,17 @@ _OPTIONS = (
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
     click.option("--spacing", type=float, metavar="M", help="Metres between starts.  [default: 10]"),
     click.option(
-        "--wind", metavar="SPEED[@FROM][,GUSTS]",
+        "--wind",
+        metavar="SPEED[@FROM][,GUSTS]",
         help="m/s, the degrees it comes from (270: from the west, the default), and gusty, light, moderate or severe.",
     ),
     click.option("--noise", type=click.Choice(list(PROFILES)), help="Of the sensors.  [default: none]"),
     click.option("--speed", metavar="TIMES", help="Times real time; 0 or max: as fast as it goes.  [default: 1]"),
     click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
     click.option(
-        "--tick-hz", type=int, metavar="HZ",
+        "--tick-hz",
+        type=int,
+        metavar="HZ",
         help="How often links are served: no stream is quicker. 100 to 1000 in hundreds.  [default: 100]",
     ),
     click.option("--seed", type=int, help="Two worlds of one seed are identical.  [default: 0]"),
@@ -68,7 +76,7 @@ _OPTIONS = (
     click.option(
         "--control", metavar="PATH", help="The control socket: a path or a name.  [default: called after the process]"
     ),
-)  # fmt: skip
+)
 
 
 def run_options(command: F) -> F:
@@ -103,11 +111,27 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
 
 
 def make_world(
-    fleet_file: str | None, copters: int | None, hexas: int, rovers: int, planes: int, endpoints: tuple[str, ...],
-    home: str | None, spacing: float | None, wind: str | None, noise: str | None, speed: str | None, lockstep: bool,
-    seed: int | None, real_boot: bool, cameras: tuple[str, ...], pads: tuple[str, ...], scene: str | None,
-    tick_hz: int | None = None, free_ports: bool = False, **stacks: Any,
-) -> World:  # fmt: skip
+    fleet_file: str | None,
+    copters: int | None,
+    hexas: int,
+    rovers: int,
+    planes: int,
+    endpoints: tuple[str, ...],
+    home: str | None,
+    spacing: float | None,
+    wind: str | None,
+    noise: str | None,
+    speed: str | None,
+    lockstep: bool,
+    seed: int | None,
+    real_boot: bool,
+    cameras: tuple[str, ...],
+    pads: tuple[str, ...],
+    scene: str | None,
+    tick_hz: int | None = None,
+    free_ports: bool = False,
+    **stacks: Any,
+) -> World:
     """The world that these options ask for: what they do not say, the fleet file says, or a default."""
     file = load_simulated(fleet_file) if fleet_file else FleetFile(WorldTable(), None, None, [])
     counts = {"copter": copters or 0, "hexa": hexas, "rover": rovers, "plane": planes}
@@ -120,15 +144,25 @@ def make_world(
     table = file.world
     blows, gusts = parse_wind(table.wind if wind is None else wind)
     return World(
-        vehicles, **{field_of(kind): counts[kind] for kind in KINDS}, home=parse_home(home) if home else file.home,
-        spacing_m=table.spacing_m if spacing is None else spacing, endpoint=endpoints or None,
-        speed=speed_of(table) if speed is None else parse_speed(speed), lockstep=lockstep or table.lockstep,
-        seed=table.seed if seed is None else seed, wind=blows, gusts=gusts, terrain=table.terrain,
-        noise=noise or table.noise, scene=file.scene if scene is None else load_scene(scene),
+        vehicles,
+        **{field_of(kind): counts[kind] for kind in KINDS},
+        home=parse_home(home) if home else file.home,
+        spacing_m=table.spacing_m if spacing is None else spacing,
+        endpoint=endpoints or None,
+        speed=speed_of(table) if speed is None else parse_speed(speed),
+        lockstep=lockstep or table.lockstep,
+        seed=table.seed if seed is None else seed,
+        wind=blows,
+        gusts=gusts,
+        terrain=table.terrain,
+        noise=noise or table.noise,
+        scene=file.scene if scene is None else load_scene(scene),
         tick_hz=table.tick_hz if tick_hz is None else tick_hz,
-        cameras=parse_cameras(cameras), pads={name: PadSpec() for name in pads},
-        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S, externals=Externals,
-    )  # fmt: skip
+        cameras=parse_cameras(cameras),
+        pads={name: PadSpec() for name in pads},
+        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
+        externals=Externals,
+    )
 
 
 def _allow_files() -> None:

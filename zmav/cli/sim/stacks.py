@@ -25,20 +25,29 @@ _KIND_OF_PROGRAM = dict(zip(ARDUPILOT_PROGRAMS, ("copter", "rover", "plane"), st
 
 STACK_OPTIONS = (
     click.option(
-        "--px4", multiple=True, metavar="COUNT|PATH",
+        "--px4",
+        multiple=True,
+        metavar="COUNT|PATH",
         help="How many PX4 quadrotors; with the path of a PX4 build (or its px4 program), that flies them.",
     ),
     click.option(
-        "--ardupilot", metavar="PATH",
+        "--ardupilot",
+        metavar="PATH",
         help="Have a real ArduPilot fly the copters, rovers and planes: a source or build tree, or one SITL program.",
     ),
     click.option(
-        "--stack", "stacks", multiple=True, metavar="ardupilot|px4[:AIRFRAME]",
+        "--stack",
+        "stacks",
+        multiple=True,
+        metavar="ardupilot|px4[:AIRFRAME]",
         help="A vehicle for a flight stack that you start yourself (ArduPilot's JSON on UDP 9002+10·i, PX4 on TCP "
         "4560+i); repeatable.",
     ),
     click.option(
-        "--hil", "devices", multiple=True, metavar="DEVICE[:BAUD]",
+        "--hil",
+        "devices",
+        multiple=True,
+        metavar="DEVICE[:BAUD]",
         help="A vehicle for a real PX4 in HITL mode on a serial line; its MAVLink is passed on; repeatable.",
     ),
     click.option("--own-physics", is_flag=True, help="Start those programs on their own physics instead of ours."),
@@ -46,7 +55,7 @@ STACK_OPTIONS = (
         "--instance", type=click.IntRange(0, 250), help="Number of the first of those programs, which its ports follow."
     ),
     click.option("--keep", metavar="DIR", help="Keep their files (parameters, logs, output) in DIR/NAME."),
-)  # fmt: skip
+)
 
 
 def flown_by(vehicles: Sequence[VehicleSpec], options: dict[str, Any]) -> tuple[list[VehicleSpec], dict[str, Any]]:
@@ -87,8 +96,10 @@ def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[Vehi
     if options["own_physics"] and not found:
         raise BadConfig(
             "--own-physics is for a program that is started; expected --ardupilot PATH or --px4 PATH beside it",
-            field="own_physics", value=True, expected="--ardupilot PATH or --px4 PATH",
-        )  # fmt: skip
+            field="own_physics",
+            value=True,
+            expected="--ardupilot PATH or --px4 PATH",
+        )
     found = _numbered(found, options["instance"])
     found += [_waiting(text) for text in options["stacks"]]
     found += [_with(KINDS["px4"], device=device) for device in options["devices"]]

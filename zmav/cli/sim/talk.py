@@ -63,9 +63,17 @@ def _row(v: VehicleStatus) -> tuple[str, ...]:
     trouble = " ".join((*v.faults, *(["FAILED"] if v.failed else [])))
     armed = "flying" if v.flying else "armed" if v.armed else "ready" if v.ready else "-"
     return (
-        v.name, str(v.sysid), f"{v.autopilot} {v.airframe}", v.mode, armed, f"{v.height_m:.1f} m",
-        f"{v.speed_mps:.1f} m/s", f"{v.battery_pct} %", trouble or "-", " ".join(v.urls),
-    )  # fmt: skip
+        v.name,
+        str(v.sysid),
+        f"{v.autopilot} {v.airframe}",
+        v.mode,
+        armed,
+        f"{v.height_m:.1f} m",
+        f"{v.speed_mps:.1f} m/s",
+        f"{v.battery_pct} %",
+        trouble or "-",
+        " ".join(v.urls),
+    )
 
 
 def _tell(found: WorldStatus) -> None:

@@ -92,14 +92,34 @@ class Authority:
         )
         self.carrot = PositionLeader(port, identity, self.pilot.check)
         self.ladder = StreamWatchdog(
-            port, events, rules.failsafe, counts, allowed=self.pilot.allowed, near=self.carrot.near, aside=aside,
-            on_ordered=self._on_ordered, on_acted=self._on_acted,
-        )  # fmt: skip
+            port,
+            events,
+            rules.failsafe,
+            counts,
+            allowed=self.pilot.allowed,
+            near=self.carrot.near,
+            aside=aside,
+            on_ordered=self._on_ordered,
+            on_acted=self._on_acted,
+        )
         self.stations = GcsTraffic(port, identity, self.leases, guard, self.taken)
         self.setpoints = Setpoints(
-            session, port, identity, self.leases, self.pilot, self.ladder, bounds, events, rules.origin, counts,
-            may_move=guard, free=commander.check_free, accept=accept, sealed=sealed, on_segment=on_segment,
-        )  # fmt: skip
+            session,
+            port,
+            identity,
+            self.leases,
+            self.pilot,
+            self.ladder,
+            bounds,
+            events,
+            rules.origin,
+            counts,
+            may_move=guard,
+            free=commander.check_free,
+            accept=accept,
+            sealed=sealed,
+            on_segment=on_segment,
+        )
         self._loop: asyncio.AbstractEventLoop | None = None
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""

@@ -86,9 +86,15 @@ def straight(pos: Vector, vel: Vector) -> list[Vector]:
 
 
 def escape(
-    name: str, pos: Vector, vel: Vector, wanted: Vector, others: Sequence[Other], motion: Motion, downwash: float,
+    name: str,
+    pos: Vector,
+    vel: Vector,
+    wanted: Vector,
+    others: Sequence[Other],
+    motion: Motion,
+    downwash: float,
     allowed: Callable[[Vector], bool],
-) -> Vector:  # fmt: skip
+) -> Vector:
     """The velocity that keeps clear of all others, or else farthest from them, and of those the nearest to ``wanted``.
 
     So that two never choose the same way out: of those that meet level the one whose name comes later goes up, and

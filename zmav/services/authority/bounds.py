@@ -146,9 +146,12 @@ class Bounds:
         return autopilot is not None and (autopilot.on_surface or autopilot.kind == "sub")
 
     def _permit(
-        self, judge: Callable[[limit.Fence, Limits], None], position: Mapping[str, Any] | None, force: bool | None,
+        self,
+        judge: Callable[[limit.Fence, Limits], None],
+        position: Mapping[str, Any] | None,
+        force: bool | None,
         with_place: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         fence = self._usual_fence(position)
         try:
             if fence is None and with_place:

@@ -45,9 +45,15 @@ class Leases:
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, vehicle: str, events: Events, *,
-        may_take: MayMove[[]], on_end: Callable[[wire.LeaseEnd], None],
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        vehicle: str,
+        events: Events,
+        *,
+        may_take: MayMove[[]],
+        on_end: Callable[[wire.LeaseEnd], None],
+    ) -> None:
         self._session, self._fleet, self.vehicle, self._events = session, fleet, vehicle, events
         self._may_take, self._on_end = may_take, on_end
         self.last_end: wire.LeaseEnd | None = None
@@ -206,9 +212,12 @@ class Leases:
             return None
         expires = time.time() + self._expires - time.monotonic()
         return wire.LeaseInfo(
-            holder=self._holder, expires=expires, priority=self._priority, number=self.number,
+            holder=self._holder,
+            expires=expires,
+            priority=self._priority,
+            number=self.number,
             origin=self.origin.name if self.origin else None,
-        )  # fmt: skip
+        )
 
     def refusal(self, token: str = "") -> NotHolder:
         """Why ``token`` does not command the vehicle."""

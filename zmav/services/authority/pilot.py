@@ -36,9 +36,15 @@ class Pilot:
     """
 
     def __init__(
-        self, port: Port, identity: Identity, commander: Commander, switch: PilotSwitch | None, *,
-        on_taken: Callable[[str], object], on_switch: Callable[[], None],
-    ) -> None:  # fmt: skip
+        self,
+        port: Port,
+        identity: Identity,
+        commander: Commander,
+        switch: PilotSwitch | None,
+        *,
+        on_taken: Callable[[str], object],
+        on_switch: Callable[[], None],
+    ) -> None:
         self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
         self.on_taken, self._on_switch = on_taken, on_switch
         self.has_it: str | None = None

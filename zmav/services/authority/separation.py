@@ -59,9 +59,17 @@ class Separation:
     """One vehicle's. :meth:`aside` from any thread, the rest on the event loop or Zenoh's threads."""
 
     def __init__(
-        self, session: zenoh.Session, port: Port, identity: Identity, bounds: Bounds, events: Events,
-        origin: wire.Origin | None, body: Callable[[], wire.swarm.Body], settings: Settings, is_vehicle: keys.IsVehicle,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        port: Port,
+        identity: Identity,
+        bounds: Bounds,
+        events: Events,
+        origin: wire.Origin | None,
+        body: Callable[[], wire.swarm.Body],
+        settings: Settings,
+        is_vehicle: keys.IsVehicle,
+    ) -> None:
         self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
         self._events, self._origin, self._body, self._settings = events, origin, body, settings
         self._is_vehicle = is_vehicle
@@ -104,9 +112,12 @@ class Separation:
         pos, vel, _ = here
         ahead = [] if future is None else [self._place(future(t), pos, t) for t in AHEAD]
         beacon = wire.swarm.Beacon(
-            t=time.time(), pos=_rounded(pos), vel=_rounded(vel), radius=self._body().radius,
+            t=time.time(),
+            pos=_rounded(pos),
+            vel=_rounded(vel),
+            radius=self._body().radius,
             ahead=[_rounded(p) for p in ahead],
-        )  # fmt: skip
+        )
         quiet = SILENT if _moves(beacon) else SILENT_AT_REST
         if self._said is None or abs(beacon.t - self._said.t) > quiet or _differ(self._said, beacon) > DIFFERS:
             self._said = beacon
@@ -177,8 +188,9 @@ class Separation:
                 del self._heard[name]
         return [
             Other(name, _ahead(beacon, age), self._settings.share * (radius + beacon.radius))
-            for name, age, beacon in aged if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
-        ]  # fmt: skip
+            for name, age, beacon in aged
+            if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
+        ]
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
         """Where the vehicle will be: as it was told to, from where it really is."""

@@ -100,9 +100,13 @@ def _motion(point: wire.Setpoint, origin: wire.Origin | None) -> Target:
 
 
 def _place(
-    point: wire.Setpoint | wire.GoTo, origin: wire.Origin | None, yaw: float | None, vel: wire.Vector | None = None,
-    acc: wire.Vector | None = None, yaw_rate: float | None = None,
-) -> Target:  # fmt: skip
+    point: wire.Setpoint | wire.GoTo,
+    origin: wire.Origin | None,
+    yaw: float | None,
+    vel: wire.Vector | None = None,
+    acc: wire.Vector | None = None,
+    yaw_rate: float | None = None,
+) -> Target:
     _refuse_other_frame(point)
     number("yaw", yaw, MAX_ANGLE)
     if point.frame == "ned":

@@ -71,10 +71,18 @@ class StreamWatchdog:
     """
 
     def __init__(
-        self, port: Port, events: Events, failsafe: Failsafe, counts: SetpointCounts, *,
-        allowed: Allowed, near: Near, aside: Aside,
-        on_ordered: Callable[[str], None], on_acted: Callable[[int], None],
-    ) -> None:  # fmt: skip
+        self,
+        port: Port,
+        events: Events,
+        failsafe: Failsafe,
+        counts: SetpointCounts,
+        *,
+        allowed: Allowed,
+        near: Near,
+        aside: Aside,
+        on_ordered: Callable[[str], None],
+        on_acted: Callable[[int], None],
+    ) -> None:
         self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
         self._allowed, self._near, self._aside = allowed, near, aside
         self._on_ordered, self.on_acted = on_ordered, on_acted

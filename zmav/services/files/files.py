@@ -53,9 +53,7 @@ class Files:
     ``prove`` raises :class:`~zmav.errors.Forbidden` for a chunk that does not come from who may upload.
     """
 
-    def __init__(
-        self, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove
-    ) -> None:  # fmt: skip
+    def __init__(self, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove) -> None:
         self._port = port
         key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
         questions.declare(keys.FILE.key(**key), self._on_info)
@@ -206,9 +204,16 @@ class Files:
 
     def stored(self, meta: Meta, *, by: str, rate: float = 0.0, resumed: int = 0) -> wire.StoredFile:
         return wire.StoredFile(
-            file=self.store.name_of(meta.origin), path=meta.origin, size=meta.size, crc32=meta.crc32, t=meta.t,
-            verified=meta.verified, by=by, rate=round(rate), resumed=resumed,
-        )  # fmt: skip
+            file=self.store.name_of(meta.origin),
+            path=meta.origin,
+            size=meta.size,
+            crc32=meta.crc32,
+            t=meta.t,
+            verified=meta.verified,
+            by=by,
+            rate=round(rate),
+            resumed=resumed,
+        )
 
     # What was fetched, as answers: in the lane of questions.
 
@@ -276,8 +281,10 @@ class Files:
             there = "nothing" if upload is None else f"{len(data)} bytes, or others"
             raise BadInput(
                 f"{args.size} bytes were to be uploaded as {args.file!r}, but {there} came: upload it again",
-                field="file", value=args.file, expected=f"{args.size} bytes with CRC-32 0x{args.crc32:08x}",
-            )  # fmt: skip
+                field="file",
+                value=args.file,
+                expected=f"{args.size} bytes with CRC-32 0x{args.crc32:08x}",
+            )
         return data
 
 

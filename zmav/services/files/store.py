@@ -225,8 +225,10 @@ class Store:
         if meta is None or meta.missing:
             raise BadInput(
                 f"no file {name!r} is kept here: fetch it by do/file_get or do/log_get",
-                field="file", value=name, expected="the result of do/file_get",
-            )  # fmt: skip
+                field="file",
+                value=name,
+                expected="the result of do/file_get",
+            )
         return meta
 
     def read(self, name: str, offset: int, length: int) -> bytes:

@@ -21,7 +21,7 @@ class Quality:
 
     def __init__(
         self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, timesync: TimeSync
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._port, self._identity, self._timesync = port, identity, timesync
         key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
         self._publisher = session.declare_publisher(key, **keys.LINK.publishing())

@@ -90,9 +90,11 @@ class Items:
             more = f"; and {len(faults) - 20} more" if len(faults) > 20 else ""
             raise BadInput(
                 f"the {WORDS[kind]} cannot be sent: {text}{more}",
-                field=f"items[{faults[0][0]}]", value=len(items), expected="valid items",
+                field=f"items[{faults[0][0]}]",
+                value=len(items),
+                expected="valid items",
                 faults=[{"item": i, "why": why} for i, why in faults],
-            )  # fmt: skip
+            )
         return raws
 
     def decode(self, kind: MissionKind, raws: Sequence[Raw]) -> list[MissionItem]:

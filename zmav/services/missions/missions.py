@@ -75,9 +75,15 @@ class Missions:
     """Handlers of the ``mission_*`` orders that move nothing, the cache and its queries. Lives on the event loop."""
 
     def __init__(
-        self, questions: Questions, port: Port, identity: Identity, commander: Commander, events: Events,
-        bounds: Bounds, pace: Pace | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        questions: Questions,
+        port: Port,
+        identity: Identity,
+        commander: Commander,
+        events: Events,
+        bounds: Bounds,
+        pace: Pace | None = None,
+    ) -> None:
         self._questions, self._port, self._identity, self._bounds = questions, port, identity, bounds
         self._do, self._events, self.pace = commander, events, pace or Pace()
         self.progress = Progress()

@@ -59,10 +59,17 @@ class Flight:
     """
 
     def __init__(
-        self, port: Port, identity: Identity, state: StateService, commander: Commander, bounds: Bounds,
-        leader: PositionLeader, *, param: Callable[[str], float | None],
+        self,
+        port: Port,
+        identity: Identity,
+        state: StateService,
+        commander: Commander,
+        bounds: Bounds,
+        leader: PositionLeader,
+        *,
+        param: Callable[[str], float | None],
         rally: Callable[[], Coroutine[Any, Any, list[Target]]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._port, self._identity, self._state, self._do, self._bounds = port, identity, state, commander, bounds
         self._leader, self.param, self._known_rally = leader, param, rally
 

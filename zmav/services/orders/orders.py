@@ -110,9 +110,13 @@ class Operations:
         return name != "" and name in self._operations
 
     def once(
-        self, verb: str, name: str, payload: bytes, origin: Origin | None,
+        self,
+        verb: str,
+        name: str,
+        payload: bytes,
+        origin: Origin | None,
         begin: Callable[[Report], Coroutine[Any, Any, dict[str, Any]]],
-    ) -> Operation:  # fmt: skip
+    ) -> Operation:
         """The order of the id ``name`` (empty: it has none), begun where it comes for the first time.
 
         Raises :class:`BadInput` for an id of another order and for one too long, :class:`Refused` for one that ended
@@ -165,10 +169,19 @@ class Orders:
     """
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, prove: Prove, answers: Answers, permit: Permit,
-        channel: keys.Channel = keys.DO, verbs: Mapping[str, Verb] = VERBS, most: int = MOST_BYTES,
-        parts: Mapping[str, str] = MappingProxyType({}), questions: Questions | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        name: str,
+        prove: Prove,
+        answers: Answers,
+        permit: Permit,
+        channel: keys.Channel = keys.DO,
+        verbs: Mapping[str, Verb] = VERBS,
+        most: int = MOST_BYTES,
+        parts: Mapping[str, str] = MappingProxyType({}),
+        questions: Questions | None = None,
+    ) -> None:
         self._session, self._fleet, self._name = session, fleet, name
         self._channel, self._known, self._most = channel, verbs, most
         self._parts = dict(parts)

@@ -71,9 +71,15 @@ class ParamQueries:
         if table.hash != has:
             return encoded
         short = wire.ParamTable(
-            t=params.known.confirmed, complete=table.complete, count=table.count, hash=table.hash,
-            autopilot=table.autopilot, firmware=table.firmware, encoding=table.encoding, unchanged=True,
-        )  # fmt: skip
+            t=params.known.confirmed,
+            complete=table.complete,
+            count=table.count,
+            hash=table.hash,
+            autopilot=table.autopilot,
+            firmware=table.firmware,
+            encoding=table.encoding,
+            unchanged=True,
+        )
         return wire.encode(short)
 
     def _on_name(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:

@@ -161,9 +161,15 @@ class ParamSet:
         names = dict.fromkeys([*ordered, *sorted(self.entries)])
         params = [self.param(name, encoding) for name in names]
         return wire.ParamTable(
-            t=self.confirmed, complete=self.complete, count=self.count or 0, hash=digest(params), autopilot=autopilot,
-            firmware=firmware, encoding=encoding.value, params=params,
-        )  # fmt: skip
+            t=self.confirmed,
+            complete=self.complete,
+            count=self.count or 0,
+            hash=digest(params),
+            autopilot=autopilot,
+            firmware=firmware,
+            encoding=encoding.value,
+            params=params,
+        )
 
 
 def digest(params: list[wire.Param]) -> str:

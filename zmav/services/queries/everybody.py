@@ -17,17 +17,30 @@ OnState = Callable[[str, bytes, "bytes | None", bytes], object]
 
 
 def ask_everybody(
-    session: zenoh.Session, qos: keys.Qos, key: str, handler: Any, *, timeout: float, payload: bytes = b"",
+    session: zenoh.Session,
+    qos: keys.Qos,
+    key: str,
+    handler: Any,
+    *,
+    timeout: float,
+    payload: bytes = b"",
     attachment: bytes | None = None,
-) -> Any:  # fmt: skip
+) -> Any:
     """Zenoh's ``get`` of all that match; each answer by itself, also where their keys are alike.
 
     ``handler`` as Zenoh takes it, or None: the replies come as a channel then.
     """
     return session.get(
-        key, handler, payload=payload, attachment=attachment, timeout=timeout, encoding=keys.JSON,
-        target=zenoh.QueryTarget.ALL, consolidation=zenoh.ConsolidationMode.NONE, **qos.options(),
-    )  # fmt: skip
+        key,
+        handler,
+        payload=payload,
+        attachment=attachment,
+        timeout=timeout,
+        encoding=keys.JSON,
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        **qos.options(),
+    )
 
 
 def challenge_vehicle(

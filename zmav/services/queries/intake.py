@@ -31,9 +31,7 @@ class Intake:
     ``declare``: a session's ``declare_queryable`` or ``declare_subscriber``. ``most``: kept between two batches.
     """
 
-    def __init__(
-        self, declare: Callable[..., Any], key: str, take: Callable[[list[Any]], object], most: int
-    ) -> None:  # fmt: skip
+    def __init__(self, declare: Callable[..., Any], key: str, take: Callable[[list[Any]], object], most: int) -> None:
         self._take, self._most, self._closed = take, most, threading.Event()
         self._declared = declare(key, RingChannel(most))
         threading.Thread(target=self._run, name=f"intake {key}", daemon=True).start()

@@ -47,10 +47,19 @@ QUIET = 0.1
 ASK_AGAIN = 5.0
 """s between two times that the readers of a message are asked for again, of whom some were left out"""
 NOT_STREAMED = {
-    "HEARTBEAT", "STATUSTEXT", "PARAM_VALUE", "TIMESYNC", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL",
-    "MISSION_ITEM_REACHED", "CAMERA_IMAGE_CAPTURED", "LOG_ENTRY", "LOG_DATA", "EVENT",
+    "HEARTBEAT",
+    "STATUSTEXT",
+    "PARAM_VALUE",
+    "TIMESYNC",
+    "AUTOPILOT_VERSION",
+    "MESSAGE_INTERVAL",
+    "MISSION_ITEM_REACHED",
+    "CAMERA_IMAGE_CAPTURED",
+    "LOG_ENTRY",
+    "LOG_DATA",
+    "EVENT",
     "AVAILABLE_MODES",
-}  # fmt: skip
+}
 """answers, events and the heartbeat: who subscribes to them wants them when they come (those with a target, too)"""
 
 

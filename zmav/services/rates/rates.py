@@ -41,7 +41,7 @@ class Rates:
 
     def __init__(
         self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._port, self._identity, self._events = port, identity, events
         self.meter, self.demands = Meter(port), Demands(session, port)
         self.needs: dict[str, float] = {}

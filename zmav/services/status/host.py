@@ -17,7 +17,7 @@ class HostService:
 
     def __init__(
         self, questions: Questions, instance: str, fleet: str, name: str, paths: Iterable[str | Path] = ()
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._instance, self._name, self._paths = instance, name, ("/", *paths)
         self._key = keys.HOST.key(fleet, name)
         questions.declare(self._key, self._answer)

@@ -35,9 +35,16 @@ class Presence:
     """One vehicle's token, and everybody else's. On the event loop; :meth:`check` from any thread."""
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, name: str, instance: str, identity: Identity, events: Events,
-        verifier: Verifier | None, signer: Signer | None,
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        name: str,
+        instance: str,
+        identity: Identity,
+        events: Events,
+        verifier: Verifier | None,
+        signer: Signer | None,
+    ) -> None:
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
         self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE
         self._identity, self._events, self._verifier, self._signer = identity, events, verifier, signer

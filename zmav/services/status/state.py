@@ -32,9 +32,16 @@ class StateService:
     """
 
     def __init__(
-        self, session: zenoh.Session, questions: Questions, port: Port, instance: str, identity: Identity,
-        origin: wire.Origin | None, signer: Signer | None, checks: Callable[[], Sequence[str]],
-    ) -> None:  # fmt: skip
+        self,
+        session: zenoh.Session,
+        questions: Questions,
+        port: Port,
+        instance: str,
+        identity: Identity,
+        origin: wire.Origin | None,
+        signer: Signer | None,
+        checks: Callable[[], Sequence[str]],
+    ) -> None:
         self._questions, self._instance, self._signer = questions, instance, signer
         self._port, self._identity, self.origin = port, identity, origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []

@@ -67,16 +67,20 @@ class Lens:
         if not (worst < INVERTIBLE and _grows(spec, x, y)):
             raise BadConfig(
                 f"distortion {spec.distortion} folds the picture onto itself; expected smaller coefficients",
-                field="distortion", value=spec.distortion, expected="coefficients that can be inverted",
-            )  # fmt: skip
+                field="distortion",
+                value=spec.distortion,
+                expected="coefficients that can be inverted",
+            )
         u, v = x * f + cu, y * f + cv
         left, top = math.floor(u.min()) - 1, math.floor(v.min()) - 1
         self.size = (math.ceil(u.max()) + 2 - left, math.ceil(v.max()) + 2 - top)
         if self.size[0] > LARGEST * spec.width or self.size[1] > LARGEST * spec.height:
             raise BadConfig(
                 f"distortion {spec.distortion} needs a picture of {self.size[0]}x{self.size[1]}",
-                field="distortion", value=spec.distortion, expected=f"at most {LARGEST} times the picture's size",
-            )  # fmt: skip
+                field="distortion",
+                value=spec.distortion,
+                expected=f"at most {LARGEST} times the picture's size",
+            )
         self.k = self.k - np.array([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]])
         maps = cv2.convertMaps((u - left).astype(np.float32), (v - top).astype(np.float32), cv2.CV_16SC2)
         self._maps = (maps[0], maps[1])  # of 16 bits

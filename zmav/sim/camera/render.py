@@ -28,9 +28,13 @@ AMBIENT = 0.62  # of the light on a face turned away from the sun
 # Corners of a box (forward, right, up, each -1 or 1) and its faces: outward axis, sign, corners in order.
 CORNERS = np.array([[f, r, h] for f in (-1.0, 1.0) for r in (-1.0, 1.0) for h in (-1.0, 1.0)]).T
 FACES = (
-    (0, -1.0, (0, 1, 3, 2)), (0, 1.0, (4, 5, 7, 6)), (1, -1.0, (0, 1, 5, 4)),
-    (1, 1.0, (2, 3, 7, 6)), (2, -1.0, (0, 2, 6, 4)), (2, 1.0, (1, 3, 7, 5)),
-)  # fmt: skip
+    (0, -1.0, (0, 1, 3, 2)),
+    (0, 1.0, (4, 5, 7, 6)),
+    (1, -1.0, (0, 1, 5, 4)),
+    (1, 1.0, (2, 3, 7, 6)),
+    (2, -1.0, (0, 2, 6, 4)),
+    (2, 1.0, (1, 3, 7, 5)),
+)
 
 
 class Renderer:

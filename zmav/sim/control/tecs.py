@@ -268,8 +268,9 @@ class Tecs:
         error = wanted - (height_weight * potential - speed_weight * kinetic)
         push = clamp(
             rate * GRAVITY * height_weight + error / constant,
-            -GRAVITY * g["TECS_SINK_MAX"], GRAVITY * g["TECS_CLMB_MAX"],
-        )  # fmt: skip
+            -GRAVITY * g["TECS_SINK_MAX"],
+            GRAVITY * g["TECS_CLMB_MAX"],
+        )
         missing = push - (GRAVITY * climb * height_weight - kinetic_rate * speed_weight)
         damping = np.where(flare, g["TECS_LAND_DAMP"], g["TECS_PTCH_DAMP"])
         total = push + missing * damping

@@ -44,6 +44,8 @@ def open_endpoint(address: Address, vehicle: Switchboard, wiring: Wiring) -> End
         if number in (errno.EMFILE, errno.ENFILE):
             raise BadUrl(
                 f"{where}: too many open files; allow more with 'ulimit -n', or name fewer endpoints",
-                field="endpoint", value=where, expected="fewer endpoints",
-            ) from error  # fmt: skip
+                field="endpoint",
+                value=where,
+                expected="fewer endpoints",
+            ) from error
         raise BadUrl(f"{where}: {error}", field="endpoint", value=where, expected=EXPECTED) from error

@@ -71,8 +71,12 @@ def addresses(vehicles: Sequence[Sequence[str]]) -> list[list[Address]]:
     found = []
     for index, texts in enumerate(vehicles):
         each = expand(texts)
-        found.append([parse_endpoint(text, instances.get(_FAMILY.get(text, ""), 0) if text in _FAMILY else index)
-                      for text in each])  # fmt: skip
+        found.append(
+            [
+                parse_endpoint(text, instances.get(_FAMILY.get(text, ""), 0) if text in _FAMILY else index)
+                for text in each
+            ]
+        )
         for family in {_FAMILY[text] for text in each if text in _FAMILY}:
             instances[family] = instances.get(family, 0) + 1
     return found

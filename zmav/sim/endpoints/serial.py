@@ -162,13 +162,17 @@ def _link(path: Path, device: str) -> Path:
             raise PortInUse(text, path=str(path)) from None
         expected = "a path where there is nothing yet"
         raise BadUrl(
-            f"{path} is there, and is no link to a terminal; expected {expected}", field="endpoint", value=str(path),
+            f"{path} is there, and is no link to a terminal; expected {expected}",
+            field="endpoint",
+            value=str(path),
             expected=expected,
-        ) from None  # fmt: skip
+        ) from None
     except OSError as error:
         expected = "a path in a directory that is there and may be written to"
         raise BadUrl(
-            f"no link {path} to the pseudo-terminal: {error.strerror}; expected {expected}", field="endpoint",
-            value=str(path), expected=expected,
-        ) from error  # fmt: skip
+            f"no link {path} to the pseudo-terminal: {error.strerror}; expected {expected}",
+            field="endpoint",
+            value=str(path),
+            expected=expected,
+        ) from error
     return path

@@ -49,9 +49,11 @@ class Victim:
         """The simulated autopilot and its links; :class:`BadInput` where there are none."""
         if self._vehicle is None:
             raise BadInput(
-                f"{self.name} is flown by a stack of its own: only its body can fail", field="vehicle", value=self.name,
+                f"{self.name} is flown by a stack of its own: only its body can fail",
+                field="vehicle",
+                value=self.name,
                 expected="a vehicle with a simulated autopilot",
-            )  # fmt: skip
+            )
         return self._vehicle
 
 

@@ -25,9 +25,11 @@ class MotorFailure(Fault, frozen=True):
         if self.number > seat.motors:
             expected = f"1 to {seat.motors}" if seat.motors else "a vehicle whose motors can fail"
             raise BadInput(
-                f"{victim.name} has no motor {self.number}; expected {expected}", field="number", value=self.number,
+                f"{victim.name} has no motor {self.number}; expected {expected}",
+                field="number",
+                value=self.number,
                 expected=expected,
-            )  # fmt: skip
+            )
 
     def begin(self, victim: Victim) -> Undo:
         seat = victim.seat

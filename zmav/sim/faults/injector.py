@@ -125,9 +125,14 @@ class Faults:
         seed = f"{self._seed} {name} {kind} {self._count}"
         vehicle = next((v for v in self._world.vehicles if v.name == name), None)
         return Victim(
-            name, self._seats()[name], vehicle, self._camera(name), seed, lambda kind: self._end(name, kind),
+            name,
+            self._seats()[name],
+            vehicle,
+            self._camera(name),
+            seed,
+            lambda kind: self._end(name, kind),
             lambda: self._world.time_s,
-        )  # fmt: skip
+        )
 
     def _look_outside(self, name: str, kind: str) -> None:
         """:class:`BadInput` where a flight stack outside the simulator would notice nothing of it."""
@@ -136,8 +141,10 @@ class Faults:
                 expected = ", ".join(sorted(vehicle.feels)) or "nothing: it flies on physics of its own"
                 raise BadInput(
                     f"{name}: its flight stack does not have this {kind} from the simulator; what it has: {expected}",
-                    field="kind", value=kind, expected=expected,
-                )  # fmt: skip
+                    field="kind",
+                    value=kind,
+                    expected=expected,
+                )
 
     def _camera(self, name: str) -> SimCamera | None:
         cameras = self._world.cameras

@@ -41,9 +41,11 @@ class LinkFault(Fault, frozen=True):
         if there and not any(self.concerns(link, self.direction) for link in there):
             expected = ", ".join(("all", *there))
             raise BadInput(
-                f"{victim.name} has no link {self.link!r}; there are {expected}", field="link", value=self.link,
+                f"{victim.name} has no link {self.link!r}; there are {expected}",
+                field="link",
+                value=self.link,
                 expected=expected,
-            )  # fmt: skip
+            )
 
     def begin(self, victim: Victim) -> Undo:
         weather = weather_of(victim.vehicle.node)

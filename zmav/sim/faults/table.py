@@ -103,9 +103,11 @@ def make_fault(kind: str, values: Mapping[str, Any]) -> Fault:
 
 def _out_of_bounds(kind: str, parameter: Parameter, value: Any) -> BadInput:
     return BadInput(
-        f"{kind}: {parameter.name} is {value!r}; expected {parameter.expected}", field=parameter.name, value=value,
+        f"{kind}: {parameter.name} is {value!r}; expected {parameter.expected}",
+        field=parameter.name,
+        value=value,
         expected=parameter.expected,
-    )  # fmt: skip
+    )
 
 
 def fault_from_words(kind: str, words: Sequence[str]) -> Fault:

@@ -156,9 +156,13 @@ class LogProtocol(Part):
             self._task = None
             return
         task.channel.send(
-            "LOG_ENTRY", id=task.next, num_logs=count, last_log_num=self.last_number(task), time_utc=int(log.end_s),
+            "LOG_ENTRY",
+            id=task.next,
+            num_logs=count,
+            last_log_num=self.last_number(task),
+            time_utc=int(log.end_s),
             size=len(log.data),
-        )  # fmt: skip
+        )
         task.next += 1
         if task.next > task.last:
             self._task = None

@@ -31,9 +31,18 @@ TRIES = 100
 
 @jit
 def _search(
-    world: World, posts: Floats, squash: float, pose: Floats, goal: Floats, radius: float, turn: float, up: float,
-    down: float, grid: Floats, most: int,
-) -> Floats:  # fmt: skip
+    world: World,
+    posts: Floats,
+    squash: float,
+    pose: Floats,
+    goal: Floats,
+    radius: float,
+    turn: float,
+    up: float,
+    down: float,
+    grid: Floats,
+    most: int,
+) -> Floats:
     """Legs to the goal; no rows: none found. ``grid``: least x, y, z, sides of a cell over the ground and in height,
     cells along x, y and z. ``up``, ``down``: m of height a m over the ground.
     """
@@ -164,9 +173,15 @@ def _legs_to(came: Ints, k: int, turn: float, step: float, up: float, down: floa
 
 
 def find(
-    world: World, posts: Floats, squash: float, pose: Floats, goal: Floats, wings: Wings, turn: float,
+    world: World,
+    posts: Floats,
+    squash: float,
+    pose: Floats,
+    goal: Floats,
+    wings: Wings,
+    turn: float,
     rng: np.random.Generator,
-) -> Floats | None:  # fmt: skip
+) -> Floats | None:
     """Legs (K, 3) from a pose (x, y, z, heading) to a place, any heading there, turning with radius ``turn`` and clear
     of everything; None where there are none, as far as this lattice can tell.
     """
@@ -210,9 +225,15 @@ def poses_of(pose: Floats, legs: Floats) -> Floats:
 
 
 def shorten(
-    world: World, posts: Floats, squash: float, pose: Floats, legs: Floats, wings: Wings, turn: float,
+    world: World,
+    posts: Floats,
+    squash: float,
+    pose: Floats,
+    legs: Floats,
+    wings: Wings,
+    turn: float,
     rng: np.random.Generator,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """A way no longer than this one with the same ends (the last heading is free), as clear."""
     for attempt in range(TRIES):
         poses = poses_of(pose, legs)

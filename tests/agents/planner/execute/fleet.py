@@ -143,9 +143,13 @@ class BadClient(zmav.Client):
         return None if gone else self._random.uniform(*self._delay)
 
     def put(
-        self, channel: keys.Channel, key: str, payload: bytes | msgspec.Struct, attachment: bytes | None = None,
+        self,
+        channel: keys.Channel,
+        key: str,
+        payload: bytes | msgspec.Struct,
+        attachment: bytes | None = None,
         publisher: zenoh.Publisher | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         late = self._late()
         if late is not None:
             asyncio.get_running_loop().call_later(late, super().put, channel, key, payload, attachment, publisher)

@@ -117,9 +117,11 @@ def test_the_order_is_the_same_by_brute_force() -> None:
         for i in range(len(parts)):
             for b in (10, 20, order._count - 1):
                 near = [
-                    a for c in range(b + 1) for a in range(c - 1) if i != k
-                    and np.linalg.norm(places[i, a] - places[k, c]) < 2.0
-                ]  # fmt: skip
+                    a
+                    for c in range(b + 1)
+                    for a in range(c - 1)
+                    if i != k and np.linalg.norm(places[i, a] - places[k, c]) < 2.0
+                ]
                 assert order._first[k, i, b] == max(near, default=-1)
 
 

@@ -72,8 +72,9 @@ def test_a_vehicle_flies_what_was_checked(seed: int) -> None:
     """The vehicle's own interpolation of the points against our samples of it, and against the plan."""
     track = wiggle(seed)
     rng = np.random.default_rng(seed)
-    profile = onward(Profile.resting(0.0, 100.0), 101.0, Line(102.0, 0.0), track.end * rng.uniform(0.3, 1.0),
-                     track.end, SLOPE)  # fmt: skip
+    profile = onward(
+        Profile.resting(0.0, 100.0), 101.0, Line(102.0, 0.0), track.end * rng.uniform(0.3, 1.0), track.end, SLOPE
+    )
     if profile is None:
         return
     rows = knots(track, profile, 101.0)

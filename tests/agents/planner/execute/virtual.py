@@ -116,9 +116,17 @@ class History:
     """One execution. ``run`` gives the least clearance that the vehicles truly had."""
 
     def __init__(
-        self, motions: dict[str, Motion], rng: np.random.Generator, *, radius: float = 1.0, margin: float = 0.1,
-        downwash: float = 1.5, loss: float = 0.3, delay: tuple[float, float] = (0.05, 0.2), skew: float = 0.02,
-    ) -> None:  # fmt: skip
+        self,
+        motions: dict[str, Motion],
+        rng: np.random.Generator,
+        *,
+        radius: float = 1.0,
+        margin: float = 0.1,
+        downwash: float = 1.5,
+        loss: float = 0.3,
+        delay: tuple[float, float] = (0.05, 0.2),
+        skew: float = 0.02,
+    ) -> None:
         self.now, self.downwash = 1000.0, downwash
         self.parts = [Part(name, Track(motion), radius, 2.5, margin, Offset()) for name, motion in motions.items()]
         self.crafts = {part.id: Craft(part, float(rng.uniform(-30.0, 30.0))) for part in self.parts}

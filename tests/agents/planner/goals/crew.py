@@ -53,15 +53,24 @@ def scene_of(fleet: FleetView, names: Sequence[str], starts: Floats, goals: Floa
         one = fleet.vehicles[name]
         vehicles.append(
             Vehicle(
-                id=name, type="rover" if one.kind == "rover" else "copter", start=point(start), goal=point(goal),
-                radius=one.body.radius, vmax=one.body.speed, amax=one.body.accel, vz_up=one.body.climb,
+                id=name,
+                type="rover" if one.kind == "rover" else "copter",
+                start=point(start),
+                goal=point(goal),
+                radius=one.body.radius,
+                vmax=one.body.speed,
+                amax=one.body.accel,
+                vz_up=one.body.climb,
                 vz_down=one.body.descend,
             )
-        )  # fmt: skip
+        )
     return Scene(
-        vehicles=vehicles, obstacles=world.obstacles, bounds=world.bounds, geofence=world.geofence,
+        vehicles=vehicles,
+        obstacles=world.obstacles,
+        bounds=world.bounds,
+        geofence=world.geofence,
         downwash=world.downwash,
-    )  # fmt: skip
+    )
 
 
 def point(values: Floats) -> tuple[float, float, float]:

@@ -37,10 +37,17 @@ def judged(moved: Moved | None, who: FormationMembers, world: Scene) -> Floats:
         start, goal = point(motion[0, 1:]), point(motion[-1, 1:])
         vehicles.append(
             Vehicle(
-                id=f"v{i}", type="copter", start=start, goal=goal, radius=1.0, vmax=float(who.limits.speed[i]),
-                amax=2.5, vz_up=2.0, vz_down=1.5,
+                id=f"v{i}",
+                type="copter",
+                start=start,
+                goal=goal,
+                radius=1.0,
+                vmax=float(who.limits.speed[i]),
+                amax=2.5,
+                vz_up=2.0,
+                vz_down=1.5,
             )
-        )  # fmt: skip
+        )
     scene = Scene(vehicles=vehicles, obstacles=world.obstacles, bounds=world.bounds, downwash=DOWNWASH)
     report = verify(scene, {f"v{i}": motion for i, motion in enumerate(moved.motions)})
     assert report.ok, report.faults[:3]

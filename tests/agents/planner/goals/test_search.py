@@ -31,12 +31,18 @@ HOLES: list[Obstacle] = [
 def sweepers(count: int, endurance: float = 3000.0, mixed: bool = False) -> list[Sweeper]:
     return [
         Sweeper(
-            name=f"v{i}", start=np.array([-30.0 - 5.0 * i, -20.0, 10.0]), height=20.0,
-            width=10.0 * (1 + i % 3 * mixed), speed=5.0 + 3.0 * (i % 2 * mixed), accel=2.5, climb=2.0,
-            endurance=endurance, radius=1.0,
+            name=f"v{i}",
+            start=np.array([-30.0 - 5.0 * i, -20.0, 10.0]),
+            height=20.0,
+            width=10.0 * (1 + i % 3 * mixed),
+            speed=5.0 + 3.0 * (i % 2 * mixed),
+            accel=2.5,
+            climb=2.0,
+            endurance=endurance,
+            radius=1.0,
         )
         for i in range(count)
-    ]  # fmt: skip
+    ]
 
 
 def deal(polygon: list[Corner], count: int, holes: bool = False, **more: object) -> tuple[search.Ground, search.Split]:
@@ -98,8 +104,10 @@ def test_shares_go_by_width_times_speed() -> None:
 
 def test_lanes_run_as_asked_else_along_the_polygon() -> None:
     for asked in (0.3, None):
-        turned = [(x * math.cos(0.7) - y * math.sin(0.7), x * math.sin(0.7) + y * math.cos(0.7)) for x, y in
-                  [(0.0, 0.0), (200.0, 0.0), (200.0, 60.0), (0.0, 60.0)]]  # fmt: skip
+        turned = [
+            (x * math.cos(0.7) - y * math.sin(0.7), x * math.sin(0.7) + y * math.cos(0.7))
+            for x, y in [(0.0, 0.0), (200.0, 0.0), (200.0, 60.0), (0.0, 60.0)]
+        ]
         _, dealt = deal(turned, 1, course=asked)
         steps = np.diff(dealt.parts[0].path[:, :2], axis=0)
         longest = steps[np.argmax(np.linalg.norm(steps, axis=1))]

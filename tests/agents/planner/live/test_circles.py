@@ -105,7 +105,11 @@ def test_bounds_hold_planes_circles_and_all_of_a_shape() -> None:
         ("custom", [(200.0 * (k == 3), 4.0 * k, 30.0 * (k == 5)) for k in range(12)]),
     ):
         ball = wire.swarm.Formation(
-            vehicles=list(copters.vehicles), shape=cast(wire.swarm.Shape, shape), points=points, spacing=6.0,
-            at=(100.0, 0.0, -40.0), via=[(30.0, 0.0, -40.0)],
-        )  # fmt: skip
+            vehicles=list(copters.vehicles),
+            shape=cast(wire.swarm.Shape, shape),
+            points=points,
+            spacing=6.0,
+            at=(100.0, 0.0, -40.0),
+            via=[(30.0, 0.0, -40.0)],
+        )
         assert [type(step) for step in resolved(ball, copters)] == [PlanTo, Fly], "there is room to fly it in shape"

@@ -24,10 +24,16 @@ COUNT = 120
 def fleet(ground: float = 0.0) -> FleetView:
     """Three copters in the air over a ground so many metres above the origin, and a rover on it."""
     views = {
-        name: VehicleView(name, "copter", body_of("copter"), (0.0, 5.0 * i, -ground - 10.0), airborne=True,
-                          home_ned=(0.0, 5.0 * i, -ground))
+        name: VehicleView(
+            name,
+            "copter",
+            body_of("copter"),
+            (0.0, 5.0 * i, -ground - 10.0),
+            airborne=True,
+            home_ned=(0.0, 5.0 * i, -ground),
+        )
         for i, name in enumerate(NAMES)
-    }  # fmt: skip
+    }
     views["rover1"] = VehicleView("rover1", "rover", body_of("rover"), (20.0, 0.0, -ground))
     return FleetView(views)
 
@@ -69,15 +75,20 @@ def _bad_follows(r: random.Random) -> list[swarm.Goal]:
     bad = r.choice([(0.0, 0.0, 30.0), (3000.0, 0.0, -20.0), (0.0, 0.0, -400.0)])
     return [
         swarm.Follow(vehicles=NAMES[:1], leader="rover1", frame=frame, offsets=[far]),
-        swarm.Follow(vehicles=NAMES[:2], leader="rover1", frame=frame, chain=True,
-                     offsets=[up, (-6.0, 0.0, r.choice([12.0, -150.0]))]),
+        swarm.Follow(
+            vehicles=NAMES[:2],
+            leader="rover1",
+            frame=frame,
+            chain=True,
+            offsets=[up, (-6.0, 0.0, r.choice([12.0, -150.0]))],
+        ),
         swarm.Follow(vehicles=NAMES, leader="rover1", chain=True, offsets=[(-400.0, 0.0, -10.0)] * 3),
         swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-6.0, 0.0, r.choice([4.0, -140.0]))]),
         swarm.Follow(vehicles=NAMES[:1], leader="far_cart"),
         swarm.Follow(vehicles=NAMES, leader="rover1"),
         swarm.Follow(vehicles=NAMES, point=bad),
         swarm.Follow(vehicles=NAMES[:1], point=bad, offsets=[(-6.0, 0.0, 0.0)], frame=frame),
-    ]  # fmt: skip
+    ]
 
 
 def _bad_goal(r: random.Random) -> swarm.Goal:
@@ -88,19 +99,25 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
         swarm.GoTo(vehicles=NAMES, to=places, labelled=r.random() < 0.5),
         swarm.Formation(vehicles=NAMES, shape=r.choice(["line", "vee", "circle", "grid"]), at=bad, spacing=5.0),
         swarm.Formation(vehicles=NAMES, shape="line", at=good, via=[bad]),
-        swarm.Formation(vehicles=NAMES, shape="custom", at=good, points=[(0.0, 0.0, 0.0), (0.0, 9.0, 0.0),
-                                                                         (9.0, 0.0, r.choice([25.0, -120.0]))]),
+        swarm.Formation(
+            vehicles=NAMES,
+            shape="custom",
+            at=good,
+            points=[(0.0, 0.0, 0.0), (0.0, 9.0, 0.0), (9.0, 0.0, r.choice([25.0, -120.0]))],
+        ),
         swarm.Patrol(vehicles=NAMES, route=places),
-        swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)],
-                     height=r.choice([-10.0, 130.0, math.nan])),
+        swarm.Search(
+            vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=r.choice([-10.0, 130.0, math.nan])
+        ),
         swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (5000.0, 0.0), (50.0, 50.0)], height=20.0),
         swarm.TakeOff(vehicles=NAMES, height=r.choice([-5.0, 0.0, 121.0, math.inf])),
         swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, r.choice([8.0, 0.5, -125.0]))]),
         swarm.Land(vehicles=NAMES, at=[(0.0, 0.0), (0.0, 9.0), (4000.0, 0.0)]),
-        swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0,
-                     layer=r.choice([-15.0, 60.0])),
+        swarm.Search(
+            vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=r.choice([-15.0, 60.0])
+        ),
         *_bad_follows(r),
-    ]  # fmt: skip
+    ]
     return r.choice(makers)
 
 
@@ -153,7 +170,7 @@ GOOD_FOLLOWS = [
     swarm.Follow(vehicles=["rover1"], leader="quad1"),
     swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=10.0),
     swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=-5.0),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("goal", GOOD_FOLLOWS)

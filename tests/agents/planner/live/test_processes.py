@@ -27,9 +27,18 @@ ENVIRONMENT = {name: value for name, value in os.environ.items() if name != VARI
 async def zmav(fleet: Fleet, *arguments: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """``zmav swarm ...`` beside the fleet; gone at the end."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "zmav", "swarm", *arguments, "-e", fleet.endpoint, env=ENVIRONMENT,
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-    )  # fmt: skip
+        sys.executable,
+        "-m",
+        "zmav",
+        "swarm",
+        *arguments,
+        "-e",
+        fleet.endpoint,
+        env=ENVIRONMENT,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
     try:
         yield process
     finally:

@@ -154,8 +154,13 @@ def seen(name: str, pos: tuple[float, float, float], *, age: float = 0.0, kind: 
 
 
 def test_a_scene_has_everybody_in_it() -> None:
-    fleet = [seen("a", (0.0, 0.0, -10.0)), seen("b", (9.0, 0.0, -10.0)), seen("c", (0.0, 9.0, -12.0), age=60.0),
-             seen("r", (5.0, 5.0, 0.0), kind="rover"), seen("t", (50.0, 5.0, -5.0))]  # fmt: skip
+    fleet = [
+        seen("a", (0.0, 0.0, -10.0)),
+        seen("b", (9.0, 0.0, -10.0)),
+        seen("c", (0.0, 9.0, -12.0), age=60.0),
+        seen("r", (5.0, 5.0, 0.0), kind="rover"),
+        seen("t", (50.0, 5.0, -5.0)),
+    ]
     wall = scene.Box(min=(1.0, 1.0, 1.0), max=(2.0, 2.0, 2.0))
     room = room_of(["a", "r"], fleet, Pieces(), [wall], {"t"}, 1.5)
     assert [mover.id for mover in room.movers] == ["b"]

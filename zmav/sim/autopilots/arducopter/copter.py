@@ -50,10 +50,25 @@ class ArduCopter(ArduVehicle):
 
     FIRMWARE: ClassVar[str] = "ArduCopter"
     NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
-        1: "ACRO", 7: "CIRCLE", 11: "DRIFT", 13: "SPORT", 14: "FLIP", 15: "AUTOTUNE", 16: "POSHOLD", 18: "THROW",
-        19: "AVOID_ADSB", 20: "GUIDED_NOGPS", 21: "SMARTRTL", 22: "FLOWHOLD", 23: "FOLLOW", 24: "ZIGZAG",
-        25: "SYSTEMID", 26: "AUTOROTATE", 27: "AUTO RTL", 28: "TURTLE",
-    }  # fmt: skip
+        1: "ACRO",
+        7: "CIRCLE",
+        11: "DRIFT",
+        13: "SPORT",
+        14: "FLIP",
+        15: "AUTOTUNE",
+        16: "POSHOLD",
+        18: "THROW",
+        19: "AVOID_ADSB",
+        20: "GUIDED_NOGPS",
+        21: "SMARTRTL",
+        22: "FLOWHOLD",
+        23: "FOLLOW",
+        24: "ZIGZAG",
+        25: "SYSTEMID",
+        26: "AUTOROTATE",
+        27: "AUTO RTL",
+        28: "TURTLE",
+    }
 
     auto: Auto
     guided: Guided

@@ -50,8 +50,14 @@ class ArduPlane(ArduVehicle):
     FRAME = ""
     MAV_TYPE = 1
     NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
-        2: "STABILIZE", 3: "TRAINING", 4: "ACRO", 6: "FBWB", 8: "AUTOTUNE", 14: "AVOID_ADSB", 24: "THERMAL",
-    }  # fmt: skip
+        2: "STABILIZE",
+        3: "TRAINING",
+        4: "ACRO",
+        6: "FBWB",
+        8: "AUTOTUNE",
+        14: "AVOID_ADSB",
+        24: "THERMAL",
+    }
     STAGES: ClassVar[tuple[BootStage, ...]] = PLANE_STAGES
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("THR_FAILSAFE", "THR_FS_VALUE")
@@ -82,9 +88,15 @@ class ArduPlane(ArduVehicle):
         self.guided, self.auto = Guided(self), Auto(self)
         self.autoland = AutoLand(self)
         kinds: tuple[type[PlaneMode], ...] = (
-            modes.Manual, modes.Circle, modes.FlyByWireA, modes.Cruise, modes.Rtl, modes.Loiter, modes.Takeoff,
+            modes.Manual,
+            modes.Circle,
+            modes.FlyByWireA,
+            modes.Cruise,
+            modes.Rtl,
+            modes.Loiter,
+            modes.Takeoff,
             modes.Initialising,
-        )  # fmt: skip
+        )
         return [*(kind(self) for kind in kinds), self.guided, self.auto, self.autoland]
 
     def make_reactions(self) -> PlaneReactions:
@@ -336,11 +348,7 @@ class ArduPlane(ArduVehicle):
             self.sp.power(0.0)
 
     def limit(
-        self,
-        *,
-        roll: float | None = None,
-        pitch_min: float | None = None,
-        throttle: tuple[float, float] | None = None,
+        self, *, roll: float | None = None, pitch_min: float | None = None, throttle: tuple[float, float] | None = None
     ) -> None:
         """How far navigation may go: the parameters, or less."""
         params = self.params

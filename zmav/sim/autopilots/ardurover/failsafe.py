@@ -27,8 +27,13 @@ CRASH_AFTER, CRASH_THROTTLE, CRASH_SPEED = 20, 0.05, 0.08  # tenths of a second;
 # FS_ACTION, FENCE_ACTION, BATT_FS_LOW_ACT and BATT_FS_CRT_ACT. 3 and 4 ask for SMART_RTL first.
 RTL, HOLD, TERMINATE = 1, 2, 5
 ACTIONS: dict[int, Steps] = {
-    RTL: (_RTL, _HOLD), HOLD: (_HOLD,), 3: (_RTL, _HOLD), 4: (_HOLD,), TERMINATE: (DISARM,), 6: (_LOITER, _HOLD),
-}  # fmt: skip
+    RTL: (_RTL, _HOLD),
+    HOLD: (_HOLD,),
+    3: (_RTL, _HOLD),
+    4: (_HOLD,),
+    TERMINATE: (DISARM,),
+    6: (_LOITER, _HOLD),
+}
 
 
 class RoverReactions(Reactions):

@@ -54,8 +54,14 @@ class ArduRover(ArduVehicle):
 
     FIRMWARE: ClassVar[str] = "ArduRover"
     NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
-        1: "ACRO", 3: "STEERING", 6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL",
-    }  # fmt: skip
+        1: "ACRO",
+        3: "STEERING",
+        6: "FOLLOW",
+        7: "SIMPLE",
+        8: "DOCK",
+        9: "CIRCLE",
+        12: "SMART_RTL",
+    }
     MODE_PARAM: ClassVar[str] = "MODE"
     STAGES: ClassVar[tuple[Stage, ...]] = ROVER_STAGES
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")

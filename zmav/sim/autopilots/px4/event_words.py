@@ -51,7 +51,7 @@ _EVENTS: dict[str, tuple[str, tuple[tuple[str, str], ...], bool]] = {
     "commander_failsafe_enter_low_bat": ("Battery low: return", (), False),
     "commander_failsafe_enter_crit_bat_warn": ("Battery critical: land", (), False),
     "commander_failsafe_enter_crit_low_bat_warn": ("Battery nearly empty: land at once", (), False),
-}  # fmt: skip
+}
 _CHECKS = {
     "check_estimator_missing_data": "The estimator has not begun",
     "check_modes_cannot_takeoff": "This mode is not one to arm in",

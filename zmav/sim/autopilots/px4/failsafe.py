@@ -103,13 +103,17 @@ _LADDER = tuple(MODE_OF)
 _ESCAPABLE = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
 # COM_OBL_RC_ACT, NAV_RCL_ACT and NAV_DLL_ACT, GF_ACTION
 OFFBOARD_LOSS = (
-    Action.POSCTL, Action.ALTCTL, Action.STABILIZED, Action.RTL, Action.LAND, Action.HOLD, Action.TERMINATE,
+    Action.POSCTL,
+    Action.ALTCTL,
+    Action.STABILIZED,
+    Action.RTL,
+    Action.LAND,
+    Action.HOLD,
+    Action.TERMINATE,
     Action.DISARM,
-)  # fmt: skip
+)
 LINK_LOSS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
-FENCE_BREACH = {
-    1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND,
-}  # fmt: skip
+FENCE_BREACH = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
 _BATTERY_WARNS = {
     Cause.BATTERY_LOW: events.BATTERY_LOW,
     Cause.BATTERY_CRITICAL: events.BATTERY_CRITICAL,

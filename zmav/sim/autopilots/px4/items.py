@@ -20,9 +20,37 @@ ABSOLUTE, RELATIVE, MISSION_FRAME = (0, 5), (3, 6), 2  # MAV_FRAME
 _NAVIGATION = {16, 17, 19, 20, 21, 22, 93}  # MAV_CMD: waypoint, loiters, return, land, takeoff, delay
 # Delays, jump, speed, home, actuator, ROI, camera, gimbal and others: kept, though some of them do nothing here.
 _ACTIONS = {
-    112, 114, 177, 178, 179, 187, 189, 195, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214, 260, 530, 532, 534, 1000,
-    1001, 2000, 2001, 2003, 2500, 2501, 3000,
-}  # fmt: skip
+    112,
+    114,
+    177,
+    178,
+    179,
+    187,
+    189,
+    195,
+    196,
+    197,
+    200,
+    201,
+    203,
+    204,
+    205,
+    206,
+    211,
+    214,
+    260,
+    530,
+    532,
+    534,
+    1000,
+    1001,
+    2000,
+    2001,
+    2003,
+    2500,
+    2501,
+    3000,
+}
 _PLACED = {16, 17, 19, 21, 22, 195, 201}  # what a global frame is for; every other command has MAV_FRAME_MISSION
 _FENCES = {5001, 5002, 5003, 5004}
 _NO_PLACE = 2**31 - 1

@@ -50,9 +50,7 @@ TAKEOFF = Mode(name="TAKEOFF", number=17, main=4, sub=2, auto=True, standard=8)
 LAND = Mode(name="LAND", number=18, main=4, sub=6, auto=True, arms=False, standard=7)
 
 # Those that can be asked for: DESCEND is a failsafe's only.
-MODES = (
-    MANUAL, ALTCTL, POSCTL, MISSION, HOLD, RTL, TERMINATION, OFFBOARD, STABILIZED, TAKEOFF, LAND,
-)  # fmt: skip
+MODES = (MANUAL, ALTCTL, POSCTL, MISSION, HOLD, RTL, TERMINATION, OFFBOARD, STABILIZED, TAKEOFF, LAND)
 BY_NUMBERS = {(mode.main, mode.sub): mode for mode in MODES}
 NOT_SIMULATED = {(3, 1): "Orbit", (3, 2): "Position slow", (4, 8): "Follow", (4, 9): "Precision land", (5, 0): "Acro"}
 

@@ -24,12 +24,15 @@ LAYOUTS = (
     Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method", "s----", "F----"),
     Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
     Layout(
-        "GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
-        "s#-s-S-DUmnhnh-", "F--C-0BGGB000--",
+        "GPS",
+        "QBBIHBcLLeffffB",
+        "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
+        "s#-s-S-DUmnhnh-",
+        "F--C-0BGGB000--",
     ),
     Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
     Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot", "s#vAa", "F-00C"),
-)  # fmt: skip
+)
 EKF3 = 3
 """the estimator that the attitude is from"""
 
@@ -62,9 +65,7 @@ class FlightLog(Part):
             s = self._vehicle.sense
             wanted = _tilt(s.want_qw, s.want_qx, s.want_qy, s.want_qz)
             roll, pitch, yaw, want_yaw = (math.degrees(a) for a in (s.roll, s.pitch, s.yaw, s.want_yaw))
-            writer.write(
-                "ATT", self._time_us, wanted[0], roll, wanted[1], pitch, want_yaw % 360.0, yaw % 360.0, EKF3
-            )  # fmt: skip
+            writer.write("ATT", self._time_us, wanted[0], roll, wanted[1], pitch, want_yaw % 360.0, yaw % 360.0, EKF3)
         if now >= self._next_position:
             self._next_position += POSITION_S
             self._write_position(writer)
@@ -102,9 +103,23 @@ class FlightLog(Part):
         gps_s = max(self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did
         course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
         writer.write(
-            "GPS", self._time_us, 0, 6, int(gps_s % WEEK_S * 1000.0), int(gps_s // WEEK_S), 10, 1.21, here.lat_deg,
-            here.lon_deg, here.alt_amsl_m, math.hypot(s.vn, s.ve), course, s.vd, 0.0, 1,
-        )  # fmt: skip
+            "GPS",
+            self._time_us,
+            0,
+            6,
+            int(gps_s % WEEK_S * 1000.0),
+            int(gps_s // WEEK_S),
+            10,
+            1.21,
+            here.lat_deg,
+            here.lon_deg,
+            here.alt_amsl_m,
+            math.hypot(s.vn, s.ve),
+            course,
+            s.vd,
+            0.0,
+            1,
+        )
         above = here.alt_amsl_m - home.alt_amsl_m
         writer.write("POS", self._time_us, here.lat_deg, here.lon_deg, here.alt_amsl_m, above, above)
         writer.write("BAT", self._time_us, 0, vehicle.voltage, s.current_a, vehicle.consumed_mah)

@@ -216,9 +216,14 @@ def _available_modes(node: Px4Node, c: Command) -> int:
     for index, mode in enumerate(shown, start=1):
         if wanted in (0, index):
             c.channel.send(
-                "AVAILABLE_MODES", number_modes=len(shown), mode_index=index, standard_mode=mode.standard,
-                custom_mode=mode.custom, properties=0, mode_name=mode.name.replace("_", " ").capitalize(),
-            )  # fmt: skip
+                "AVAILABLE_MODES",
+                number_modes=len(shown),
+                mode_index=index,
+                standard_mode=mode.standard,
+                custom_mode=mode.custom,
+                properties=0,
+                mode_name=mode.name.replace("_", " ").capitalize(),
+            )
     return ACCEPTED
 
 
