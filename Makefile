@@ -1,6 +1,6 @@
 # Everything here starts from nothing but make and a Python: the environment is made in .venv, from the exact versions
 # in requirements.lock. A change of pyproject.toml or of the lock installs again, and an environment that cannot be used
-# as it is (see STALE) is made anew.
+# as it is (see STALE) is made again.
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -68,7 +68,7 @@ lint: $(VENV)/.dev ## check style, format and types
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
 
-docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md anew
+docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again
 	@$(BIN)/python docs/generate.py
 
 kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)

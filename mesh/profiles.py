@@ -5,7 +5,7 @@
 ``wds``    bridged Wi-Fi, one segment over several hops: everybody reaches everybody, and multicast is slow and lossy.
            Neighbours whose addresses the file has are called by address, the others found by multicast.
 ``mesh``   only neighbours hear each other, and who that is changes: single-hop ad-hoc Wi-Fi (IBSS, or 802.11s with
-           forwarding off), where zmav's routers relay. Whoever is heard by multicast is a neighbour. Where batman-adv
+           forwarding off), where zmav's routers relay. Each that is heard by multicast is a neighbour. Where batman-adv
            or 802.11s forwards below, everybody is one segment again: use ``wds``, and name the few neighbours.
 ``multi``  several radios a host: each neighbour is called through all of them, the cheapest way preferred.
 ``cloud``  no host can be called but a rendezvous: everybody calls it, often enough that a NAT keeps the way open.

@@ -55,7 +55,7 @@ class Desk(NamedTuple):
 
 @pytest.fixture
 async def desk(net: Net) -> AsyncIterator[Desk]:
-    """An agent and whoever asks it, each a client of the router."""
+    """An agent and who asks it, each a client of the router."""
     _, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z, zmav.open(connect=[endpoint]) as mine:
         from tests.conftest import Samples

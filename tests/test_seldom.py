@@ -1,4 +1,4 @@
-"""What is let through once in a while: for each, counted, and bounded whoever comes."""
+"""What is let through once in a while: for each, counted, and bounded no matter who comes."""
 
 from __future__ import annotations
 

@@ -396,7 +396,7 @@ async def test_setpoints_fly_the_vehicle_and_silence_holds_it(airborne: Scene) -
 
 
 async def test_a_lease_that_ran_out_is_not_taken_back_in_silence(scene: Scene) -> None:
-    """The holder's process was stopped for longer than the lease lasts: it must ask anew."""
+    """The holder's process was stopped for longer than the lease lasts: it must ask again."""
     with pytest.raises(BadKey, match="holder 'the boss'"):
         async with scene.quad.lease("the boss"):
             pytest.fail("it was granted")

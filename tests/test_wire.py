@@ -1,4 +1,4 @@
-"""Payloads: strict, and whoever gets one wrong is told the field, the value and what was expected."""
+"""Payloads: strict, and anyone who gets one wrong is told the field, the value and what was expected."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from zmav.errors import BadInput
 
-if TYPE_CHECKING:  # an extra, which whoever has drawn a figure has
+if TYPE_CHECKING:  # an extra, which anyone who has drawn a figure has
     from matplotlib.figure import Figure
 
 

@@ -90,7 +90,7 @@ class FrameForwarder:
         self._on_sent(frame)
 
     def _signed(self, frame: Frame) -> bytes:
-        """A stranger's frame as it may go out: whoever signs it vouches for it, so we do so only where told to."""
+        """A stranger's frame as it may go out: anyone who signs it vouches for it, so we do so only where told to."""
         if frame.msgid == SETUP_SIGNING:
             raise BadMessage("SETUP_SIGNING holds a key, which does not travel: use 'zmav signing setup' on the link")
         signing = self._adapter.signing

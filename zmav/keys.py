@@ -275,7 +275,7 @@ CHANNELS: dict[str, Channel] = {
         ),
         Channel(
             "obstacle", "{fleet}/@obstacle/{name}", "pub", wire.swarm.Obstacle, Qos.LATEST_WINS,
-            "something to keep clear of, by whoever knows of it; said again before its ttl is over",
+            "something to keep clear of, by anyone who knows of it; said again before its ttl is over",
             (OPERATOR, PLANNER), recorded=True,
         ),
         Channel(
@@ -322,7 +322,7 @@ TOPICS: dict[str, tuple[str, ...]] = {
     "charge": (OPERATOR, PLANNER),
     "plan": (OPERATOR, PLANNER),
     "obstacle": (OPERATOR, PLANNER),
-    ROSTER: (ANYONE,),  # whoever passes it on: only the authority can sign one
+    ROSTER: (ANYONE,),  # anyone who passes it on: only the authority can sign one
 }
 """who may put which of the fleet's topics; others are as the channel says"""
 

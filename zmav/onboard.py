@@ -411,7 +411,7 @@ def _credentials(settings: OnboardSettings) -> Credentials | None:
 
 
 def _untold(handler: Handler) -> Guarded:
-    """For what is the same whoever asks."""
+    """For what is the same no matter who asks."""
     return lambda args, report, origin: handler(args, report)
 
 

@@ -1,4 +1,4 @@
-"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts anew; how a script does; and free
+"""How a zmav process lives: it runs until SIGTERM or SIGINT, and then ends or starts again; how a script does; and free
 ports for those that it starts.
 """
 
@@ -62,7 +62,7 @@ async def until_stopped() -> None:
 
 
 def say(line: str) -> None:
-    """A line on standard error for whoever watches; that nobody does any more (a closed terminal) ends nothing."""
+    """A line on standard error for anyone who watches; that nobody does any more (a closed terminal) ends nothing."""
     with contextlib.suppress(OSError, ValueError):
         click.echo(line, err=True)
 
@@ -93,7 +93,7 @@ def own_directory(name: str, advice: str, environment: Mapping[str, str] = os.en
 
 
 def restart() -> NoReturn:
-    """Start this program anew in its own place: same process id, arguments and environment; what was open is closed."""
+    """Restart this program in its own place: same process id, arguments and environment; what was open is closed."""
     _flush()
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 

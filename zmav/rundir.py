@@ -1,6 +1,6 @@
 """Where a router with credentials has a unix socket for programs of its own computer, and where those look for it.
 
-Whoever may write to the socket may say what the host itself may: the folder's owner and group decide. Plain TCP on
+Anyone who may write to the socket may say what the host itself may: the folder's owner and group decide. Plain TCP on
 loopback, open to every program of the computer, gets less (:mod:`mesh.credentials.acl`).
 """
 

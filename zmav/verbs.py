@@ -66,7 +66,7 @@ VERBS: dict[str, Verb] = {
         Verb("trigger", wire.Trigger, Access.CHANGE, "take pictures"),
         Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back", CONFIGURING),
         Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters", CONFIGURING),
-        Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters anew"),
+        Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters again"),
         Verb(
             "mission_upload",
             wire.MissionUpload,
@@ -75,7 +75,7 @@ VERBS: dict[str, Verb] = {
             CONFIGURING,
             True,
         ),
-        Verb("mission_download", wire.MissionRefresh, Access.READ, "read the mission, fence or rally points anew"),
+        Verb("mission_download", wire.MissionRefresh, Access.READ, "read the mission, fence or rally points again"),
         Verb(
             "mission_clear",
             wire.MissionClear,
@@ -101,7 +101,7 @@ VERBS: dict[str, Verb] = {
         Verb("lease", wire.TakeLease, Access.READ, "take or renew the right to command alone"),
         Verb("release", wire.DropLease, Access.READ, "give the lease back"),
         Verb(
-            "revoke", wire.RevokeLease, Access.OPEN, "an operator ends whoever's lease; the vehicle holds", CONFIGURING
+            "revoke", wire.RevokeLease, Access.OPEN, "an operator ends anybody's lease; the vehicle holds", CONFIGURING
         ),
         Verb("ping", wire.Order, Access.READ, "answer at once", LOOKING),
     )

@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 async def within(seconds: float, coroutine: Coroutine[Any, Any, T]) -> T:
-    """What the coroutine returns; raises asyncio.TimeoutError and cancels it after ``seconds`` (nought and less: it may
+    """What the coroutine returns; raises asyncio.TimeoutError and cancels it after ``seconds`` (zero and less: it may
     only do what needs no waiting).
 
     As ``asyncio.wait_for``, which before Python 3.12 swallows a cancellation that comes together with the result: an

@@ -112,7 +112,7 @@ class Injection:
     def apply(self, reference: Reference, t: float) -> float:
         """Add to ``reference`` as it is to be at ``t``; gives what was added.
 
-        The reference's vectors are replaced and not written to: whoever else holds them sees no change. A reference of
+        The reference's vectors are replaced and not written to: others who hold them see no change. A reference of
         another level than it was made for (another controller was loaded) gets nothing.
         """
         if reference.level != self.level:

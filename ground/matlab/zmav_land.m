@@ -1,7 +1,7 @@
 function zmav_land(z, vehicle)
 %ZMAV_LAND  Land where it is.
 %   ZMAV_LAND(Z, VEHICLE) returns when the autopilot lands: wait for the ground with ZMAV_WAIT. Open to every operator,
-%   whoever holds the lease.
+%   no matter who holds the lease.
 %
 %   Example:
 %       zmav_land(z, 'quad1');

@@ -1,6 +1,6 @@
 function zmav_rtl(z, vehicle)
 %ZMAV_RTL  Return to launch.
-%   ZMAV_RTL(Z, VEHICLE) is open to every operator, whoever holds the lease.
+%   ZMAV_RTL(Z, VEHICLE) is open to every operator, no matter who holds the lease.
 %
 %   Example:
 %       zmav_rtl(z, 'quad1');

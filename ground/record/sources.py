@@ -43,7 +43,7 @@ class Source(Protocol):
         """When it begins, ns UTC; None: it holds nothing that can be played."""
 
     def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
-        """Anew at each call. Raises OSError where it cannot be read, :class:`BadInput` where it is damaged."""
+        """Again at each call. Raises OSError where it cannot be read, :class:`BadInput` where it is damaged."""
 
 
 class Tlogs:

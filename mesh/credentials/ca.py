@@ -102,7 +102,7 @@ class Authority:
                 until = day(max(e.not_after for e in turned_out))
                 text = (
                     f"a certificate of {name} was revoked, and would end {until}: routers know members by their names, "
-                    "and would let whoever has it in again. Take another name; or say --again, where its key is known "
+                    "and would let its holder in again. Take another name; or say --again, where its key is known "
                     "to be destroyed"
                 )
                 raise BadConfig(text, field="name", value=name, expected="a name that was not revoked")

@@ -1,7 +1,7 @@
 """The newest roster, kept, acted on and passed on.
 
 Routers tell each other which roster they have by the Trickle algorithm (RFC 6206): each puts its own at times that grow
-from seconds to a minute, and not at all where it has just heard the same; whoever hears an older one, or gets a newer
+from seconds to a minute, and not at all where it has just heard the same; one that hears an older one, or gets a newer
 one, speaks soon. So a change crosses the fleet in a second or two, also after a partition, and silence is cheap. The
 authority's own computer brings one as a query's payload, and sees who took it.
 """

@@ -1,7 +1,7 @@
 """Probing each router that ours is linked to: over that link, and no other.
 
 A router listens on ``@probe/{its own id}/*``, a key that nobody else answers, and Zenoh sends what is for a neighbour
-straight to it: whoever gives links weights of his own (``transport_weights``) so that a way around is the shorter one
+straight to it: who gives links weights of his own (``transport_weights``) so that a way around is the shorter one
 measures that way. A neighbour's name comes with the certificate by which its link was opened, or else with the key of
 what it sends.
 """

@@ -172,7 +172,7 @@ def test_ardurover_motion(mav_type: int) -> None:
     # A heading beside a velocity turns the sign of its speed by vx: the velocity alone says where to go.
     fields = sent(rover, Target(vel=(-1.0, 0.5, 3.0), yaw=2.0, yaw_rate=0.2))
     assert (fields["type_mask"], fields["vx"], fields["vy"], fields["vz"]) == (0xDC7, -1.0, 0.5, 0.0)
-    # Nought alone would have it turn to the north.
+    # Zero alone would have it turn to the north.
     fields = sent(rover, Target(vel=(0.0, 0.0, 0.0)))
     assert (fields["type_mask"], fields["yaw_rate"]) == (0x5C7, 0.0)
     fields = sent(rover, Target(vel=(0.0, 0.0, 0.0), yaw_rate=0.5))

@@ -42,7 +42,7 @@ def stamped(number: int, size: int) -> bytes:
 
 
 def air(rate: float, queue: float, left: int, right: int) -> None:
-    """From ``left`` to whoever listens on ``right``, and back; what finds the queue full is dropped."""
+    """From ``left`` to anyone who listens on ``right``, and back; what finds the queue full is dropped."""
     inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     inner.bind(("127.0.0.1", left))
     inner.setblocking(False)

@@ -8,7 +8,7 @@ looked at beside the camera. ground: on the far side of a video link of 200 ms t
 and of the reports on them (all else goes another way), and followed from there. land: on a rover at rest, again and
 again, measured as the feet come to the deck, through which they go.
 
-Each run starts everything anew (_follow_rig.py), and a mean begins 5 s after the first sight. Light gusts are
+Each run starts everything again (_follow_rig.py), and a mean begins 5 s after the first sight. Light gusts are
 those of MIL-F-8785C for a mean wind of 7.7 m/s, moderate ones for 15 m/s. Ends with 1 where a mean distance, or a
 landing, was worse than what is asked for: 0.25 m, 0.6 m, 0.15 m.
 """

@@ -81,7 +81,7 @@ def scenario(count: int, standby: bool, resort: bool) -> Scenario:
         "loss": 0.0,
         "burst": 2.0,
     }
-    # A link outlasts the storms: opened anew with so much loss, it takes ten seconds to come back from one of two.
+    # A link outlasts the storms: opened again with so much loss, it takes ten seconds to come back from one of two.
     more = {"failsafe": {"action": "loiter"}, "separation": {"on": resort}, "mesh": {"lease": LINK_LEASE}}
     return rigs.scenario(name="swap", profile="mesh", hosts=hosts, media=[medium], fleet=more)
 
@@ -144,7 +144,7 @@ def _nearest(p0: wire.Vector, p1: wire.Vector, q0: wire.Vector, q1: wire.Vector)
 
 
 class Planners:
-    """The book of whoever is in charge, and orders for him."""
+    """The book of the one in charge, and orders for him."""
 
     def __init__(self, z: zmav.Client) -> None:
         self._z = z

@@ -3,7 +3,7 @@
     python tests/bench/soak.py [--minutes 30] [--every 20] [--seed 0]
 
 Faults: what 'zmav sim fault' has (links cut and lossy, sensors, frozen and rebooted autopilots, the battery, the
-radio), cut links between routers, the planner killed and started anew. Meanwhile orders go out all the time: arm, take
+radio), cut links between routers, the planner killed and started again. Meanwhile orders go out all the time: arm, take
 off, go, hold, come home, parameters, leases with setpoints, goals of the planner. Ends with 1 where a process died that
 should live, a command was neither answered nor refused within its time, or memory grew.
 """

@@ -108,7 +108,7 @@ def test_a_file_is_copied_with_its_settings(here: type[Here], etc: Path, blinker
 def test_a_named_one_takes_the_place_of_a_file(here: type[Here], etc: Path, blinker: Path) -> None:
     here()("agent", "install", str(blinker), "--as", "ev1")
     told = here()("agent", "install", "ev1", "-o", "rate_hz=100")
-    assert "installed anew" in told.out
+    assert "installed again" in told.out
     assert files(etc) == ["ev1.toml"]
     assert installed.read("ev1").options == {"rate_hz": 100}
 

@@ -291,7 +291,7 @@ def strangers(fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def liars(fleet: Fleet) -> None:
-    """Whoever fills the key space with nonsense, wrong answers and names made to hurt, ends no examination."""
+    """Anyone who fills the key space with nonsense, wrong answers and names made to hurt, ends no examination."""
     evil = "zmav/alpha/quad9\x1b[2j/state"
     with open_session(SessionSettings(connect=[fleet.ground])) as session:
         said: list[Any] = []

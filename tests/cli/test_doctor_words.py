@@ -1,4 +1,4 @@
-"""What ``zmav doctor`` makes of what a fleet says: the ways between routers, ids, versions, agents, and whoever never
+"""What ``zmav doctor`` makes of what a fleet says: the ways between routers, ids, versions, agents, and who never
 answers; how the page is laid out; and that the guide names every line."""
 
 from __future__ import annotations

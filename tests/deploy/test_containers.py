@@ -94,7 +94,7 @@ def test_what_is_installed_is_in_the_lock_by_hash_and_built_by_no_root() -> None
 
 @composed
 def test_no_secret_is_written_in_the_file(name: str) -> None:
-    """Whoever reads this repository would know it."""
+    """Anyone who reads this repository would know it."""
     text = (CONTAINERS / name).read_text(encoding="utf-8")
     for line in re.findall(r"^.*(?:TOKEN|SECRET|PASSWORD|KEY)\w*:.*$", text, re.MULTILINE):
         assert re.search(r": \$\{\w+:\?", line), f"it starts without one being given: {line}"

@@ -80,7 +80,7 @@ def vel(told: Told) -> tuple[float, float, float]:
 
 
 def moves(b: Bench) -> list[Told]:
-    """The velocities the autopilot was told, other than nought."""
+    """The velocities the autopilot was told, other than zero."""
     return [t for t in b.peer.heard(LOCAL) if vel(t) != STOP]
 
 

@@ -63,7 +63,7 @@ async def test_px4_s_comes_through_a_stream(net: Net, onboard: StartOnboard, rul
 
 
 async def test_who_hovers_after_a_hold_goes_home_by_it(net: Net, onboard: StartOnboard) -> None:
-    """Whoever ordered the hold is gone for good; nothing else of ours would end it."""
+    """The one who ordered the hold is gone for good; nothing else of ours would end it."""
     async with flying(net, onboard, "arducopter", {"BATT_FS_LOW_ACT": 2.0}) as (world, endpoint):
         async with zmav.open(connect=[endpoint]) as z:
             await (await z.wait_for("quad1"))[0].hold()

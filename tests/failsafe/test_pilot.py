@@ -37,7 +37,7 @@ async def test_mode_change(bench: StartBench, mode: int) -> None:
     with pytest.raises(NotHolder, match="any more: the mode is now"):
         await b.ground.do("set_mode", mode="GUIDED", lease=alice.token)
     assert b.peer.mode == mode
-    # Whoever asks anew may have it again.
+    # Anyone who asks again may have it again.
     bob = await another(b, "bob")
     bob.put()
     await b.peer.until(lambda: b.peer.mode == GUIDED, "GUIDED again")

@@ -73,7 +73,7 @@ def test_a_clock_that_was_set_is_no_wait(tmp_path: Path, frames: Frames) -> None
 
 
 def test_a_slow_reader_does_not_shift_what_follows(tmp_path: Path, frames: Frames) -> None:
-    """Whoever is late catches up: the schedule is the recording's, not one wait after another."""
+    """Anyone who is late catches up: the schedule is the recording's, not one wait after another."""
     log = write_log(tmp_path / "a.tlog", [(float(n), frame) for n, frame in enumerate(frames(6))])
     clock = Clock()
     link = ReplayLink(ReplayUrl(str(log)), clock.now, clock.pause)

@@ -107,7 +107,7 @@ def test_udpin_forgets_the_silent_but_never_the_last(watch: Watch, peer: Peer, m
     first, second = peer(), peer()
     first.sendto(b"1", address)
     watched.expect_data(b"1")
-    monkeypatch.setattr(udp, "PEER_LIFE_S", 0.0)  # whoever was heard before now has been silent for too long
+    monkeypatch.setattr(udp, "PEER_LIFE_S", 0.0)  # anyone who was heard before now has been silent for too long
     second.sendto(b"2", address)
     watched.expect_data(b"12")
     assert link.peers == (second.getsockname(),)

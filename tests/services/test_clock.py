@@ -25,7 +25,7 @@ UTC_AHEAD = 1.7e9
 
 
 class Twin:
-    """An autopilot's clock that runs ``drift`` fast of ours and was nought at our time ``boot``; ``clock`` asks it."""
+    """An autopilot's clock that runs ``drift`` fast of ours and was zero at our time ``boot``; ``clock`` asks it."""
 
     def __init__(self, drift: float = 0.0, boot: float = 1000.0, start: float = 1100.0) -> None:
         self.drift, self.boot, self.now = drift, boot, start

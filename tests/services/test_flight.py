@@ -172,7 +172,7 @@ async def test_the_pilot_takes_it_from_the_stream(flight: Flight) -> None:
     await flight.state(lambda s: s["setpoints"].get("pilot") == 10, "dropped setpoints")
     there = await flight.see(lambda s: s.speed_mps < 0.2)
     assert there.mode == "LOITER"
-    # Somebody asks for it anew: the old lease is no good for that.
+    # Somebody asks for it again: the old lease is no good for that.
     with pytest.raises(NotHolder, match="the mode is now LOITER"):
         await flight.done("set_mode", mode="GUIDED", lease=lease)
     lease = (await flight.ground.do("lease", holder="alice", ttl=30)).result["lease"]

@@ -138,7 +138,7 @@ async def test_the_companion_speaks_as_the_vehicle_s_own_component(bench: StartB
     one = await peer(sysid=42)
     b = await (await bench(one)).connected()
     known = len(one.told)
-    for number, name in ((5, "LOITER"), (4, "GUIDED"), (9, "LAND")):  # a change of mode starts nothing anew
+    for number, name in ((5, "LOITER"), (4, "GUIDED"), (9, "LAND")):  # a change of mode starts nothing again
         one.mode = number
         await b.event(f"mode {name}")
     await one.until(lambda: len([t for t in one.told[known:] if t.name == "HEARTBEAT"]) >= 2, "two heartbeats")

@@ -19,7 +19,7 @@ from zmav.services.authority.trajectory import MAX_POINTS, Segment
 ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=600.0)
 HOME = 600.0
 NOW = 1_800_000_000.0
-NOUGHT = (0.0, 0.0, 0.0)
+ZERO = (0.0, 0.0, 0.0)
 
 
 def point(t: float, pos: wire.Vector, **more: Any) -> wire.SegmentPoint:
@@ -51,7 +51,7 @@ def plans(draw: st.DrawFn) -> list[wire.SegmentPoint]:
     for _ in range(draw(st.integers(2, 6))):
         points.append(point(t, draw(vectors), vel=draw(slow), acc=draw(slow)))
         t += draw(st.floats(0.5, 5.0))
-    points[-1].vel = draw(st.sampled_from([None, NOUGHT]))
+    points[-1].vel = draw(st.sampled_from([None, ZERO]))
     return points
 
 
@@ -90,8 +90,8 @@ def test_before_and_after_it_rests(points: list[wire.SegmentPoint], away: float)
     for t, where in ((way.start - away, points[0].pos), (way.end, points[-1].pos), (way.end + away, points[-1].pos)):
         target = way.at(t)
         assert near(local(target), where, 1e-4)
-        assert (target.vel, target.acc) == (NOUGHT, NOUGHT)
-    assert near(way.at(way.end - 1e-6).vel, NOUGHT, 1e-2), "it comes to rest by itself"
+        assert (target.vel, target.acc) == (ZERO, ZERO)
+    assert near(way.at(way.end - 1e-6).vel, ZERO, 1e-2), "it comes to rest by itself"
 
 
 def test_a_straight_line_at_constant_speed_is_one() -> None:
@@ -103,34 +103,34 @@ def test_a_straight_line_at_constant_speed_is_one() -> None:
         target = way.at(NOW + t)
         assert near(local(target), (2.0 * t, 0.0, -5.0), 1e-3)
         assert near(target.vel, v, 1e-6)
-        assert near(target.acc, NOUGHT, 1e-6)
+        assert near(target.acc, ZERO, 1e-6)
 
 
 def test_accelerations_make_it_a_quintic() -> None:
     a, b = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
-    way = segment(point(0.0, NOUGHT, vel=NOUGHT, acc=a), point(4.0, (5.0, 5.0, 0.0), vel=NOUGHT, acc=b))
+    way = segment(point(0.0, ZERO, vel=ZERO, acc=a), point(4.0, (5.0, 5.0, 0.0), vel=ZERO, acc=b))
     assert near(way.at(NOW).acc, a, 1e-9)
     assert near(way.pieces[0].at(NOW + 4.0)[2], b, 1e-6)
     # From rest to rest without them it is 3s² - 2s³ of the way.
-    cubic = segment(point(0.0, NOUGHT), point(4.0, (8.0, 0.0, 0.0)))
+    cubic = segment(point(0.0, ZERO), point(4.0, (8.0, 0.0, 0.0)))
     assert near(local(cubic.at(NOW + 1.0)), (8.0 * (3 / 16 - 2 / 64), 0.0, 0.0), 1e-3)
     assert near(cubic.at(NOW + 2.0).vel, (3.0, 0.0, 0.0), 1e-6)
 
 
 def test_points_without_a_velocity_pass_with_the_mean() -> None:
-    way = segment(point(0.0, NOUGHT), point(2.0, (4.0, 0.0, 0.0)), point(4.0, (4.0, 8.0, 0.0)))
+    way = segment(point(0.0, ZERO), point(2.0, (4.0, 0.0, 0.0)), point(4.0, (4.0, 8.0, 0.0)))
     assert near(way.at(NOW + 2.0).vel, (1.0, 2.0, 0.0), 1e-6)
 
 
 def test_yaw_turns_the_short_way() -> None:
-    way = segment(point(0.0, NOUGHT, yaw=3.0), point(2.0, NOUGHT, yaw=-3.0), point(3.0, NOUGHT, yaw=-3.0))
+    way = segment(point(0.0, ZERO, yaw=3.0), point(2.0, ZERO, yaw=-3.0), point(3.0, ZERO, yaw=-3.0))
     yaws = [way.at(NOW + t).yaw for t in (-1.0, 0.0, 1.0, 2.5, 9.0)]
     assert [math.cos(yaw or 0.0) for yaw in yaws] == pytest.approx([math.cos(y) for y in (3, 3, math.pi, -3, -3)])
     assert yaws[2] == pytest.approx(math.pi)
-    assert segment(point(0.0, NOUGHT), point(2.0, NOUGHT)).at(NOW).yaw is None
+    assert segment(point(0.0, ZERO), point(2.0, ZERO)).at(NOW).yaw is None
 
 
-P0, P1 = point(0.0, NOUGHT), point(1.0, (1.0, 0.0, 0.0))
+P0, P1 = point(0.0, ZERO), point(1.0, (1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -139,20 +139,20 @@ P0, P1 = point(0.0, NOUGHT), point(1.0, (1.0, 0.0, 0.0))
         ([], "segment", "from 2 to"),
         ([P0], "segment", "from 2 to"),
         ([P0] * (MAX_POINTS + 1), "segment", "from 2 to"),
-        ([P0, point(0.0, NOUGHT)], "segment[1].t", "0 s after"),
-        ([P0, point(-1.0, NOUGHT)], "segment[1].t", "-1 s after"),
-        ([P0, point(0.01, NOUGHT)], "segment[1].t", "after the point before"),
-        ([P0, P1, point(100.0, NOUGHT)], "segment[2].t", "99 s after"),
-        ([P0, point(math.nan, NOUGHT)], "segment[1].t", "not finite"),
-        ([point(61.0, NOUGHT), point(62.0, NOUGHT)], "segment[0].t", "is a clock off"),
-        ([point(-6.0, NOUGHT), P1], "segment[0].t", "-6.0 s from now"),
+        ([P0, point(0.0, ZERO)], "segment[1].t", "0 s after"),
+        ([P0, point(-1.0, ZERO)], "segment[1].t", "-1 s after"),
+        ([P0, point(0.01, ZERO)], "segment[1].t", "after the point before"),
+        ([P0, P1, point(100.0, ZERO)], "segment[2].t", "99 s after"),
+        ([P0, point(math.nan, ZERO)], "segment[1].t", "not finite"),
+        ([point(61.0, ZERO), point(62.0, ZERO)], "segment[0].t", "is a clock off"),
+        ([point(-6.0, ZERO), P1], "segment[0].t", "-6.0 s from now"),
         ([point(0.0, (math.inf, 0.0, 0.0)), P1], "segment[0].pos", "not finite"),
         ([P0, point(1.0, (0.0, 2e5, 0.0))], "segment[1].pos", "within"),
-        ([P0, point(1.0, NOUGHT, acc=(math.nan, 0.0, 0.0))], "segment[1].acc", "not finite"),
-        ([P0, point(1.0, NOUGHT, vel=(2e3, 0.0, 0.0)), point(2.0, NOUGHT)], "segment[1].vel", "within"),
-        ([P0, point(1.0, NOUGHT, vel=(0.5, 0.0, 0.0))], "segment[1].vel", "ends at rest"),
-        ([P0, point(1.0, NOUGHT, yaw=1.0)], "segment[1].yaw", "or none"),
-        ([point(0.0, NOUGHT, yaw=math.nan), P1], "segment[0].yaw", "not finite"),
+        ([P0, point(1.0, ZERO, acc=(math.nan, 0.0, 0.0))], "segment[1].acc", "not finite"),
+        ([P0, point(1.0, ZERO, vel=(2e3, 0.0, 0.0)), point(2.0, ZERO)], "segment[1].vel", "within"),
+        ([P0, point(1.0, ZERO, vel=(0.5, 0.0, 0.0))], "segment[1].vel", "ends at rest"),
+        ([P0, point(1.0, ZERO, yaw=1.0)], "segment[1].yaw", "or none"),
+        ([point(0.0, ZERO, yaw=math.nan), P1], "segment[0].yaw", "not finite"),
     ],
 )
 def test_faults_name_their_point(points: list[wire.SegmentPoint], field: str, words: str) -> None:
@@ -213,8 +213,8 @@ def test_a_bay_is_not_crossed() -> None:
     across = segment(point(0.0, (-30.0, -30.0, -5.0)), point(10.0, (-30.0, 30.0, -5.0)))
     around = segment(
         point(0.0, (-30.0, -35.0, -5.0)),
-        point(10.0, (40.0, -35.0, -5.0), vel=NOUGHT),
-        point(20.0, (40.0, 35.0, -5.0), vel=NOUGHT),
+        point(10.0, (40.0, -35.0, -5.0), vel=ZERO),
+        point(20.0, (40.0, 35.0, -5.0), vel=ZERO),
         point(30.0, (-30.0, 35.0, -5.0)),
     )
     assert refused(across, fence(SQUARE)) is None
@@ -223,7 +223,7 @@ def test_a_bay_is_not_crossed() -> None:
 
 
 def test_ceiling_and_floor_count_from_home() -> None:
-    hop = segment(point(0.0, (0.0, 0.0, -5.0)), point(3.0, (0.0, 0.0, -9.0), vel=NOUGHT), point(6.0, (0.0, 0.0, -5.0)))
+    hop = segment(point(0.0, (0.0, 0.0, -5.0)), point(3.0, (0.0, 0.0, -9.0), vel=ZERO), point(6.0, (0.0, 0.0, -5.0)))
     assert refused(hop, fence(ceiling=9.0, floor=5.0)) is None
     assert refused(hop, fence(ceiling=8.0)) == ("fence", "segment[0..1].pos")
     assert refused(hop, fence(floor=6.0)) == ("fence", "segment[0..1].pos")
@@ -245,8 +245,8 @@ def test_ceiling_and_floor_count_from_home() -> None:
 def test_limits_hold_between_the_points(limits: Limits, count: str, field: str) -> None:
     """From rest to rest the points themselves are still; the fastest is in the middle: 1.5 times the mean."""
     way = segment(
-        point(0.0, NOUGHT, yaw=0.0),
-        point(4.0, (8.0, 0.0, -4.0), vel=NOUGHT, yaw=1.0),
+        point(0.0, ZERO, yaw=0.0),
+        point(4.0, (8.0, 0.0, -4.0), vel=ZERO, yaw=1.0),
         point(8.0, (8.0, 0.0, -1.0), yaw=1.0),
     )
     assert refused(way, None, limits) == (count, field)
@@ -257,7 +257,7 @@ def test_limits_hold_between_the_points(limits: Limits, count: str, field: str) 
 @given(plans(), st.floats(1.0, 12.0))
 def test_limits_agree_with_a_close_look(points: list[wire.SegmentPoint], speed: float) -> None:
     way, limits = segment(*points), Limits(speed=speed)
-    looks = [way.at(way.start + i * (way.end - way.start) / 400).vel or NOUGHT for i in range(400)]
+    looks = [way.at(way.start + i * (way.end - way.start) / 400).vel or ZERO for i in range(400)]
     fastest = max(math.hypot(v[0], v[1]) for v in looks)
     if fastest > speed * 1.002:
         assert refused(way, None, limits) is not None

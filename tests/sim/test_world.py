@@ -413,7 +413,7 @@ class TestDefects:
         raise RuntimeError("a defect")
 
     def until(self, world: World, sim_s: float) -> None:
-        """Wait for so many simulated seconds, whoever has failed."""
+        """Wait for so many simulated seconds, no matter who has failed."""
         end = world.time_s + sim_s
         while world.call(lambda: world.time_s) < end:
             pass

@@ -76,7 +76,7 @@ def test_a_challenge_is_for_one_member_one_order_and_half_a_minute(desk: Desk) -
     assert desk.reason(proof(other, LANDING), LANDING) == "clock"
     assert desk.reason(proof(op, LANDING.replace("land", "rtl")), LANDING.replace("land", "rtl")) == "clock"
     assert desk.reason(proof(op, LANDING), LANDING, b"{ }") == "signature"
-    for _ in range(1000):  # whoever asks for many takes nobody's away
+    for _ in range(1000):  # anyone who asks for many takes nobody's away
         challenge(desk, other)
     desk.now += CHALLENGED
     desk.check(proof(op, LANDING), LANDING)
@@ -110,7 +110,7 @@ def test_what_moves_it_is_given_no_challenge(desk: Desk) -> None:
 
 @pytest.mark.parametrize("key", [LANDING, ARM])
 def test_what_was_refused_as_early_is_not_good_when_its_time_comes(desk: Desk, key: str) -> None:
-    """Whoever relays has it, and could play it an hour later."""
+    """Anyone who relays has it, and could play it an hour later."""
     op = desk.authority.member("op", "operator")
     early = desk.proof(op, key, now=desk.utc + HOUR)
     assert desk.reason(early, key) == "clock"

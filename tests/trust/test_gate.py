@@ -227,7 +227,7 @@ def test_who_forges_a_members_name_shuts_out_no_order_with_its_tag(desk: Desk) -
 
 
 def test_an_answer_is_never_an_order_nor_an_order_an_answer(desk: Desk) -> None:
-    """An operator's program answers where it could order: whoever chose its challenge has it sign no order."""
+    """An operator's program answers where it could order: anyone who chose its challenge has it sign no order."""
     op, asked = desk.authority.member("op", "operator"), desk.gate.epoch
     answer, order = desk.proof(op, LAND, context=ANSWERED), desk.proof(op, LAND)
     assert desk.reason(answer, LAND) == "signature"

@@ -1,4 +1,4 @@
-"""Setpoints under a sealed lease: only its holder's are flown, whoever has overheard the lease's token."""
+"""Setpoints under a sealed lease: only its holder's are flown, no matter who has overheard the lease's token."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ async def test_what_makes_safe_and_waited_does_not_undo_what_was_ordered_since(g
 
 
 async def test_what_moves_and_waited_is_not_flown_after_what_makes_safe(guarded: StartGuarded) -> None:
-    """It is signed anew each time it is sent again; a refused disarm and clocks that are set keep no landing back."""
+    """It is signed again each time it is sent again; a refused disarm and clocks that are set keep no landing back."""
     g: Guarded = await guarded()
     await g.b.connected()
     g.b.peer.armed, g.b.peer.mode = True, GUIDED
@@ -178,7 +178,7 @@ async def test_an_order_says_when_it_was_given_first(guarded: StartGuarded) -> N
 
 
 async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, onboard: StartOnboard) -> None:
-    """Not even that the vehicle's agent is started anew, which makes every earlier proof worthless."""
+    """Not even that the vehicle's agent is started again, which makes every earlier proof worthless."""
     g: Guarded = await guarded()
     async with g.client("op", "operator") as z:
         vehicle = z.vehicle("quad1")

@@ -66,7 +66,7 @@ def position_target(target: Target) -> Message:
 
 
 def stop() -> Message:
-    """A velocity target of nought."""
+    """A velocity target of zero."""
     return position_target(Target(vel=(0.0, 0.0, 0.0)))
 
 
@@ -111,7 +111,7 @@ def _place(target: Target, vel: tuple[float, float, float] | None = None) -> Tar
 def ground_velocity(target: Target) -> list[Action]:
     """A velocity over the ground, whose direction is the heading too.
 
-    A heading beside it would turn the sign of a rover's speed, and nought would have it face north: it is told to turn
+    A heading beside it would turn the sign of a rover's speed, and zero would have it face north: it is told to turn
     at no rate instead.
     """
     vx, vy, _ = target.vel or (0.0, 0.0, 0.0)

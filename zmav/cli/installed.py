@@ -160,7 +160,7 @@ def install(
     finally:
         shutil.rmtree(stage, ignore_errors=True)
     _systemctl("enable", name)
-    click.echo(f"{name} is installed{' anew' if replaced else ''}: {where / name}.toml, for {own.fleet}/{own.vehicle}")
+    click.echo(f"{name} is installed{' again' if replaced else ''}: {where / name}.toml, for {own.fleet}/{own.vehicle}")
     if systemd.runs():
         _systemctl("reset-failed", name, quiet=True)
         _systemctl("restart", name)

@@ -38,7 +38,7 @@ def command() -> None:
 @command.command("list")
 @click.argument("vehicles")
 @click.argument("pattern", default="*")
-@click.option("--refresh", is_flag=True, help="Read them anew from the autopilot first.")
+@click.option("--refresh", is_flag=True, help="Read them again from the autopilot first.")
 @fleet_option
 @json_option
 @zenoh_options

@@ -169,7 +169,7 @@ class Signing(Table, frozen=True):
     unsigned: Literal["refuse", "accept"] = "refuse"
     """what happens to frames of the vehicle that are not signed"""
     sign_forwarded: bool = False
-    """sign what others put on ``mav/tx``: whoever may put there then speaks with the key"""
+    """sign what others put on ``mav/tx``: anyone who may put there then speaks with the key"""
     link_id: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0
 
 

@@ -95,7 +95,7 @@ class Mesh(Table, frozen=True):
 
     profile: Profile = "lan"
     insecure: bool = False
-    """True: off loopback without credentials, for a laboratory: whoever hears the radio commands the fleet"""
+    """True: off loopback without credentials, for a laboratory: anyone who hears the radio commands the fleet"""
     port: Port = 7447
     rendezvous: list[str] = []
     """``cloud``: endpoints of the routers that everybody reaches"""

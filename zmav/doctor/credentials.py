@@ -115,7 +115,7 @@ def _judge_own(own: Credentials, now: float) -> Iterator[Finding]:
         yield _ends(topics.CREDENTIALS, who, own.certificate.not_after, now)
     mode = Path(own.folder).stat().st_mode
     if mode & 0o022:
-        advice = f"whoever writes there decides whom to trust: chmod go-w {own.folder}"
+        advice = f"anyone who writes there decides whom to trust: chmod go-w {own.folder}"
         yield topics.FOLDER.wrong(f"{own.folder} can be written by others", advice)
 
 

@@ -290,7 +290,7 @@ RULES: tuple[Rule, ...] = (
     Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),
     Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; zmav mesh graph --watch"),
     Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),
-    Rule("lease-end", "warn", _lease_end, "whoever flew it says why it ended"),
+    Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
     Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
     Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
     Rule("agent-silent", "warn", _agent_silent, "its terminal or 'zmav agent logs' says why; start it again"),

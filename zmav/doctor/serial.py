@@ -95,7 +95,7 @@ def _permission(path: str, mode: os.stat_result, user: str | None) -> list[Findi
     if may:
         return [topics.PERMISSION.well(f"{name} may open it")]
     group = _group_name(mode.st_gid)
-    advice = f"sudo usermod -aG {group} {name}, then log in, or start the service, anew"
+    advice = f"sudo usermod -aG {group} {name}, then log in, or start the service, again"
     if mode.st_mode & 0o060 != 0o060:
         advice = f"sudo chmod g+rw {path} (a udev rule makes it last), and {advice}"
     return [

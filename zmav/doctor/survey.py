@@ -31,7 +31,7 @@ PINGS = 5
 PART_S = 15.0
 """s for each part of the examination; they go on side by side"""
 MOST = 250
-"""vehicles that are asked, tokens and links that are kept: whoever fills the key space with names gets no further"""
+"""vehicles that are asked, tokens and links that are kept: anyone who fills the key space with names gets no further"""
 
 T = TypeVar("T")
 

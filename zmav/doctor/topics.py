@@ -106,7 +106,7 @@ CREDENTIALS = Topic(
     HOST,
     "the folder given by `--credentials`: whether it is whole, the certificate's end, the roster's word on it",
     "the folder cannot be used, the certificate has ended, ends within 30 days or is revoked",
-    "where the authority is: `zmav mesh ca renew NAME`; carry the new folder here and start anew",
+    "where the authority is: `zmav mesh ca renew NAME`; carry the new folder here and start again",
 )
 FOLDER = Topic(
     "credentials folder",
@@ -135,7 +135,7 @@ PERMISSION = Topic(
     LINK,
     "whether the user who runs zmav (`--user`; for root, the user zmav where there is one) may open the device",
     "the user may not read and write it",
-    "`sudo usermod -aG dialout USER` (the group that owns the device), then log in or start the service anew",
+    "`sudo usermod -aG dialout USER` (the group that owns the device), then log in or start the service again",
 )
 HOLDER = Topic(
     "holder",
@@ -332,7 +332,7 @@ AGENTS = Topic(
     FLEET,
     "programs that say their status, and in which state they are",
     "one says that it failed, or fell silent while we listened",
-    "`zmav agent logs NAME` (or its terminal) says why; start it anew",
+    "`zmav agent logs NAME` (or its terminal) says why; start it again",
 )
 DOCTOR = Topic(
     "doctor",

@@ -106,7 +106,7 @@ def read(data: bytes, enums: Enums, name: str = "the plan") -> Plan:
         ("$.rallyPoints.version", file.rallyPoints and file.rallyPoints.version, 2),
     ):
         if got is not None and got != known:
-            raise _bad(name, path, f"version {got}, expected {known}: save it anew with a newer QGroundControl")
+            raise _bad(name, path, f"version {got}, expected {known}: save it again with a newer QGroundControl")
     mission, home = file.mission, file.mission.plannedHomePosition if file.mission else None
     return Plan(
         mission=_read_mission(mission, enums, name) if mission else None,

@@ -1,4 +1,4 @@
-"""The plant: one vehicle's body, air and sensors on a clock of their own, driven by whoever gives actuator values."""
+"""The plant: one vehicle's body, air and sensors on a clock of their own, driven by actuator values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A vehicle that a PX4 flies through its simulator interface: a TCP server, and lock step with whoever connects."""
+"""A vehicle that a PX4 flies through its simulator interface: a TCP server, and lock step with anyone who connects."""
 
 from __future__ import annotations
 

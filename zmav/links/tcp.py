@@ -52,7 +52,7 @@ def set_stream_options(sock: socket.socket) -> None:
 
 
 def shut(sock: socket.socket | None) -> None:
-    """Wake whoever is blocked in this socket, in whatever state it is."""
+    """Wake the thread that is blocked in this socket, in whatever state it is."""
     if sock is not None:
         with contextlib.suppress(OSError):
             sock.shutdown(socket.SHUT_RDWR)

@@ -185,7 +185,7 @@ class UdpInLink(UdpLink):
 class UdpOutLink(UdpLink):
     """Speaks to HOST:PORT from one local port (``?local=PORT`` chooses it); UP means bound and a route exists.
 
-    Whoever answers is heard, from whatever port or address. For a remote on loopback the local end is too.
+    Anyone who answers is heard, from whatever port or address. For a remote on loopback the local end is too.
     """
 
     def __init__(self, target: SocketUrl) -> None:

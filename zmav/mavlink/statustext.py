@@ -1,6 +1,6 @@
 """STATUSTEXT in pieces: texts over fifty bytes come as several messages with one ``id`` and rising ``chunk_seq``.
 
-https://mavlink.io/en/messages/common.html#STATUSTEXT: an id of nought is a text of one piece; a NUL within the text
+https://mavlink.io/en/messages/common.html#STATUSTEXT: an id of zero is a text of one piece; a NUL within the text
 marks the last piece (an empty one follows a text that fills its pieces exactly). Pieces of several texts may come
 mixed, twice, out of order, or not at all. Bytes are put together before they are read as UTF-8: a piece may end in the
 middle of a character.

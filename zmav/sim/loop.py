@@ -147,7 +147,7 @@ class Loop:
         return mine
 
     def _over(self, error: Exception | None = None) -> None:
-        """Whoever waits for the end of :meth:`advance` need wait no longer."""
+        """The one who waits for the end of :meth:`advance` need wait no longer."""
         waiting, self._advancing = self._advancing, None
         self._tell(waiting, error)
 

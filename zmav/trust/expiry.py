@@ -27,5 +27,5 @@ def _words(certificate: Certificate, left: float) -> str:
         text = "no new link opens, a link that is lost does not come back, and members believe us for a day at most"
         return f"the certificate of {certificate.name} ended {utc(certificate.not_after)}: {text}; renew it"
     span = f"{left / DAY:.0f} days" if left > 2 * DAY else f"{left / HOUR:.1f} hours"
-    text = "renew it where the authority is (zmav mesh ca renew) and start anew with it"
+    text = "renew it where the authority is (zmav mesh ca renew) and start again with it"
     return f"the certificate of {certificate.name} ends {utc(certificate.not_after)}, in {span}: {text}"

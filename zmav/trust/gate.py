@@ -90,7 +90,7 @@ class Gate(Verifier):
         """what every proof must answer: one that was given to an earlier start of the vehicle's agent does not, nor one
         from before our clock was set back, whose time may be a good one for a second time"""
         self._secret = os.urandom(32)
-        """makes the challenges, so that none need be kept, and whoever asks for many takes nobody's away"""
+        """makes the challenges, so that none need be kept, and anyone who asks for many takes nobody's away"""
         self._ahead = utc() - monotonic()
         self.counts: collections.Counter[str] = collections.Counter()
         self.on_refused: Callable[[Forbidden], None] = lambda error: None
@@ -115,7 +115,7 @@ class Gate(Verifier):
         """Who asks a question, where anybody may; raises :class:`Forbidden` for whom the fleet has turned out.
 
         Questions need no proof while our door keeps out those whom the fleet has turned out. From a revocation that
-        came since it was opened they do, until it is opened anew, which in flight it is not. The proof is good for 30 s
+        came since it was opened they do, until it is opened again, in flight it is not. The proof is good for 30 s
         and answers no challenge: it moves nothing.
         """
         if self._shut_out.issuperset(self.roster.revoked):

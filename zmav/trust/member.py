@@ -118,7 +118,7 @@ class Member:
                 self._others = {at: other for at, other in self._others.items() if at[0] != place}
 
     def may_try_again(self, key: str, error: Forbidden) -> bool:
-        """A refusal that another proof mends: the vehicle's agent has been started anew, does not know us yet, or has
+        """A refusal that another proof mends: the vehicle's agent has been started again, does not know us yet, or has
         another time than we have, and gives a challenge instead, or has come to want to know who asks.
         """
         if error.detail.get("reason") == "unsigned" and not self._questions:

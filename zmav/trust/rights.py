@@ -20,7 +20,7 @@ SPEAKERS = {keys.VEHICLE: (Role.VEHICLE,), keys.PLANNER: (Role.PLANNER, Role.OPE
 def writers(channel: keys.Channel, parts: Mapping[str, str], given: Collection[str] = ()) -> tuple[str, ...]:
     """Who may put on, or ask, a key of ``channel`` with these parts (as :func:`zmav.keys.match` gives them).
 
-    An order that does not exist is everybody's: whoever gives it is told which ones there are. ``given``: verbs that
+    An order that does not exist is everybody's: anyone who gives it is told which ones there are. ``given``: verbs that
     the fleet file gives to planners.
     """
     if channel in (keys.DO, keys.SWARM):

@@ -1,7 +1,7 @@
 """The roster: who the fleet's authority has admitted and whom it has turned out, signed by the authority.
 
 It is one JSON file beside each member's certificate. The newer one of the same fleet takes the place of the older,
-whoever brought it: only the authority can sign one.
+no matter who brought it: only the authority can sign one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Roster(Wire, kw_only=True):
     """counts up with every change"""
     t: float
     members: list[Member] = []
-    """oldest first; of a name that was given anew, the former ones stand there, too, until their end was long ago"""
+    """oldest first; of a name that was given again, the former ones stand there, too, until their end was long ago"""
     revoked: list[str] = []
     """fingerprints, hexadecimal, of certificates that are believed no more"""
 

@@ -32,7 +32,7 @@ holder's tag, which nobody else can make, as many again
 """
 VEHICLE = Role.VEHICLE.value
 BUSY = "busy"
-"""the reason for what was not looked at for want of time: whoever asked may ask again"""
+"""the reason for what was not looked at for want of time: the one who asked may ask again"""
 
 
 class Allowance:
@@ -228,7 +228,7 @@ class Verifier:
     ) -> None:
         """Raises :class:`Forbidden` unless the holder of ``certificate`` signed just this.
 
-        Wrong ones are looked at so many a second. Those with the holder's own tag are counted apart, so that whoever
+        Wrong ones are looked at so many a second. Those with the holder's own tag are counted apart, so that anyone who
         forges its name, however often, shuts nobody out who tags what he says.
         """
         tagged = self._tags is not None and found.is_for(self._tags, certificate, key, payload, context)

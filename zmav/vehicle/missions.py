@@ -50,7 +50,7 @@ class Missions:
         return done
 
     async def download(self, kind: MissionKind = "mission", *, progress: Progress | None = None) -> wire.Mission:
-        """Read the plan anew from the autopilot."""
+        """Read the plan again from the autopilot."""
         await self._vehicle.order("mission_download", wire.MissionRefresh(kind=kind), progress)
         return await self.get(kind)
 

@@ -48,7 +48,7 @@ class Params:
         raise TimedOut(f"{self._vehicle.name}: its parameters change all the time", vehicle=self._vehicle.name)
 
     async def refresh(self, progress: Progress | None = None) -> wire.ParamTable:
-        """All of them, read anew from the autopilot; ``progress`` is told ``received`` and ``count``."""
+        """All of them, read again from the autopilot; ``progress`` is told ``received`` and ``count``."""
         await self._vehicle.order("param_refresh", wire.ParamRefresh(), progress)
         return await self.list(progress)
 

@@ -19,7 +19,7 @@ MAX_HZ = 500.0
 
 
 def want_key(key: str, hz: float, reader: str = "reader") -> str:
-    """The key of the token that says: whoever reads ``key`` (of ``mav/rx``) wants its message at ``hz``.
+    """The key of the token that says: anyone who reads ``key`` (of ``mav/rx``) wants its message at ``hz``.
 
     The vehicle may be a pattern: then every vehicle it fits takes it for its own. Raises :class:`BadInput` where the
     key does not name one message, or the rate is not above 0 and at most 500 Hz.
@@ -48,7 +48,7 @@ class Rates:
 
     @contextlib.contextmanager
     def want(self, name: str, hz: float) -> Iterator[None]:
-        """Have the autopilot send a message at ``hz`` while the ``with`` lasts, whoever reads it."""
+        """Have the autopilot send a message at ``hz`` while the ``with`` lasts, no matter who reads it."""
         vehicle = self._vehicle
         key = keys.RX.key(vehicle.fleet, vehicle.name, sys="*", comp="*", msg=keys.check_message(name))
         token = self._client.session.liveliness().declare_token(want_key(key, hz))

@@ -296,7 +296,7 @@ class Vehicle:
                 self._lease = ""
 
     async def revoke(self, reason: str = "") -> str | None:
-        """As an operator, end whoever's lease: the vehicle holds. Returns who held it."""
+        """As an operator, end anybody's lease: the vehicle holds. Returns who held it."""
         ended = await self.order("revoke", wire.RevokeLease(reason=reason))
         return ended["holder"] and str(ended["holder"])
 

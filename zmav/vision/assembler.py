@@ -169,7 +169,7 @@ class Assembler:
 
 
 def _later(a: int, b: int) -> bool:
-    """Whether sequence ``a`` comes after ``b``, also where the number began anew at nought (RFC 1982)."""
+    """Whether sequence ``a`` comes after ``b``, also where the number began again at zero (RFC 1982)."""
     return 0 < (a - b) % WRAP < WRAP // 2
 
 

@@ -38,7 +38,7 @@ class Pose:
 
 class Poses:
     """The last few seconds. Times are UTC seconds; what comes out of order, or is no number, is left out. A time far
-    before the last one begins anew: the clock was set back, or the last one was of the future.
+    before the last one begins again: the clock was set back, or the last one was of the future.
     """
 
     def __init__(self) -> None:

@@ -41,7 +41,7 @@ def keep_of(a: VehicleView, b: VehicleView) -> float:
 
 
 def stacked(views: Sequence[VehicleView], places: Sequence[Vector], downwash: float) -> list[float]:
-    """Metres to lift each of the places (NED), so that whoever is too near another over the ground is above or below.
+    """Metres to lift each of the places (NED), so that one too near another over the ground is above or below.
 
     The lowest stays; heights grow by what the downwash metric asks for.
     """

@@ -1,7 +1,7 @@
 """Room that is spoken for: where the vehicles of each running goal may be at any time until it ends.
 
 Two goals fly at the same time only where their ways stay clear of each other whatever the clocks do: what is planned
-anew keeps out of everything that is spoken for, as if it were walls. So one goal may be slowed, paused or planned anew
+again keeps out of everything that is spoken for, as if it were walls. So a goal may be slowed, paused or planned again
 without a look at the others. ENU metres.
 """
 

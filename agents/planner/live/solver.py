@@ -1,4 +1,4 @@
-"""The solver's process as the agent has it: a job at a time, killed and started anew when it dies or takes too long."""
+"""The solver's process as the agent has it: a job at a time, killed and restarted when it dies or takes too long."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 "use strict";
-// The WebSocket to the gateway: subscribes anew when it comes back, and knows when it is dead although it is open.
+// The WebSocket to the gateway: subscribes again when it comes back, and knows when it is dead although it is open.
 
 const TOKEN = new URLSearchParams(location.search).get("token");
 const SILENCE_MS = 5000; // nothing heard, not even an answer to a ping: the connection is dead

@@ -1,4 +1,4 @@
-"""Recordings as lists of messages, whoever made them."""
+"""Recordings as lists of messages, no matter who made them."""
 
 from __future__ import annotations
 

@@ -302,7 +302,7 @@ class Authority:
         state.setpoints = dict(self.setpoints.counts)
 
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:
-        """Whoever flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
+        """The one who flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
         lost = end.reason in ("expired", "gone", "clock")
         if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself

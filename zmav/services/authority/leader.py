@@ -130,7 +130,7 @@ class PositionLeader:
                 return
             try:
                 self._may_move()
-            except ZmavError:  # whoever has it is told of it elsewhere
+            except ZmavError:  # the one who has it is told of it elsewhere
                 return
             now = self.near(autopilot, target, source)
             arrived += now is target

@@ -129,7 +129,7 @@ class Leases:
     async def revoke(
         self, args: wire.RevokeLease, report: object = None, origin: Origin | None = None
     ) -> dict[str, Any]:
-        """An operator ends whoever's lease; harmless where there is none."""
+        """An operator ends anybody's lease; harmless where there is none."""
         held = self.holder
         if held is not None:
             why = f": {args.reason}" if args.reason else ""

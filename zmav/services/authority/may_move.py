@@ -13,7 +13,7 @@ class MayMove(Protocol[P]):
     """Asked each time before something moves the vehicle: returns where it may, raises a
     :class:`~zmav.errors.ZmavError` that says why not.
 
-    Whoever moves a vehicle takes it where it is built, without a default: what was forgotten permits nothing.
+    What moves a vehicle takes it where it is built, without a default: what was forgotten permits nothing.
     """
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> None: ...

@@ -1,6 +1,6 @@
 """How often a setpoint that is a command is given: a stream of commands is not a stream of targets.
 
-The autopilot answers each, and ArduPlane begins its climb anew with every DO_REPOSITION: repeated at 20 Hz it never
+The autopilot answers each, and ArduPlane begins its climb again with every DO_REPOSITION: repeated at 20 Hz it never
 leaves its height (measured); at 1 Hz it climbs as after one alone.
 """
 
@@ -11,7 +11,7 @@ from zmav.autopilots import Action, Message
 REPEAT_AFTER = 1.0
 """s until the same is said again: it may have been lost"""
 RESTARTING = ("MAV_CMD_DO_REPOSITION",)
-"""commands that begin something anew: not even a changed one is given sooner"""
+"""commands that begin something again: not even a changed one is given sooner"""
 
 
 class Pace:

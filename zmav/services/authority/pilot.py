@@ -1,6 +1,6 @@
 """Who has the vehicle: any mode that was not ordered here, and the pilot's switch, take it from every agent.
 
-Nobody gives it back but an agent that asks for a lease anew, and not while the switch says pilot.
+Nobody gives it back but an agent that asks for a lease again, and not while the switch says pilot.
 """
 
 from __future__ import annotations

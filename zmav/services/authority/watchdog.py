@@ -45,7 +45,7 @@ STILL = 0.5
 SEGMENT_HZ = 10.0
 RETRY_ACTION = 10.0
 ROUND = 1.0
-"""s at most between two rounds of the thread: whoever counts them sees that it lives"""
+"""s at most between two rounds of the thread: anyone who counts them sees that it lives"""
 SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
 
 Allowed = Callable[[str | None], bool]

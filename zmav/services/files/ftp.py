@@ -143,7 +143,7 @@ class Ftp:
     async def fetch(self, path: str, begin: Callable[[int], Sink], report: Report | None = None) -> Meter:
         """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for.
 
-        ``begin`` is called anew with every attempt. ``size`` is the server's word, and a guess for a generated file.
+        ``begin`` is called again with every attempt. ``size`` is the server's word, and a guess for a generated file.
         """
         raw = check_path(path)
         async with self._talk(f"getting {path}", report) as talk:

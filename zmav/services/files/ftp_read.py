@@ -17,7 +17,7 @@ QUIET = 0.5
 BURST = 500
 """packets of one burst: ArduPilot's"""
 AT_ONCE = 32
-"""holes that are filled by single reads before the rest is weighed anew"""
+"""holes that are filled by single reads before the rest is weighed again"""
 BULK = 8
 """packets' worth of a last gap above which it is the untouched rest of the file, and no hole"""
 SHORT = 0.03

@@ -93,7 +93,7 @@ class Logs:
     async def erase(self, args: wire.LogErase, report: Report) -> dict[str, Any]:
         """Erase all logs, and see that they are gone: ``{"erased": how many, "left": how many}``.
 
-        One may be left, which the autopilot began anew.
+        One may be left, which the autopilot began again.
         """
         async with self._turn("erasing the logs", report) as source:
             before = await self._entries(source, report)

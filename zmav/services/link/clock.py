@@ -41,7 +41,7 @@ SETTLED = 5
 SILENCE = 5.0
 """s without an answer, after which a time that fell behind may be that of an autopilot that has restarted"""
 WRAP_MS = 1 << 32
-"""``time_boot_ms`` begins anew after 49.7 days"""
+"""``time_boot_ms`` begins again after 49.7 days"""
 
 Verdict = Literal["good", "restarted", "behind", "stepped"]
 """of an answer that contradicts those before: its time went back; it fell behind ours over a silence; any other step"""
@@ -111,7 +111,7 @@ class Clock:
         return self._offset is not None and self._offset.wander > MAX_DRIFT
 
     def forget(self) -> None:
-        """Another autopilot, or none: begin anew."""
+        """Another autopilot, or none: begin again."""
         self._last = None
         self._paces.clear()
         self._start_over()

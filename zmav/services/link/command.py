@@ -215,7 +215,7 @@ class Commander:
         raise TimedOut(why, vehicle=self._port.name, command=command.name)
 
     def _is_for_us(self, ack: Mapping[str, Any]) -> bool:
-        """A ground station behind ``mav/tx`` may have given the same command; nought is everybody."""
+        """A ground station behind ``mav/tx`` may have given the same command; zero is everybody."""
         system, component = self._port.address
         return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
 

@@ -1,6 +1,6 @@
 """TIMESYNC: the questions that the round trip and the clock live on, and the companion's clock held against GPS time.
 
-https://mavlink.io/en/services/timesync.html. A question has ``tc1`` nought and our time in ``ts1``; the answer brings
+https://mavlink.io/en/services/timesync.html. A question has ``tc1`` zero and our time in ``ts1``; the answer brings
 ``ts1`` back and the autopilot's time, nanoseconds since its boot, in ``tc1``.
 """
 
@@ -34,7 +34,7 @@ class TimeSync:
         self._port, self._identity, self._events = port, identity, events
         self.clock = Clock()
         self.on_restart: Callable[[], None] = lambda: None
-        """the autopilot has begun anew, or may have: what it was told is forgotten"""
+        """the autopilot has begun again, or may have: what it was told is forgotten"""
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
         self._wrong = False

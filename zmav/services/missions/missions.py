@@ -131,7 +131,7 @@ class Missions:
         return await self._replace(args.kind, [], report, force=False)
 
     async def download(self, args: wire.MissionRefresh, report: Report) -> dict[str, Any]:
-        """Read the plan anew into the cache."""
+        """Read the plan again into the cache."""
         held = await self._read(args.kind, report)
         return {"kind": args.kind, "count": len(self._ours(args.kind, held)), "id": held.plan.id}
 
@@ -194,7 +194,7 @@ class Missions:
         return owed[1]
 
     async def _known(self, kind: MissionKind, phase: Phase) -> Download:
-        """The plan that is there now; read anew unless its opaque id shows that the cache is right."""
+        """The plan that is there now; read again unless its opaque id shows that the cache is right."""
         held = self._cached(kind)
         said = self.progress.ids[KINDS[kind]]
         if held is not None and held.sure and held.plan.id is not None and held.plan.id == said:
@@ -314,7 +314,7 @@ class Missions:
             self._doubt(kind)
 
     def _doubt(self, kind: MissionKind) -> None:
-        """Somebody else changed the plan: what is held is read anew, once nobody writes."""
+        """Somebody else changed the plan: what is held is read again, once nobody writes."""
         held = self._held[kind]
         if not held.sure or self._lock.locked():
             return

@@ -102,7 +102,7 @@ class Transfer:
         return await self._patiently(lambda: self._upload(items, step))
 
     async def download(self, step: Step) -> Download:
-        """Read the whole plan; begun anew where it changes meanwhile. Raises as :meth:`upload` does."""
+        """Read the whole plan; begun again where it changes meanwhile. Raises as :meth:`upload` does."""
         for _ in range(3):
             found = await self._patiently(lambda: self._download(step))
             if found is not None:

@@ -105,7 +105,7 @@ class Flight:
         autopilot, deadline = self._do.autopilot(), time.monotonic() + args.ready_timeout
         if self._identity.armed:
             return {"armed": True}
-        async with self._do.move():  # so that whoever orders otherwise meanwhile is not surprised by it later
+        async with self._do.move():  # so that anyone who orders otherwise meanwhile is not surprised by it later
             if args.ready_timeout > 0:
                 await self._until_ready(deadline, report)
             while True:

@@ -129,7 +129,7 @@ class Operations:
         if name in self._ended:
             ago = time.monotonic() - self._ended[name]
             raise Refused(
-                f"{verb} ended {ago:.0f} s ago, and is not done again: give it anew, with another id", verb=verb
+                f"{verb} ended {ago:.0f} s ago, and is not done again: give it again, with another id", verb=verb
             )
         known, digest = self._operations.get(name) if name else None, hashlib.sha256(payload).digest()
         if known is not None:
@@ -245,7 +245,7 @@ class Orders:
         return len(self._operations.under_way)
 
     async def close(self) -> None:
-        """End what is under way, and say so to whoever asked."""
+        """End what is under way, and say so to the one who asked."""
         self._closed = True
         if self._intake is not None:
             self._intake.close()

@@ -1,10 +1,10 @@
 """Parameters: the whole set, cached beside the autopilot and served from there; set, load, refresh.
 
-The set is read once for each autopilot, in the background. It is read anew when the autopilot was exchanged (another
+The set is read once for each autopilot, in the background. It is read again when the autopilot was exchanged (another
 address, uid or firmware), when it has restarted (its uptime says so: nothing else tells whether a value changed
 meanwhile), and when it announces another count, which is what enabling a group of parameters does. That a link was
 silent for a while is no reason: the links that are silent often are just those that a reading would load. Every
-PARAM_VALUE renews the cache, whoever asked for it. https://mavlink.io/en/services/parameter.html
+PARAM_VALUE renews the cache, no matter who asked for it. https://mavlink.io/en/services/parameter.html
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class Params:
         return dict(msgspec.to_builtins(result))
 
     async def refresh(self, args: wire.ParamRefresh, report: Report) -> dict[str, Any]:
-        """Read the whole set anew; who asks while it is being read gets that reading."""
+        """Read the whole set again; who asks while it is being read gets that reading."""
         began = time.monotonic()
         self.talk.check()
         reading = self._read()

@@ -173,6 +173,6 @@ class ParamSet:
 
 
 def digest(params: list[wire.Param]) -> str:
-    """The same for the same names, values and types in the same order, whoever computes it."""
+    """The same for the same names, values and types in the same order, no matter who computes it."""
     text = "\n".join(f"{p.name} {p.value!r} {p.type}" for p in params)
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

@@ -48,7 +48,7 @@ def challenge_vehicle(
 ) -> None:
     """Ask a vehicle for its state over a challenge, which only that vehicle can sign, and only now.
 
-    ``on_state`` is called on Zenoh's thread with each answer, whoever gave it. ``signer``: who asks, for vehicles that
+    ``on_state`` is called on Zenoh's thread with each answer, of anybody. ``signer``: who asks, for vehicles that
     want to know.
     """
     key, challenge = keys.STATE.key(*place), os.urandom(ANSWERS)

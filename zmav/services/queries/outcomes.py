@@ -1,6 +1,6 @@
 """Orders' outcomes on their way to who asked.
 
-Zenoh has whoever answers wait for an asker that does not read: 0.2 s, or 5 s where a radio has a budget, and closes the
+Zenoh has who answers wait for an asker that does not read: 0.2 s, or 5 s where a radio has a budget, and closes the
 link then. So outcomes leave neither from the event loop nor behind another member's: each member that asks has a thread
 while something is to be told it.
 """

@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 MOST = 32
 """questions of one channel that wait"""
 GIVEN_UP = 2.0
-"""s: whoever asked has given up, or asked again; what zmav's clients wait for an answer"""
+"""s: the one who asked has given up, or asked again; what zmav's clients wait for an answer"""
 SLICE = 0.002
 """s of work for one question before another's turn"""
 SHARE, CREDIT = 0.25, 0.05

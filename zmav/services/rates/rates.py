@@ -85,7 +85,7 @@ class Rates:
         self.plan()
 
     def restarted(self) -> None:
-        """The autopilot has begun anew: what it was told is forgotten, and what it refused it may take now."""
+        """The autopilot has begun again: what it was told is forgotten, and what it refused it may take now."""
         for standing in self._standing.values():
             standing.forgotten = standing.asked is not None
             standing.refused, standing.final, standing.ceiling = None, False, math.inf

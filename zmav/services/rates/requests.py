@@ -55,7 +55,7 @@ class IntervalAsker:
                 if name == "MESSAGE_INTERVAL":
                     self.silent = 0
                 if name == "MESSAGE_INTERVAL" and fields["message_id"] == msgid:
-                    return float(fields["interval_us"]) or None  # nought: it is not to be had
+                    return float(fields["interval_us"]) or None  # zero: it is not to be had
                 if self._answers(fields, GET_MESSAGE_INTERVAL):
                     if fields["result"] != ACCEPTED:
                         return None

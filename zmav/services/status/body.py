@@ -1,4 +1,4 @@
-"""``body``: how much room the vehicle needs and what it can do, for whoever plans for it."""
+"""``body``: how much room the vehicle needs and what it can do, for anyone who plans for it."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 ``/NAME.mjpeg`` is a stream that browsers and OpenCV's VideoCapture open (multipart/x-mixed-replace: RFC 2046, section
 5.1; each part is a JPEG), ``/NAME.jpg`` one picture, ``/NAME.json`` the camera's numbers and its latest pose. Every
 picture comes with headers of its own: X-Sequence, X-Time (simulated seconds), X-Timestamp (UTC seconds), X-Position
-(metres NED) and X-Attitude (w, x, y, z). Whoever is slow gets the latest picture, not all of them.
+(metres NED) and X-Attitude (w, x, y, z). Anyone who is slow gets the latest picture, not all of them.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@
 all to 14549), ``ground`` binds 18570+i and sends to 14550. Here i counts the vehicles that have such ports, from 0.
 
 ``tcp:[HOST:]PORT[+STEP]`` (and ``serial0:`` and so on) listens elsewhere; port 0 is any free one. ``+STEP`` adds that
-much for each vehicle of the world. ``udp:HOST:PORT[+STEP]`` sends there from a local port that stays the same; whoever
+much for each vehicle of the world. ``udp:HOST:PORT[+STEP]`` sends there from a local port that stays the same; who
 answers is heard. ``udp-listen:[HOST:]PORT[+STEP]`` waits to be spoken to, and answers who spoke last.
-``onboard:LOCAL[+STEP]:[HOST:]REMOTE[+STEP]`` (local port 0: any free one) and ``ground:`` likewise send to whoever
+``onboard:LOCAL[+STEP]:[HOST:]REMOTE[+STEP]`` (local port 0: any free one) and ``ground:`` likewise send to who
 spoke first, until the vehicle's end is opened again.
 
 ``pty[:PATH[+STEP]][@BAUD]`` is a pseudo-terminal, as a serial autopilot's; PATH becomes a link to it (``+STEP`` counts

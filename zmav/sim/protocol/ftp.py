@@ -62,7 +62,7 @@ class FtpFaults:
 
 
 class FtpServer(Part):
-    """Serves ``files`` to whoever asks. ``session``: the only one there is (PX4's is 0); None: the client chooses."""
+    """Serves ``files`` to all who ask. ``session``: the only one there is (PX4's is 0); None: the client chooses."""
 
     BURST: ClassVar[int] = 500
 

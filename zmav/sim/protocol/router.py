@@ -1,6 +1,6 @@
 """ArduPilot's own routing between its links: https://ardupilot.org/dev/docs/mavlink-routing-in-ardupilot.html
 
-Whoever was heard on a link is reached there. A message for somebody else goes to the links where that one was heard,
+Anyone who was heard on a link is reached there. A message for somebody else goes to the links where that one was heard,
 a message for everybody to all links but its own.
 """
 

@@ -1,5 +1,5 @@
 """All sensors of a fleet. What changes slowly is stepped for all vehicles together; a vehicle's readings are worked out
-when somebody asks for them, and are the same whoever asks.
+when somebody asks for them, and are the same no matter who asks.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class Ground:
         self.stage, self.landed, self._quiet_since = Stage.STANDING, True, None
 
     def lift(self, *, at_once: bool) -> None:
-        """A standing vehicle is asked to fly; ``at_once``: whoever asks gives the thrust himself."""
+        """A standing vehicle is asked to fly; ``at_once``: the one who asks gives the thrust himself."""
         copter = self._copter
         if self.stage is Stage.TOUCHED:
             self.stage = Stage.FLYING

@@ -26,7 +26,7 @@ _BY_HEIGHT = (ALTCTL, POSCTL)
 
 
 class Sticks:
-    """Roll, pitch, yaw from -1 to 1 and throttle from 0 to 1, of whoever holds them."""
+    """Roll, pitch, yaw from -1 to 1 and throttle from 0 to 1, of the one who holds them."""
 
     def __init__(self, copter: Px4Copter) -> None:
         self._copter = copter

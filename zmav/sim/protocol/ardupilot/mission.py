@@ -149,7 +149,7 @@ class MissionProtocol(ItemPart):
         if not as_int and not upload.warned:
             upload.warned = True
             self._say(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
-        # Answers go to the link of the upload, whoever sent the item.
+        # Answers go to the link of the upload, no matter who sent the item.
         client = Client(upload.client.channel, client.sender)
         if item.seq != upload.next:
             acknowledge(client, Result.INVALID_SEQUENCE, kind)
