@@ -120,7 +120,6 @@ class CheckFlight(Flight):
                 if self.report.stage == "bench":
                     self.say("disarmed", "in its simulated flight, by force" if self.kind.height else "by force")
                 return
-        self.left_armed = True
         lost = "it was armed when it was last heard, and cannot be reached (was it unplugged?)"
         text = f"{lost}: take its power off before you touch it"
         self.say("disarmed", text, "BAD")

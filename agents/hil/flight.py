@@ -65,8 +65,6 @@ class Flight:
         self.station = 255
         self.arming = False
         """it was told to arm, and has not ended on the ground since"""
-        self.left_armed = False
-        """it could not be disarmed at the end"""
         self._tell, self.hurry, self.radio = tell, hurry, radio
         self.links: list[wire.LinkQuality] = []
         client.session.declare_subscriber(keys.EVENT.key(self.fleet, name), self._on_event)

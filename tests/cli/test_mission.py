@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from zmav.errors import BadInput
@@ -94,13 +95,21 @@ def test_one_kind_of_a_file(plain: Vehicle, survey: Path, tmp_path: Path) -> Non
     assert len(plans.load(path, ENUMS).fence or []) == 3
 
 
-def test_a_mission_flown_from_the_shell(plain: Vehicle, survey: Path) -> None:
+def test_a_mission_flown_from_the_shell(plain: Vehicle, survey: Path, tmp_path: Path) -> None:
     do, sim = plain.zmav, plain.sim
     do("mission", "upload", "quad1", str(survey), "--kind", "mission")
     told = do.fails("mission", "start", "quad1")
     assert told.out == "quad1: not done: it is disarmed: arm it first\n"
     do("do", "quad1", "set_mode", "mode=GUIDED")
     do("do", "quad1", "arm")
+    far = tmp_path / "far.plan"
+    plans.save(far, Plan(mission=[SHORT[0], msgspec.structs.replace(SHORT[1], x=LAT + 0.5), SHORT[2]]), ENUMS)
+    assert (
+        "an operator's order with force (--force) passes once" in do.fails("mission", "upload", "quad1", str(far)).out
+    )
+    do("mission", "upload", "quad1", str(far), "--force")
+    assert "--force" in do.fails("mission", "start", "quad1").out
+    do("mission", "upload", "quad1", str(survey), "--kind", "mission")
     (line,) = do("mission", "start", "quad1", "--wait", "--json").lines
     assert line["result"]["total"] == 3
     plain.until(lambda s: not s.armed)

@@ -62,6 +62,9 @@ def zenoh_options(command: F) -> F:
     return wrapped  # type: ignore[return-value]
 
 
+force_option = click.option(
+    "--force", is_flag=True, help="Beyond the usual bounds of a field too, not beyond declared ones."
+)
 fleet_option = click.option(
     "--fleet",
     default=lambda: os.environ.get("ZMAV_FLEET", "demo"),

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from zmav.cli import places
-from zmav.cli.common import fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import fleet_option, force_option, json_option, run, zenoh_options
 from zmav.cli.do import give
 from zmav.cli.places import renamed_option
 from zmav.session import SessionSettings
@@ -23,7 +23,7 @@ from zmav.wire import Vector
 @click.option("--amsl", type=float, help="With --at: metres above mean sea level.")
 @click.option("--tolerance", type=float, default=1.0, show_default=True, help="Metres: this close is there.")
 @click.option("--no-wait", is_flag=True, help="Do not wait for the arrival.")
-@click.option("--force", is_flag=True, help="Beyond the usual bounds of a field too, not beyond declared ones.")
+@force_option
 @fleet_option
 @json_option
 @zenoh_options

@@ -12,7 +12,7 @@ import msgspec
 
 import zmav
 from zmav import wire
-from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import console, dump, fleet_option, force_option, json_option, run, zenoh_options
 from zmav.cli.do import matching
 from zmav.cli.mission_view import Lines, headline, kept, table
 from zmav.errors import BadInput, Unsupported, ZmavError
@@ -46,11 +46,18 @@ def command() -> None:
 @click.argument("vehicles")
 @click.argument("file", type=click.Path(dir_okay=False))
 @kind_option
+@force_option
 @fleet_option
 @json_option
 @zenoh_options
 def upload(
-    vehicles: str, file: str, kind: MissionKind | None, fleet: str, as_json: bool, settings: SessionSettings
+    vehicles: str,
+    file: str,
+    kind: MissionKind | None,
+    force: bool,
+    fleet: str,
+    as_json: bool,
+    settings: SessionSettings,
 ) -> None:
     """Replace whole plans: 'zmav mission upload "quad*" survey.plan'.
 
@@ -63,7 +70,7 @@ def upload(
         lines: list[dict[str, Any]] = []
         for each, items in by_kind.items():
             try:
-                done = await vehicle.missions.upload(items, each, progress=tell)
+                done = await vehicle.missions.upload(items, each, force=force, progress=tell)
                 lines.append({"kind": each, "result": done[each]})
             except ZmavError as e:
                 lines.append(_failure(e, kind=each))
@@ -143,14 +150,17 @@ def clear(vehicles: str, kind: str, fleet: str, as_json: bool, settings: Session
 @click.argument("vehicles")
 @click.option("--first", type=click.IntRange(min=0), default=0, show_default=True, help="Item to begin with.")
 @click.option("--wait", is_flag=True, help="Until the mission's end.")
+@force_option
 @fleet_option
 @json_option
 @zenoh_options
-def start(vehicles: str, first: int, wait: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+def start(
+    vehicles: str, first: int, wait: bool, force: bool, fleet: str, as_json: bool, settings: SessionSettings
+) -> None:
     """Fly the mission; the vehicle must be armed: 'zmav mission start quad1 --wait'."""
 
     async def work(vehicle: zmav.Vehicle, tell: Callable[[dict[str, Any]], None]) -> list[dict[str, Any]]:
-        return [{"result": await vehicle.missions.start(first, wait_end=wait, progress=tell)}]
+        return [{"result": await vehicle.missions.start(first, wait_end=wait, force=force, progress=tell)}]
 
     words = "at its end" if wait else "started"
     run(_each(vehicles, work, lambda line: f"mission {words}", fleet, as_json, settings))

@@ -38,14 +38,16 @@ class Missions:
         what: Sequence[wire.MissionItem] | wire.Mission | Plan | str | Path,
         kind: MissionKind | None = None,
         *,
+        force: bool = False,
         progress: Progress | None = None,
     ) -> dict[MissionKind, dict[str, Any]]:
         """Replace whole plans: items (of ``kind``, a mission unless said), a :class:`~zmav.wire.Mission`, or all that a
         file (``.plan``, ``.waypoints``) holds, of ``kind`` alone where that is given. Returns what was done, by kind.
+        ``force``: an operator's, beyond the usual bounds.
         """
         done: dict[MissionKind, dict[str, Any]] = {}
         for each, items in plans_of(what, kind, self._dialect).items():
-            args = wire.MissionUpload(kind=each, items=items)
+            args = wire.MissionUpload(kind=each, items=items, force=force)
             done[each] = await self._vehicle.order("mission_upload", args, progress)
         return done
 
@@ -70,12 +72,14 @@ class Missions:
         await self._vehicle.order("mission_clear", wire.MissionClear(kind=kind))
 
     async def start(
-        self, first: int = 0, *, wait_end: bool = False, progress: Progress | None = None
+        self, first: int = 0, *, wait_end: bool = False, force: bool = False, progress: Progress | None = None
     ) -> dict[str, Any]:
         """Fly the mission from item ``first`` on; with ``wait_end`` it returns at the mission's end, and raises
         :class:`~zmav.errors.Refused` when the pilot takes over.
         """
-        return await self._vehicle.order("mission_start", wire.MissionStart(first=first, wait_end=wait_end), progress)
+        return await self._vehicle.order(
+            "mission_start", wire.MissionStart(first=first, wait_end=wait_end, force=force), progress
+        )
 
     async def set_current(self, index: int) -> None:
         """Go on with item ``index``."""

@@ -176,12 +176,6 @@ class Executor:
     async def __aexit__(self, *exc: object) -> None:
         await self._stack.aclose()
 
-    @property
-    def clock_errors(self) -> dict[str, float]:
-        """s by which each vehicle's clock may be other than measured."""
-        now = self.clock.now()
-        return {name: command.offset.error(now) for name, command in self.commands.items()}
-
     def needed(self, speeds: Mapping[str, float]) -> float:
         """The margin (m) that a plan must keep so that :meth:`run` takes it, by how well clocks are known now: of the
         vehicles that it is for, with the greatest speed (m/s) that each has in it (a plan's may be 2 % over the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, get_args
+from typing import Literal
 
 from zmav.errors import ZmavError
 
@@ -18,7 +18,6 @@ Code = Literal[
     "unreachable",
     "timeout",
 ]
-CODES: tuple[Code, ...] = get_args(Code)
 
 
 class PlanError(ZmavError):

@@ -220,10 +220,6 @@ class Negotiation:
         self.table.places[i, : self.begin] = GONE
         self.arrival[i] = rows[-1, 1]
 
-    def clashes(self) -> int:
-        """How many pairs are in conflict."""
-        return int(np.count_nonzero(np.triu(self.conflicts)))
-
     def settle(self, deadline: float, rng: np.random.Generator, who: Sequence[int] | None = None) -> bool:
         """Plan groups again until nobody is in conflict; False: time is over first."""
         free = np.ones(len(self.problem), dtype=bool)
