@@ -1,4 +1,4 @@
-"""sd_notify through real sockets, and what feeds the watchdog: the event loop and the ladder's thread, both of them."""
+"""sd_notify through real sockets, and what feeds systemd's watchdog: event loop and stream watchdog, both of them."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_manager_that_does_not_read_holds_nobody_up(manager: Manager) -> None:
     assert manager.drain() == sent
 
 
-async def test_the_ladder_and_the_loop_feed_the_watchdog(
+async def test_the_stream_watchdog_and_the_loop_feed_systemd(
     bench: StartBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("zmav.services.authority.watchdog.ROUND", 0.05)
@@ -97,21 +97,21 @@ async def test_the_ladder_and_the_loop_feed_the_watchdog(
     monkeypatch.setenv("NOTIFY_SOCKET", manager.address)
     with manager.socket:
         b = await (await bench()).connected()
-        ladder = b.vehicle.authority.ladder
+        watchdog = b.vehicle.authority.watchdog
         b.vehicle.on_alive = lambda: systemd.notify("WATCHDOG=1")
         assert await asyncio.to_thread(manager.told) == ["WATCHDOG=1"]
 
-        # The loop hangs, and the ladder goes round.
+        # The loop hangs, and the watchdog goes round.
         manager.drain()
-        rounds, give_up = ladder.rounds, time.monotonic() + PATIENCE_S
-        while ladder.rounds < rounds + 10 and time.monotonic() < give_up:
+        rounds, give_up = watchdog.rounds, time.monotonic() + PATIENCE_S
+        while watchdog.rounds < rounds + 10 and time.monotonic() < give_up:
             time.sleep(0.01)
-        assert ladder.rounds >= rounds + 10
+        assert watchdog.rounds >= rounds + 10
         assert manager.drain() == 0
         assert await asyncio.to_thread(manager.told) == ["WATCHDOG=1"]
 
-        # The ladder hangs, and the loop goes round.
-        with ladder._changed:
+        # The watchdog hangs, and the loop goes round.
+        with watchdog._changed:
             await turns(b, 3)
             manager.drain()  # what its last round was worth
             await turns(b, 10)

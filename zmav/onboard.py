@@ -135,7 +135,7 @@ class Onboard:
         self.logs = Logs(port, identity, ftp, self.files)
         bounds = Bounds(port, identity, settings.origin, settings.geofence, settings.limits)
         counts = SetpointCounts()
-        self.needs = ParamPreconditions(port, self.params, identity, events, counts)
+        self.preconditions = ParamPreconditions(port, self.params, identity, events, counts)
         self.separation = Separation(
             session,
             port,
@@ -158,7 +158,7 @@ class Onboard:
             rules,
             counts,
             guard=self.presence.check,
-            accept=self.needs.check,
+            accept=self.preconditions.check,
             aside=self.separation.aside,
             sealed=gate is not None,
             param=self.params.value,
@@ -166,12 +166,12 @@ class Onboard:
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.rates.needs.update(self.authority.pilot.needs)
-        stations = self.authority.stations
+        gcs_traffic = self.authority.gcs_traffic
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
-            may_send=stations.admit,
-            on_sent=stations.sent,
+            may_send=gcs_traffic.admit,
+            on_sent=gcs_traffic.sent,
             on_refused=lambda reason: events.emit("refused", "warning", reason, limit="tx"),
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )
@@ -183,7 +183,7 @@ class Onboard:
             self.state,
             commander,
             bounds,
-            self.authority.carrot,
+            self.authority.leader,
             param=self.params.value,
             rally=self.missions.rally,
         )
@@ -201,7 +201,7 @@ class Onboard:
         if gate is not None:
             gate.on_refused = self._say_refused
         self.on_alive: Callable[[], object] = lambda: None
-        """called on the event loop, at most five times a second, when the ladder's thread has gone round since the last
+        """called on the event loop, at most five times a second, when the watchdog's thread went round since the last
         time: not called, one of the two hangs"""
         self._own, self._tasks = own, list[asyncio.Task[None]]()
         self._add_orders()
@@ -224,7 +224,7 @@ class Onboard:
         """Who does what; what each needs first is in :mod:`zmav.verbs`."""
         flight, payload, leases = self.flight, self.payload, self.leases
         handlers: dict[str, Handler] = {
-            "arm": self.needs.explained(flight.arm),
+            "arm": self.preconditions.explained(flight.arm),
             "disarm": flight.disarm,
             "takeoff": flight.takeoff,
             "goto": flight.goto,
@@ -285,7 +285,7 @@ class Onboard:
             self.orders.start()
         self.authority.start()
         self.separation.start()
-        self.needs.start()
+        self.preconditions.start()
         self.forwarder.start()
         adapter.start()
         self._tasks.append(loop.create_task(self._keep_house()))
@@ -301,7 +301,7 @@ class Onboard:
         self.questions.close()
         self.separation.close()
         self.rates.close()
-        self.needs.close()
+        self.preconditions.close()
         await self.orders.close()
         await self.event_texts.close()
         self.params.close()
@@ -357,7 +357,7 @@ class Onboard:
                 self.events.tick()
                 self.presence.tick()
                 self.leases.tick()
-                self.separation.tick(self.authority.ladder.future())
+                self.separation.tick(self.authority.watchdog.future())
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()
@@ -365,8 +365,8 @@ class Onboard:
                     self.rates.tick()
             except Exception as e:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
-            if rounds != self.authority.ladder.rounds:
-                rounds = self.authority.ladder.rounds
+            if rounds != self.authority.watchdog.rounds:
+                rounds = self.authority.watchdog.rounds
                 self.on_alive()
             beat += 1
             await asyncio.sleep(TICK)

@@ -92,7 +92,7 @@ async def test_a_velocity_is_dropped_by_arducopter() -> None:
         assert north(there) - north(at) < 4.0 * 3.0 + 15.0  # GUID_TIMEOUT, and a stop from 4 m/s
 
 
-async def test_a_far_target_is_only_a_carrot() -> None:
+async def test_a_far_target_is_given_as_a_near_one() -> None:
     async with flight(VehicleSpec()) as f:
         flying = await f.go()
         f.up.popen.kill()
@@ -161,4 +161,4 @@ async def test_sigterm_stops_a_stream_and_a_goto() -> None:
         at = f.sim.status()
         there = await f.see("stop", lambda s: s.speed_mps < 0.1)
         assert speed > 5.0
-        assert north(there) - north(at) < 40.0  # it brakes, and does not go as far as its carrot
+        assert north(there) - north(at) < 40.0  # it brakes, and does not go as far as its near target

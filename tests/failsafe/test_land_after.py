@@ -152,7 +152,7 @@ async def test_a_command_that_moves_nothing_does_not_end_the_action(bench: Start
 
 
 async def test_a_second_panic_ends_the_action_only_by_what_it_does(bench: StartBench) -> None:
-    """A hold is an operator's, who is above the ladder; one that comes to nothing leaves the action to come."""
+    """A hold is an operator's, who is above the failsafe; one that comes to nothing leaves the action to come."""
     b = await stubborn(bench, RTL, settings=failsafe())
     await lost(b)
     await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "RTL asked for")
@@ -186,9 +186,9 @@ async def test_a_lease_that_was_lost_is_followed_by_the_action(bench: StartBench
 
 
 async def test_a_setpoint_that_comes_between_the_action_and_the_lease_s_end(bench: StartBench) -> None:
-    """The ladder acts in its own thread; the lease ends a moment later, and that moment is guarded, too."""
+    """The watchdog acts in its own thread; the lease ends a moment later, and that moment is guarded, too."""
     b = await bench(settings=failsafe())
-    b.vehicle.authority.ladder.on_acted = lambda lease: None
+    b.vehicle.authority.watchdog.on_acted = lambda lease: None
     alice = await lost(b)
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
     flown = len(moves(b))

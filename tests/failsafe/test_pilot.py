@@ -190,7 +190,7 @@ async def test_a_mode_that_was_ordered_before_the_pilot_took_over_is_no_order_an
 
 
 async def test_nothing_is_asked_for_between_the_pilot_s_mode_and_the_release(bench: StartBench) -> None:
-    """The ladder's thread may run while the event loop is about to let go."""
+    """The watchdog's thread may run while the event loop is about to let go."""
     b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after="never")})
     alice = await agent(b)
     await alice.fly()

@@ -209,6 +209,6 @@ async def test_a_stop_is_said_more_than_once(bench: StartBench) -> None:
 async def test_a_mode_that_is_still_shown_is_asked_for_where_another_was_ordered_since(bench: StartBench) -> None:
     """HEARTBEAT is up to a second behind: the autopilot may have left the mode by now."""
     b = await (await (await bench()).connected()).flying()
-    b.vehicle.commander.ordered = "LOITER"  # as the ladder asks for its mode
+    b.vehicle.commander.ordered = "LOITER"  # as the watchdog asks for its mode
     await b.ground.do("hold")
     assert [t.fields["param2"] for t in b.peer.commands(176)] == [4.0]

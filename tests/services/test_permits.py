@@ -21,7 +21,7 @@ PERMITS = ("MayMove", "Prove", "Permit", "Allowed", "Gate", "Verifier")
 TELLS = (
     (("send", "send_raw"), ("port", "adapter", "link")),
     (("command", "enter", "give"), ("_do", "commander")),
-    (("fly",), ("ladder",)),
+    (("fly",), ("watchdog",)),
 )
 """calls by which the autopilot is told something, and what they are called on"""
 

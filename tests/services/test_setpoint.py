@@ -252,7 +252,7 @@ async def test_a_stream_that_never_engaged_ends_without_a_hold(bench: StartBench
     alice = await pilot(b, mode=LOITER)
     alice.put()
     await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "GUIDED asked for")
-    await asyncio.to_thread(b.vehicle.authority.ladder.wait_until_idle, 10.0)
+    await asyncio.to_thread(b.vehicle.authority.watchdog.wait_until_idle, 10.0)
     assert b.peer.heard(LOCAL) == []
     assert b.vehicle.setpoints.counts == {"engaging": 1}
 

@@ -91,7 +91,7 @@ async def test_a_mode_that_comes_after_its_stream_has_ended_is_held(bench: Start
     await b.peer.until(lambda: any(hold.items() <= t.fields.items() for t in b.peer.commands(SET_MODE)), "HOLD")
 
 
-async def test_the_ladder_outlives_a_session_that_is_closed(bench: StartBench) -> None:
+async def test_the_watchdog_outlives_a_session_that_is_closed(bench: StartBench) -> None:
     b = await bench()
     alice = await pilot(b)
     alice.put()
@@ -99,5 +99,5 @@ async def test_the_ladder_outlives_a_session_that_is_closed(bench: StartBench) -
     b.vehicle.events._publisher.undeclare()  # as the end of the session does it
     await b.peer.until(lambda: STOP in map(vel, b.peer.heard(LOCAL)), "hold")
     await b.peer.until(lambda: sum(vel(t) == STOP for t in b.peer.heard(LOCAL)) > 2, "more holds")
-    assert b.vehicle.authority.ladder._thread.is_alive()
+    assert b.vehicle.authority.watchdog._thread.is_alive()
     b.vehicle.events._publisher = Events(b.vehicle.adapter.session, "demo", "spare")._publisher  # to be closed

@@ -1,4 +1,4 @@
-"""Who may move the vehicle: leases, pilot, ladder and setpoints, put together."""
+"""Who may move the vehicle: leases, pilot, watchdog and setpoints, put together."""
 
 from __future__ import annotations
 
@@ -90,26 +90,26 @@ class Authority:
         self.leases = Leases(
             session, port.fleet, port.name, events, may_take=self.pilot.check, on_end=self._on_lease_end
         )
-        self.carrot = PositionLeader(port, identity, self.pilot.check)
-        self.ladder = StreamWatchdog(
+        self.leader = PositionLeader(port, identity, self.pilot.check)
+        self.watchdog = StreamWatchdog(
             port,
             events,
             rules.failsafe,
             counts,
             allowed=self.pilot.allowed,
-            near=self.carrot.near,
+            near=self.leader.near,
             aside=aside,
             on_ordered=self._on_ordered,
             on_acted=self._on_acted,
         )
-        self.stations = GcsTraffic(port, identity, self.leases, guard, self.taken)
+        self.gcs_traffic = GcsTraffic(port, identity, self.leases, guard, self.taken)
         self.setpoints = Setpoints(
             session,
             port,
             identity,
             self.leases,
             self.pilot,
-            self.ladder,
+            self.watchdog,
             bounds,
             events,
             rules.origin,
@@ -133,7 +133,7 @@ class Authority:
         """what ended the last order that the pilot ended"""
         self._handing: asyncio.Task[None] | None = None
         self._asked = -math.inf
-        """monotonic s at which the ladder asked for a mode last"""
+        """monotonic s at which the watchdog asked for a mode last"""
         self._ordered_under = 0
         """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
@@ -141,15 +141,15 @@ class Authority:
         self._loop = asyncio.get_running_loop()
         self.leases.start()
         self.pilot.start()
-        self.stations.start()
-        self.ladder.start()
+        self.gcs_traffic.start()
+        self.watchdog.start()
         self.setpoints.start()
 
     def close(self) -> None:
         """End; a vehicle that follows a stream is told to hold."""
         self.setpoints.close()
-        self.ladder.close()
-        self.carrot.close()
+        self.watchdog.close()
+        self.leader.close()
         self.pilot.close()
         self.leases.close()
 
@@ -186,9 +186,9 @@ class Authority:
             return None
         self.taken_from = ""
         if verb.name in HOLDING_FIRST:
-            self.ladder.hold_now(f"{verb.name} was ordered", severity="info")
-        flown = None if _moves_nothing(verb, args) else self.ladder.stop()
-        self.carrot.stop()
+            self.watchdog.hold_now(f"{verb.name} was ordered", severity="info")
+        flown = None if _moves_nothing(verb, args) else self.watchdog.stop()
+        self.leader.stop()
         if verb.name not in (*MOVING_NOTHING, "command"):
             self._ordered_under = self.leases.number if self.leases.holder and verb.access is Access.MOVE else 0
         self.pilot.order_begins(_named(args.command) if isinstance(args, wire.RunCommand) else verb.name)
@@ -222,9 +222,9 @@ class Authority:
 
     def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
-        idle = not (self._commander.moving or self.carrot.leading)
+        idle = not (self._commander.moving or self.leader.leading)
         if flown is not None and idle and self._identity.mode in (flown.mode, _hold_of(flown.autopilot)):
-            self.ladder.hold(flown, f"{verb.name} came to nothing")
+            self.watchdog.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> ActiveStream | None:
         """The pilot wins, as does the autopilot itself: everything of ours lets go, and nothing takes it back.
@@ -233,9 +233,9 @@ class Authority:
         """
         if self._handing is not None:
             self._handing.cancel()
-        ours = self.ladder.flying or self.carrot.leading or self._commander.moving or self.leases.holder is not None
-        flown = self.ladder.stop()
-        self.carrot.stop()
+        ours = self.watchdog.flying or self.leader.leading or self._commander.moving or self.leases.holder is not None
+        flown = self.watchdog.stop()
+        self.leader.stop()
         self._commander.ordered = None  # if the pilot goes back to that mode, it is his
         if self._commander.under_way:
             self.taken_from = text
@@ -270,7 +270,7 @@ class Authority:
                     lambda: who.intended is not None, "it does not say what it intends"
                 )
         lost = who.mode in flown.autopilot.stream_lost and who.intended == flown.mode and bool(who.armed)
-        if lost and not (self.pilot.has_it or self.ladder.flying or self._commander.moving):
+        if lost and not (self.pilot.has_it or self.watchdog.flying or self._commander.moving):
             await self._hand(flown.autopilot.hold()[0])
 
     def _to_autopilot(self) -> None:
@@ -294,7 +294,7 @@ class Authority:
         if self.pilot.has_it and time.monotonic() - self._asked < LATE_MODE:
             self._to_autopilot()  # granted after he took it: nobody streams
         if not self._identity.armed:
-            self.ladder.stop()
+            self.watchdog.stop()
 
     def add_to_state(self, state: wire.VehicleState) -> None:
         state.lease, state.lease_end = self.leases.info(), self.leases.last_end
@@ -304,31 +304,31 @@ class Authority:
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:
         """The one who flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
         lost = end.reason in ("expired", "gone", "clock")
-        if end.reason in ("pilot", "failsafe") or (lost and self.ladder.committed):
+        if end.reason in ("pilot", "failsafe") or (lost and self.watchdog.committed):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
-        self.ladder.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
+        self.watchdog.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
         if not lost and self._ordered_under == end.number:
             self._end_order(end)
 
     def _end_order(self, end: wire.LeaseEnd) -> None:
         """What was ordered under a lease ends with it where somebody meant the end: the vehicle holds for the next."""
-        if not (self._commander.moving or (self.carrot.leading and end.reason != "released")):
+        if not (self._commander.moving or (self.leader.leading and end.reason != "released")):
             return
         self._ordered_under = 0
         self._commander.supersede()
-        self.carrot.stop()
+        self.leader.stop()
         who, now = self._identity, time.monotonic()
         if who.autopilot is not None and who.source is not None:
             still = Target(vel=(0.0, 0.0, 0.0))
             flown = ActiveStream(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
-            self.ladder.hold(flown, end.text)
+            self.watchdog.hold(flown, end.text)
 
     def _on_ordered(self, mode: str) -> None:
-        """The ladder asks for a mode, in its thread."""
+        """The watchdog asks for a mode, in its thread."""
         self._commander.ordered, self._asked = mode, time.monotonic()
 
     def _on_acted(self, lease: int) -> None:
-        """The ladder has given the stream up, in its thread."""
+        """The watchdog has given the stream up, in its thread."""
         assert self._loop is not None
         on_loop(self._loop, self._end_given_up)(lease)
 

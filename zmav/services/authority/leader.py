@@ -1,7 +1,7 @@
 """A position target that is never far ahead of the vehicle, so that nothing flies on when the companion dies.
 
 ArduPilot flies to a position target however long nothing more is heard; velocities it drops by itself. A far target is
-therefore given as a carrot: the point on the way there that is as far ahead as the vehicle needs to keep its speed. It
+therefore given as a near one: the point on the way there as far ahead as the vehicle needs to keep its speed. It
 moves on with the vehicle as long as somebody renews it, and is where the vehicle stops when nobody does.
 """
 
@@ -34,7 +34,7 @@ FRESH_S = 2.0
 
 
 def within_reach(target: Target, position: Mapping[str, Any]) -> Target:
-    """``target``, or the carrot on the way to it from a GLOBAL_POSITION_INT; height and course each on their own."""
+    """``target``, or the point on the way to it from a GLOBAL_POSITION_INT; height and course each on their own."""
     if target.lat_deg is None or target.lon_deg is None:
         return target
     here = wire.Origin(lat_deg=position["lat"] / 1e7, lon_deg=position["lon"] / 1e7, alt_amsl=0.0)
@@ -78,7 +78,7 @@ class PositionLeader:
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
-        """What to give the autopilot now for ``target``: a carrot, or for a moving one on the ground a velocity."""
+        """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity."""
         if target.lat_deg is None or not flies_on(autopilot):
             return target
         heard = self._port.latest("GLOBAL_POSITION_INT", source)
@@ -90,7 +90,7 @@ class PositionLeader:
         return within_reach(target, position)
 
     def lead(self, target: Target) -> bool:
-        """Send the carrot now, and keep moving it; False where the autopilot needs none, and nothing was done.
+        """Send a near target now, and keep moving it; False where the autopilot needs none, and nothing was done.
 
         Raises :class:`~zmav.errors.Refused` where nobody may move the vehicle now.
         """
@@ -113,7 +113,7 @@ class PositionLeader:
             self._task = None
 
     def close(self) -> None:
-        """End for good: the vehicle is told to stop, and not only to go as far as its carrot."""
+        """End for good: the vehicle is told to stop, and not only to go as far as its near target."""
         autopilot, source, leading = self._identity.autopilot, self._identity.source, self.leading
         self.stop()
         if leading and autopilot is not None and source is not None and self._identity.mode == autopilot.guided:

@@ -83,7 +83,7 @@ class Pilot:
         mode, armed = self._identity.mode, bool(self._identity.armed)
         if self._armed and self._mode is not None:  # else nobody flies it
             self._judge(mode, armed, self._mode)
-        self._mode, self._armed = mode, armed  # only now: the ladder's thread may not take the mode for one let pass
+        self._mode, self._armed = mode, armed  # only now: the watchdog's thread may not take the mode for one let pass
 
     def _judge(self, mode: str | None, armed: bool, before: str) -> None:
         if not armed:

@@ -1,4 +1,4 @@
-"""``setpoint/{agent}``: outer-loop commands, checked one by one, and handed to the ladder that flies and guards them.
+"""``setpoint/{agent}``: outer-loop commands, checked one by one, and handed to the watchdog that flies and guards them.
 
 A setpoint is flown only under the lease in force, in order, before its deadline, inside the fence and the limits, by an
 armed vehicle that neither the pilot nor an order has. Each that is not is counted by its reason, and said.
@@ -50,7 +50,7 @@ class Heard(NamedTuple):
 
 
 class Setpoints:
-    """Takes setpoints from the key space to the ladder. Lives on the event loop; seals are looked at before it, on a
+    """Takes setpoints from the key space to the watchdog. Lives on the event loop; seals are looked at before it, on a
     thread, so that a flood of setpoints without one does not reach it.
 
     ``may_move()`` raises while nobody may command the vehicle (a clash of names or ids), ``free()`` while an order
@@ -66,7 +66,7 @@ class Setpoints:
         identity: Identity,
         leases: Leases,
         pilot: Pilot,
-        ladder: StreamWatchdog,
+        watchdog: StreamWatchdog,
         bounds: Bounds,
         events: Events,
         origin: wire.Origin | None,
@@ -79,7 +79,7 @@ class Setpoints:
         on_segment: Callable[[], None],
     ) -> None:
         self._session, self._port, self._identity, self._leases = session, port, identity, leases
-        self._pilot, self._ladder, self._bounds, self._events, self._origin = pilot, ladder, bounds, events, origin
+        self._pilot, self._watchdog, self._bounds, self._events, self._origin = pilot, watchdog, bounds, events, origin
         self.counts = counts
         self._may_move, self._free, self._accept, self._on_segment = may_move, free, accept, on_segment
         self._only_sealed = sealed
@@ -160,7 +160,7 @@ class Setpoints:
         self._accept(autopilot, first)
         autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
         flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until)
-        engaged = self._ladder.fly(flown, mode)
+        engaged = self._watchdog.fly(flown, mode)
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
         if isinstance(what, Segment):
             self._segment = wire.swarm.SegmentInfo(
@@ -172,7 +172,7 @@ class Setpoints:
     @property
     def segment(self) -> wire.swarm.SegmentInfo | None:
         """What the vehicle is committed to, or stands at the end of; None where anything else moves it."""
-        return self._segment if self._ladder.on_segment else None
+        return self._segment if self._watchdog.on_segment else None
 
     def _check_order(self, point: wire.Setpoint, in_force: bool) -> None:
         try:
@@ -205,7 +205,7 @@ class Setpoints:
             target = resolve(point, self._origin)
             self._bounds.check(target)
             self._leave_switch(target)
-            fresh = self._ladder.failsafe.hold_after
+            fresh = self._watchdog.failsafe.hold_after
             if target.inner:  # an old attitude, rate or torque leads anywhere: its sender says how long it is good for
                 fresh = min(fresh, point.deadline - utc)
             return target, target, now + fresh

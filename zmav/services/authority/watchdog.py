@@ -1,4 +1,4 @@
-"""What happens when the stream stops: the ladder from a fresh setpoint down to landing, in a thread of its own.
+"""What happens when the stream stops: the steps from a fresh setpoint down to landing, in a thread of its own.
 
 A watchdog on the event loop would sleep with the loop it guards. This one needs nothing of it: it knows when the stream
 goes stale, reads the autopilot's mode from the adapter's memory, and sends through the port, which any thread may.
@@ -62,7 +62,7 @@ class Step(enum.Enum):
 
 
 class StreamWatchdog:
-    """Guards one vehicle's stream. Every method from any thread; what calls back does so from the ladder's thread.
+    """Guards one vehicle's stream. Every method from any thread; what calls back does so from the watchdog's thread.
 
     ``allowed(mode)``: that mode of the autopilot is one that was ordered here; the pilot has the vehicle otherwise.
     ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`). ``aside``: what to fly instead
@@ -103,11 +103,11 @@ class StreamWatchdog:
         self._tries: list[str] = []
         self._repeats = 0
         self._over = 0
-        """the lease under which the ladder has acted: nothing more is flown under it"""
+        """the lease under which the watchdog has acted: nothing more is flown under it"""
         self.rounds = 0
         """of its thread so far"""
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name=f"ladder {port.name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"watchdog {port.name}", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
@@ -245,7 +245,7 @@ class StreamWatchdog:
                     self._due = self._next(time.monotonic())
                 except Exception as e:  # it must not end, whatever is wrong
                     self._due = now + HOLD_EVERY
-                    self._events.emit("fault", "error", f"ladder: {e!r}", limit="ladder")
+                    self._events.emit("fault", "error", f"watchdog: {e!r}", limit="watchdog")
 
     def _wake(self, due: float) -> None:
         """A stream moves its due time on with each setpoint: only an earlier one needs the thread."""

@@ -1,4 +1,4 @@
-"""The carrot: never farther ahead than the vehicle needs, always on the way, and the target itself at the end."""
+"""The near target: never farther ahead than the vehicle needs, always on the way, and the target itself at the end."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ async def test_a_goto_is_led_there_and_its_end_is_said(bench: StartBench) -> Non
     assert [norths(t) for t in b.peer.heard(GLOBAL)] == pytest.approx([AHEAD_M] * len(b.peer.heard(GLOBAL)), abs=0.2)
     b.peer.send("GLOBAL_POSITION_INT", **at(390.0))
     await b.peer.until(lambda: norths(b.peer.heard(GLOBAL)[-1]) == pytest.approx(400.0, abs=0.2), "the target itself")
-    carrot = b.vehicle.authority.carrot
-    await b.state(lambda s: not carrot.leading, "the end of it")
+    leader = b.vehicle.authority.leader
+    await b.state(lambda s: not leader.leading, "the end of it")
 
 
 @pytest.mark.parametrize("ends", ["hold", "pilot"])
