@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import zmav
 from mesh.credentials.ca import Authority
 from tests.services.conftest import GUIDED, LAND, SET_MODE, Told
-from tests.services.param_peer import ParamPeer, many
+from tests.services.params.param_peer import ParamPeer, many
 from zmav import wire
 from zmav.errors import SessionError, ZmavError
 from zmav.process import free_port

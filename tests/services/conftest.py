@@ -243,8 +243,8 @@ async def bench(net: Net, peer: StartPeer, onboard: StartOnboard) -> StartBench:
 
 @pytest.fixture
 async def mission_bench(bench: StartBench) -> AsyncIterator[Any]:
-    """Put a vehicle with a mission store on the bench: see :func:`tests.services.mission_peer.mission_benches`."""
-    from tests.services.mission_peer import mission_benches  # it builds on what is here
+    """A vehicle with a mission store: :func:`tests.services.missions.mission_peer.mission_benches`."""
+    from tests.services.missions.mission_peer import mission_benches  # it builds on what is here
 
     async with mission_benches(bench) as start:
         yield start

@@ -10,7 +10,7 @@ import pytest
 
 import zmav
 from agents.navigator.agent import Navigator
-from tests.services.test_levels_flown import ORIGIN, free_udp_port
+from tests.services.authority.test_levels_flown import ORIGIN, free_udp_port
 from zmav.sim import VehicleSpec, World
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from mesh.credentials.rosterwatch import watch_roster
 from mesh.router import Router
 from tests.conftest import PATIENCE_S, Net, endpoint_of
 from tests.mesh.bench.conftest import Line, Start, idle, plan_of
-from tests.services.test_questions import FLOOD, Asker, Held
+from tests.services.queries.test_questions import FLOOD, Asker, Held
 from zmav import keys, wire
 from zmav.doctor.credentials import rosters
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused

@@ -122,7 +122,7 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
 
 
 def test_a_hundred_and_twenty_nonsense_goals_are_refused() -> None:
-    """With the eighty that a vehicle refuses for itself and more: tests/services/test_bounds.py."""
+    """With the eighty that a vehicle refuses for itself and more: tests/services/authority/test_bounds.py."""
     r, taken = random.Random(20261123), []
     for _ in range(COUNT):
         goal = _bad_goal(r)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.param_peer import HOME, INT8, INT32, REAL32, many, scenes
+from tests.services.params.param_peer import HOME, INT8, INT32, REAL32, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
 from zmav.services.link import identity
@@ -16,7 +16,7 @@ from zmav.services.params import requests
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench, Told
-    from tests.services.param_peer import StartScene
+    from tests.services.params.param_peer import StartScene
 
 
 @pytest.fixture

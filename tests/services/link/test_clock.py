@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tests.services.rate_peer import StreamPeer
+from tests.services.rates.rate_peer import StreamPeer
 from zmav import onboard as onboard_module
 from zmav import wire
 from zmav.mavlink import Packer

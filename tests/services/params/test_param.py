@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.param_peer import HOME, INT8, INT32, NO_INDEX, REAL32, ParamPeer, many, scenes
+from tests.services.params.param_peer import HOME, INT8, INT32, NO_INDEX, REAL32, ParamPeer, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Stale, TimedOut
 from zmav.services.link import identity
@@ -17,7 +17,7 @@ from zmav.services.params import fill, params, requests
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
     from tests.services.conftest import StartBench
-    from tests.services.param_peer import StartScene
+    from tests.services.params.param_peer import StartScene
 
 BYTEWISE, C_CAST, FLOAT = 16, 1 << 17, 2
 

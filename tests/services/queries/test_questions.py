@@ -13,7 +13,7 @@ import pytest
 import zenoh
 from zenoh import handlers
 
-from tests.services.param_peer import many, scenes
+from tests.services.params.param_peer import many, scenes
 from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.services.link.port import on_loop
@@ -27,7 +27,7 @@ from zmav.trust.verify import Allowance
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net
     from tests.services.conftest import StartBench
-    from tests.services.param_peer import StartScene
+    from tests.services.params.param_peer import StartScene
 
 PATIENCE_S = 30.0
 HELD = "zmav/demo/lane/held"

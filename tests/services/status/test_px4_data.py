@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 import zmav
-from tests.services.disk import noise
+from tests.services.files.disk import noise
 from zmav import keys, wire
 from zmav.cli.log import _chosen
 from zmav.errors import BadInput, Refused

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.disk import PATIENCE_S, Disk, disk, noise
+from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink.ftp import Nak, Op, crc32

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.services.test_rate import flows, on, one, quick, token  # noqa: F401  (fixtures)
+from tests.services.rates.test_rate import flows, on, one, quick, token  # noqa: F401  (fixtures)
 from zmav.mavlink import load_dialect
 from zmav.services.rates import demand as demand_module
 from zmav.services.rates.demand import FASTEST
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench
-    from tests.services.rate_peer import StreamPeer
+    from tests.services.rates.rate_peer import StreamPeer
 
 
 async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: StartBench, one: StreamPeer) -> None:

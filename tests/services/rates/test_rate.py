@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from tests.services.rate_peer import GET_INTERVAL, SET_INTERVAL, StreamPeer
+from tests.services.rates.rate_peer import GET_INTERVAL, SET_INTERVAL, StreamPeer
 from zmav import keys, wire
 from zmav import onboard as onboard_module
 from zmav.autopilots.ardupilot import ArduPilot

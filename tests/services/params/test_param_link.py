@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.param_peer import many, scenes
+from tests.services.params.param_peer import many, scenes
 from zmav import wire
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
     from tests.services.conftest import StartBench
-    from tests.services.param_peer import StartScene
+    from tests.services.params.param_peer import StartScene
 
 
 @pytest.fixture

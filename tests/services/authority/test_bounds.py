@@ -27,7 +27,7 @@ from zmav.vehicle import Vehicle
 if TYPE_CHECKING:
     from tests.conftest import Ground, Net, StartOnboard
     from tests.services.conftest import StartBench
-    from tests.services.mission_peer import MissionBench
+    from tests.services.missions.mission_peer import MissionBench
 
 AUTO = 3
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.services.mission_peer import (
+from tests.services.missions.mission_peer import (
     DENIED,
     ERROR,
     FENCE,

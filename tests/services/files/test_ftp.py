@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.services.disk import PATIENCE_S, disk, noise
+from tests.services.files.disk import PATIENCE_S, disk, noise
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp
 from zmav.mavlink.ftp import Nak, Op

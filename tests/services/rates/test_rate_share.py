@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.services.rate_peer import SerialPeer
+from tests.services.rates.rate_peer import SerialPeer
 from zmav import keys, wire
 from zmav import onboard as onboard_module
 from zmav.autopilots.ardupilot import ArduPilot

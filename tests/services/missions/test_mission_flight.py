@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.services.conftest import ARM, SET_MODE, Bench
-from tests.services.mission_peer import MISSION, MissionBench, MissionPeer, raw, waypoints
+from tests.services.missions.mission_peer import MISSION, MissionBench, MissionPeer, raw, waypoints
 from zmav import keys
 from zmav.errors import BadInput, Refused, TimedOut
 

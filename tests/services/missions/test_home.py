@@ -14,7 +14,7 @@ from zmav.waiting import within
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
-    from tests.services.mission_peer import MissionBench
+    from tests.services.missions.mission_peer import MissionBench
 
 PATIENCE_S = 100.0
 RTL = 6

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.services.test_setpoint import GLOBAL, HOLD, LOCAL, OFFBOARD, ORIGIN, SET_MODE, STOP, pilot, vel
+from tests.services.authority.test_setpoint import GLOBAL, HOLD, LOCAL, OFFBOARD, ORIGIN, SET_MODE, STOP, pilot, vel
 from zmav import wire
 from zmav.config import Failsafe
 from zmav.services.status.events import Events
