@@ -85,7 +85,9 @@ async def _replay(
     base: OnboardSettings,
     settings: SessionSettings,
 ) -> None:
-    names = await asyncio.to_thread(_names, sources, name)
+    # asked once: a file that is still written to names more vehicles later
+    recorded = await asyncio.to_thread(lambda: [(source, source.vehicles()) for source in sources])
+    names = _names(recorded, name)
     async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
         await z.settle(timeout=SETTLE_S)
         if taken := sorted(each for each in names.values() if z.present(each, base.fleet)):
@@ -96,8 +98,8 @@ async def _replay(
         parts: list[tuple[Source, Deliver]] = []
         putter = Putter(z, names)
         async with contextlib.AsyncExitStack() as stack:
-            for source in sources:
-                called = [names[vehicle] for vehicle in source.vehicles()]
+            for source, whose in recorded:
+                called = [names[vehicle] for vehicle in whose]
                 say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
                 if isinstance(source, Tlogs):
                     links.append(link := FedLink(source.label))
@@ -207,26 +209,26 @@ class Putter:
         return channel, "/".join(chunks), name
 
 
-def _names(sources: Sequence[Source], name: str | None) -> dict[str, str]:
+def _names(recorded: Sequence[tuple[Source, list[str]]], name: str | None) -> dict[str, str]:
     """How each recorded vehicle is called now. Raises :class:`BadInput` where that cannot be."""
     in_mcap, in_tlog = (
-        {vehicle for source in sources if isinstance(source, Tlogs) == tlog for vehicle in source.vehicles()}
+        {each for source, whose in recorded if isinstance(source, Tlogs) == tlog for each in whose}
         for tlog in (False, True)
     )
-    recorded = sorted(in_mcap | in_tlog)
+    found = sorted(in_mcap | in_tlog)
     if in_mcap & in_tlog:
         some = ", ".join(sorted(in_mcap & in_tlog)[:5])
         text = f"{some} would be played twice, from a .tlog and from an .mcap: give one of the two, or the folder"
         raise BadConfig(text, field="file", expected="each vehicle in one kind of file")
-    if not recorded:
+    if not found:
         raise BadInput("the recording holds nothing that can be played", field="file", expected="a recording of zmav's")
     if name is None:
-        return {vehicle: vehicle for vehicle in recorded}
-    if "*" not in name and len(recorded) > 1:
-        some = ", ".join(recorded[:5])
-        text = f"{len(recorded)} vehicles ({some}) cannot all be {name!r}: write a * for their own names"
+        return {vehicle: vehicle for vehicle in found}
+    if "*" not in name and len(found) > 1:
+        some = ", ".join(found[:5])
+        text = f"{len(found)} vehicles ({some}) cannot all be {name!r}: write a * for their own names"
         raise BadConfig(text, field="name", value=name, expected="a name with a *, as in 'old-*'")
-    return {vehicle: keys.check_name(name.replace("*", vehicle)) for vehicle in recorded}
+    return {vehicle: keys.check_name(name.replace("*", vehicle)) for vehicle in found}
 
 
 def _speed(text: str) -> float:

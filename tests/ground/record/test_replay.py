@@ -262,6 +262,22 @@ async def test_under_another_name_and_in_a_named_fleet(stage: Stage, recorded: R
     assert await stage.until(len(wanted)) == wanted
 
 
+async def test_a_file_that_is_still_written_to_may_name_more_vehicles_later(
+    stage: Stage, recorded: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, asked = Mcap.vehicles, list[Mcap]()
+
+    def growing(self: Mcap) -> list[str]:
+        asked.append(self)
+        return whole(self)[: len(asked)]
+
+    monkeypatch.setattr(Mcap, "vehicles", growing)
+    told = await stage.replay(recorded)
+    assert "as demo-replay/quad1\n" in told.err
+    wanted = expected(recorded)
+    assert await stage.until(len(wanted)) == wanted, "what came later is played under its own name"
+
+
 async def test_what_is_played_already_is_not_played_over(stage: Stage, recorded: Recorded) -> None:
     key = keys.ALIVE.key("demo-replay", "quad1", role="replay", sys=1, autopilot="px4", uid="-", instance="other")
     token = stage.router.liveliness().declare_token(key)

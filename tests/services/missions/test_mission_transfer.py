@@ -91,7 +91,7 @@ async def test_fences_and_rally_points(
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
 async def test_a_hundred_items_over_a_bad_link(mission_bench: MissionBench, style: str) -> None:
-    """20 % of the frames lost and 200 ms delay each way, at a tenth of all times: the peer gives an upload up after 0.8 s."""
+    """20 % of the frames lost, 200 ms each way, at a tenth of all times: the peer gives an upload up after 0.8 s."""
     b, peer = await mission_bench(style, pace=Pace(reply=0.072, shortest=0.02, longest=0.16))
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
     peer.loss, peer.delay, peer.time = 0.2, 0.02, 0.1
