@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import os
 import signal
@@ -53,6 +54,13 @@ def own_sockets() -> Iterator[None]:
     with tempfile.TemporaryDirectory(prefix="zmav-run-") as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv(rundir.VARIABLE, folder)  # not under tmp_path: the path of a socket is short
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_long_collection() -> None:
+    """A full garbage collection stops every thread: of what pytest keeps of thousands of tests for 0.1 s and more."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
@@ -234,7 +242,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
     """
     file = config.getoption("--affected")
-    if file or config.getoption("-m"):
+    if file or config.getoption("-m") not in ("", "alone", "not alone"):
         _mark_and_select(config, items, file)
     marked = [item for item in items if item.get_closest_marker("root")]
     if marked and (why := _no_network()):

@@ -22,6 +22,7 @@ SKIPPED = "import pytest\n" + FLAKY.replace("assert there", "assert there and py
 CRASHES = "import os\n" + FLAKY.replace("assert there", "assert there or os._exit(3)")
 SIX_BAD = "\n".join(f"def test_{n}(): assert 0" for n in range(6))
 BROKEN = "import nothing_of_that_name"
+BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + BAD
 ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, or skipped, alone too"
 
 
@@ -35,9 +36,30 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
         ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
         ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
+        (
+            ["def test_good(): pass", BY_ITSELF],
+            "",
+            1,
+            ["1 passed, 1 deselected", "1 failed, 1 deselected"],
+            [ONCE_MORE],
+        ),
+        ([BY_ITSELF.replace("0", "1")], "", 0, ["1 passed"], [ONCE_MORE]),
+        ([BAD, BY_ITSELF], "-m alone", 1, ["1 failed, 1 deselected"], ["passed"]),
         ([BAD], "-k nothing", 5, ["1 deselected"], [ONCE_MORE]),
     ],
-    ids=["flaky", "bad", "skipped", "crash", "many", "cut-short", "broken-file", "none"],
+    ids=[
+        "flaky",
+        "bad",
+        "skipped",
+        "crash",
+        "many",
+        "cut-short",
+        "broken-file",
+        "alone",
+        "only-alone",
+        "marked",
+        "none",
+    ],
 )
 def test_the_second_run(
     tmp_path: Path, root: Path, files: list[str], args: str, status: int, said: list[str], unsaid: list[str]

@@ -98,6 +98,7 @@ def modes(events: Samples, name: str) -> list[str]:
     ]
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("planner", ["slow", "dead"])
 async def test_who_flies_somewhere_is_stopped_at_once(planner: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It holds while no planner has said a word. On PX4 that is a mode, which the events tell in its order."""
@@ -304,7 +305,7 @@ async def test_who_cancels_the_return_is_obeyed() -> None:
         assert "rtl" not in s.vehicles[0].verbs
 
 
-async def test_a_plan_is_not_given_up_while_it_is_made_anew_or_paused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_plan_is_not_given_up_while_it_is_made_again_or_paused(monkeypatch: pytest.MonkeyPatch) -> None:
     """What bounds the time until a plan is flown does not bound what comes after."""
     monkeypatch.setattr("zmav.swarm.PLAN", 0.0)
     async with scene("flying") as s:

@@ -58,8 +58,8 @@ def up(
     or -e say otherwise, and goes beyond it only with --credentials or --insecure ('zmav mesh config' shows what
     results). An autopilot that comes late, goes away or is exchanged is waited for. SIGTERM ends it cleanly.
     """
-    plan_anew = partial(plan_host, fleet_file, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
-    plan = plan_anew()
+    plan_again = partial(plan_host, fleet_file, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
+    plan = plan_again()
     file, table = plan.file, plan.file.vehicle(name) if fleet_file else None
     url = link or (table.link if table else None)
     if url is None:
@@ -82,11 +82,11 @@ def up(
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
     )
-    run(_up(vehicle, plan, settings, plan_anew))
+    run(_up(vehicle, plan, settings, plan_again))
 
 
 async def _up(
-    vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings, plan_anew: Callable[[], RouterPlan]
+    vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings, plan_again: Callable[[], RouterPlan]
 ) -> None:
     async with Router(plan, settings) as router:
         onboard = Onboard(router.session, vehicle)
@@ -98,7 +98,7 @@ async def _up(
         async with onboard:
             line = f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}"
             why = await until_outdated(
-                router, line, plan_anew, lambda: not onboard.identity.armed and onboard.leases.holder is None
+                router, line, plan_again, lambda: not onboard.identity.armed and onboard.leases.holder is None
             )
     if why:
         log(f"starting again: {why}")

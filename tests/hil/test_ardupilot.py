@@ -132,7 +132,7 @@ def test_a_second_stack_on_the_same_port_is_not_mixed_in(world: World, client: C
     other.close()
 
 
-def test_a_stack_that_starts_anew_begins_at_the_start(world: World, client: Client) -> None:
+def test_a_stack_that_restarts_begins_at_the_start(world: World, client: Client) -> None:
     for _ in range(400):
         client.step([1800] * 16)
     assert world.status().vehicles[0].ned_m[2] < -0.5

@@ -137,7 +137,7 @@ def test_what_the_stack_would_not_notice_is_refused(world: World, name: str, kin
     assert world.faults() == []
 
 
-def test_a_stack_that_starts_anew_has_what_has_failed_still() -> None:
+def test_a_stack_that_restarts_has_what_has_failed_still() -> None:
     body = plant("sih")
     body.weaken(0, 2, "fault motor", 0.25)
     body.battery.drain(0, 0.3)

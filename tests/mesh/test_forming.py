@@ -200,7 +200,7 @@ interface = "late0"
 """
 
 
-async def test_a_radio_that_comes_late_has_the_router_start_anew(labs: Labs, tmp_path: Path) -> None:
+async def test_a_radio_that_comes_late_has_the_router_start_again(labs: Labs, tmp_path: Path) -> None:
     """A modem that is plugged in after boot: its address was not known, and multicast was not on it."""
     link = {"kind": "link", "between": ["a", "b"], "interface": "eth0"}
     lab = await labs.lab(hosts={"a": {"program": "none"}, "b": {"program": "none"}}, media=[link])

@@ -43,7 +43,7 @@ async def router(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Router]:
         yield opened
 
 
-async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start_anew(
+async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start_again(
     router: Router, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flying, looks = True, 0
@@ -90,7 +90,7 @@ async def test_who_takes_off_meanwhile_goes_on(router: Router) -> None:
     assert next(answers, None) is None
 
 
-async def test_asked_to_end_it_does_not_start_anew(router: Router) -> None:
+async def test_asked_to_end_it_does_not_start_again(router: Router) -> None:
     asked = asyncio.Event()
 
     def idle() -> bool:

@@ -152,7 +152,7 @@ def test_a_restarted_sender_is_heard_once_the_old_one_is_silent() -> None:
     assert assembler.torn == 0
 
 
-def test_the_sequence_may_begin_anew() -> None:
+def test_the_sequence_may_begin_again() -> None:
     assembler = Assembler()
     for seq in (2**32 - 1, 0, 1):
         assert [w.seq for w in feed(assembler, chunks(b"z" * 100, seq=seq))] == [seq]

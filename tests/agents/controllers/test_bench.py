@@ -293,6 +293,7 @@ def zmavs(token: str) -> list[int]:
     return found
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_quick_run(tmp_path: Path) -> None:

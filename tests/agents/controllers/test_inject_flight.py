@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tests.agents.controllers.conftest import Field
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 async def test_a_step_up_is_flown_and_examined(field: Field, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"

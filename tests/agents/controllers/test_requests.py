@@ -97,7 +97,7 @@ async def test_a_request_while_it_hands_back_or_ends_is_refused(field: Field, mo
         await field.vehicle.tell("ev1-attitude", "engage")
 
 
-async def test_a_vehicles_agent_that_begins_anew_turns_no_switch(field: Field) -> None:
+async def test_a_vehicles_agent_that_begins_again_turns_no_switch(field: Field) -> None:
     supervisor = await field.supervise("ev1-attitude")
     state = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one", pilot="his switch")
     away = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one")

@@ -30,6 +30,7 @@ def kept(folder: Path, name: str = "px1") -> Report:
     return found
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 async def test_a_px4_flies_every_check_through_its_line(fleet: Path, tmp_path: Path, make_board: MakeBoard) -> None:
     board = make_board(speed=3.0)

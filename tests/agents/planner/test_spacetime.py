@@ -211,7 +211,7 @@ def test_the_same_seed_gives_the_same_motions() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
 
 
-def test_one_is_planned_anew_among_all_others() -> None:
+def test_one_is_planned_again_among_all_others() -> None:
     problem, world, paths = ready(generate.shuffle(36, 2))
     motions = find(problem, world, paths, 30.0, np.random.default_rng(0))
     assert motions is not None

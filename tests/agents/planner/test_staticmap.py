@@ -56,7 +56,7 @@ def copters(
     return problem_of(Scene(vehicles=vehicles, obstacles=obstacles, bounds=scene().bounds))
 
 
-def test_a_changed_map_is_as_one_made_anew() -> None:
+def test_a_changed_map_is_as_one_made_again() -> None:
     rng = np.random.default_rng(5)
     obstacles = towers(rng, 30)
     kept = StaticMap(world_of(scene(*obstacles)))

@@ -133,7 +133,7 @@ def test_lost_and_repeated_frames_of_the_client_cost_time_only(fleet: Fleet, gcs
     assert [ack["type"] for ack in gcs.fields("MISSION_ACK", PX4)] == [ACCEPTED]
 
 
-def test_an_upload_that_is_begun_anew_is_the_one_that_counts(gcs: Caller) -> None:
+def test_an_upload_that_is_begun_again_is_the_one_that_counts(gcs: Caller) -> None:
     gcs.to("MISSION_COUNT", PX4, count=9)
     gcs.wait(lambda: requests(gcs, PX4) == [0], "a request")
     gcs.to("MISSION_ITEM_INT", PX4, seq=0, **waypoint(0))

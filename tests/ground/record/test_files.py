@@ -271,7 +271,7 @@ def test_where_nobody_can_write_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("whole", [True, False], ids=["the folder of all", "the session's"])
-def test_files_that_are_taken_away_are_begun_anew(desk: Any, folder: Room, frames: type[Frames], whole: bool) -> None:
+def test_files_that_are_taken_away_are_begun_again(desk: Any, folder: Room, frames: type[Frames], whole: bool) -> None:
     here, make = desk(), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 1)

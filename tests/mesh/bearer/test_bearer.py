@@ -116,7 +116,7 @@ def test_a_session_lives_on_when_its_radio_dies_and_nothing_is_lost(
     assert [str(zid) for zid in near.info.routers_zid()] == [str(far.info.zid())]
 
 
-def test_a_neighbour_that_starts_anew_is_linked_anew(pair: MakePair, router: Callable[..., zenoh.Session]) -> None:
+def test_a_neighbour_that_restarts_is_linked_again(pair: MakePair, router: Callable[..., zenoh.Session]) -> None:
     both = pair(None)
     left, right = linked(both)
     first = router(both, RIGHT, right)

@@ -129,7 +129,7 @@ def test_nothing_is_overwritten(authority: Authority, tmp_path: Path) -> None:
     assert Credentials.load(authority.renew("quad1")).name == "quad1"
 
 
-def test_a_name_given_anew_has_its_newest_role_only(authority: Authority) -> None:
+def test_a_name_given_again_has_its_newest_role_only(authority: Authority) -> None:
     """Its former certificate has ended, but stays on the roster for clocks that are late."""
     authority.issue("ann", Role.OPERATOR, days=-0.5, out=authority.folder / "former")
     held = Credentials.load(authority.issue("ann", Role.VIEWER))

@@ -99,7 +99,7 @@ async def test_what_it_tells_is_published_and_answered_and_no_wildcard_hears_the
     assert not [key for key in heard if "/@" in key]
 
 
-async def test_a_neighbour_out_of_range_or_gone_is_told_of_and_measured_anew_when_it_is_back(routers: Routers) -> None:
+async def test_a_neighbour_out_of_range_or_gone_is_told_of_and_measured_again_when_it_is_back(routers: Routers) -> None:
     quick = ("transport/link/tx/lease:400",)
     relay = routers.relay(await routers.open("quad1", cfg=quick))
     await routers.open("quad2", relay.endpoint, cfg=quick)

@@ -129,7 +129,7 @@ def test_silence_counts_as_loss_up_to_all_of_it() -> None:
     assert window.share(10 * WINDOW) == 1.0
 
 
-def test_a_stream_that_begins_anew_begins_anew() -> None:
+def test_a_stream_that_begins_again_starts_over() -> None:
     window = LossWindow()
     for n in (*range(1_000_000, 1_000_050), *range(20)):
         window.came(n)
@@ -226,7 +226,7 @@ def test_a_neighbour_that_says_nothing_more_is_silent_and_its_loss_grows() -> No
     assert Meter(A, 100.0).figures(102.0).silent is True
 
 
-def test_a_link_that_is_up_again_is_measured_anew_and_its_numbers_go_on() -> None:
+def test_a_link_that_is_up_again_is_measured_again_and_its_numbers_go_on() -> None:
     a, b = exchange(20.0, 2, 2, 0.01, 0.01)
     a.begin(160.0)
     known = a.figures(160.5)

@@ -35,7 +35,7 @@ def test_commands_are_repeated_when_they_change_and_after_a_while() -> None:
         assert due(pace, Target(vel=(1.0, 0.0, 0.0)), at) == [True]
 
 
-def test_what_begins_anew_is_not_given_sooner_though_it_changes() -> None:
+def test_what_begins_again_is_not_given_sooner_though_it_changes() -> None:
     pace = Pace()
     assert due(pace, Target(1.0, 2.0, alt_rel=50.0), 0.0, mav_type=1) == [True]
     assert due(pace, Target(1.0, 2.1, alt_rel=50.0), 0.9, mav_type=1) == [False]

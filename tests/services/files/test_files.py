@@ -54,7 +54,7 @@ async def test_an_interrupted_get_goes_on_where_it_stopped(net: Net, onboard: St
         assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
 
 
-async def test_what_is_another_file_by_now_is_begun_anew(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_what_is_another_file_by_now_is_begun_again(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path) as d:
         d.put("/APM/f", noise(700_000))
         have = await cut_short(d, "/APM/f")

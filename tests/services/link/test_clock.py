@@ -127,7 +127,7 @@ def test_only_a_time_that_went_back_during_a_silence_is_a_restart(up: float, ver
     assert twin.ask(0.01, 0.01) == verdict
 
 
-def test_a_clock_that_jumps_ahead_is_no_restart_and_begins_anew() -> None:
+def test_a_clock_that_jumps_ahead_is_no_restart_and_begins_again() -> None:
     twin = Twin()
     for _ in range(10):
         twin.ask(0.01, 0.01)

@@ -178,7 +178,7 @@ async def test_px4_s_second_acknowledgement_refuses_at_once(bench: StartBench) -
         await b.ground.do("set_mode", mode="HOLD")
 
 
-async def test_reboot_waits_for_the_clock_to_begin_anew(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_reboot_waits_for_the_clock_to_begin_again(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
     b = await (await bench()).connected()
     uptime = 100_000_000_000
 

@@ -263,7 +263,7 @@ async def test_another_autopilot_has_another_set(scene: StartScene, monkeypatch:
     assert await s.values() == {"OTHER": 3.0}
 
 
-async def test_silence_alone_is_no_reason_to_read_anew(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_silence_alone_is_no_reason_to_read_again(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
     s = await (await scene()).read()
     s.peer.send("ATTITUDE", time_boot_ms=50_000)
@@ -276,7 +276,7 @@ async def test_silence_alone_is_no_reason_to_read_anew(scene: StartScene, monkey
     assert (s.known.complete, s.peer.lists()) == (True, 1)
 
 
-async def test_after_a_restart_it_is_read_anew(scene: StartScene) -> None:
+async def test_after_a_restart_it_is_read_again(scene: StartScene) -> None:
     s = await (await scene()).read()
     s.peer.send("ATTITUDE", time_boot_ms=50_000)
     await s.until(lambda: s.b.vehicle.params._uptime._last is not None, "uptime noticed")

@@ -128,7 +128,7 @@ class TestFrozen:
 
 
 class TestReboot:
-    def test_in_flight_it_falls_and_starts_anew(self, aloft: Desk) -> None:
+    def test_in_flight_it_falls_and_starts_again(self, aloft: Desk) -> None:
         aloft.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
         aloft.world.step(1.0)
         last = aloft.frames[-1].seq

@@ -142,7 +142,7 @@ class TestMessages:
         companion.send("TIMESYNC", tc1=0, ts1=77)
         assert companion.all("TIMESYNC") == [{"tc1": 2_000_000_000, "ts1": 77}]
 
-    def test_a_reboot_of_a_board_starts_anew(self, companion: Companion) -> None:
+    def test_a_reboot_of_a_board_starts_again(self, companion: Companion) -> None:
         board = Companion(companion.world, companion.vehicle, "pty")
         companion.ready()
         companion.command(511, 30, -1)

@@ -162,7 +162,7 @@ def test_one_who_takes_nothing_is_given_up_and_the_others_come_to_rest(at: float
 
 
 @pytest.mark.parametrize("at", [0.3, 2.5, 6.0])
-def test_an_agent_that_is_started_anew_does_not_seem_to_fly_what_its_numbers_say(at: float) -> None:
+def test_an_agent_that_is_started_again_does_not_seem_to_fly_what_its_numbers_say(at: float) -> None:
     """A new one counts leases and setpoints from zero again."""
     history = History(plan(2), np.random.default_rng(2))
     history.run(at)

@@ -94,7 +94,7 @@ async def test_a_planner_killed_in_mid_swap_leaves_everybody_at_rest_and_apart(t
     assert modes == {"GUIDED"}
 
 
-async def test_what_cannot_begin_is_refused_and_what_a_pilot_takes_is_not_fought_but_planned_anew() -> None:
+async def test_what_cannot_begin_is_refused_and_what_a_pilot_takes_is_not_fought_but_planned_again() -> None:
     motions = named(carousel(3, 6.0, turn=2.0, speed=2.0))
     said: list[str] = []
     troubles: list[Trouble] = []
