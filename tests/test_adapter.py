@@ -12,12 +12,14 @@ import pytest
 import zenoh
 
 from zmav import keys
-from zmav.adapter import Adapter
+from zmav.adapter import Adapter, LinkChanged
+from zmav.bus import Bus
 from zmav.errors import BadKey, Clash
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, UdpInLink, open_link
 from zmav.mavlink import Frame, encode, load_dialect, parse_frame
 from zmav.mavlink.checksum import checksum
+from zmav.services.link.port import FrameRefused
 from zmav.trust.gate import anybody
 
 if TYPE_CHECKING:
@@ -71,17 +73,16 @@ async def rig(net: Net) -> AsyncIterator[Rig]:
     await net.linked(session, rx(1, 1, "HEARTBEAT"))
     link = open_link("udpin:127.0.0.1:0")
     assert isinstance(link, UdpInLink)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT, Bus())
     listening, refused, blocked = threading.Event(), list[str](), threading.Event()
 
     def may_send(frame: Frame) -> None:
         if blocked.is_set():
             raise Clash("refused: two of one name")
 
-    forwarder = FrameForwarder(
-        adapter, prove=anybody, may_send=may_send, on_sent=lambda frame: None, on_refused=refused.append
-    )
-    adapter.on_link = lambda state, text: listening.set() if "listening" in text else None
+    forwarder = FrameForwarder(adapter, prove=anybody, may_send=may_send)
+    adapter.bus.on(FrameRefused, lambda told: refused.append(told.text))
+    adapter.bus.on(LinkChanged, lambda told: listening.set() if "listening" in told.text else None)
     forwarder.start()
     adapter.start()
     assert await asyncio.to_thread(listening.wait, PATIENCE_S)
@@ -277,14 +278,14 @@ async def test_it_speaks_with_one_row_of_sequence_numbers(rig: Rig) -> None:
 def test_names_that_cannot_stand_in_a_key(net: Net, fleet: str, name: str) -> None:
     session, _ = net.router()
     with pytest.raises(BadKey, match="cannot stand in a key"):
-        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT)
+        Adapter(session, fleet, name, open_link("udpin:127.0.0.1:0"), DIALECT, Bus())
 
 
 async def test_closing_in_any_order(net: Net) -> None:
     session, _ = net.router()
     link: Link = open_link("udpin:127.0.0.1:0")
-    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT)
-    adapter = Adapter(session, "demo", "quad1", link, DIALECT)
+    never_started = Adapter(session, "demo", "quad2", open_link("udpin:127.0.0.1:0"), DIALECT, Bus())
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT, Bus())
     adapter.start()
     session.close()
     for each in (adapter, adapter, never_started):

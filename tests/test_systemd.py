@@ -16,6 +16,7 @@ import pytest
 from tests.cli.conftest import Process
 from tests.services.conftest import Bench, StartBench, bench, peer
 from zmav import systemd
+from zmav.bus import Alive
 from zmav.process import free_port
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ async def test_the_stream_watchdog_and_the_loop_feed_systemd(
     with manager.socket:
         b = await (await bench()).connected()
         watchdog = b.vehicle.authority.watchdog
-        b.vehicle.on_alive = lambda: systemd.notify("WATCHDOG=1")
+        b.vehicle.bus.on(Alive, lambda told: systemd.notify("WATCHDOG=1"))
         assert await asyncio.to_thread(manager.told) == ["WATCHDOG=1"]
 
         # The loop hangs, and the watchdog goes round.

@@ -13,11 +13,12 @@ import re
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import zenoh
 
 from zmav import keys
+from zmav.bus import Bus
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
@@ -27,6 +28,13 @@ MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
 """... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
+
+
+class LinkChanged(NamedTuple):
+    """The link's state, and why, in words. Told from the link's threads."""
+
+    state: LinkState
+    text: str
 
 
 class Put(Protocol):
@@ -50,7 +58,7 @@ class Stream:
 class Adapter:
     """Carries one link's frames to the keys of one vehicle, and what its services send to the link.
 
-    Thread-safe where marked; ``on_link(state, text)`` is called from the link's threads.
+    Thread-safe where marked. ``bus`` is told of each :class:`LinkChanged`.
     """
 
     def __init__(
@@ -60,15 +68,15 @@ class Adapter:
         name: str,
         link: Link,
         dialect: Dialect,
+        bus: Bus,
         *,
         component: int = 191,
         signing: Signing | None = None,
     ) -> None:
         self.session, self.fleet, self.name = session, keys.check_name(fleet, "fleet"), keys.check_name(name)
-        self.link, self.dialect = link, dialect
+        self.link, self.dialect, self.bus = link, dialect, bus
         self.splitter = Splitter(dialect)
         self.tx = TxCounters()
-        self.on_link: Callable[[LinkState, str], None] = lambda state, text: None
         self.heard = 0.0
         self._component = component
         self.signing = signing
@@ -149,7 +157,7 @@ class Adapter:
     def _on_link_state(self, state: LinkState, text: str) -> None:
         if state is not LinkState.UP:
             self.splitter.reset()
-        self.on_link(state, text)
+        self.bus.tell(LinkChanged(state, text))
 
     # What services use; every method is thread-safe.
 

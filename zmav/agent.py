@@ -21,7 +21,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -30,6 +30,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
+from zmav.bus import Alive, Bus
 from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
 from zmav.seldom import Seldom
@@ -37,7 +38,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.orders.orders import Guarded, Orders, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
-from zmav.trust.gate import Origin, anybody
+from zmav.trust.gate import Origin, ProofRefused, anybody
 from zmav.verbs import Access, Verb
 from zmav.waiting import within
 
@@ -107,10 +108,10 @@ class Agent:
         self._refusals: Seldom[str] = Seldom(SELDOM, KINDS)
         self._changed = asyncio.Event()
         self._heart: asyncio.Task[None] | None = None
-        self.on_alive: Callable[[], object] = lambda: None
-        """called on the event loop with each word of its status: not called, the loop hangs"""
+        self.bus = Bus()
+        """is told :class:`~zmav.bus.Alive` with each word of its status"""
         table = {**TUNING, **self.verbs}
-        self._gate = z.member.make_gate() if z.member else None
+        self._gate = z.member.make_gate(self.bus) if z.member else None
         answers = Answers(z.member.signer if z.member else None, self._gate)
         self._questions = Questions(z.session, answers, anybody)
         self._orders = Orders(
@@ -197,7 +198,7 @@ class Agent:
         while True:
             self._changed.clear()
             self._speak()
-            self.on_alive()
+            self.bus.tell(Alive())
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(HEARTBEAT, self._changed.wait())
 
@@ -243,7 +244,7 @@ class Agent:
             raise Clash(text, vehicle=self.vehicle.name, agent=self.name)
         if self._gate is not None:
             self._say_soon = on_loop(asyncio.get_running_loop(), self.say)
-            self._gate.on_refused = self._on_refused
+            self.bus.on(ProofRefused, self._on_refused)
         self._orders.start()
         self._questions.declare(self._param_key("*"), self._answer)
         self._heart = asyncio.create_task(self._beat())
@@ -260,8 +261,9 @@ class Agent:
         self.status("ended", str(error) if isinstance(error, ZmavError) else "")
         self._speak()
 
-    def _on_refused(self, error: ZmavError) -> None:
+    def _on_refused(self, told: ProofRefused) -> None:
         """From any thread: one a second for each reason, and the next says how many were left out."""
+        error = told.error
         left_out = self._refusals.take(str(error.detail.get("reason")))
         if left_out is not None:
             more = f" (and {left_out} more before)" if left_out else ""

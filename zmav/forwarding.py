@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
 
 import zenoh
 
@@ -18,6 +17,7 @@ from zmav.errors import BadKey, BadMessage, Forbidden, ZmavError
 from zmav.mavlink import Frame, parse_frame, targets
 from zmav.mavlink.signing import SETUP_SIGNING
 from zmav.services.authority.may_move import MayMove
+from zmav.services.link.port import FrameForwarded, FrameRefused
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove
@@ -33,8 +33,8 @@ class FrameForwarder:
 
     ``prove`` raises :class:`~zmav.errors.Forbidden` for what does not come from who may put it, and says so;
     ``may_send`` a :class:`~zmav.errors.ZmavError` for a frame that may not be sent now (a clash of ids, a lease).
-    ``on_sent(frame)`` and ``on_refused(reason)`` are called in the intake's thread. ``sign_forwarded``: frames that are
-    not signed are signed as our own, where the link signs.
+    The adapter's bus is told of each :class:`FrameForwarded` and :class:`FrameRefused`. ``sign_forwarded``: frames that
+    are not signed are signed as our own, where the link signs.
     """
 
     def __init__(
@@ -43,12 +43,10 @@ class FrameForwarder:
         *,
         prove: Prove,
         may_send: MayMove[[Frame]],
-        on_sent: Callable[[Frame], None],
-        on_refused: Callable[[str], None],
         sign_forwarded: bool = False,
     ) -> None:
         self._adapter, self._prove, self._may_send = adapter, prove, may_send
-        self._on_sent, self._on_refused, self._sign_forwarded = on_sent, on_refused, sign_forwarded
+        self._sign_forwarded = sign_forwarded
         self._intake: Intake | None = None
 
     def start(self) -> None:
@@ -84,10 +82,10 @@ class FrameForwarder:
             return
         except ZmavError as e:
             adapter.tx.refused += 1
-            self._on_refused(f"frame on {key} refused: {e}")
+            adapter.bus.tell(FrameRefused(f"frame on {key} refused: {e}"))
             return
         adapter.send_raw(data)
-        self._on_sent(frame)
+        adapter.bus.tell(FrameForwarded(frame))
 
     def _signed(self, frame: Frame) -> bytes:
         """A stranger's frame as it may go out: anyone who signs it vouches for it, so we do so only where told to."""

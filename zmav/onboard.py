@@ -16,8 +16,9 @@ import msgspec
 import zenoh
 
 from zmav import config, keys, wire
-from zmav.adapter import Adapter
-from zmav.errors import BadConfig, Forbidden
+from zmav.adapter import Adapter, LinkChanged
+from zmav.bus import Alive, Bus, ListenerFailed
+from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
@@ -28,15 +29,16 @@ from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.order_permit import Judge, OrderPermit
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
+from zmav.services.authority.setpoints import SegmentAccepted
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
 from zmav.services.files.store import Store, default_directory
 from zmav.services.link.command import Commander
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import on_loop
+from zmav.services.link.identity import Identity, VehicleChanged
+from zmav.services.link.port import FrameRefused, on_loop
 from zmav.services.link.quality import Quality
-from zmav.services.link.timesync import TimeSync
+from zmav.services.link.timesync import AutopilotRestarted, TimeSync
 from zmav.services.missions.flight import MissionFlight
 from zmav.services.missions.missions import Missions
 from zmav.services.orders.flight import Flight
@@ -44,7 +46,7 @@ from zmav.services.orders.orders import Guarded, Handler, Orders, Report
 from zmav.services.orders.payload import Payload
 from zmav.services.params.params import Params
 from zmav.services.queries.proven import Answers
-from zmav.services.queries.questions import Questions
+from zmav.services.queries.questions import Questions, QuestionsDropped
 from zmav.services.rates.rates import Rates
 from zmav.services.status.body import BodyService
 from zmav.services.status.events import Events
@@ -57,7 +59,7 @@ from zmav.systemd import state_directory
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.expiry import warn_of_end
-from zmav.trust.gate import Gate, anybody
+from zmav.trust.gate import Gate, ProofRefused, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
 
@@ -105,18 +107,19 @@ class Onboard:
             raise _other_fleet(link, fleet)
         self.settings = settings
         own = _credentials(settings)
-        self.gate = gate = Gate(own, given=settings.rights.planner) if own else None
+        self.bus = bus = Bus()
+        self.gate = gate = Gate(own, given=settings.rights.planner, bus=bus) if own else None
         signer = Signer(own) if own else None
         prove, answers = gate.check if gate else anybody, Answers(signer, gate)
-        self.questions = questions = Questions(session, Answers(signer, gate), gate.admit if gate else anybody)
+        self.questions = questions = Questions(session, Answers(signer, gate), gate.admit if gate else anybody, bus=bus)
         dialect = load_dialect(settings.dialect)
         signing = _signing(settings.signing, dialect) if settings.signing else None
-        self.adapter = port = Adapter(session, fleet, name, link, dialect, signing=signing)
+        self.adapter = port = Adapter(session, fleet, name, link, dialect, bus, signing=signing)
         if settings.sysid is not None:
             port.speak_as(settings.sysid)  # until it is heard, too
         self.events = events = Events(session, fleet, name, signer)
         self.identity = identity = Identity(port, events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer)
+        self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer, bus)
         self.timesync = TimeSync(port, identity, events)
         self.messages = Messages(questions, port, identity, self.timesync)
         self.body = BodyService(questions, port, identity, settings.body)
@@ -162,17 +165,13 @@ class Onboard:
             aside=self.separation.aside,
             sealed=gate is not None,
             param=self.params.value,
-            on_segment=self.state.publish,
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
         self.rates.needs.update(self.authority.pilot.needs)
-        gcs_traffic = self.authority.gcs_traffic
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
-            may_send=gcs_traffic.admit,
-            on_sent=gcs_traffic.sent,
-            on_refused=lambda reason: events.emit("refused", "warning", reason, limit="tx"),
+            may_send=self.authority.gcs_traffic.admit,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )
         self.payload = Payload(port, commander, bounds)
@@ -198,18 +197,31 @@ class Onboard:
         }
         permit = OrderPermit(self.authority, judges)
         self.orders = Orders(session, fleet, name, prove, answers, permit, questions=questions)
-        if gate is not None:
-            gate.on_refused = self._say_refused
-        self.on_alive: Callable[[], object] = lambda: None
-        """called on the event loop, at most five times a second, when the watchdog's thread went round since the last
-        time: not called, one of the two hangs"""
         self._own, self._tasks = own, list[asyncio.Task[None]]()
         self._add_orders()
 
-    def _say_refused(self, error: Forbidden) -> None:
-        """Each kind of refusal is said once a second."""
-        reason = str(error.detail["reason"])
-        self.events.emit("refused", "warning", f"refused: {error}", limit=f"proof {reason}", reason=reason)
+    def _listen(self) -> None:
+        """Who hears of what happens here, beside :class:`Authority`. Each kind of complaint is said once a second."""
+        bus, emit = self.bus, self.events.emit
+        changed = on_loop(asyncio.get_running_loop(), self._on_change)
+
+        def on_link(told: LinkChanged) -> None:
+            self._say_link(told)
+            changed()
+
+        def on_refusal(told: ProofRefused) -> None:
+            reason = str(told.error.detail["reason"])
+            emit("refused", "warning", f"refused: {told.error}", limit=f"proof {reason}", reason=reason)
+
+        bus.on(LinkChanged, on_link)
+        bus.on(VehicleChanged, lambda told: changed())
+        bus.on(AutopilotRestarted, lambda told: self.rates.restarted())
+        bus.on(SegmentAccepted, lambda told: self.state.publish())
+        bus.on(ProofRefused, on_refusal)
+        bus.on(FrameRefused, lambda told: emit("refused", "warning", told.text, limit="tx"))
+        too_fast = "questions were dropped: they come faster than they can be answered"
+        bus.on(QuestionsDropped, lambda told: emit("questions", "notice", too_fast, limit="questions"))
+        bus.on(ListenerFailed, lambda told: emit("fault", "error", f"{told.what}: {told.error!r}", limit="fault"))
 
     def take_roster(self, roster: Roster) -> None:
         """The authority's newest: whom it has turned out is believed no more, and commands no more."""
@@ -264,15 +276,10 @@ class Onboard:
 
     async def __aenter__(self) -> Onboard:
         loop, adapter = asyncio.get_running_loop(), self.adapter
-        changed = on_loop(loop, self._changed)
-        self.identity.on_change = self.presence.on_change = changed
+        self._listen()
         self.state.extras.append(self._add_to_state)
-        adapter.on_link = lambda state, text: self._on_link(state, text, changed)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
-        self.timesync.on_restart = self.rates.restarted
-        say = functools.partial(self.events.emit, "questions", "notice", limit="questions")
-        self.questions.on_dropped = lambda: say("questions were dropped: they come faster than they can be answered")
         self.identity.start()
         self.presence.start()
         self.state.start()
@@ -311,13 +318,13 @@ class Onboard:
         for service in (self.identity, self.presence, self.state, self.timesync, self.quality, self.events):
             service.close()
 
-    def _on_link(self, state: LinkState, text: str, changed: Callable[[], None]) -> None:
+    def _say_link(self, told: LinkChanged) -> None:
+        state, text = told
         severity: wire.Severity = "warning" if state is LinkState.DOWN else "info"
         words = f"link {state.value}: {text}" if text else f"link {state.value}"
         self.events.emit("link", severity, words, limit=f"link {state.value}")  # a failure follows its attempt at once
         if state is LinkState.UP:
             self._send_heartbeat()  # at once: some autopilots answer only who has spoken
-        changed()
 
     def _on_words(self, take: Callable[[Frame], None]) -> Callable[[Frame], None]:
         """Only the vehicle's own words: they are taken for its reasons."""
@@ -329,7 +336,7 @@ class Onboard:
 
         return on_frame
 
-    def _changed(self) -> None:
+    def _on_change(self) -> None:
         """Who the vehicle is, its mode, its arming or its link changed: say so now and not at the next tick."""
         if self.identity.source:
             self.adapter.speak_as(self.identity.source[0])
@@ -367,7 +374,7 @@ class Onboard:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
             if rounds != self.authority.watchdog.rounds:
                 rounds = self.authority.watchdog.rounds
-                self.on_alive()
+                self.bus.tell(Alive())
             beat += 1
             await asyncio.sleep(TICK)
 

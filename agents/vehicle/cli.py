@@ -15,6 +15,7 @@ from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav import keys, systemd, wire
+from zmav.bus import Alive
 from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, origin_of
 from zmav.errors import BadConfig, BadInput
@@ -93,7 +94,7 @@ async def _up(
         for watch in router.running:
             if isinstance(watch, RosterWatch):
                 watch.tell(onboard.take_roster)
-        onboard.on_alive = lambda: systemd.notify("WATCHDOG=1")
+        onboard.bus.on(Alive, lambda told: systemd.notify("WATCHDOG=1"))
         router.session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
         async with onboard:
             line = f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}"

@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from fastcrc import crc16
 
 from tests.bench._load import _STAMP, MIX, Run, Sink, _cpu_ns, end
+from zmav.bus import Bus
 from zmav.mavlink import load_dialect
 from zmav.process import free_port, free_udp_ports
 
@@ -43,7 +44,7 @@ def fleet(first: int, count: int, endpoint: str) -> None:
     with open_session(SessionSettings(mode="router", listen=[endpoint])) as session:
         for number in range(count):
             link = open_link(f"udpin:127.0.0.1:{first + number}")
-            Adapter(session, "bench", f"v{number}", link, load_dialect()).start()
+            Adapter(session, "bench", f"v{number}", link, load_dialect(), Bus()).start()
         threading.Event().wait()
 
 

@@ -185,10 +185,12 @@ async def test_a_lease_that_was_lost_is_followed_by_the_action(bench: StartBench
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
 
 
-async def test_a_setpoint_that_comes_between_the_action_and_the_lease_s_end(bench: StartBench) -> None:
+async def test_a_setpoint_that_comes_between_the_action_and_the_lease_s_end(
+    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The watchdog acts in its own thread; the lease ends a moment later, and that moment is guarded, too."""
     b = await bench(settings=failsafe())
-    b.vehicle.authority.watchdog.on_acted = lambda lease: None
+    monkeypatch.setattr(b.vehicle.leases, "end", lambda *said: None)
     alice = await lost(b)
     await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
     flown = len(moves(b))

@@ -10,6 +10,7 @@ from tests.failsafe.conftest import PATIENT, agent, another, moves, nothing_more
 from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, StartBench
 from zmav.config import Failsafe, PilotSwitch
 from zmav.errors import NotHolder, Refused
+from zmav.services.authority.pilot import TakenByPilot
 
 RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
 
@@ -196,13 +197,8 @@ async def test_nothing_is_asked_for_between_the_pilot_s_mode_and_the_release(ben
     await alice.fly()
     await b.state(lambda s: s["setpoints"].get("held"), "hold")
     pilot = b.vehicle.authority.pilot
-    take, allowed = pilot.on_taken, []
-
-    def taken(text: str) -> None:
-        allowed.append(pilot.allowed("LOITER"))
-        take(text)
-
-    pilot.on_taken = taken
+    allowed: list[bool] = []
+    b.vehicle.bus.on(TakenByPilot, lambda told: allowed.append(pilot.allowed("LOITER")))
     b.peer.mode = LOITER
     b.peer.heartbeat()
     await b.state(lambda s: s["lease"] is None, "no lease")

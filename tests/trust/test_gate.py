@@ -12,7 +12,7 @@ from zmav.errors import Forbidden
 from zmav.trust import gate as gates
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
-from zmav.trust.gate import Gate, Origin
+from zmav.trust.gate import Gate, Origin, ProofRefused
 from zmav.trust.proof import ANSWERED, MOST, UNINTRODUCED, WINDOW, Proof, Signer
 from zmav.trust.roster import read_signed
 from zmav.trust.tag import TAG
@@ -34,7 +34,7 @@ class Desk:
         own = self.own = self.authority.member("quad1", "vehicle")
         self.utc = own.certificate.not_after - 43200.0
         self.gate = Gate(own, lambda: self.utc, lambda: self.now)
-        self.gate.on_refused = self.refused.append
+        self.gate.bus.on(ProofRefused, lambda told: self.refused.append(told.error))
 
     def proof(self, by: Credentials, key: str = PING, payload: bytes = b"{}", **more: Any) -> bytes:
         given = {"introduce": True, "answers": self.gate.epoch, "now": self.utc, **more}

@@ -16,6 +16,7 @@ from rich.table import Table
 import zmav
 from zmav import keys, systemd, wire
 from zmav.agent import Agent
+from zmav.bus import Alive
 from zmav.cli import installed
 from zmav.cli.agentkind import resolve, settings_of
 from zmav.cli.common import assignments, console, dump, fleet_option, json_option, run, seconds_option, zenoh_options
@@ -85,7 +86,7 @@ async def _run(
         async with agent:
             line = f"{vehicle}/{agent.name}: runs"
             say(line)
-            agent.on_alive = lambda: systemd.notify("WATCHDOG=1")
+            agent.bus.on(Alive, lambda told: systemd.notify("WATCHDOG=1"))
             systemd.notify("READY=1", f"STATUS={line}")
             working, stopped = asyncio.create_task(agent.run()), asyncio.create_task(until_stopped())
             try:

@@ -12,8 +12,10 @@ import threading
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from zmav import keys
+from zmav.bus import Bus
 from zmav.errors import Forbidden
 from zmav.trust import proof
 from zmav.trust.certificate import Role
@@ -66,11 +68,17 @@ class _Used:
         """how many of each fingerprint"""
 
 
+class ProofRefused(NamedTuple):
+    """What somebody put or asked was not proven to come from who may. Told from the thread that asked."""
+
+    error: Forbidden
+
+
 class Gate(Verifier):
     """One vehicle's. Thread-safe.
 
-    ``given`` are the verbs that the fleet file gives to planners. ``on_refused(error)`` is told of every refusal, in
-    the thread that asked; ``counts`` counts them by reason.
+    ``given`` are the verbs that the fleet file gives to planners. ``bus`` is told of every
+    :class:`ProofRefused`; ``counts`` counts them by reason.
     """
 
     def __init__(
@@ -79,7 +87,9 @@ class Gate(Verifier):
         utc: Callable[[], float] = time.time,
         monotonic: Callable[[], float] = time.monotonic,
         given: Collection[str] = (),
+        bus: Bus | None = None,
     ) -> None:
+        self.bus = bus or Bus()
         self._given = given
         tags = Tags(credentials)
         super().__init__(credentials.authority, credentials.fleet, credentials.roster, utc, monotonic, tags=tags)
@@ -93,7 +103,6 @@ class Gate(Verifier):
         """makes the challenges, so that none need be kept, and anyone who asks for many takes nobody's away"""
         self._ahead = utc() - monotonic()
         self.counts: collections.Counter[str] = collections.Counter()
-        self.on_refused: Callable[[Forbidden], None] = lambda error: None
         self._used, self._panics = _Used(), _Used()
         """of panic orders apart: a station's frames, many a second, leave them room"""
         self._using = threading.Lock()
@@ -108,7 +117,7 @@ class Gate(Verifier):
             return self._check_all(key, payload, attachment)
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
-            self.on_refused(e)
+            self.bus.tell(ProofRefused(e))
             raise
 
     def admit(self, key: str, payload: bytes, attachment: bytes | None) -> Origin | None:
@@ -124,7 +133,7 @@ class Gate(Verifier):
             found, by = self.verify(key, payload, attachment)
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
-            self.on_refused(e)
+            self.bus.tell(ProofRefused(e))
             raise
         return Origin(by.name, by.role, by.fingerprint, found.t)
 

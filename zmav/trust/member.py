@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Collection
 
 from zmav import keys
+from zmav.bus import Bus
 from zmav.errors import BadInput, BadKey, Forbidden
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
@@ -144,9 +145,9 @@ class Member:
             return False
         return True
 
-    def make_gate(self) -> Gate:
+    def make_gate(self, bus: Bus | None = None) -> Gate:
         """One for orders to a program of ours: it hears of who is turned out as we do."""
-        self._made.append(gate := Gate(self.credentials))
+        self._made.append(gate := Gate(self.credentials, bus=bus))
         return gate
 
     def check_role(self, key: str, given: Collection[str] = ()) -> None:

@@ -16,7 +16,7 @@ from zmav.errors import Refused, ZmavError
 from zmav.services.orders.orders import Guarded, Orders, Report, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.trust.credentials import Credentials
-from zmav.trust.gate import Origin, anybody
+from zmav.trust.gate import Origin, ProofRefused, anybody
 from zmav.verbs import SWARM_VERBS, Access
 from zmav.wire import swarm
 
@@ -45,7 +45,9 @@ class OrderHandlers:
             most=MOST_BYTES,
         )
         if self.gate is not None:
-            self.gate.on_refused = lambda error: agent.say_seldom("refused", "warning", f"refused: {error}")
+            self.gate.bus.on(
+                ProofRefused, lambda told: agent.say_seldom("refused", "warning", f"refused: {told.error}")
+            )
         handlers: dict[str, Guarded] = {
             "submit": self._submit,
             "preview": self._preview,

@@ -147,7 +147,7 @@ async def test_of_what_waits_the_oldest_gives_way_and_is_counted(net: Net) -> No
         held, asker = Held(made), Asker(ground.session)
         made.declare("zmav/demo/lane/x/*", lambda query: iter([Reply(str(query.key_expr), b"{}")]))
         told: list[int] = []
-        made.on_dropped = lambda: told.append(made.counts["dropped"])
+        made.bus.on(questions.QuestionsDropped, lambda dropped: told.append(made.counts["dropped"]))
         await linked(ground, "zmav/demo/lane/x/first")
         await held.hold(asker)
         for number in range(questions.MOST):

@@ -53,14 +53,14 @@ async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(
     monkeypatch.setattr(demand_module, "QUIET", 3600.0)
     b = await on(bench, one)
     demands, told = b.vehicle.rates.demands, 0
-    plan = demands.on_change
+    plan = demands._plan
 
     def count() -> None:
         nonlocal told
         told += 1
         plan()
 
-    demands.on_change = count
+    monkeypatch.setattr(demands, "_plan", count)
     held = [token(b.ground, "VFR_HUD", n, f"flood-{n}") for n in range(1, 201)]
     await flows(one, "VFR_HUD", 200.0)
     assert told <= 1

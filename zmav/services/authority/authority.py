@@ -18,13 +18,13 @@ from zmav.config import Failsafe, PilotSwitch, check_failsafe
 from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.flown import ActiveStream
-from zmav.services.authority.gcs_traffic import GcsTraffic
+from zmav.services.authority.gcs_traffic import GcsTraffic, TakenByStation
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.lease import Leases, severity_of
 from zmav.services.authority.may_move import MayMove, SetpointCounts
-from zmav.services.authority.pilot import Pilot
+from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
-from zmav.services.authority.watchdog import LATE_MODE, Aside, StreamWatchdog
+from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
 from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
@@ -80,16 +80,11 @@ class Authority:
         aside: Aside,
         sealed: bool,
         param: Callable[[str], float | None],
-        on_segment: Callable[[], None],
     ) -> None:
         self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
         self._failsafe, self._param, self.bounds = check_failsafe(rules.failsafe), param, bounds
-        self.pilot = Pilot(
-            port, identity, commander, rules.pilot_switch, on_taken=self._taken_by_mode, on_switch=self._to_autopilot
-        )
-        self.leases = Leases(
-            session, port.fleet, port.name, events, may_take=self.pilot.check, on_end=self._on_lease_end
-        )
+        self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
+        self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=self.pilot.check)
         self.leader = PositionLeader(port, identity, self.pilot.check)
         self.watchdog = StreamWatchdog(
             port,
@@ -99,10 +94,8 @@ class Authority:
             allowed=self.pilot.allowed,
             near=self.leader.near,
             aside=aside,
-            on_ordered=self._on_ordered,
-            on_acted=self._on_acted,
         )
-        self.gcs_traffic = GcsTraffic(port, identity, self.leases, guard, self.taken)
+        self.gcs_traffic = GcsTraffic(port, identity, self.leases, guard)
         self.setpoints = Setpoints(
             session,
             port,
@@ -118,9 +111,8 @@ class Authority:
             free=commander.check_free,
             accept=accept,
             sealed=sealed,
-            on_segment=on_segment,
         )
-        self._loop: asyncio.AbstractEventLoop | None = None
+        self._bus = port.bus
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
         self._safe_given: dict[Origin, float] = {}
@@ -138,7 +130,12 @@ class Authority:
         """the number of the lease under which the last moving order was given; 0: it needed none, or is open to all"""
 
     def start(self) -> None:
-        self._loop = asyncio.get_running_loop()
+        bus = self._bus
+        bus.on(wire.LeaseEnd, self._on_lease_end)
+        bus.on(TakenByPilot, self._on_pilot)
+        bus.on(TakenByStation, lambda told: self.taken(told.text))
+        bus.on(ModeRequested, self._on_mode_requested)
+        bus.on(StreamGivenUp, on_loop(asyncio.get_running_loop(), self._end_given_up))
         self.leases.start()
         self.pilot.start()
         self.gcs_traffic.start()
@@ -250,9 +247,11 @@ class Authority:
         text = f"taken over: {self.taken_from}"
         return Refused(text, vehicle=self.leases.vehicle, mode=self._identity.mode)
 
-    def _taken_by_mode(self, text: str) -> None:
-        flown = self.taken(text)
-        if flown is not None and self._identity.mode in flown.autopilot.stream_lost:
+    def _on_pilot(self, told: TakenByPilot) -> None:
+        flown = self.taken(told.text)
+        if told.by_switch:
+            self._to_autopilot()
+        elif flown is not None and self._identity.mode in flown.autopilot.stream_lost:
             self._handing = asyncio.get_running_loop().create_task(self._hold_lost(flown))
 
     async def _hold_lost(self, flown: ActiveStream) -> None:
@@ -323,17 +322,12 @@ class Authority:
             flown = ActiveStream(who.autopilot, who.source, end.number, still, who.mode or "", now, goes_on=False)
             self.watchdog.hold(flown, end.text)
 
-    def _on_ordered(self, mode: str) -> None:
-        """The watchdog asks for a mode, in its thread."""
-        self._commander.ordered, self._asked = mode, time.monotonic()
+    def _on_mode_requested(self, told: ModeRequested) -> None:
+        """In the watchdog's thread: what it asks for is no pilot's mode, not even for a moment."""
+        self._commander.ordered, self._asked = told.mode, time.monotonic()
 
-    def _on_acted(self, lease: int) -> None:
-        """The watchdog has given the stream up, in its thread."""
-        assert self._loop is not None
-        on_loop(self._loop, self._end_given_up)(lease)
-
-    def _end_given_up(self, lease: int) -> None:
-        if lease == self.leases.number:
+    def _end_given_up(self, told: StreamGivenUp) -> None:
+        if told.lease == self.leases.number:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
 
 

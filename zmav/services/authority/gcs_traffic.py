@@ -7,14 +7,14 @@ HEARTBEAT shows it. Its setpoints wait for the agent that holds the lease: two s
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from typing import NamedTuple
 
 from zmav.autopilots.safety import changes_mode, makes_safe
 from zmav.mavlink import Frame, decode
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.link.port import FrameForwarded, Port, on_loop
 
 STREAMED = (
     "SET_ATTITUDE_TARGET",
@@ -25,27 +25,26 @@ STREAMED = (
 SET_MODE = "SET_MODE"
 
 
-class GcsTraffic:
-    """``guard`` raises while two claim to be the vehicle; ``taken(text)`` is called on the event loop when a station
-    has changed the mode.
-    """
+class TakenByStation(NamedTuple):
+    """A station has ordered a mode or a flight. Told on the event loop."""
 
-    def __init__(
-        self, port: Port, identity: Identity, leases: Leases, guard: MayMove[[]], taken: Callable[[str], object]
-    ) -> None:
-        self._port, self._identity, self._leases, self._guard, self._taken = port, identity, leases, guard, taken
+    text: str
+
+
+class GcsTraffic:
+    """``guard`` raises while two claim to be the vehicle. The port's bus is told of :class:`TakenByStation`."""
+
+    def __init__(self, port: Port, identity: Identity, leases: Leases, guard: MayMove[[]]) -> None:
+        self._port, self._identity, self._leases, self._guard = port, identity, leases, guard
         by_name = port.dialect.by_name
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
-        self._judge_soon: Callable[[Frame], None] | None = None
 
     def start(self) -> None:
-        self._judge_soon = on_loop(asyncio.get_running_loop(), self._judge)
-
-    def sent(self, frame: Frame) -> None:
-        """A frame was handed on. Any thread, once started."""
-        if frame.msgid in self._ordering and self._judge_soon is not None:
-            self._judge_soon(frame)
+        judge = on_loop(asyncio.get_running_loop(), self._judge)
+        self._port.bus.on(
+            FrameForwarded, lambda told: judge(told.frame) if told.frame.msgid in self._ordering else None
+        )
 
     def admit(self, frame: Frame) -> None:
         """Any thread: raise :class:`~zmav.errors.NotHolder` for a setpoint while an agent holds the lease, and
@@ -66,4 +65,4 @@ class GcsTraffic:
             name = self._port.dialect.enum_name("MAV_CMD", fields["command"]) or ""
             if not changes_mode(name):
                 return
-        self._taken(f"station {frame.sysid} ordered {name.removeprefix('MAV_CMD_')}")
+        self._port.bus.tell(TakenByStation(f"station {frame.sysid} ordered {name.removeprefix('MAV_CMD_')}"))

@@ -7,12 +7,12 @@ import collections
 import re
 import secrets
 import time
-from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from zmav import keys, wire
+from zmav.bus import Bus
 from zmav.errors import BadInput, NotHolder
 from zmav.services.authority.may_move import MayMove
 from zmav.services.link.port import on_loop
@@ -39,7 +39,8 @@ def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
 class Leases:
     """A vehicle's lease. Lives on the event loop.
 
-    ``may_take()`` raises while nobody may have one (the pilot's switch); ``on_end(end)`` is called whenever one ends.
+    ``may_take()`` raises while nobody may have one (the pilot's switch); ``bus`` is told the
+    :class:`~zmav.wire.LeaseEnd` of each, on the event loop.
     Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the setpoints
     under it.
     """
@@ -50,12 +51,12 @@ class Leases:
         fleet: str,
         vehicle: str,
         events: Events,
+        bus: Bus,
         *,
         may_take: MayMove[[]],
-        on_end: Callable[[wire.LeaseEnd], None],
     ) -> None:
         self._session, self._fleet, self.vehicle, self._events = session, fleet, vehicle, events
-        self._may_take, self._on_end = may_take, on_end
+        self._may_take, self._bus = may_take, bus
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
@@ -205,7 +206,7 @@ class Leases:
         self._events.emit(
             "lease", severity_of(reason), text, holder=end.holder, reason=reason, **({"by": by} if by else {})
         )
-        self._on_end(end)
+        self._bus.tell(end)
 
     def info(self) -> wire.LeaseInfo | None:
         if not self._token:

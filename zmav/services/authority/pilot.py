@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from zmav.autopilots import Autopilot
 from zmav.autopilots.safety import by_command, ends_in
@@ -28,12 +29,15 @@ CRITICAL = 5
 """MAV_STATE from which on a mode that the autopilot enters by itself is a failsafe's"""
 
 
-class Pilot:
-    """Watches the mode, the arming and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread.
+class TakenByPilot(NamedTuple):
+    """Somebody else than us changed the mode, disarmed, or moved the switch. Told on the event loop."""
 
-    ``on_taken(text)`` is called when somebody else than us changed the mode, disarmed, or moved the switch, and then
-    ``on_switch()``, where it was the switch.
-    """
+    text: str
+    by_switch: bool
+
+
+class Pilot:
+    """Watches the mode, the arming and RC_CHANNELS. On the event loop; :meth:`allowed` from any thread."""
 
     def __init__(
         self,
@@ -41,12 +45,8 @@ class Pilot:
         identity: Identity,
         commander: Commander,
         switch: PilotSwitch | None,
-        *,
-        on_taken: Callable[[str], object],
-        on_switch: Callable[[], None],
     ) -> None:
         self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
-        self.on_taken, self._on_switch = on_taken, on_switch
         self.has_it: str | None = None
         """why no agent may have the vehicle; None: it may"""
         self._mode: str | None = None
@@ -89,9 +89,9 @@ class Pilot:
         if not armed:
             flown = mode if self._expected(mode, before) else before
             if not self._ends_on_ground(flown):
-                self.on_taken("it was disarmed, which was not ordered here")
+                self._tell("it was disarmed, which was not ordered here")
         elif mode != before and not self._expected(mode, before):
-            self.on_taken(f"the mode is now {mode}, which was not ordered here")
+            self._tell(f"the mode is now {mode}, which was not ordered here")
 
     def allowed(self, mode: str | None) -> bool:
         """``mode`` is the one that was seen and let pass, or was ordered here since."""
@@ -131,8 +131,10 @@ class Pilot:
             self.has_it = None
         elif self.has_it is None:
             self.has_it = f"his switch (channel {switch.channel}) is at {pwm} µs"
-            self.on_taken(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs")
-            self._on_switch()
+            self._tell(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs", by_switch=True)
+
+    def _tell(self, text: str, *, by_switch: bool = False) -> None:
+        self._port.bus.tell(TakenByPilot(text, by_switch))
 
 
 def _landing_modes(autopilot: Autopilot) -> set[str]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import collections
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 import zenoh
@@ -40,6 +39,10 @@ MOST_HEARD, MOST_WAITING = 64, 32
 """setpoints that are looked at in 5 ms, the newest; and of those that are to be flown, that wait for the event loop"""
 
 
+class SegmentAccepted(NamedTuple):
+    """The vehicle is committed to another segment: its sender waits to hear so. Told on the event loop."""
+
+
 class Heard(NamedTuple):
     """A setpoint as it came."""
 
@@ -55,8 +58,8 @@ class Setpoints:
 
     ``may_move()`` raises while nobody may command the vehicle (a clash of names or ids), ``free()`` while an order
     moves it (a setpoint would undo a landing just ordered), ``accept`` where the autopilot's parameters do not let it
-    follow such a target. ``sealed``: only what is sealed with the lease's secret is read. ``on_segment()`` is called
-    when the vehicle is committed to another segment: its sender waits to hear so.
+    follow such a target. ``sealed``: only what is sealed with the lease's secret is read. The
+    port's bus is told of each :class:`SegmentAccepted`.
     """
 
     def __init__(
@@ -76,12 +79,11 @@ class Setpoints:
         free: MayMove[[]],
         accept: MayMove[[Autopilot, Target]],
         sealed: bool,
-        on_segment: Callable[[], None],
     ) -> None:
         self._session, self._port, self._identity, self._leases = session, port, identity, leases
         self._pilot, self._watchdog, self._bounds, self._events, self._origin = pilot, watchdog, bounds, events, origin
         self.counts = counts
-        self._may_move, self._free, self._accept, self._on_segment = may_move, free, accept, on_segment
+        self._may_move, self._free, self._accept = may_move, free, accept
         self._only_sealed = sealed
         self._segment: wire.swarm.SegmentInfo | None = None
         self._seq = -1
@@ -166,7 +168,7 @@ class Setpoints:
             self._segment = wire.swarm.SegmentInfo(
                 lease=flown.lease, seq=point.seq, start=what.start, rests=what.rests, end=what.end
             )
-            self._on_segment()
+            self._port.bus.tell(SegmentAccepted())
         return engaged
 
     @property

@@ -15,7 +15,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Command, Level, Message, Target
@@ -61,13 +61,26 @@ class Step(enum.Enum):
     ACTING = "acting"
 
 
+class ModeRequested(NamedTuple):
+    """A mode that the watchdog asks the autopilot for. Told from its thread, or from who gives a setpoint."""
+
+    mode: str
+
+
+class StreamGivenUp(NamedTuple):
+    """It acts on a stream that is over for good: nothing more is flown under its lease. Told from its thread."""
+
+    lease: int
+    """its lease's number"""
+
+
 class StreamWatchdog:
     """Guards one vehicle's stream. Every method from any thread; what calls back does so from the watchdog's thread.
 
     ``allowed(mode)``: that mode of the autopilot is one that was ordered here; the pilot has the vehicle otherwise.
     ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`). ``aside``: what to fly instead
-    for a moment, and because of whom (:mod:`zmav.services.authority.separation`). ``on_ordered(mode)`` is told of each
-    mode it asks for, ``on_acted(lease)`` when it gives the stream up for good.
+    for a moment, and because of whom (:mod:`zmav.services.authority.separation`). The port's
+    bus is told of each :class:`ModeRequested` and :class:`StreamGivenUp`.
     """
 
     def __init__(
@@ -80,12 +93,9 @@ class StreamWatchdog:
         allowed: Allowed,
         near: Near,
         aside: Aside,
-        on_ordered: Callable[[str], None],
-        on_acted: Callable[[int], None],
     ) -> None:
         self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
         self._allowed, self._near, self._aside = allowed, near, aside
-        self._on_ordered, self.on_acted = on_ordered, on_acted
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
         self._changed = threading.Condition(threading.RLock())
@@ -294,7 +304,9 @@ class StreamWatchdog:
         self._enter(Step.ENGAGING)
         flies = in_the_air(self._port, flown.source) is True
         self._engages = self._begun + flown.autopilot.engages_after(_level(flown), flies)
-        self._on_ordered(flown.mode)  # PX4 goes back to the mode it was last asked for as soon as setpoints come
+        self._port.bus.tell(
+            ModeRequested(flown.mode)
+        )  # PX4 goes back to the mode it was last asked for as soon as setpoints come
 
     def _engage(self, flown: ActiveStream, now: float) -> None:
         mode = self._shown().mode
@@ -352,7 +364,7 @@ class StreamWatchdog:
             self._enter(Step.ACTING)
             self._tries = list(SAFER[self.failsafe.action])
             self._over = flown.lease
-            self.on_acted(flown.lease)
+            self._port.bus.tell(StreamGivenUp(flown.lease))
             self._act(flown, now)
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
@@ -424,7 +436,7 @@ class StreamWatchdog:
     def _ask(self, mode: str, now: float) -> None:
         assert self._flown is not None
         self._asked = now
-        self._on_ordered(mode)
+        self._port.bus.tell(ModeRequested(mode))
         self._give(self._flown.autopilot.mode(mode).command)
 
     def _streams(self, flown: ActiveStream) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot, autopilot_for, kind_of
 from zmav.mavlink import Frame, decode
@@ -19,6 +19,10 @@ ASK_EVERY = 5.0
 NOT_AUTOPILOTS = (6, 18, 26, 27, 30)
 """MAV_TYPE of a ground station, an onboard controller, a gimbal, ADS-B, a camera"""
 AUTOPILOT_INVALID = 8
+
+
+class VehicleChanged(NamedTuple):
+    """Who the vehicle is, its mode or its arming, or whether two claim to be it. Told on the event loop."""
 
 
 class Identity:
@@ -39,7 +43,6 @@ class Identity:
         self.connected = False
         self.clash: str | None = None
         """two autopilots of one system id on this very link"""
-        self.on_change: Callable[[], None] = lambda: None
         self._heard = 0.0
         self._asked = 0.0
         self._uids: dict[str, float] = {}
@@ -137,7 +140,7 @@ class Identity:
         self._events.emit(
             "autopilot", "notice", f"{self.autopilot.name} {self.kind} with system id {source[0]}", sysid=source[0]
         )
-        self.on_change()
+        self._port.bus.tell(VehicleChanged())
 
     def _say_other(self, source: tuple[int, int]) -> None:
         if source in self._others:
@@ -157,7 +160,7 @@ class Identity:
         if before[1] is not None and self.armed != before[1]:
             self._events.emit("armed", "notice", "armed" if self.armed else "disarmed", armed=self.armed)
         if (self.mode, self.armed) != before:
-            self.on_change()
+            self._port.bus.tell(VehicleChanged())
 
     def _on_version(self, frame: Frame) -> None:
         if (frame.sysid, frame.compid) != self.source:
@@ -173,7 +176,7 @@ class Identity:
         self._uids[uid] = time.monotonic()
         if self.uid is None:
             self.uid = uid
-            self.on_change()
+            self._port.bus.tell(VehicleChanged())
 
     def tick(self) -> None:
         """A few times a second: presence, the question who it is, and whether two answer."""
@@ -182,7 +185,7 @@ class Identity:
             self.connected, self._intended = False, None
             self._uids.clear()
             self._events.emit("autopilot", "critical", f"autopilot silent for {HEARTBEAT_TIMEOUT:.0f} s")
-            self.on_change()
+            self._port.bus.tell(VehicleChanged())
         if self.connected and self.source and now - self._asked > (ASK_EVERY if self.uid else 1.0):
             self._asked = now
             self._port.send(
@@ -201,10 +204,10 @@ class Identity:
             clash = f"{len(self._uids)} autopilots with system id {self.source[0]} on this link"
         if self.uid not in self._uids and self._uids:
             self.uid = next(iter(self._uids))
-            self.on_change()
+            self._port.bus.tell(VehicleChanged())
         if clash != self.clash:
             self.clash = clash
-            self.on_change()
+            self._port.bus.tell(VehicleChanged())
 
 
 def _uid(fields: Mapping[str, Any]) -> str | None:

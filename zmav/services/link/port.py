@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
+from zmav.bus import Bus
 from zmav.links import Link
 from zmav.mavlink import Dialect, Frame, Splitter, decode
 from zmav.mavlink.signing import Signing
@@ -45,6 +46,18 @@ class TxCounters(msgspec.Struct):
     refused: int = 0
 
 
+class FrameForwarded(NamedTuple):
+    """A frame of another station went to the vehicle. Told from the thread that takes them."""
+
+    frame: Frame
+
+
+class FrameRefused(NamedTuple):
+    """A frame of another station did not go to the vehicle; its reason, in words. Told from the same thread."""
+
+    text: str
+
+
 class Port(Protocol):
     """What :class:`zmav.adapter.Adapter` offers to services; see there."""
 
@@ -56,6 +69,7 @@ class Port(Protocol):
     tx: TxCounters
     heard: float
     signing: Signing | None
+    bus: Bus
 
     @property
     def address(self) -> tuple[int, int]: ...

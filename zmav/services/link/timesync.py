@@ -10,6 +10,7 @@ import asyncio
 import collections
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from zmav import wire
 from zmav.mavlink import Frame, decode
@@ -27,14 +28,16 @@ WRONG, RIGHT = 1.0, 0.7
 UTC was seen 0.4 s off the time it had from its GPS"""
 
 
+class AutopilotRestarted(NamedTuple):
+    """It has begun again, or may have: then it sends nothing that it is not asked for again. Told on the event loop."""
+
+
 class TimeSync:
     """Asks, measures round trips, feeds the clock. Lives on the event loop."""
 
     def __init__(self, port: Port, identity: Identity, events: Events) -> None:
         self._port, self._identity, self._events = port, identity, events
         self.clock = Clock()
-        self.on_restart: Callable[[], None] = lambda: None
-        """the autopilot has begun again, or may have: what it was told is forgotten"""
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
         self._wrong = False
@@ -96,7 +99,7 @@ class TimeSync:
             else:
                 text = f"the autopilot was silent, and its time went on by {now - before:.1f} s only, to {now:.1f} s"
                 self._events.emit("autopilot", "notice", text, limit="restart")
-            self.on_restart()  # it may have: then it sends nothing that it is not asked for again
+            self._port.bus.tell(AutopilotRestarted())
 
     def _on_system_time(self, frame: Frame) -> None:
         fields = decode(frame, self._port.dialect)

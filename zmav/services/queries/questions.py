@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from zmav import keys
+from zmav.bus import Bus
 from zmav.errors import BadInput, Forbidden, Refused, ZmavError
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers, attached
@@ -82,17 +83,23 @@ class Channel:
     """that something else is to bring the answer to"""
 
 
+class QuestionsDropped(NamedTuple):
+    """They come faster than they can be answered. Told from any thread."""
+
+
 class Questions:
     """One program's lane. Thread-safe; answers are worked out in its own thread.
 
     ``admit`` raises :class:`~zmav.errors.Forbidden` for a question that is not to be answered. ``counts``: those that
-    were ``answered``, ``dropped`` for newer ones, ``given_up`` by who asked, ``busy`` or ``refused``.
+    were ``answered``, ``dropped`` for newer ones, ``given_up`` by who asked, ``busy`` or ``refused``. ``bus`` is told
+    of :class:`QuestionsDropped`.
     """
 
-    def __init__(self, session: zenoh.Session, answers: Answers, admit: Prove, share: float = SHARE) -> None:
+    def __init__(
+        self, session: zenoh.Session, answers: Answers, admit: Prove, share: float = SHARE, bus: Bus | None = None
+    ) -> None:
+        self.bus = bus or Bus()
         self._session, self._answering, self._admit, self._share = session, answers, admit, share
-        self.on_dropped: Callable[[], object] = lambda: None
-        """called in any thread when one was dropped: they come faster than they can be answered"""
         self.counts: collections.Counter[str] = collections.Counter()
         self._channels: collections.deque[Channel] = collections.deque()
         self._intakes: list[Intake] = []
@@ -129,7 +136,7 @@ class Questions:
             self.counts["dropped"] += len(dropped)
             self._news.notify()
         if dropped:
-            self.on_dropped()
+            self.bus.tell(QuestionsDropped())
         for question in dropped:
             _end(question)
 

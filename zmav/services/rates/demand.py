@@ -74,11 +74,10 @@ class Demand(NamedTuple):
 
 
 class Demands:
-    """The readers of one vehicle's messages. Lives on the event loop; ``on_change`` is called at once for tokens."""
+    """The readers of one vehicle's messages. Lives on the event loop; ``plan`` is called on a change."""
 
-    def __init__(self, session: zenoh.Session, port: Port) -> None:
-        self._session, self._port = session, port
-        self.on_change: Callable[[], None] = lambda: None
+    def __init__(self, session: zenoh.Session, port: Port, plan: Callable[[], None]) -> None:
+        self._session, self._port, self._plan = session, port, plan
         self.junk = 0
         self._tokens: dict[str, dict[str, Demand]] = {}
         """by message, and by the token's key"""
@@ -153,7 +152,7 @@ class Demands:
 
     def _tell(self) -> None:
         self._telling, self._told = None, asyncio.get_running_loop().time()
-        self.on_change()
+        self._plan()
 
     def _ask_again(self) -> None:
         """Where remembered readers of a message have gone, those that were left out take their places."""

@@ -43,7 +43,7 @@ class Rates:
         self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
     ) -> None:
         self._port, self._identity, self._events = port, identity, events
-        self.meter, self.demands = Meter(port), Demands(session, port)
+        self.meter, self.demands = Meter(port), Demands(session, port, self.plan)
         self.needs: dict[str, float] = {}
         """what else the companion reads, in Hz: the pilot's switch"""
         self._asker, self._shedder = IntervalAsker(port), Shedder(port.dialect)
@@ -61,7 +61,6 @@ class Rates:
         yield Reply(self._key, wire.encode(self.table()), keys.RATES.encoding)
 
     def start(self) -> None:
-        self.demands.on_change = self.plan
         self.demands.start()
         self._worker = asyncio.get_running_loop().create_task(self._work())
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import zenoh
 
 from zmav import keys, wire
+from zmav.bus import Bus
 from zmav.errors import BadKey, Clash, ZmavError
 from zmav.present import Present
-from zmav.services.link.identity import Identity
+from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import challenge_vehicle
 from zmav.services.status.events import Events
@@ -44,12 +45,13 @@ class Presence:
         events: Events,
         verifier: Verifier | None,
         signer: Signer | None,
+        bus: Bus,
     ) -> None:
         self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
         self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE
         self._identity, self._events, self._verifier, self._signer = identity, events, verifier, signer
         self.clash: str | None = None
-        self.on_change: Callable[[], None] = lambda: None
+        self._bus = bus
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
         self.others: Present[str, dict[str, str]] = Present(self._is_known, lambda token: _who(token) in self._proven)
@@ -140,7 +142,7 @@ class Presence:
         else:
             self._events.emit("clash", "notice", f"the clash is over ({self.clash})")
         self.clash = clash
-        self.on_change()
+        self._bus.tell(VehicleChanged())
 
     def _conflict(self, other: dict[str, str]) -> str | None:
         """What is wrong between us and the vehicle of that token, in words."""
