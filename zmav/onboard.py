@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 import zenoh
@@ -25,6 +26,7 @@ from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
 from zmav.services.authority.authority import Authority, Rules
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.control import Control
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.order_permit import Judge, OrderPermit
 from zmav.services.authority.preconditions import ParamPreconditions
@@ -90,6 +92,19 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     """directory for files and logs fetched from the autopilot; None: the user's cache directory"""
 
 
+@runtime_checkable
+class Starts(Protocol):
+    """A service that does nothing before ``start``; the others work from when they are built."""
+
+    def start(self) -> None: ...
+
+
+class Service(Protocol):
+    """A part of the vehicle's program."""
+
+    def close(self) -> Awaitable[None] | None: ...
+
+
 class Onboard:
     """Adapter and services of one vehicle: ``async with Onboard(session, settings): ...``.
 
@@ -125,7 +140,8 @@ class Onboard:
         self.body = BodyService(questions, port, identity, settings.body)
         self.quality = Quality(session, questions, port, identity, self.timesync)
         self.rates = Rates(session, questions, port, identity, events)
-        self.commander = commander = Commander(port, identity, events)
+        control = Control(name)
+        self.commander = commander = Commander(port, identity, events, control)
         self.params = Params(questions, port, identity, events)
         ftp = Ftp(port, identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
@@ -160,6 +176,7 @@ class Onboard:
             bounds,
             rules,
             counts,
+            control,
             guard=self.presence.check,
             accept=self.preconditions.check,
             aside=self.separation.aside,
@@ -197,7 +214,27 @@ class Onboard:
         }
         permit = OrderPermit(self.authority, judges)
         self.orders = Orders(session, fleet, name, prove, answers, permit, questions=questions)
-        self._own, self._tasks = own, list[asyncio.Task[None]]()
+        self._own, self._stack = own, contextlib.AsyncExitStack()
+        # Started in this order and closed in the reverse: a vehicle that follows a stream is told to hold first of all,
+        # and what lets go says so while there is a link.
+        self._services: list[Service] = [
+            self.events,
+            self.quality,
+            self.timesync,
+            self.state,
+            self.presence,
+            self.identity,
+            self.adapter,
+            self.forwarder,
+            self.missions,
+            self.params,
+            *(() if link.recorded else (self.event_texts, self.orders)),  # a recording takes no orders, gives no files
+            self.preconditions,
+            self.rates,
+            self.separation,
+            self.questions,
+            self.authority,
+        ]
         self._add_orders()
 
     def _listen(self) -> None:
@@ -280,43 +317,25 @@ class Onboard:
         self.state.extras.append(self._add_to_state)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
-        self.identity.start()
-        self.presence.start()
-        self.state.start()
-        self.timesync.start()
-        self.rates.start()
-        self.params.start()
-        self.missions.start()
-        if not adapter.link.recorded:  # a recording takes no orders, and gives no files
-            self.event_texts.start()
-            self.orders.start()
-        self.authority.start()
-        self.separation.start()
-        self.preconditions.start()
-        self.forwarder.start()
-        adapter.start()
-        self._tasks.append(loop.create_task(self._keep_house()))
-        if self._own is not None:
-            warn = functools.partial(self.events.emit, "certificate", "warning")
-            self._tasks.append(loop.create_task(warn_of_end(self._own.certificate, warn)))
+        async with contextlib.AsyncExitStack() as stack:
+            for service in self._services:
+                stack.push_async_callback(_close, service)
+                if isinstance(service, Starts) and not isinstance(service, Adapter):
+                    service.start()
+            adapter.start()  # last, so that nothing that it brings is missed
+            self._work(stack, self._keep_house())
+            if self._own is not None:
+                warn = functools.partial(self.events.emit, "certificate", "warning")
+                self._work(stack, warn_of_end(self._own.certificate, warn))
+            self._stack = stack.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        self.authority.close()  # first of all: a vehicle that follows a stream holds
-        self.questions.close()
-        self.separation.close()
-        self.rates.close()
-        self.preconditions.close()
-        await self.orders.close()
-        await self.event_texts.close()
-        self.params.close()
-        await self.missions.close()
-        await asyncio.to_thread(self.forwarder.close)
-        await asyncio.to_thread(self.adapter.close)
-        for service in (self.identity, self.presence, self.state, self.timesync, self.quality, self.events):
-            service.close()
+        await self._stack.aclose()
+
+    def _work(self, stack: contextlib.AsyncExitStack, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        stack.callback(task.cancel)
 
     def _say_link(self, told: LinkChanged) -> None:
         state, text = told
@@ -381,6 +400,13 @@ class Onboard:
     def _send_heartbeat(self) -> None:
         """The companion's own: MAV_TYPE_ONBOARD_CONTROLLER, no autopilot, active."""
         self.adapter.send("HEARTBEAT", type=18, autopilot=8, system_status=4, mavlink_version=3)
+
+
+async def _close(service: Service) -> None:
+    if isinstance(service, (Adapter, FrameForwarder)):  # these wait for threads
+        await asyncio.to_thread(service.close)
+    elif (ending := service.close()) is not None:
+        await ending
 
 
 def _other_fleet(link: Link, fleet: str) -> BadConfig:

@@ -129,6 +129,8 @@ class VehicleState(Wire, kw_only=True):
     """of the last lease that ended"""
     segment: SegmentInfo | None = None
     """the committed trajectory in force; None: none under the present lease"""
+    mover: str = "nobody"
+    """who moves it now: pilot, order, target, segment, stream, hold, failsafe or nobody"""
     pilot: str | None = None
     """why no agent may have the vehicle: the pilot's switch"""
     setpoints: dict[str, int] = {}

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from zmav import geo, keys, wire
 from zmav.autopilots import Target
 from zmav.errors import Refused
+from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.leader import AHEAD_M, AHEAD_S, PositionLeader, pursuit, within_reach
 
 if TYPE_CHECKING:
@@ -107,17 +108,16 @@ async def test_it_leads_only_while_it_may(bench: StartBench) -> None:
     b = await (await (await bench(settings={"origin": ORIGIN})).connected()).flying()
     b.peer.send("GLOBAL_POSITION_INT", **at())
     await b.state(lambda s: s["position"], "position")
-    taken: list[str] = []
-
-    def may_move() -> None:
-        if taken:
-            raise Refused(f"the pilot has it: {taken[0]}")
-
-    leader = PositionLeader(b.vehicle.adapter, b.vehicle.identity, may_move)
+    control = Control("quad1")
+    leader = PositionLeader(b.vehicle.adapter, b.vehicle.identity, control)
     assert leader.lead(target(400.0, 0.0))
     await b.peer.count(GLOBAL, 2)
-    taken.append("his switch")
+    assert control.claimed(Mover.TARGET)
+    control.take("pilot", Mover.PILOT, "his switch")
     await b.state(lambda s: not leader.leading, "the end of it")
+    control.leave("pilot")
+    assert not control.claimed(Mover.TARGET), "what was led is led no more"
+    control.take("pilot", Mover.PILOT, "his switch")
     with pytest.raises(Refused, match="his switch"):
         leader.lead(target(400.0, 0.0))
 

@@ -16,7 +16,7 @@ import zmav
 
 ROOT = Path(zmav.__file__).parent
 FILES = [ROOT / "adapter.py", ROOT / "forwarding.py", ROOT / "onboard.py", *sorted((ROOT / "services").rglob("*.py"))]
-PERMITS = ("MayMove", "Prove", "Permit", "Allowed", "Gate", "Verifier")
+PERMITS = ("MayMove", "Prove", "Permit", "Allowed", "Control", "Gate", "Verifier")
 """types of what permits, as signatures name them"""
 TELLS = (
     (("send", "send_raw"), ("port", "adapter", "link")),

@@ -281,8 +281,7 @@ async def test_land_ends_with_disarming_or_with_the_pilot(bench: StartBench) -> 
 async def test_disarm_ends_a_waiting_arming(bench: StartBench) -> None:
     b = await (await bench()).connected()
     asked = asyncio.create_task(b.ground.do("arm"))
-    while not b.vehicle.commander.moving:
-        await b.state(lambda s: True, "a moment")
+    await b.state(lambda s: s["mover"] == "order", "the order")
     await b.ground.do("disarm")
     with pytest.raises(Refused, match="arm was superseded"):
         await asked

@@ -244,7 +244,7 @@ async def test_a_later_order_supersedes_it(mission_bench: MissionBench) -> None:
     await b.ground.do("set_mode", mode="LOITER")
     with pytest.raises(Refused, match="superseded"):
         await fly.until(status="done")
-    assert not b.vehicle.commander.moving
+    assert b.vehicle.authority.control.mover.value != "order"
 
 
 async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:

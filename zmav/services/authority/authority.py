@@ -17,6 +17,7 @@ from zmav.autopilots.safety import changes_mode
 from zmav.config import Failsafe, PilotSwitch, check_failsafe
 from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.gcs_traffic import GcsTraffic, TakenByStation
 from zmav.services.authority.leader import PositionLeader
@@ -74,6 +75,7 @@ class Authority:
         bounds: Bounds,
         rules: Rules,
         counts: SetpointCounts,
+        control: Control,
         *,
         guard: MayMove[[]],
         accept: MayMove[[Autopilot, Target]],
@@ -83,14 +85,16 @@ class Authority:
     ) -> None:
         self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
         self._failsafe, self._param, self.bounds = check_failsafe(rules.failsafe), param, bounds
-        self.pilot = Pilot(port, identity, commander, rules.pilot_switch)
-        self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=self.pilot.check)
-        self.leader = PositionLeader(port, identity, self.pilot.check)
+        self.control = control
+        self.pilot = Pilot(port, identity, commander, rules.pilot_switch, control)
+        self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=control.check_pilot)
+        self.leader = PositionLeader(port, identity, control)
         self.watchdog = StreamWatchdog(
             port,
             events,
             rules.failsafe,
             counts,
+            control,
             allowed=self.pilot.allowed,
             near=self.leader.near,
             aside=aside,
@@ -107,8 +111,8 @@ class Authority:
             events,
             rules.origin,
             counts,
+            control,
             may_move=guard,
-            free=commander.check_free,
             accept=accept,
             sealed=sealed,
         )
@@ -169,7 +173,7 @@ class Authority:
         if verb.access in (Access.CHANGE, Access.MOVE):
             self.leases.allow(args.lease, origin)
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
-            self.pilot.check()
+            self.control.check_pilot()
 
     def begin(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> ActiveStream | None:
         """Let an order begin that is allowed and can be done: what it takes the place of ends.
@@ -219,7 +223,7 @@ class Authority:
 
     def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
-        idle = not (self._commander.moving or self.leader.leading)
+        idle = not self.control.claimed(Mover.ORDER, Mover.TARGET)
         if flown is not None and idle and self._identity.mode in (flown.mode, _hold_of(flown.autopilot)):
             self.watchdog.hold(flown, f"{verb.name} came to nothing")
 
@@ -230,7 +234,7 @@ class Authority:
         """
         if self._handing is not None:
             self._handing.cancel()
-        ours = self.watchdog.flying or self.leader.leading or self._commander.moving or self.leases.holder is not None
+        ours = self.control.ours or self.leases.holder is not None
         flown = self.watchdog.stop()
         self.leader.stop()
         self._commander.ordered = None  # if the pilot goes back to that mode, it is his
@@ -269,7 +273,7 @@ class Authority:
                     lambda: who.intended is not None, "it does not say what it intends"
                 )
         lost = who.mode in flown.autopilot.stream_lost and who.intended == flown.mode and bool(who.armed)
-        if lost and not (self.pilot.has_it or self.watchdog.flying or self._commander.moving):
+        if lost and self.control.mover is Mover.NOBODY:
             await self._hand(flown.autopilot.hold()[0])
 
     def _to_autopilot(self) -> None:
@@ -290,20 +294,20 @@ class Authority:
         """It shows another mode or arming, or is another autopilot."""
         self.pilot.changed()
         self.bounds.changed()
-        if self.pilot.has_it and time.monotonic() - self._asked < LATE_MODE:
+        if self.control.mover is Mover.PILOT and time.monotonic() - self._asked < LATE_MODE:
             self._to_autopilot()  # granted after he took it: nobody streams
         if not self._identity.armed:
             self.watchdog.stop()
 
     def add_to_state(self, state: wire.VehicleState) -> None:
         state.lease, state.lease_end = self.leases.info(), self.leases.last_end
-        state.pilot, state.segment = self.pilot.has_it, self.setpoints.segment
+        state.pilot, state.mover, state.segment = self.control.pilot, self.control.mover.value, self.setpoints.segment
         state.setpoints = dict(self.setpoints.counts)
 
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:
         """The one who flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
         lost = end.reason in ("expired", "gone", "clock")
-        if end.reason in ("pilot", "failsafe") or (lost and self.watchdog.committed):
+        if end.reason in ("pilot", "failsafe") or (lost and self.control.mover is Mover.SEGMENT):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
         self.watchdog.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
         if not lost and self._ordered_under == end.number:
@@ -311,7 +315,8 @@ class Authority:
 
     def _end_order(self, end: wire.LeaseEnd) -> None:
         """What was ordered under a lease ends with it where somebody meant the end: the vehicle holds for the next."""
-        if not (self._commander.moving or (self.leader.leading and end.reason != "released")):
+        movers = (Mover.ORDER,) if end.reason == "released" else (Mover.ORDER, Mover.TARGET)
+        if not self.control.claimed(*movers):
             return
         self._ordered_under = 0
         self._commander.supersede()

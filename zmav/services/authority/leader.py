@@ -19,7 +19,7 @@ from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
 from zmav.mavlink import decode
-from zmav.services.authority.may_move import MayMove
+from zmav.services.authority.control import Control, Mover
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
 
@@ -70,11 +70,11 @@ def pursuit(target: Target, position: Mapping[str, Any]) -> Target:
 class PositionLeader:
     """Leads the vehicle to one far target, until :meth:`stop`. :meth:`near` from any thread, the rest on the loop.
 
-    ``may_move()`` is asked before each target.
+    ``control`` is asked before each target.
     """
 
-    def __init__(self, port: Port, identity: Identity, may_move: MayMove[[]]) -> None:
-        self._port, self._identity, self._may_move = port, identity, may_move
+    def __init__(self, port: Port, identity: Identity, control: Control) -> None:
+        self._port, self._identity, self._control = port, identity, control
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
@@ -94,12 +94,14 @@ class PositionLeader:
 
         Raises :class:`~zmav.errors.Refused` where nobody may move the vehicle now.
         """
-        self._may_move()
+        self._control.check_pilot()
         self.stop()
         autopilot = self._identity.autopilot
         if target.lat_deg is None or autopilot is None or not flies_on(autopilot):
             return False
         self._task = asyncio.get_running_loop().create_task(self._lead(autopilot, target))
+        self._task.add_done_callback(self._on_done)
+        self._control.take(self, Mover.TARGET)
         return True
 
     @property
@@ -111,6 +113,11 @@ class PositionLeader:
         if self._task is not None:
             self._task.cancel()
             self._task = None
+            self._control.leave(self)
+
+    def _on_done(self, task: asyncio.Task[None]) -> None:
+        if task is self._task:
+            self._control.leave(self)
 
     def close(self) -> None:
         """End for good: the vehicle is told to stop, and not only to go as far as its near target."""
@@ -129,7 +136,7 @@ class PositionLeader:
             if source is None or self._identity.mode != mode or not self._identity.armed:
                 return
             try:
-                self._may_move()
+                self._control.check_pilot()
             except ZmavError:  # the one who has it is told of it elsewhere
                 return
             now = self.near(autopilot, target, source)

@@ -14,8 +14,9 @@ from typing import NamedTuple
 from zmav.autopilots import Autopilot
 from zmav.autopilots.safety import by_command, ends_in
 from zmav.config import PilotSwitch
-from zmav.errors import Refused, Unsupported
+from zmav.errors import Unsupported
 from zmav.mavlink import Frame, decode
+from zmav.services.authority.control import Control, Mover
 from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
@@ -45,10 +46,10 @@ class Pilot:
         identity: Identity,
         commander: Commander,
         switch: PilotSwitch | None,
+        control: Control,
     ) -> None:
         self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
-        self.has_it: str | None = None
-        """why no agent may have the vehicle; None: it may"""
+        self._control = control
         self._mode: str | None = None
         self._armed = False
         self._what, self._grace = "", 0.0
@@ -65,11 +66,6 @@ class Pilot:
 
     def close(self) -> None:
         self._stop()
-
-    def check(self) -> None:
-        """Raise :class:`Refused` while the pilot's switch says that he has it."""
-        if self.has_it:
-            raise Refused(f"the pilot has it: {self.has_it}", vehicle=self._port.name, count="pilot")
 
     def order_begins(self, what: str) -> None:
         """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
@@ -102,7 +98,7 @@ class Pilot:
         autopilot, heartbeat = self._identity.autopilot, self._identity.heartbeat
         if mode is None or autopilot is None or heartbeat is None:
             return False
-        if self._commander.moving and mode in self._commander.follows:
+        if self._control.claimed(Mover.ORDER) and mode in self._commander.follows:
             return True
         intended = self._identity.intended
         by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
@@ -112,7 +108,7 @@ class Pilot:
         return mode in ends_in(autopilot, before) and not failsafe
 
     def _under_order(self) -> bool:
-        return self._commander.moving or time.monotonic() < self._grace
+        return self._control.claimed(Mover.ORDER) or time.monotonic() < self._grace
 
     def _ends_on_ground(self, mode: str | None) -> bool:
         """It disarms there by itself, or somebody ordered it."""
@@ -128,9 +124,9 @@ class Pilot:
         if pwm in UNHEARD:
             return  # a lost radio does not give the vehicle back
         if not switch.low <= pwm <= switch.high:
-            self.has_it = None
-        elif self.has_it is None:
-            self.has_it = f"his switch (channel {switch.channel}) is at {pwm} µs"
+            self._control.leave(self)
+        elif self._control.pilot is None:
+            self._control.take(self, Mover.PILOT, f"his switch (channel {switch.channel}) is at {pwm} µs")
             self._tell(f"the pilot's switch (channel {switch.channel}) is at {pwm} µs", by_switch=True)
 
     def _tell(self, text: str, *, by_switch: bool = False) -> None:

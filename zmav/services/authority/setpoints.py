@@ -17,6 +17,7 @@ from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
+from zmav.services.authority.control import Control
 from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
@@ -56,8 +57,8 @@ class Setpoints:
     """Takes setpoints from the key space to the watchdog. Lives on the event loop; seals are looked at before it, on a
     thread, so that a flood of setpoints without one does not reach it.
 
-    ``may_move()`` raises while nobody may command the vehicle (a clash of names or ids), ``free()`` while an order
-    moves it (a setpoint would undo a landing just ordered), ``accept`` where the autopilot's parameters do not let it
+    ``may_move()`` raises while nobody may command the vehicle (a clash of names or ids), ``control``
+    while the pilot or an order moves it, ``accept`` where the autopilot's parameters do not let it
     follow such a target. ``sealed``: only what is sealed with the lease's secret is read. The
     port's bus is told of each :class:`SegmentAccepted`.
     """
@@ -74,16 +75,16 @@ class Setpoints:
         events: Events,
         origin: wire.Origin | None,
         counts: SetpointCounts,
+        control: Control,
         *,
         may_move: MayMove[[]],
-        free: MayMove[[]],
         accept: MayMove[[Autopilot, Target]],
         sealed: bool,
     ) -> None:
         self._session, self._port, self._identity, self._leases = session, port, identity, leases
         self._pilot, self._watchdog, self._bounds, self._events, self._origin = pilot, watchdog, bounds, events, origin
         self.counts = counts
-        self._may_move, self._free, self._accept = may_move, free, accept
+        self._may_move, self._control, self._accept = may_move, control, accept
         self._only_sealed = sealed
         self._segment: wire.swarm.SegmentInfo | None = None
         self._seq = -1
@@ -149,13 +150,13 @@ class Setpoints:
     def _fly(self, point: wire.Setpoint, in_force: bool) -> bool:
         self._may_move()
         self._check_order(point, in_force)
-        self._pilot.check()
+        self._control.check_pilot()
         autopilot, source = self._identity.autopilot, self._identity.source
         if autopilot is None or not self._identity.connected or source is None:
             raise LinkDown("the autopilot is not heard", count="silent")
         if not self._identity.armed:
             raise Refused("it is disarmed: setpoints are followed by an armed vehicle", count="disarmed")
-        self._free()
+        self._control.check_order()
         what, first, until = self._resolve(point, time.time(), time.monotonic())
         mode = self._identity.mode
         needed = autopilot.guided_for(first) or mode or ""

@@ -22,6 +22,7 @@ from zmav.autopilots import Autopilot, Command, Level, Message, Target
 from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.mavlink import decode
+from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.flown import ActiveStream, future
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.pace import Pace
@@ -61,6 +62,14 @@ class Step(enum.Enum):
     ACTING = "acting"
 
 
+MOVERS = {
+    Step.ENGAGING: Mover.STREAM,
+    Step.FRESH: Mover.STREAM,
+    Step.HOLDING: Mover.HOLD,
+    Step.ACTING: Mover.FAILSAFE,
+}
+
+
 class ModeRequested(NamedTuple):
     """A mode that the watchdog asks the autopilot for. Told from its thread, or from who gives a setpoint."""
 
@@ -89,13 +98,14 @@ class StreamWatchdog:
         events: Events,
         failsafe: Failsafe,
         counts: SetpointCounts,
+        control: Control,
         *,
         allowed: Allowed,
         near: Near,
         aside: Aside,
     ) -> None:
         self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
-        self._allowed, self._near, self._aside = allowed, near, aside
+        self._allowed, self._near, self._aside, self._control = allowed, near, aside, control
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
         self._changed = threading.Condition(threading.RLock())
@@ -157,6 +167,8 @@ class StreamWatchdog:
                 sent = self._send()
                 if self._step is not Step.FRESH:
                     self._enter(Step.FRESH)
+                elif before is None or type(before.what) is not type(flown.what):
+                    self._claim()
                 if not sent:
                     raise LinkDown("the link to the autopilot is down or full", count="link")
             else:
@@ -172,17 +184,6 @@ class StreamWatchdog:
         """Block until nothing is flown; False after ``timeout`` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: self._step is Step.IDLE, timeout)
-
-    @property
-    def flying(self) -> bool:
-        """A stream is flown, or was until it went stale."""
-        return self._step in (Step.FRESH, Step.ENGAGING, Step.HOLDING)
-
-    @property
-    def committed(self) -> bool:
-        """A segment is being flown: it ends at rest by itself."""
-        flown = self._flown
-        return self._step is Step.FRESH and flown is not None and isinstance(flown.what, Segment)
 
     def future(self) -> Callable[[float], Target] | None:
         """What it flies so many seconds from now; None where nothing is flown."""
@@ -417,12 +418,19 @@ class StreamWatchdog:
     def _enter(self, step: Step) -> None:
         self._pace.reset()
         self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
+        self._claim()
+
+    def _claim(self) -> None:
+        """Say as what it moves the vehicle."""
+        committed = self._step is Step.FRESH and self._flown is not None and isinstance(self._flown.what, Segment)
+        self._control.take(self, Mover.SEGMENT if committed else MOVERS[self._step])
 
     def _end(self) -> None:
         if self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due = Step.IDLE, None, math.inf
         self._dodging = None
+        self._control.leave(self)
         self._changed.notify_all()
 
     def _shown(self) -> ReportedMode:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from zmav.autopilots import Autopilot, Command, Message
 from zmav.autopilots.base import HERE
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
+from zmav.services.authority.control import Control, Mover
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Inbox, Port
 from zmav.services.orders.orders import Report
@@ -41,8 +42,8 @@ class Ack(NamedTuple):
 class Commander:
     """Sends commands to the autopilot and watches them through. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events) -> None:
-        self._port, self._identity, self._events = port, identity, events
+    def __init__(self, port: Port, identity: Identity, events: Events, control: Control) -> None:
+        self._port, self._identity, self._events, self._control = port, identity, events, control
         self._locks: dict[str, asyncio.Lock] = {}
         self._mover: asyncio.Task[Any] | None = None
         self._beside: set[asyncio.Task[Any] | None] = set()
@@ -54,19 +55,9 @@ class Commander:
     # The one order that moves the vehicle.
 
     @property
-    def moving(self) -> bool:
-        """An order is moving the vehicle, or is about to."""
-        return self._mover is not None
-
-    def check_free(self) -> None:
-        """Raise :class:`Refused` while an order moves the vehicle."""
-        if self.moving:
-            raise Refused("an order moves the vehicle: setpoints are followed when it has ended", count="busy")
-
-    @property
     def under_way(self) -> bool:
         """An order moves the vehicle, or one beside it may."""
-        return self.moving or bool(self._beside)
+        return self._mover is not None or bool(self._beside)
 
     def supersede(self) -> None:
         """End the order that moves the vehicle, if one is under way, and those beside it."""
@@ -74,6 +65,7 @@ class Commander:
             if task is not None and task is not asyncio.current_task():
                 task.cancel()
         self._mover = None
+        self._control.leave(self)
 
     @contextlib.contextmanager
     def beside(self) -> Iterator[None]:
@@ -93,11 +85,13 @@ class Commander:
         self.supersede()
         self.follows = frozenset()
         self._mover = me = asyncio.current_task()
+        self._control.take(self, Mover.ORDER)
         try:
             yield
         finally:
             if self._mover is me:
                 self._mover = None
+                self._control.leave(self)
 
     # Who is commanded.
 
