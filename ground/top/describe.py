@@ -62,6 +62,7 @@ def _add_state(report: VehicleReport, state: wire.VehicleState, now: float) -> N
         report.battery, report.voltage = state.battery.remaining, state.battery.voltage
     if state.gps is not None:
         report.gps = GpsReport(**msgspec.structs.asdict(state.gps))
+    report.mover = state.mover
     if state.lease is not None:
         lease = state.lease
         report.lease = LeaseReport(holder=lease.holder, ends_in=lease.expires - now, priority=lease.priority)

@@ -29,6 +29,8 @@ def details(v: VehicleReport, report: Report, width: int) -> list[Line]:
         lease = v.lease
         words = f"{lease.holder} (priority {lease.priority}), ends in {duration(lease.ends_in)} unless renewed"
         lines.append(_line("lease", (words, "")))
+    if v.mover not in ("", "nobody"):
+        lines.append(_line("moved by", (v.mover, "")))
     for agent in report.agents:
         if (agent.fleet, agent.host) == (v.fleet, v.name):
             text = f": {agent.text}" if agent.text else ""

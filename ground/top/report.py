@@ -101,6 +101,8 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     voltage: float | None = None
     gps: GpsReport | None = None
     lease: LeaseReport | None = None
+    mover: str = ""
+    """who moves it; see :class:`zmav.wire.VehicleState`"""
     link: LinkReport | None = None
     network: NetworkReport
     agents: list[str] = []

@@ -24,6 +24,7 @@ from zmav.errors import Refused
 from zmav.session import SessionSettings
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec, PadSpec
+from zmav.sim.camera.serve import serve_cameras
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -55,7 +56,7 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
     async with contextlib.AsyncExitStack() as stack:
         world = stack.enter_context(World(specs, endpoint="tcp:0", ready_s=0.5))
         assert world.cameras is not None
-        (pictures,) = world.cameras.serve(0).values()
+        (pictures,) = serve_cameras(world.cameras, 0).values()
         session, endpoint = net.router()
         for name, url in zip(("quad1", "rover1"), world.urls, strict=True):
             await onboard(session, url, name=name, origin=ORIGIN)

@@ -17,6 +17,7 @@ import pytest
 from zmav.errors import BadConfig, BadInput, LinkDown, PortInUse, TimedOut, ZmavError
 from zmav.sim import VehicleSpec, World
 from zmav.sim.remote import Remote, control_directory, control_path, running
+from zmav.sim.requests import offers
 
 PATIENCE_S = 30.0
 
@@ -32,7 +33,7 @@ class Started(World):
     """A world that runs as ``zmav sim`` runs it, in a thread of the test's."""
 
     def begin(self, name: str) -> None:
-        self.open(control_path(name))
+        self.listen(control_path(name), offers(self))
         self._running = threading.Thread(target=self.run)
         self._running.start()
 
@@ -241,7 +242,7 @@ class TestPlace:
 
     def test_it_goes_with_the_world(self, runtime: Path) -> None:
         world = World(endpoint="tcp:0")
-        world.open(control_path("one"))
+        world.listen(control_path("one"), offers(world))
         assert running() == [runtime / "one.sock"]
         world.close()
         assert list(runtime.iterdir()) == []
@@ -262,7 +263,7 @@ class TestPlace:
         start("one")
         world = World(endpoint="tcp:0")
         with pytest.raises(PortInUse, match=r"another simulator has the control socket .*one\.sock"):
-            world.open(control_path("one"))
+            world.listen(control_path("one"), offers(world))
         assert world.vehicles[0].endpoints == []
         world.close()
         assert [path.stem for path in running()] == ["one"]  # the first one's is left alone
@@ -289,7 +290,7 @@ class TestPlace:
         def begin(world: World) -> None:
             together.wait()
             try:
-                world.open(control_path("one"))
+                world.listen(control_path("one"), offers(world))
             except PortInUse as e:
                 refused.append(e)
 
@@ -308,7 +309,7 @@ class TestPlace:
         for path, words in ((tmp_path / "notes", "is no socket"), (tmp_path / "no" / "x", "No such file")):
             world = World(endpoint="tcp:0")
             with pytest.raises(BadConfig, match=words):
-                world.open(path)
+                world.listen(path, offers(world))
             world.close()
         with pytest.raises(BadConfig, match="too long"):
             control_path("/tmp/" + "x" * 120)

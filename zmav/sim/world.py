@@ -25,10 +25,9 @@ from zmav.sim.environment import Environment, Terrain, Vector
 from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
 from zmav.sim.lineup import gather, line_up
-from zmav.sim.listener import Listener
+from zmav.sim.listener import Listener, Offer
 from zmav.sim.lockstep import Lockstep
 from zmav.sim.loop import Loop
-from zmav.sim.requests import offers
 from zmav.sim.spec import Home, VehicleSpec, usual
 from zmav.sim.status import WorldStatus
 from zmav.sim.values import check_home
@@ -199,20 +198,22 @@ class World:
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def open(self, control: Path | None = None) -> None:
-        """Open the endpoints, and the control socket at ``control`` (:mod:`zmav.sim.remote`). Raises
-        :class:`PortInUse`; nothing stays open then.
-        """
+    def open(self) -> None:
+        """Open the endpoints. Raises :class:`PortInUse`; nothing stays open then."""
         try:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
                     vehicle.endpoints.append(open_endpoint(address, vehicle, self._loop.wiring))
             self.externals.open(self._loop.wiring)
-            if control is not None and self._listener is None:
-                self._listener = Listener(control, self._loop.selector, offers(self))
         except BaseException:
             self._close_endpoints()
             raise
+
+    def listen(self, control: Path, offers: Mapping[str, Offer]) -> None:
+        """Take requests on the control socket at ``control`` (:mod:`zmav.sim.remote`), such as those of
+        :mod:`zmav.sim.requests`. Raises :class:`PortInUse`.
+        """
+        self._listener = Listener(control, self._loop.selector, offers)
 
     def start(self) -> None:
         """Open and run in a thread of its own."""

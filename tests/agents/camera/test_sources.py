@@ -22,6 +22,7 @@ from tests.conftest import PATIENCE_S
 from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec, Light, Scene
+from zmav.sim.camera.serve import serve_cameras
 from zmav.vision.opencv import decode, encode
 
 JPEG = encode(scene(3), 60)
@@ -263,7 +264,7 @@ def test_the_simulators_camera() -> None:
     spec = CameraSpec(width=160, height=120, focal_px=130.0, rate_hz=20.0, mount_deg=(0.0, 30.0, 0.0), gimbal=True)
     world = World([VehicleSpec(name="quad1", camera=spec)], scene=Scene(light=Light(shadows=0.0)), epoch_s=1000.0)
     assert world.cameras is not None
-    url = world.cameras.serve(0)["quad1"]
+    url = serve_cameras(world.cameras, 0)["quad1"]
     heard = Heard()
     capture = Capture(open_source(url), news=heard)
     try:

@@ -17,7 +17,7 @@ from tests.sim.camera.conftest import PLAIN
 from zmav.errors import BadConfig, BadInput, PortInUse
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec
-from zmav.sim.camera.serve import CameraServer
+from zmav.sim.camera.serve import CameraServer, serve_cameras
 
 PATIENCE_S = 60.0
 SMALL = CameraSpec(width=160, height=120, focal_px=130.0, rate_hz=20.0)
@@ -34,14 +34,14 @@ class Studio:
 
     def serve(self) -> None:
         assert self.world.cameras is not None
-        self.urls = self.world.cameras.serve(0)
+        self.urls = serve_cameras(self.world.cameras, 0)
         self.port = self.server.port
 
     @property
     def server(self) -> CameraServer:
         assert self.world.cameras is not None
         server = self.world.cameras._server
-        assert server is not None
+        assert isinstance(server, CameraServer)
         return server
 
     def get(self, path: str) -> HTTPResponse:
@@ -206,18 +206,18 @@ def test_a_port_that_is_taken() -> None:
         studio = Studio()
         assert studio.world.cameras is not None
         with pytest.raises(PortInUse, match=str(port)):
-            studio.world.cameras.serve(port)
+            serve_cameras(studio.world.cameras, port)
         studio.world.close()
 
 
 def test_serving_twice_and_no_port(studio: Studio) -> None:
     assert studio.world.cameras is not None
     with pytest.raises(BadInput, match="already"):
-        studio.world.cameras.serve(0)
+        serve_cameras(studio.world.cameras, 0)
     other = Studio()
     assert other.world.cameras is not None
     with pytest.raises(BadInput, match="70000"):
-        other.world.cameras.serve(70000)
+        serve_cameras(other.world.cameras, 70000)
     other.world.close()
 
 
@@ -239,7 +239,7 @@ def test_a_lens_that_folds_is_said_before_anything_is_served() -> None:
     world = World([VehicleSpec(camera=CameraSpec(distortion=(-0.9, 0.0, 0.0, 0.0, 0.0)))])
     assert world.cameras is not None
     with pytest.raises(BadConfig, match="distortion"):
-        world.cameras.serve(0)
+        serve_cameras(world.cameras, 0)
     world.close()
 
 
@@ -247,7 +247,7 @@ def test_opencv_opens_it_while_the_world_runs() -> None:
     spec = VehicleSpec(camera=SMALL, endpoints=("tcp:0",))
     with World([spec], scene=PLAIN) as world:
         assert world.cameras is not None
-        capture = cv2.VideoCapture(world.cameras.serve(0)["copter1"])
+        capture = cv2.VideoCapture(serve_cameras(world.cameras, 0)["copter1"])
         try:
             assert capture.isOpened()
             for _ in range(3):

@@ -20,6 +20,7 @@ from zmav.sim.faults.body import MotorFailure
 from zmav.sim.faults.links import LinkDelay
 from zmav.sim.faults.sensors import CompassError, GpsGlitch
 from zmav.sim.remote import Remote, control_path
+from zmav.sim.requests import offers
 
 PATIENCE_S = 30.0
 
@@ -131,7 +132,7 @@ def running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """Two copters that run as ``zmav sim`` has them."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     world = World([VehicleSpec(endpoints=()), VehicleSpec(endpoints=())], ready_s=0.5, speed=10.0)
-    world.open(control_path("faults"))
+    world.listen(control_path("faults"), offers(world))
     thread = threading.Thread(target=world.run)
     thread.start()
     yield world

@@ -50,5 +50,7 @@ def _parse(text: str) -> tuple[str, CameraSpec]:
 def serve_cameras(world: World, port: int) -> None:
     """Serve them, where there are any, and say where."""
     if world.cameras is not None:
-        for name, url in world.cameras.serve(port).items():
+        from zmav.sim.camera import serve  # with OpenCV
+
+        for name, url in serve.serve_cameras(world.cameras, port).items():
             click.echo(f"{name} camera: {url}")

@@ -24,6 +24,7 @@ from zmav.sim.external import External
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
 from zmav.sim.lineup import KINDS, field_of
 from zmav.sim.remote import control_path
+from zmav.sim.requests import offers
 from zmav.sim.sensors.noise import PROFILES
 from zmav.sim.values import parse_home, parse_speed, parse_wind
 
@@ -94,7 +95,7 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         signal.signal(number, lambda *_: world.stop())
     try:
         _allow_files()
-        world.open(path)
+        world.listen(path, offers(world))
         serve_cameras(world, camera_port)
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))

@@ -49,7 +49,7 @@ class Params:
         self._port, self._identity, self._events = port, identity, events
         self.known = ParamSet()
         self.talk = ParamTalk(port, identity, events, self.known)
-        self._queries = ParamQueries(questions, self)
+        self._queries = ParamQueries(questions, port, self.known, self.talk, self.table, self.find)
         self._loader = ParamLoader(self.talk)
         self._uptime = Uptime(port)
         self._who: tuple[Any, ...] | None = None

@@ -5,19 +5,19 @@ from __future__ import annotations
 import asyncio
 import difflib
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput
+from zmav.services.link.port import Port
+from zmav.services.params.requests import ParamTalk
+from zmav.services.params.values import ParamSet
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust.verify import Allowance
-
-if TYPE_CHECKING:
-    from zmav.services.params.params import Params
 
 HINTS = 2.0
 """a second: names like one that there is not take milliseconds to find"""
@@ -33,10 +33,22 @@ def unknown(name: str, names: Iterable[str]) -> BadInput:
 
 
 class ParamQueries:
-    """Answers in the lane of questions; what is not in the cache is looked for on ``loop``."""
+    """Answers in the lane of questions, from what is ``known``; what is not is looked for by ``find``, on the loop.
 
-    def __init__(self, questions: Questions, params: Params) -> None:
-        self._questions, self._params = questions, params
+    ``table()`` is the whole set.
+    """
+
+    def __init__(
+        self,
+        questions: Questions,
+        port: Port,
+        known: ParamSet,
+        talk: ParamTalk,
+        table: Callable[[], wire.ParamTable],
+        find: Callable[[str], Coroutine[Any, Any, wire.Param]],
+    ) -> None:
+        self._questions, self._port, self._known, self._talk = questions, port, known, talk
+        self._whole, self._find = table, find
         self._hints = Allowance(HINTS, time.monotonic)
         self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None
         self._lines: tuple[tuple[object, ...], dict[str, bytes]] = ((), {})
@@ -47,15 +59,15 @@ class ParamQueries:
         self._questions.declare(self._key("*"), lambda query: self._on_name(query, loop))
 
     def _table_key(self) -> str:
-        return keys.PARAMS.key(self._params.fleet, self._params.vehicle)
+        return keys.PARAMS.key(self._port.fleet, self._port.name)
 
     def _key(self, name: str) -> str:
-        return keys.PARAM.key(self._params.fleet, self._params.vehicle, param=name)
+        return keys.PARAM.key(self._port.fleet, self._port.name, param=name)
 
     @property
     def _version(self) -> tuple[object, ...]:
         """What the encoded answers are of."""
-        return self._params.known.version, self._params.known.complete, self._params.talk.encoding
+        return self._known.version, self._known.complete, self._talk.encoding
 
     def _on_table(self, query: zenoh.Query) -> Iterator[Reply]:
         asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
@@ -63,15 +75,15 @@ class ParamQueries:
 
     def _table(self, has: str) -> bytes:
         """The set, or a line where the asker has it already."""
-        params, version = self._params, self._version
+        version = self._version
         if self._encoded is None or self._encoded[0] != version:
-            table = params.table()
+            table = self._whole()
             self._encoded = (version, table, wire.encode(table))
         _, table, encoded = self._encoded
         if table.hash != has:
             return encoded
         short = wire.ParamTable(
-            t=params.known.confirmed,
+            t=self._known.confirmed,
             complete=table.complete,
             count=table.count,
             hash=table.hash,
@@ -88,14 +100,14 @@ class ParamQueries:
             return  # who looks around for everything gets the table, and not every line of it once more
         last = asked.rpartition("/")[2]
         if "*" in asked:
-            yield from self._all(query, [last] if "*" not in last else sorted(self._params.known.entries))
+            yield from self._all(query, [last] if "*" not in last else sorted(self._known.entries))
             return
         found = self._line(last)
-        if found is None and self._params.known.complete:
+        if found is None and self._known.complete:
             hints = len(last) <= LONGEST_NAME and self._hints.take()
-            raise unknown(last, self._params.known.entries if hints else ())
+            raise unknown(last, self._known.entries if hints else ())
         if found is None:
-            yield (heard := asyncio.run_coroutine_threadsafe(self._params.find(last), loop))
+            yield (heard := asyncio.run_coroutine_threadsafe(self._find(last), loop))
             found = wire.encode(heard.result())
         yield Reply(self._key(last), found)
 
@@ -108,13 +120,12 @@ class ParamQueries:
 
     def _line(self, name: str) -> bytes | None:
         """One parameter from the cache, encoded once."""
-        name, version = self._params.known.spelt(name), self._version
+        name, version = self._known.spelt(name), self._version
         if self._lines[0] != version:
             self._lines = (version, {})
         lines = self._lines[1]
         if name not in lines:
-            param = self._params.get(name)
-            if param is None:
+            if name not in self._known.entries:
                 return None
-            lines[name] = wire.encode(param)
+            lines[name] = wire.encode(self._known.param(name, self._talk.encoding))
         return lines[name]

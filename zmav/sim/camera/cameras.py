@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import threading
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,10 @@ if TYPE_CHECKING:
     from zmav.sim.camera.ground import Ground
     from zmav.sim.camera.lens import Lens
     from zmav.sim.camera.render import Renderer
-    from zmav.sim.camera.serve import CameraServer
 
 T = TypeVar("T")
 Image = NDArray[np.uint8]
 Inside = Callable[[Callable[[], Poses]], Poses]
-DEFAULT_PORT = 8554
 MOST_SUBFRAMES = 16  # of a picture with motion blur
 BLUR_STEP_PX = 1.5  # how far the ground moves from one to the next
 
@@ -53,6 +51,14 @@ class Frame(NamedTuple):
     """of the vehicle, body to world (w, x, y, z)"""
     rotation: Array
     """(3, 3) camera (x right, y down, z ahead) to world NED"""
+
+
+class Server(Protocol):
+    """What gives the pictures away while the world runs (:mod:`zmav.sim.camera.serve`)."""
+
+    def tick(self, now: float, snapshot: Callable[[], Poses]) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class SimCamera:
@@ -191,7 +197,7 @@ class Cameras:
         self._lock = threading.Lock()
         self._ground: Ground | None = None
         self._figures: list[Figure] | None = None
-        self._server: CameraServer | None = None
+        self._server: Server | None = None
         self._now = 0.0
 
     def get(self, name: str) -> SimCamera:
@@ -230,20 +236,11 @@ class Cameras:
         """Where everything is between two ticks."""
         return self._inside(self.snapshot)
 
-    def serve(self, port: int = DEFAULT_PORT, host: str = "127.0.0.1") -> dict[str, str]:
-        """Serve every camera by HTTP (:mod:`zmav.sim.camera.serve`); gives the URL of each one's pictures. Port 0: any
-        free one. Raises :class:`PortInUse`, :class:`BadInput` where they are served already, and :class:`BadConfig`
-        for a lens that cannot be.
-        """
-        from zmav.sim.camera.serve import CameraServer
-
+    def attach(self, server: Server) -> None:
+        """Have ``server`` ticked, and closed with the world. Raises :class:`BadInput` where there is one."""
         if self._server is not None:
-            raise BadInput("the cameras are served already", field="port", value=port, expected="one call of serve")
-        for camera in self.all:
-            camera.prepare()
-        server = CameraServer(self.all, host, port, self.look())
+            raise BadInput("the cameras are served already", field="port", expected="one server")
         self._server = server
-        return {camera.name: f"{server.url}/{camera.name}.mjpeg" for camera in self.all}
 
     def close(self) -> None:
         """End serving."""

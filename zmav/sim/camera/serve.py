@@ -21,12 +21,29 @@ from typing import Any, NamedTuple
 import cv2
 
 from zmav.errors import BadInput, PortInUse
-from zmav.sim.camera.cameras import Frame, SimCamera
+from zmav.sim.camera.cameras import Cameras, Frame, SimCamera
 from zmav.sim.camera.poses import Poses
 
 BOUNDARY = "zmav-frame"
 STALLED_S = 10.0  # a client that takes nothing for so long is given up
 LOOK_S = 1.0  # how often a stream without pictures looks whether its client is still there
+
+
+def serve_cameras(cameras: Cameras, port: int, host: str = "127.0.0.1") -> dict[str, str]:
+    """Serve every camera by HTTP until the world is closed; gives the URL of each one's pictures. Port 0: any free one.
+
+    Raises :class:`PortInUse`, :class:`BadInput` where they are served already, and :class:`BadConfig` for a lens that
+    cannot be.
+    """
+    for camera in cameras.all:
+        camera.prepare()
+    server = CameraServer(cameras.all, host, port, cameras.look())
+    try:
+        cameras.attach(server)
+    except BadInput:
+        server.close()
+        raise
+    return {camera.name: f"{server.url}/{camera.name}.mjpeg" for camera in cameras.all}
 
 
 class Picture(NamedTuple):

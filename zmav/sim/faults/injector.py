@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
@@ -17,8 +17,9 @@ from zmav.sim.fleets.base import Seat
 from zmav.sim.status import VehicleStatus
 
 if TYPE_CHECKING:
-    from zmav.sim.camera.cameras import SimCamera
-    from zmav.sim.world import World
+    from zmav.sim.camera.cameras import Cameras, SimCamera
+    from zmav.sim.external import Externals
+    from zmav.sim.vehicle import SimVehicle
 
 ALL = "all"
 
@@ -33,10 +34,25 @@ class _On(msgspec.Struct):
     until_s: float
 
 
+class Victims(Protocol):
+    """What there is in a world for faults to happen to, and its time."""
+
+    externals: Externals
+
+    @property
+    def vehicles(self) -> Sequence[SimVehicle]: ...
+
+    @property
+    def cameras(self) -> Cameras | None: ...
+
+    @property
+    def time_s(self) -> float: ...
+
+
 class Faults:
     """All of one world. Everything is called in the world's thread; a vehicle has each kind once at most."""
 
-    def __init__(self, world: World, seed: int) -> None:
+    def __init__(self, world: Victims, seed: int) -> None:
         self._world = world
         self._seed = seed
         self._on: dict[tuple[str, str], _On] = {}
