@@ -219,7 +219,7 @@ class Files:
 
     def _on_info(self, query: zenoh.Query) -> Iterator[Reply]:
         """What a file is, or all files where the query's key says so."""
-        for name, meta in list(self.store.files.items()):
+        for name, meta in self.store.files.copy().items():
             key = keys.FILE.key(self._port.fleet, self._port.name, file=name)
             if not meta.missing and query.key_expr.intersects(key):
                 yield Reply(key, wire.encode(self.stored(meta, by="store")))

@@ -100,12 +100,12 @@ class ParamQueries:
             return  # who looks around for everything gets the table, and not every line of it once more
         last = asked.rpartition("/")[2]
         if "*" in asked:
-            yield from self._all(query, [last] if "*" not in last else sorted(self._known.entries))
+            yield from self._all(query, [last] if "*" not in last else self._known.names())
             return
         found = self._line(last)
         if found is None and self._known.complete:
             hints = len(last) <= LONGEST_NAME and self._hints.take()
-            raise unknown(last, self._known.entries if hints else ())
+            raise unknown(last, self._known.names() if hints else ())
         if found is None:
             yield (heard := asyncio.run_coroutine_threadsafe(self._find(last), loop))
             found = wire.encode(heard.result())
@@ -125,7 +125,8 @@ class ParamQueries:
             self._lines = (version, {})
         lines = self._lines[1]
         if name not in lines:
-            if name not in self._known.entries:
+            try:
+                lines[name] = wire.encode(self._known.param(name, self._talk.encoding))
+            except KeyError:
                 return None
-            lines[name] = wire.encode(self._known.param(name, self._talk.encoding))
         return lines[name]

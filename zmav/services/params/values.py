@@ -46,7 +46,9 @@ def is_name(name: str) -> bool:
 
 
 class ParamSet:
-    """The parameters of one autopilot. Not thread-safe."""
+    """The parameters of one autopilot. Written on the event loop; :meth:`param`, :meth:`names` and :meth:`table` from any
+    thread.
+    """
 
     def __init__(self) -> None:
         self.clear()
@@ -152,14 +154,17 @@ class ParamSet:
 
     def param(self, name: str, encoding: ParamEncoding) -> wire.Param:
         """KeyError for a name that is not known."""
-        raw, kind = self.entries[name]
-        return wire.Param(name=name, value=paramvalue.value_of(raw, kind, encoding), type=kind)
+        return _param(name, self.entries[name], encoding)
+
+    def names(self) -> list[str]:
+        """All that are known, in their order."""
+        return sorted(self.entries.copy())
 
     def table(self, encoding: ParamEncoding, autopilot: str, firmware: str | None) -> wire.ParamTable:
         """All of it, by index; names whose index is not known come last."""
-        ordered = [name for _, name in sorted(self._names.items()) if name in self.entries]
-        names = dict.fromkeys([*ordered, *sorted(self.entries)])
-        params = [self.param(name, encoding) for name in names]
+        by_index, entries = self._names.copy(), self.entries.copy()  # both grow meanwhile
+        ordered = [name for _, name in sorted(by_index.items()) if name in entries]
+        params = [_param(name, entries[name], encoding) for name in dict.fromkeys([*ordered, *sorted(entries)])]
         return wire.ParamTable(
             t=self.confirmed,
             complete=self.complete,
@@ -170,6 +175,11 @@ class ParamSet:
             encoding=encoding.value,
             params=params,
         )
+
+
+def _param(name: str, entry: Entry, encoding: ParamEncoding) -> wire.Param:
+    raw, kind = entry
+    return wire.Param(name=name, value=paramvalue.value_of(raw, kind, encoding), type=kind)
 
 
 def digest(params: list[wire.Param]) -> str:
