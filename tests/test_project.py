@@ -45,6 +45,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "present": set(),
         "seldom": set(),
         "guard": set(),
+        "bus": set(),
     },
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable
-from typing import Any
 
 from agents.hil.flight import PACE, Flight, LeftOut
 from agents.hil.kinds import kind_of
 from agents.hil.report import Identity
 from agents.hil.steps import STEPS
+from zmav.autopilots import Command
 from zmav.doctor.rules import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.vehicle.params import values
@@ -107,11 +107,9 @@ class CheckFlight(Flight):
         state = self.vehicle.last_state
         if state is None or not (state.armed or self.arming):
             return
-        number = self.client.dialect.value("MAV_CMD", "MAV_CMD_COMPONENT_ARM_DISARM")
-        fields: dict[str, Any] = {"command": number, "confirmation": 0}
-        fields |= {f"param{i}": FORCE if i == 2 else 0.0 for i in range(1, 8)}
+        disarm = Command("MAV_CMD_COMPONENT_ARM_DISARM", (0.0, FORCE)).message(self.client.dialect)
         for _ in range(10):
-            self.put("COMMAND_LONG", fields)
+            self.put(disarm.name, disarm.fields)
             await asyncio.sleep(0.5)
             state = self.vehicle.last_state
             age = self.vehicle.age

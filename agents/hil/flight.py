@@ -200,9 +200,8 @@ class Flight:
         """A pilot's mode, past all of zmav's own orders."""
         autopilot = autopilot_named(self.kind.autopilot, self.kind.kind)
         command = autopilot.mode(self.kind.pilots_mode).command
-        fields: dict[str, Any] = {f"param{i + 1}": value for i, value in enumerate(command.padded())}
-        number = self.client.dialect.value("MAV_CMD", command.name)
-        self.put("COMMAND_LONG", {"command": number, "confirmation": 0, **fields})
+        message = command.message(self.client.dialect)
+        self.put(message.name, message.fields)
 
     def put(self, name: str, fields: dict[str, Any]) -> None:
         """A message of the ground station's, as it comes from one."""

@@ -16,6 +16,7 @@ import msgspec
 
 from zmav.autopilots.missions import MissionRules
 from zmav.errors import BadInput, Unsupported
+from zmav.mavlink import Dialect
 from zmav.wire import ManualControl, Quaternion, Vector
 
 Level = Literal[
@@ -40,6 +41,19 @@ class Command:
 
     def padded(self) -> tuple[float, ...]:
         return (*self.params, *(0.0,) * (7 - len(self.params)))
+
+    def message(self, dialect: Dialect, attempt: int = 0) -> Message:
+        """As it travels: COMMAND_LONG, or COMMAND_INT where it has a frame. ``attempt`` counts from 0."""
+        p = self.padded()
+        fields: dict[str, Any] = {f"param{i + 1}": p[i] for i in range(4)}
+        fields["command"] = dialect.value("MAV_CMD", self.name)
+        if self.frame is None:
+            return Message("COMMAND_LONG", {**fields, **dict(zip(LAST, p[4:], strict=True)), "confirmation": attempt})
+        frame = dialect.value("MAV_FRAME", self.frame)
+        return Message("COMMAND_INT", {**fields, "x": int(p[4]), "y": int(p[5]), "z": p[6], "frame": frame})
+
+
+LAST = ("param5", "param6", "param7")
 
 
 @dataclass(frozen=True)

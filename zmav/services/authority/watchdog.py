@@ -15,7 +15,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Command, Level, Message, Target
@@ -62,12 +62,7 @@ class Step(enum.Enum):
     ACTING = "acting"
 
 
-MOVERS = {
-    Step.ENGAGING: Mover.STREAM,
-    Step.FRESH: Mover.STREAM,
-    Step.HOLDING: Mover.HOLD,
-    Step.ACTING: Mover.FAILSAFE,
-}
+MOVERS = {Step.ENGAGING: Mover.STREAM, Step.FRESH: Mover.STREAM, Step.HOLDING: Mover.HOLD, Step.ACTING: Mover.FAILSAFE}
 
 
 class ModeRequested(NamedTuple):
@@ -493,17 +488,8 @@ class StreamWatchdog:
 
     def _give(self, action: Command | Message) -> bool:
         assert self._flown is not None
-        system, component = self._flown.source
-        if isinstance(action, Message):
-            return self._port.send(action.name, **action.addressed(system, component))
-        p, dialect = action.padded(), self._port.dialect
-        fields: dict[str, Any] = {f"param{i + 1}": p[i] for i in range(4)}
-        fields |= {"target_system": system, "target_component": component}
-        fields["command"] = dialect.value("MAV_CMD", action.name)
-        if action.frame is None:
-            return self._port.send("COMMAND_LONG", **fields, param5=p[4], param6=p[5], param7=p[6])
-        frame = dialect.value("MAV_FRAME", action.frame)
-        return self._port.send("COMMAND_INT", **fields, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
+        message = action if isinstance(action, Message) else action.message(self._port.dialect)
+        return self._port.send(message.name, **message.addressed(*self._flown.source))
 
 
 def _level(flown: ActiveStream) -> Level:

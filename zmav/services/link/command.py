@@ -194,7 +194,8 @@ class Commander:
     async def _acknowledged(self, command: Command, inbox: Inbox, report: Report | None) -> Ack:
         number = self._port.dialect.value("MAV_CMD", command.name)
         for attempt in range(RETRIES + 1):
-            self._send(command, number, attempt)
+            message = command.message(self._port.dialect, attempt)
+            self._port.send(message.name, **message.addressed(*self.source()))
             deadline = time.monotonic() + ACK_TIMEOUT
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 name, fields = heard
@@ -212,18 +213,6 @@ class Commander:
         """A ground station behind ``mav/tx`` may have given the same command; zero is everybody."""
         system, component = self._port.address
         return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
-
-    def _send(self, command: Command, number: int, attempt: int) -> None:
-        system, component = self.source()
-        p = command.padded()
-        common = {"target_system": system, "target_component": component, "command": number}
-        first = {f"param{i + 1}": p[i] for i in range(4)}
-        if command.frame is None:
-            rest = {"param5": p[4], "param6": p[5], "param7": p[6], "confirmation": attempt}
-            self._port.send("COMMAND_LONG", **common, **first, **rest)
-        else:
-            frame = self._port.dialect.value("MAV_FRAME", command.frame)
-            self._port.send("COMMAND_INT", **common, **first, x=int(p[4]), y=int(p[5]), z=p[6], frame=frame)
 
     async def _refusal(self, command: Command, result: int, since: float, inbox: Inbox) -> Refused | Unsupported:
         """The error for a result, with the words that came shortly before or after it."""

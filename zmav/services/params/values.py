@@ -46,8 +46,8 @@ def is_name(name: str) -> bool:
 
 
 class ParamSet:
-    """The parameters of one autopilot. Written on the event loop; :meth:`param`, :meth:`names` and :meth:`table` from any
-    thread.
+    """The parameters of one autopilot. Written on the event loop; :meth:`param`, :meth:`names` and :meth:`table` are
+    read from any thread.
     """
 
     def __init__(self) -> None:
