@@ -12,10 +12,10 @@ from zmav import wire
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadInput, Forbidden, NotHolder, Refused, Unsupported, ZmavError
 from zmav.mavlink import Frame
+from zmav.mavlink.results import MissionResult
 from zmav.services.missions.items import HOME, KINDS, Items, Raw, raw_from
 from zmav.wire import MissionKind
 
-ACCEPTED, ERROR, UNSUPPORTED, INVALID, BAD_SEQUENCE, DENIED, CANCELLED = 0, 1, 3, 5, 13, 14, 15
 """MAV_MISSION_RESULT"""
 BY_NUMBER = {number: kind for kind, number in KINDS.items()}
 BEYOND = 2**31 - 2
@@ -105,10 +105,10 @@ def result_of(error: ZmavError, results: Mapping[str, int]) -> int:
     if said is not None:
         return said
     if isinstance(error, Unsupported):
-        return UNSUPPORTED
+        return MissionResult.UNSUPPORTED
     if isinstance(error, BadInput):
-        return INVALID
-    return DENIED if isinstance(error, (Forbidden, NotHolder, Refused)) else ERROR
+        return MissionResult.INVALID
+    return MissionResult.DENIED if isinstance(error, (Forbidden, NotHolder, Refused)) else MissionResult.ERROR
 
 
 def _grid(value: float) -> int:

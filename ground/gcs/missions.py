@@ -19,12 +19,7 @@ from typing import Any, NamedTuple
 from ground.feed import Origin
 from ground.gcs.answerer import GcsClient, Ground
 from ground.gcs.mission_asked import (
-    ACCEPTED,
-    BAD_SEQUENCE,
     BY_NUMBER,
-    CANCELLED,
-    DENIED,
-    UNSUPPORTED,
     Asked,
     Line,
     result_of,
@@ -34,6 +29,7 @@ from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
+from zmav.mavlink.results import MissionResult
 from zmav.services.missions.items import KINDS, WORDS, Raw
 
 ALL = 255
@@ -147,7 +143,7 @@ class Missions:
 
     def _list(self, asked: Asked) -> None:
         if asked.line is None:
-            asked.ack(UNSUPPORTED)
+            asked.ack(MissionResult.UNSUPPORTED)
         else:
             self._work(("list", asked.line), self._show(asked, asked.line))
 
@@ -168,7 +164,7 @@ class Missions:
 
     def _item(self, asked: Asked) -> None:
         if asked.line is None:
-            asked.ack(UNSUPPORTED)
+            asked.ack(MissionResult.UNSUPPORTED)
         elif asked.line in self._shown:
             self._show_item(asked, asked.line)
         else:
@@ -186,7 +182,7 @@ class Missions:
     def _show_item(self, asked: Asked, line: Line) -> None:
         (raws, current), seq = self._shown[line], asked.fields["seq"]
         if seq >= len(raws):
-            asked.ack(BAD_SEQUENCE)
+            asked.ack(MissionResult.INVALID_SEQUENCE)
             return
         fields = {**raws[seq].fields(), "seq": seq, "current": int(seq == current and line.kind == "mission")}
         if self._dialect.name_of(asked.frame.msgid) == "MISSION_REQUEST_INT":
@@ -205,13 +201,13 @@ class Missions:
     def _count(self, asked: Asked) -> None:
         line, count = asked.line, asked.fields["count"]
         if line is None:
-            asked.ack(UNSUPPORTED)
+            asked.ack(MissionResult.UNSUPPORTED)
         elif self._may_change(asked, line):
             self._begin(asked, line, 0, count - 1)
 
     def _partial(self, asked: Asked) -> None:
         if asked.line is None:
-            asked.ack(UNSUPPORTED)
+            asked.ack(MissionResult.UNSUPPORTED)
         elif self._may_change(asked, asked.line):
             self._work(("partial", asked.line), self._begin_partial(asked, asked.line))
 
@@ -227,7 +223,7 @@ class Missions:
         if 0 <= first <= last < len(raws):
             self._begin(asked, line, first, last, raws)
         else:
-            asked.ack(BAD_SEQUENCE)
+            asked.ack(MissionResult.INVALID_SEQUENCE)
 
     def _may_change(self, asked: Asked, line: Line) -> bool:
         if asked.handlers.client.read_only:
@@ -246,16 +242,16 @@ class Missions:
         upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload, old))
         if upload.task is None:
             del self._uploads[line]
-            asked.ack(DENIED)
+            asked.ack(MissionResult.DENIED)
 
     async def _run(self, asked: Asked, line: Line, upload: Upload, old: list[Raw] | None) -> None:
-        result = CANCELLED
+        result: int = MissionResult.OPERATION_CANCELLED
         try:
             came = await upload.collect()
             raws = came if old is None else [*old[: upload.first], *came, *old[upload.last + 1 :]]
             order = asked.vehicle.missions.upload(asked.decode(line.kind, raws), line.kind)
             await (upload.keep_waiting(order) if came else order)
-            result = ACCEPTED
+            result = MissionResult.ACCEPTED
         except Silent:
             asked.tell("warning", f"{WORDS[line.kind]} not uploaded: item {upload.next} did not come")
         except ZmavError as e:
@@ -284,7 +280,7 @@ class Missions:
     def _clear(self, asked: Asked) -> None:
         number = asked.fields["mission_type"]
         if number not in (*BY_NUMBER, ALL):
-            asked.ack(UNSUPPORTED)
+            asked.ack(MissionResult.UNSUPPORTED)
         elif self._may_change(asked, asked.line or Line(asked.handlers, asked.sysid, "mission")):
             self._work(("clear", asked.handlers, asked.sysid, number), self._clear_all(asked, number))
 
@@ -297,7 +293,7 @@ class Missions:
                     continue  # it has none of that kind
                 asked.refuse(e, f"{WORDS[kind]} not cleared")
                 return
-        asked.ack(ACCEPTED)
+        asked.ack(MissionResult.ACCEPTED)
 
     def _current(self, asked: Asked) -> None:
         if asked.handlers.client.read_only:

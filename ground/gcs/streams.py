@@ -17,11 +17,11 @@ from ground.gcs.kinds import Place
 from ground.gcs.standard import STREAMS
 from zmav import keys
 from zmav.mavlink import Dialect, Frame, decode
+from zmav.mavlink.results import CommandResult
 from zmav.vehicle.rates import MAX_HZ, want_key
 
 SET_MESSAGE_INTERVAL = 511
 REQUEST_DATA_STREAM = "REQUEST_DATA_STREAM"
-ACCEPTED, DENIED = 0, 2
 """MAV_RESULT"""
 MOST = 4096
 """messages of vehicles that may be asked for: each costs every router a little memory"""
@@ -90,13 +90,14 @@ class Streams:
             name = self._dialect.name_of(number)
             hz = 0.0 if period_us <= 0.0 else 1e6 / period_us
             if number < 0 or number > 0xFFFFFF or hz > MAX_HZ or (hz and hz < LEAST_HZ):
-                return DENIED
-            return ACCEPTED if self._change(client, place, {name: hz}) else DENIED
+                return CommandResult.DENIED
+            return CommandResult.ACCEPTED if self._change(client, place, {name: hz}) else CommandResult.DENIED
         stream = self._stream_of(frame)
         if stream is None:
-            return DENIED
+            return CommandResult.DENIED
         names, hz = stream
-        return ACCEPTED if self._change(client, place, dict.fromkeys(names, min(hz, 50.0))) else DENIED
+        taken = self._change(client, place, dict.fromkeys(names, min(hz, 50.0)))
+        return CommandResult.ACCEPTED if taken else CommandResult.DENIED
 
     def interval_of(self, frame: Frame) -> tuple[int, float] | None:
         """Message id and microseconds of a command that sets an interval; None for any other frame."""

@@ -15,11 +15,12 @@ from ground.gcs.answerer import Answerer
 from ground.gcs.client import Client
 from ground.gcs.kinds import HEARTBEAT, Place
 from ground.gcs.routes import Routes
-from ground.gcs.streams import DENIED, Streams
+from ground.gcs.streams import Streams
 from zmav import keys, wire
 from zmav.autopilots.safety import makes_safe
 from zmav.errors import Clash, NoSuchVehicle, ZmavError
 from zmav.mavlink import Dialect, Frame, decode, targets
+from zmav.mavlink.results import CommandResult
 from zmav.mavlink.signing import SETUP_SIGNING
 
 logger = logging.getLogger(__name__)
@@ -113,7 +114,7 @@ class Uplink:
         if client.read_only:
             self._refuse(client, "read-only")
             if name in COMMANDS and component in AUTOPILOTS:
-                self.ack(client, frame, DENIED)
+                self.ack(client, frame, CommandResult.DENIED)
             if name != HEARTBEAT:
                 self._complain(client, ("read-only",), system, "notice", "read-only: what you send reaches no vehicle")
             return
@@ -142,7 +143,7 @@ class Uplink:
             if place is not None and not client.options.sees(place[1]):
                 self._refuse(client, "target")
                 return
-            result = DENIED if client.read_only else self._streams.ask(client, frame, place)
+            result = CommandResult.DENIED if client.read_only else self._streams.ask(client, frame, place)
         except (Clash, NoSuchVehicle) as e:
             self._not_routed(client, system, e)
             return

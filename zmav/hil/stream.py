@@ -15,6 +15,7 @@ from zmav.hil.plant import Plant
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
+from zmav.mavlink.results import CommandResult
 from zmav.sim.geo import from_ned
 from zmav.sim.sensors.readings import GpsFix, Readings
 
@@ -26,7 +27,6 @@ MAG_EVERY_S, BARO_EVERY_S, STATE_EVERY_S, RC_EVERY_S, BEAT_EVERY_S = 0.01, 0.02,
 FAULTS = frozenset({"motor", "battery", "gps-loss", "gps-glitch", "compass", "baro", "imu"})
 """what of a body and its sensors can fail and be seen in these messages"""
 ARMED, LOCKSTEP = 128, 1
-ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
 SET_MESSAGE_INTERVAL, STATE_ID = 511, 115
 MILLI_G = 1000.0 / 9.80665
 GENERIC, INVALID, ACTIVE = 0, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE: no ground station, whose loss PX4 watches for
@@ -228,11 +228,11 @@ class HilStream:
 
     def _command(self, message: dict[str, Any], sender: tuple[int, int]) -> bytes:
         """The rate of HIL_STATE_QUATERNION can be asked for; nothing else is for the simulator to do."""
-        result = UNSUPPORTED
+        result = CommandResult.UNSUPPORTED
         if message["command"] == SET_MESSAGE_INTERVAL and int(message["param1"]) == STATE_ID:
             interval = message["param2"]
             self.state_every_s = {0.0: STATE_EVERY_S, -1.0: 0.0}.get(interval, max(interval * 1e-6, self.interval_s))
-            result = ACCEPTED
+            result = CommandResult.ACCEPTED
         return self._pack(
             "COMMAND_ACK",
             command=message["command"],

@@ -12,9 +12,10 @@ from typing import Any
 from zmav.autopilots import Autopilot, Level, Need, Target
 from zmav.errors import Refused, Unsupported
 from zmav.mavlink import Frame, decode
+from zmav.mavlink.results import CommandResult
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.link.port import Port, is_ours, on_loop
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.params.params import Params
 from zmav.services.status.events import Events
@@ -22,7 +23,9 @@ from zmav.services.status.events import Events
 COMMANDS = ("MAV_CMD_DO_SET_SERVO", "MAV_CMD_DO_SET_ACTUATOR", "MAV_CMD_DO_REPOSITION")
 ANSWER_WITHIN = 1.0
 """s after a setpoint in which an answer may be meant for it"""
-ACCEPTED, IN_PROGRESS = 0, 5
+
+
+TAKEN = (CommandResult.ACCEPTED, CommandResult.IN_PROGRESS)
 
 
 class ParamPreconditions:
@@ -84,9 +87,7 @@ class ParamPreconditions:
             return
         ack = decode(frame, self._port.dialect)
         name, result = self._numbers.get(ack["command"]), ack["result"]
-        system, component = self._port.address
-        ours = ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
-        if name is None or not ours or result in (ACCEPTED, IN_PROGRESS):
+        if name is None or not is_ours(ack, self._port) or result in TAKEN:
             return
         self._counts.add("refused")
         said = (self._port.dialect.enum_name("MAV_RESULT", result) or str(result)).removeprefix("MAV_RESULT_")

@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 from zmav.autopilots import Autopilot, Command, Message
 from zmav.autopilots.base import HERE
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
+from zmav.mavlink.results import CommandResult
 from zmav.services.authority.control import Control, Mover
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Inbox, Port
+from zmav.services.link.port import Inbox, Port, is_ours
 from zmav.services.orders.orders import Report
 from zmav.services.status.events import Events
 
@@ -28,7 +29,6 @@ CONFIRM_TIMEOUT = 4.0
 """s for a HEARTBEAT to show what an acknowledgement promised"""
 EXPLAIN_TIME = 0.2
 """s that the words explaining a refusal may come after it"""
-ACCEPTED, UNSUPPORTED, IN_PROGRESS, LONG_ONLY, INT_ONLY = 0, 3, 5, 7, 8
 UNKNOWN_PROGRESS = 255
 
 
@@ -128,7 +128,7 @@ class Commander:
                 other = _other_form(command, ack.result, self.autopilot().command_frame)
                 if other is not None:
                     command, ack = other, await self._acknowledged(other, inbox, report)
-                if ack.result != ACCEPTED:
+                if ack.result != CommandResult.ACCEPTED:
                     raise await self._refusal(command, ack.result, since, inbox)
                 return ack
 
@@ -199,20 +199,15 @@ class Commander:
             deadline = time.monotonic() + ACK_TIMEOUT
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 name, fields = heard
-                if name != "COMMAND_ACK" or fields["command"] != number or not self._is_for_us(fields):
+                if name != "COMMAND_ACK" or fields["command"] != number or not is_ours(fields, self._port):
                     continue
-                if fields["result"] != IN_PROGRESS:
+                if fields["result"] != CommandResult.IN_PROGRESS:
                     return Ack(int(fields["result"]), int(fields["result_param2"]))
                 if report is not None and fields["progress"] != UNKNOWN_PROGRESS:
                     report({"progress": fields["progress"] / 100.0})
                 deadline = time.monotonic() + IN_PROGRESS_TIMEOUT
         why = f"no acknowledgement of {command.name} after {RETRIES + 1} attempts"
         raise TimedOut(why, vehicle=self._port.name, command=command.name)
-
-    def _is_for_us(self, ack: Mapping[str, Any]) -> bool:
-        """A ground station behind ``mav/tx`` may have given the same command; zero is everybody."""
-        system, component = self._port.address
-        return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
 
     async def _refusal(self, command: Command, result: int, since: float, inbox: Inbox) -> Refused | Unsupported:
         """The error for a result, with the words that came shortly before or after it."""
@@ -223,7 +218,7 @@ class Commander:
         reasons = self._events.texts_since(since)
         text = f"{command.name} refused: {name.removeprefix('MAV_RESULT_')}"
         text += f" ({'; '.join(reasons)})" if reasons else ""
-        kind = Unsupported if result == UNSUPPORTED else Refused
+        kind = Unsupported if result == CommandResult.UNSUPPORTED else Refused
         return kind(text, vehicle=self._port.name, command=command.name, result=name, reasons=reasons)
 
     async def _confirm_mode(self, command: Command, mode: str, since: float, inbox: Inbox) -> None:
@@ -235,9 +230,9 @@ class Commander:
                 text = f"mode {mode} was acknowledged, but does not come"
                 raise TimedOut(text, vehicle=self._port.name, mode=self._identity.mode)
             name, fields = heard
-            if name != "COMMAND_ACK" or fields["command"] != number or not self._is_for_us(fields):
+            if name != "COMMAND_ACK" or fields["command"] != number or not is_ours(fields, self._port):
                 continue
-            if fields["result"] not in (ACCEPTED, IN_PROGRESS):
+            if fields["result"] not in (CommandResult.ACCEPTED, CommandResult.IN_PROGRESS):
                 raise await self._refusal(command, int(fields["result"]), since, inbox)
 
 
@@ -246,9 +241,9 @@ def _other_form(command: Command, result: int, frame: str) -> Command | None:
     another form would mean something else. ``frame``: what the autopilot takes a COMMAND_LONG's place in.
     """
     p = command.padded()
-    if result == INT_ONLY and command.frame is None:
+    if result == CommandResult.COMMAND_INT_ONLY and command.frame is None:
         place = (HERE if math.isnan(degrees) else round(degrees * 1e7) for degrees in p[4:6])
         return Command(command.name, (*p[:4], *place, p[6]), frame)
-    if result == LONG_ONLY and command.frame in (frame, f"{frame}_INT"):
+    if result == CommandResult.COMMAND_LONG_ONLY and command.frame in (frame, f"{frame}_INT"):
         return Command(command.name, (*p[:4], p[4] / 1e7, p[5] / 1e7, p[6]))
     return None

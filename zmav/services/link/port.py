@@ -87,6 +87,12 @@ class Port(Protocol):
     def listen(self, name: str, listener: Listener) -> Callable[[], None]: ...
 
 
+def is_ours(ack: Mapping[str, Any], port: Port) -> bool:
+    """An acknowledgement is for us: a ground station behind ``mav/tx`` may have asked the same; zero is everybody."""
+    system, component = port.address
+    return ack["target_system"] in (0, system) and ack["target_component"] in (0, component)
+
+
 def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Callable[..., None]:
     """``call``, made safe to call from any thread: it runs on ``loop``, or not at all once the loop has closed."""
 

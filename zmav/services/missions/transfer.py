@@ -15,12 +15,11 @@ from typing import Any, NamedTuple, TypeVar
 
 from zmav.errors import Refused, TimedOut, Unsupported
 from zmav.mavlink import Frame, decode
-from zmav.services.link.port import Inbox, Port
+from zmav.mavlink.results import MissionResult
+from zmav.services.link.port import Inbox, Port, is_ours
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
 from zmav.wire import MissionKind
 
-ACCEPTED, ERROR, UNSUPPORTED, INVALID_SEQUENCE, DENIED = 0, 1, 3, 13, 14
-"""MAV_MISSION_RESULT"""
 COMPLAINTS = 3
 """ACKs saying no that end a transaction in which nothing of ours was looked at yet: the first may be a late one"""
 OPAQUE_ID = {"MISSION_COUNT": (5, 3), "MISSION_ACK": (4, 1), "MISSION_CURRENT": (6, 3)}
@@ -29,6 +28,9 @@ OPAQUE_ID = {"MISSION_COUNT": (5, 3), "MISSION_ACK": (4, 1), "MISSION_CURRENT": 
 T = TypeVar("T")
 Step = Callable[[int, int], None]
 """Told how many items of how many are through"""
+
+
+NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
 
 
 @dataclass(frozen=True)
@@ -135,8 +137,8 @@ class Transfer:
             for _ in range((count + 1) * self._pace.attempts):  # an autopilot that asks for ever is given up, too
                 heard = await self._next(inbox)
                 if heard is not None and heard[0] == "MISSION_ACK":
-                    complaints += heard[1]["type"] not in (ACCEPTED, INVALID_SEQUENCE)
-                    if last >= 0 or heard[1]["type"] != ERROR or complaints >= COMPLAINTS:
+                    complaints += heard[1]["type"] not in NO_COMPLAINT
+                    if last >= 0 or heard[1]["type"] != MissionResult.ERROR or complaints >= COMPLAINTS:
                         ended = self._judge(heard[1], sent, last)
                         if ended is not None:
                             return ended
@@ -166,14 +168,14 @@ class Transfer:
     def _judge(self, ack: Mapping[str, Any], sent: list[int], last: int) -> Ended | None:
         """What a MISSION_ACK says of an upload; None: nothing."""
         result = ack["type"]
-        if result == ACCEPTED:
+        if result == MissionResult.ACCEPTED:
             # Before everything was sent it is a late one, of some transaction before.
             return Ended(ack["opaque_id"], sure=True) if all(sent) else None
-        if result == INVALID_SEQUENCE:
+        if result == MissionResult.INVALID_SEQUENCE:
             return None  # an item that we repeated came twice; ArduPilot says so and goes on
-        if result == DENIED and last < 0:
+        if result == MissionResult.DENIED and last < 0:
             raise Busy
-        if all(sent) and sent[-1] > 1 and result == ERROR:
+        if all(sent) and sent[-1] > 1 and result == MissionResult.ERROR:
             return Ended(None, sure=False)  # what it does not want is the repeated last item: it had the first
         raise self._refusal(result, last if last >= 0 else None)
 
@@ -195,13 +197,16 @@ class Transfer:
                     step(len(items), count)
                 elif name == "MISSION_COUNT" and fields["count"] != count:
                     return None
-                elif name == "MISSION_ACK" and fields["type"] == DENIED:
+                elif name == "MISSION_ACK" and fields["type"] == MissionResult.DENIED:
                     raise Busy
-                elif name == "MISSION_ACK" and fields["type"] not in (ACCEPTED, INVALID_SEQUENCE):
+                elif name == "MISSION_ACK" and fields["type"] not in (
+                    MissionResult.ACCEPTED,
+                    MissionResult.INVALID_SEQUENCE,
+                ):
                     complaints += 1
                     if complaints >= COMPLAINTS:
                         raise self._refusal(fields["type"], min(asked))
-            self._send("MISSION_ACK", type=ACCEPTED)
+            self._send("MISSION_ACK", type=MissionResult.ACCEPTED)
         return Download([items[i] for i in range(count)], opaque_id)
 
     async def _count(self, inbox: Inbox) -> tuple[int, int | None]:
@@ -213,10 +218,10 @@ class Transfer:
                 if name == "MISSION_COUNT":
                     self._learn(asked, attempt)
                     return fields["count"], fields["opaque_id"]
-                if name == "MISSION_ACK" and fields["type"] == DENIED:
+                if name == "MISSION_ACK" and fields["type"] == MissionResult.DENIED:
                     raise Busy
-                if name == "MISSION_ACK" and fields["type"] == UNSUPPORTED:
-                    raise self._refusal(UNSUPPORTED, None)
+                if name == "MISSION_ACK" and fields["type"] == MissionResult.UNSUPPORTED:
+                    raise self._refusal(MissionResult.UNSUPPORTED, None)
         raise TimedOut(f"download of the {self._words}: the autopilot does not answer", vehicle=self._port.name)
 
     def _ask(self, count: int, items: Mapping[int, Raw], asked: dict[int, tuple[float, int]]) -> None:
@@ -246,9 +251,9 @@ class Transfer:
                     continue
                 self._learn(asked, attempt)
                 result = heard[1]["type"]
-                if result == ACCEPTED:
+                if result == MissionResult.ACCEPTED:
                     return
-                if result == DENIED:
+                if result == MissionResult.DENIED:
                     raise Busy
                 raise self._refusal(result, None)
         raise TimedOut(f"clearing the {self._words}: the autopilot does not answer", vehicle=self._port.name)
@@ -274,11 +279,9 @@ class Transfer:
     async def _next(self, inbox: Inbox, until: float | None = None) -> tuple[str, Mapping[str, Any]] | None:
         """The next message of this transaction; None: none came in time."""
         until = time.monotonic() + self._wait if until is None else until
-        system, component = self._port.address
         while (heard := await inbox.get(until - time.monotonic())) is not None:
             fields = heard[1]
-            ours = fields["target_system"] in (0, system) and fields["target_component"] in (0, component)
-            if ours and fields["mission_type"] == KINDS[self._kind]:
+            if is_ours(fields, self._port) and fields["mission_type"] == KINDS[self._kind]:
                 return heard
         return None
 
@@ -291,5 +294,5 @@ class Transfer:
 
     def _refusal(self, result: int, item: int | None) -> Refused | Unsupported:
         name = self._port.dialect.enum_name("MAV_MISSION_RESULT", result) or str(result)
-        kind = Unsupported if result == UNSUPPORTED and item is None else Refused
+        kind = Unsupported if result == MissionResult.UNSUPPORTED and item is None else Refused
         return kind(name, vehicle=self._port.name, result=name, seq=item, plan=self._kind)

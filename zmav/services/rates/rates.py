@@ -16,13 +16,14 @@ from collections.abc import Iterator
 import zenoh
 
 from zmav import keys, wire
+from zmav.mavlink.results import CommandResult
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
 from zmav.services.queries.questions import Questions, Reply
 from zmav.services.rates.demand import Demands
 from zmav.services.rates.meter import WINDOW, Measured, Meter
 from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
-from zmav.services.rates.requests import ACCEPTED, DEFAULT, IntervalAsker
+from zmav.services.rates.requests import DEFAULT, IntervalAsker
 from zmav.services.rates.standing import RequestedRate, rows
 from zmav.services.status.events import Events
 
@@ -197,7 +198,7 @@ class Rates:
         standing.since, standing.forgotten = time.monotonic(), False
         standing.not_before = standing.since + standing.pause + 3.0 / rate
         standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
-        if result is None or result == ACCEPTED:
+        if result is None or result == CommandResult.ACCEPTED:
             standing.refused = None  # without an answer: what flows will tell
         else:
             standing.asked = had

@@ -9,14 +9,14 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from zmav.services.link.port import Inbox, Port
+from zmav.mavlink.results import CommandResult
+from zmav.services.link.port import Inbox, Port, is_ours
 
 SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL = 511, 510
 TIMEOUT = 0.5
 """s for an acknowledgement"""
 AFTER = 0.1
 """s for a MESSAGE_INTERVAL that comes after its acknowledgement: most come before"""
-ACCEPTED = 0
 DEFAULT = 0.0
 """the interval that stands for whatever the autopilot does unasked; -1 stands for not at all"""
 
@@ -57,7 +57,7 @@ class IntervalAsker:
                 if name == "MESSAGE_INTERVAL" and fields["message_id"] == msgid:
                     return float(fields["interval_us"]) or None  # zero: it is not to be had
                 if self._answers(fields, GET_MESSAGE_INTERVAL):
-                    if fields["result"] != ACCEPTED:
+                    if fields["result"] != CommandResult.ACCEPTED:
                         return None
                     deadline = min(deadline, time.monotonic() + AFTER)
         self.silent += 1
@@ -74,10 +74,4 @@ class IntervalAsker:
         )
 
     def _answers(self, fields: Mapping[str, Any], command: int) -> bool:
-        """It acknowledges what we asked; a ground station behind ``mav/tx`` may have asked the same."""
-        system, component = self._port.address
-        return (
-            fields.get("command") == command
-            and fields["target_system"] in (0, system)
-            and fields["target_component"] in (0, component)
-        )
+        return fields.get("command") == command and is_ours(fields, self._port)
