@@ -55,7 +55,9 @@ def main(arguments: list[str]) -> int:
     with tempfile.NamedTemporaryFile("w", suffix=".affected") as file:
         file.write("\n".join(sorted(modules)))
         file.flush()
-        return int(pytest.main([*arguments, "--affected", file.name]))
+        return int(
+            pytest.main(["-m", "not alone", *arguments, f"--affected={file.name}"])
+        )  # in one: a path alone would be the root
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -242,7 +242,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
     """
     file = config.getoption("--affected")
-    if file or config.getoption("-m") not in ("", "alone", "not alone"):
+    if file or config.getoption("-m") not in ("", "alone", "not alone"):  # tests/run.py asks for these two
         _mark_and_select(config, items, file)
     marked = [item for item in items if item.get_closest_marker("root")]
     if marked and (why := _no_network()):

@@ -17,20 +17,29 @@ import pytest
 
 MOST = 5
 """failures that may be the machine's fault; more are the code's"""
-ALONE = "--alone"
-"""before the arguments of the second run"""
-BESIDE, BY_ITSELF = "not alone", "alone"
-"""what ``-m`` is where the arguments have none: first the one, then the other"""
+NONE = int(pytest.ExitCode.NO_TESTS_COLLECTED)
+ALONE, BY_ITSELF = "--alone", "--by-itself"
+"""before the arguments of a second run: of what failed, and of what is marked ``alone``"""
 
 
 class Heard:
-    """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, and where to look."""
+    """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, and where to look.
 
-    def __init__(self) -> None:
+    ``only`` is added to what ``-m`` asks for.
+    """
+
+    def __init__(self, only: str) -> None:
+        self._only = only
         self.names: list[str] = []
         self.skipped = False
         self.places: list[str] = []
         self.whole = True
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_configure(self, config: pytest.Config) -> None:
+        given = config.option.markexpr
+        if self._only:
+            config.option.markexpr = f"({given}) and {self._only}" if given else self._only
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:  # a file whose tests nobody knows
@@ -51,28 +60,30 @@ class Heard:
 
 def main(args: list[str]) -> int:
     """The exit status: of the first run, or of the second where there is one."""
-    heard = Heard()
     if args[:1] == [ALONE]:
+        heard = Heard("")
         status = int(pytest.main(args[1:], plugins=[heard]))
         return status or int(pytest.ExitCode.TESTS_FAILED if heard.skipped else 0)  # a skipped test did not pass
-    if "-m" in args:
-        return _with_second_run(args, args, heard)
-    status = _with_second_run([*args, "-m", BESIDE], args, heard)
-    if not heard.whole:
-        return status
+    if args[:1] == [BY_ITSELF]:
+        return int(pytest.main(args[1:], plugins=[Heard("alone")]))
+    heard = Heard("not alone")
+    first = _with_second_run(args, heard)
+    if not heard.whole or first not in (0, pytest.ExitCode.TESTS_FAILED, NONE):
+        return first
     print("\n==> those that run alone, one after another", flush=True)
-    last = _run([*_options(args, heard.places), "-n", "0", "-m", BY_ITSELF, *heard.places])
-    none = int(pytest.ExitCode.NO_TESTS_COLLECTED)
-    return last if status == none else status or (0 if last == none else last)
+    last = _run([BY_ITSELF, *_options(args, heard.places), "-n", "0", *heard.places])
+    if first == pytest.ExitCode.TESTS_FAILED:
+        print("==> FAILED: those above that run beside others", flush=True)
+    return last if first == NONE else first or (0 if last == NONE else last)
 
 
-def _with_second_run(args: list[str], plain: list[str], heard: Heard) -> int:
-    """Run pytest with these arguments; what failed once more with the plain ones."""
+def _with_second_run(args: list[str], heard: Heard) -> int:
+    """Run pytest with these arguments, and what failed once more."""
     status, names = int(pytest.main(args, plugins=[heard])), heard.names
     if status != pytest.ExitCode.TESTS_FAILED or not heard.whole or not 0 < len(names) <= MOST:
         return status
     print(f"\n==> once more, alone and one after another: the {len(names)} that failed", flush=True)
-    again = _run([__file__, ALONE, *_options(plain, heard.places), "-n", "0", *names])
+    again = _run([ALONE, *_options(args, heard.places), "-n", "0", *names])
     if again:
         print(f"==> FAILED, or skipped, alone too (pytest ended with {again})", flush=True)
         return again
@@ -83,10 +94,9 @@ def _with_second_run(args: list[str], plain: list[str], heard: Heard) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """The exit status of a pytest, or of this file, in a process of its own."""
-    start = [] if arguments[:1] == [__file__] else ["-m", "pytest"]
+    """The exit status of this file in a process of its own."""
     try:
-        return subprocess.run([sys.executable, *start, *arguments], check=False).returncode
+        return subprocess.run([sys.executable, __file__, *arguments], check=False).returncode
     except KeyboardInterrupt:
         return int(pytest.ExitCode.INTERRUPTED)
 
@@ -95,7 +105,8 @@ def _options(args: list[str], places: list[str]) -> list[str]:
     """The arguments without the places, which mostly come last: ``-k tests tests`` is ``-k tests``."""
     options = args[::-1]
     for place in places:
-        options.remove(place)
+        if place in options:  # else it is from the environment
+            options.remove(place)
     return options[::-1]
 
 

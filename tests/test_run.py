@@ -22,7 +22,9 @@ SKIPPED = "import pytest\n" + FLAKY.replace("assert there", "assert there and py
 CRASHES = "import os\n" + FLAKY.replace("assert there", "assert there or os._exit(3)")
 SIX_BAD = "\n".join(f"def test_{n}(): assert 0" for n in range(6))
 BROKEN = "import nothing_of_that_name"
+GOOD = "def test_good(): pass"
 BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + BAD
+GOOD_BY_ITSELF = BY_ITSELF.replace("assert 0", "pass")
 ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, or skipped, alone too"
 
 
@@ -36,15 +38,13 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
         ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
         ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
-        (
-            ["def test_good(): pass", BY_ITSELF],
-            "",
-            1,
-            ["1 passed, 1 deselected", "1 failed, 1 deselected"],
-            [ONCE_MORE],
-        ),
-        ([BY_ITSELF.replace("0", "1")], "", 0, ["1 passed"], [ONCE_MORE]),
-        ([BAD, BY_ITSELF], "-m alone", 1, ["1 failed, 1 deselected"], ["passed"]),
+        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed, 1 deselected"], [ONCE_MORE]),
+        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed, 1 deselected"], [AGAIN]),
+        ([BAD, GOOD_BY_ITSELF], "", 1, [AGAIN, "1 passed, 1 deselected", "==> FAILED: those above"], [FLAKES]),
+        ([GOOD_BY_ITSELF], "", 0, ["1 deselected", "1 passed"], [ONCE_MORE]),
+        ([BAD, GOOD_BY_ITSELF], "-x", 1, ["1 failed"], [ONCE_MORE, "run alone", "passed"]),
+        ([BAD, GOOD_BY_ITSELF], "-malone", 0, ["2 deselected", "1 passed"], ["failed"]),
+        ([GOOD, GOOD_BY_ITSELF], "--no-such-option", 4, ["unrecognized arguments"], ["run alone"]),
         ([BAD], "-k nothing", 5, ["1 deselected"], [ONCE_MORE]),
     ],
     ids=[
@@ -56,8 +56,12 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         "cut-short",
         "broken-file",
         "alone",
+        "flaky-and-alone",
+        "bad-and-alone",
         "only-alone",
+        "cut-short-alone",
         "marked",
+        "unknown-option",
         "none",
     ],
 )

@@ -14,20 +14,13 @@ E = TypeVar("E")
 
 
 class Alive(NamedTuple):
-    """The event loop went round, and so did what runs beside it: not told, one of them hangs."""
-
-
-class ListenerFailed(NamedTuple):
-    """A listener raised; the others were told all the same."""
-
-    what: object
-    error: Exception
+    """The event loop went round, and on a vehicle the stream watchdog, too. If it is not told, one of them hangs."""
 
 
 class Bus:
     """Tells each thing that happens to all that listen to its type, in the order in which they began to. Any thread.
 
-    The type is what says what happened, and who tells it and from which thread; it stands beside its teller.
+    The type says what happened; its docstring says from which thread it is told.
     """
 
     def __init__(self) -> None:
@@ -40,24 +33,14 @@ class Bus:
             self._listeners[kind] = (*self._listeners.get(kind, ()), listener)
 
     def tell(self, what: object) -> None:
-        """Call all that listen to the type of ``what``. One that raises keeps no other from hearing of it: its error is
-        told as :class:`ListenerFailed`, or raised afterwards where nobody listens to that.
+        """Call all that listen to the type of ``what``. One that raises keeps no other from hearing of it; the first
+        error is raised afterwards, for the teller may have to know.
         """
         failed: Exception | None = None
         for listener in self._listeners.get(type(what), ()):
             try:
                 listener(what)
             except Exception as e:
-                failed = self._tell_of(what, e) or failed
+                failed = failed or e
         if failed is not None:
             raise failed
-
-    def _tell_of(self, what: object, error: Exception) -> Exception | None:
-        """What is to be raised still."""
-        if isinstance(what, ListenerFailed) or ListenerFailed not in self._listeners:
-            return error
-        try:
-            self.tell(ListenerFailed(what, error))
-        except Exception as e:
-            return e
-        return None

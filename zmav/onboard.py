@@ -18,7 +18,7 @@ import zenoh
 
 from zmav import config, keys, wire
 from zmav.adapter import Adapter, LinkChanged
-from zmav.bus import Alive, Bus, ListenerFailed
+from zmav.bus import Alive, Bus
 from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
@@ -216,7 +216,8 @@ class Onboard:
         self.orders = Orders(session, fleet, name, prove, answers, permit, questions=questions)
         self._own, self._stack = own, contextlib.AsyncExitStack()
         # Started in this order and closed in the reverse: a vehicle that follows a stream is told to hold first of all,
-        # and what lets go says so while there is a link.
+        # and what lets go says so while there is a link. The link alone opens last: nothing that it brings is missed,
+        # and nothing is sent on it before everybody listens.
         self._services: list[Service] = [
             self.events,
             self.quality,
@@ -258,7 +259,6 @@ class Onboard:
         bus.on(FrameRefused, lambda told: emit("refused", "warning", told.text, limit="tx"))
         too_fast = "questions were dropped: they come faster than they can be answered"
         bus.on(QuestionsDropped, lambda told: emit("questions", "notice", too_fast, limit="questions"))
-        bus.on(ListenerFailed, lambda told: emit("fault", "error", f"{told.what}: {told.error!r}", limit="fault"))
 
     def take_roster(self, roster: Roster) -> None:
         """The authority's newest: whom it has turned out is believed no more, and commands no more."""
@@ -319,9 +319,9 @@ class Onboard:
         adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
         async with contextlib.AsyncExitStack() as stack:
             for service in self._services:
-                stack.push_async_callback(_close, service)
                 if isinstance(service, Starts) and not isinstance(service, Adapter):
                     service.start()
+                stack.push_async_callback(_close, service)
             adapter.start()  # last, so that nothing that it brings is missed
             self._work(stack, self._keep_house())
             if self._own is not None:

@@ -96,7 +96,7 @@ async def _replay(
         onboards: list[Onboard] = []
         links: list[FedLink] = []
         parts: list[tuple[Source, Deliver]] = []
-        putter = Putter(z, names)
+        putter = Putter(z, names, name)
         async with contextlib.AsyncExitStack() as stack:
             for source, whose in recorded:
                 called = [names[vehicle] for vehicle in whose]
@@ -160,8 +160,8 @@ async def _until_over(player: Player, links: Sequence[FedLink]) -> None:
 class Putter:
     """Puts again what came on a key, in our fleet, under the vehicle's new name; who says a state has a token, too."""
 
-    def __init__(self, z: Client, names: dict[str, str]) -> None:
-        self._z, self._names = z, names
+    def __init__(self, z: Client, names: dict[str, str], pattern: str | None) -> None:
+        self._z, self._names, self._pattern = z, names, pattern
         self._known: dict[str, tuple[keys.Channel, str, str | None] | None] = {}
         self.held_back = 0
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -205,8 +205,20 @@ class Putter:
         chunks[1] = self._z.fleet_name
         name = None
         if vehicle is not None:
-            name = chunks[2] = self._names.get(vehicle, vehicle)
+            name = self._names.get(vehicle) or self._later(vehicle)
+            if name is None:
+                return None
+            chunks[2] = name
         return channel, "/".join(chunks), name
+
+    def _later(self, vehicle: str) -> str | None:
+        """How one is called that the file named only after it was asked; None: it has no name of its own."""
+        name = _renamed(vehicle, self._pattern)
+        return None if name in self._names.values() else name
+
+
+def _renamed(vehicle: str, pattern: str | None) -> str:
+    return vehicle if pattern is None else keys.check_name(pattern.replace("*", vehicle))
 
 
 def _names(recorded: Sequence[tuple[Source, list[str]]], name: str | None) -> dict[str, str]:
@@ -222,13 +234,11 @@ def _names(recorded: Sequence[tuple[Source, list[str]]], name: str | None) -> di
         raise BadConfig(text, field="file", expected="each vehicle in one kind of file")
     if not found:
         raise BadInput("the recording holds nothing that can be played", field="file", expected="a recording of zmav's")
-    if name is None:
-        return {vehicle: vehicle for vehicle in found}
-    if "*" not in name and len(found) > 1:
+    if name is not None and "*" not in name and len(found) > 1:
         some = ", ".join(found[:5])
         text = f"{len(found)} vehicles ({some}) cannot all be {name!r}: write a * for their own names"
         raise BadConfig(text, field="name", value=name, expected="a name with a *, as in 'old-*'")
-    return {vehicle: keys.check_name(name.replace("*", vehicle)) for vehicle in found}
+    return {vehicle: _renamed(vehicle, name) for vehicle in found}
 
 
 def _speed(text: str) -> float:

@@ -10,7 +10,7 @@ from tests.failsafe.conftest import PATIENT, agent, another, moves, nothing_more
 from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, StartBench
 from zmav.config import Failsafe, PilotSwitch
 from zmav.errors import NotHolder, Refused
-from zmav.services.authority.pilot import TakenByPilot
+from zmav.services.authority.flown import ActiveStream
 
 RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
 
@@ -190,15 +190,22 @@ async def test_a_mode_that_was_ordered_before_the_pilot_took_over_is_no_order_an
     await released(b, "the mode is now LOITER")
 
 
-async def test_nothing_is_asked_for_between_the_pilot_s_mode_and_the_release(bench: StartBench) -> None:
+async def test_nothing_is_asked_for_between_the_pilot_s_mode_and_the_release(
+    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The watchdog's thread may run while the event loop is about to let go."""
     b = await bench(settings={"failsafe": Failsafe(hold_after=0.2, land_after="never")})
     alice = await agent(b)
     await alice.fly()
     await b.state(lambda s: s["setpoints"].get("held"), "hold")
-    pilot = b.vehicle.authority.pilot
-    allowed: list[bool] = []
-    b.vehicle.bus.on(TakenByPilot, lambda told: allowed.append(pilot.allowed("LOITER")))
+    authority, allowed = b.vehicle.authority, list[bool]()
+    take = authority.taken
+
+    def taken(text: str) -> ActiveStream | None:
+        allowed.append(authority.pilot.allowed("LOITER"))
+        return take(text)
+
+    monkeypatch.setattr(authority, "taken", taken)
     b.peer.mode = LOITER
     b.peer.heartbeat()
     await b.state(lambda s: s["lease"] is None, "no lease")

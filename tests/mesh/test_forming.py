@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import os
 import subprocess
 import sys
@@ -179,7 +180,7 @@ async def test_a_vehicle_that_was_away_is_a_vehicle_again(labs: Labs) -> None:
                 await quad.set_mode("MANUAL")
             said = [await events_until(events, "MANUAL", 2) for events in (here, there)]
     # Which was heard first depends on who subscribed first; from the lease on both had.
-    said = [texts[next(i for i, text in enumerate(texts) if "far commands" in text) :] for texts in said]
+    said = [list(itertools.dropwhile(lambda text: "far commands" not in text, texts)) for texts in said]
     assert said[0] == said[1]
     assert len(said[0]) >= 6
 

@@ -211,8 +211,10 @@ class World:
 
     def listen(self, control: Path, offers: Mapping[str, Offer]) -> None:
         """Take requests on the control socket at ``control`` (:mod:`zmav.sim.remote`), such as those of
-        :mod:`zmav.sim.requests`. Raises :class:`PortInUse`.
+        :mod:`zmav.sim.requests`. Raises :class:`PortInUse`, and :class:`BadInput` where it does so already.
         """
+        if self._listener is not None:
+            raise BadInput("requests are taken already", field="control", value=str(control), expected="one socket")
         self._listener = Listener(control, self._loop.selector, offers)
 
     def start(self) -> None:

@@ -130,7 +130,8 @@ class VehicleState(Wire, kw_only=True):
     segment: SegmentInfo | None = None
     """the committed trajectory in force; None: none under the present lease"""
     mover: str = "nobody"
-    """who moves it now: pilot, order, target, segment, stream, hold, failsafe or nobody"""
+    """what its agent moves it by: pilot, order, target, segment, stream, hold, failsafe; nobody: the autopilot flies by
+    itself, or stands"""
     pilot: str | None = None
     """why no agent may have the vehicle: the pilot's switch"""
     setpoints: dict[str, int] = {}

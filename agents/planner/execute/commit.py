@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track, flown, state_at
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.separation import least_between
 from agents.planner.solve.jit import jit
 
@@ -158,7 +158,7 @@ class Reserved:
     """The ways that are taken. ``parts`` share one plan; ``movers`` are flown by others, on our clock."""
 
     def __init__(self, parts: Sequence[Part], downwash: float) -> None:
-        self.parts, self.movers, self.ghosts = list(parts), list[Mover](), list[Part]()
+        self.parts, self.movers, self.ghosts = list(parts), list[MovingObstacle](), list[Part]()
         """ghosts: vehicles of an earlier plan that follow us no more"""
         self._inverse = 1.0 / downwash
 

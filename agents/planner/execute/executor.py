@@ -17,7 +17,7 @@ from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
 from agents.planner.live.frames import enu
-from agents.planner.model.problem import Floats, Motion, Mover
+from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from zmav import wire
 from zmav.errors import NotHolder, Refused, Stale, TimedOut, ZmavError
 from zmav.wire.state import Severity
@@ -58,7 +58,7 @@ class Flight:
     """m by which each vehicle's radius was widened when the plan was made and verified"""
     tracking: float | None = None
     """m that vehicles may be off their trajectories in it; None: the executor's own"""
-    movers: Sequence[Mover] = ()
+    movers: Sequence[MovingObstacle] = ()
     """on our UTC"""
     tolerance: float = 0.5
     """m from its goal at which a vehicle has arrived"""
@@ -204,10 +204,10 @@ class Executor:
         return self._conductor.progress(self.clock.now()) if self._conductor else 0.0
 
     @property
-    def committed(self) -> list[Mover]:
+    def committed(self) -> list[MovingObstacle]:
         """All that each vehicle of this flight may be flying, on our UTC: to others these are movers."""
         parts = self._conductor.parts if self._conductor else []
-        return [Mover(part.id, entry.samples, part.need) for part in parts for entry in part.entries]
+        return [MovingObstacle(part.id, entry.samples, part.need) for part in parts for entry in part.entries]
 
     def meant(self) -> dict[str, tuple[Floats, Floats]]:
         """Where each vehicle of this flight is meant to be now, and its velocity: (3,) each, ENU."""
@@ -231,7 +231,7 @@ class Executor:
         if self._conductor:
             self._conductor.halt(why)
 
-    def avoid(self, movers: Sequence[Mover]) -> None:
+    def avoid(self, movers: Sequence[MovingObstacle]) -> None:
         """What moves by itself (on our UTC), from now on; who cannot stay clear of it stops, and a new plan is made."""
         conductor, now = self._conductor, self.clock.now()
         if conductor is None:

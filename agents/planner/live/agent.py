@@ -34,7 +34,7 @@ from agents.planner.live.run import Run
 from agents.planner.live.settings import FENCE, Settings, check
 from agents.planner.live.solver import Solver
 from agents.planner.live.world import World
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.process import say as log
@@ -415,7 +415,7 @@ class Agent:
             return False
         return (run.tracks and run.leader in other.vehicles) or (other.tracks and other.leader in run.vehicles)
 
-    def committed(self, goal: str) -> list[Mover]:
+    def committed(self, goal: str) -> list[MovingObstacle]:
         """What the vehicles of its kin are committed to, on our UTC."""
         return [mover for name in self.kin(goal) - {goal} for mover in self.runs[name].committed()]
 

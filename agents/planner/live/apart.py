@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Obstacle
 from agents.planner.model.validate import distance
 
@@ -21,7 +21,7 @@ FARTHEST = 10.0
 class Surroundings:
     """What they keep clear of besides each other. ``downwash``: metres of height that count as one."""
 
-    def __init__(self, obstacles: Sequence[Obstacle], movers: Sequence[Mover], downwash: float) -> None:
+    def __init__(self, obstacles: Sequence[Obstacle], movers: Sequence[MovingObstacle], downwash: float) -> None:
         self._obstacles = list(obstacles)
         self._places = np.array([mover.motion[0, 1:] for mover in movers]).reshape(-1, 3)
         self._radii = np.array([mover.radius for mover in movers])

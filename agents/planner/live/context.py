@@ -17,7 +17,7 @@ from agents.planner.live.settings import Settings
 from agents.planner.live.solver import Solver
 from agents.planner.live.world import World
 from agents.planner.model.plans import Sample
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from zmav import wire
 from zmav.errors import ZmavError
 from zmav.wire import Vector, swarm
@@ -67,7 +67,7 @@ class Context(Protocol):
 
     def kin(self, goal: str) -> set[str]: ...
 
-    def committed(self, goal: str) -> list[Mover]: ...
+    def committed(self, goal: str) -> list[MovingObstacle]: ...
 
     def told(self, goal: str) -> None: ...
 

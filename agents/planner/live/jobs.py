@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 from agents.planner.goals.steps import FleetView, Step
 from agents.planner.model.plans import Plan, Sample
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from agents.planner.model.scene import Scene
 from zmav.wire import swarm
 
@@ -25,7 +25,7 @@ class Solve:
     """Plan a scene; answered by a :class:`Plan`, which may hold a typed error."""
 
     scene: Scene
-    movers: tuple[Mover, ...] = ()
+    movers: tuple[MovingObstacle, ...] = ()
     terrain: tuple[float, float, float, float] | None = None
     seconds: float = 10.0
     seed: int = 0
@@ -48,7 +48,7 @@ class Judge:
 
     scene: Scene
     trajectories: Mapping[str, list[Sample]]
-    movers: tuple[Mover, ...] = ()
+    movers: tuple[MovingObstacle, ...] = ()
     terrain: tuple[float, float, float, float] | None = None
     """height at the origin, rise per metre east and north, clearance"""
 

@@ -18,7 +18,7 @@ from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, ZmavError
 
@@ -165,7 +165,7 @@ class LeasedVehicles:
             self._executor.resume()
 
     @property
-    def committed(self) -> list[Mover]:
+    def committed(self) -> list[MovingObstacle]:
         """What its vehicles are sure to fly, on our UTC."""
         return self._executor.committed if self._executor is not None else []
 
@@ -231,7 +231,7 @@ class LeasedVehicles:
             return None
         return None if planned is None else self._flight(planned)
 
-    def movers(self, now: float) -> list[Mover]:
+    def movers(self, now: float) -> list[MovingObstacle]:
         """Anyone who is not in this plan and nobody else's, on our UTC."""
         run, agent = self._run, self._run.agent
         kin = agent.committed(run.entry.id)
@@ -241,7 +241,7 @@ class LeasedVehicles:
         for mover in movers:
             motion = mover.motion.copy()
             motion[:, 0] += now
-            later.append(Mover(mover.id, motion, mover.radius, mover.leaves))
+            later.append(MovingObstacle(mover.id, motion, mover.radius, mover.leaves))
         return later
 
     async def _watch(self, executor: Executor) -> None:

@@ -36,7 +36,7 @@ from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
@@ -110,7 +110,7 @@ class Run:
         if self._flying is not None:
             self._flying.resume()
 
-    def committed(self) -> list[Mover]:
+    def committed(self) -> list[MovingObstacle]:
         """What its vehicles are sure to fly, on our UTC; nothing while they rest."""
         return self._flying.committed if self._flying is not None else []
 

@@ -14,7 +14,7 @@ from agents.planner.live.fleet import FRESH, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.world import Pieces
 from agents.planner.model import scene
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.wire import Vector
 from zmav.wire.swarm import Body
 
@@ -29,7 +29,7 @@ class Room:
     """The surroundings of the vehicles of one goal."""
 
     obstacles: tuple[scene.Obstacle, ...]
-    movers: tuple[Mover, ...]
+    movers: tuple[MovingObstacle, ...]
     pieces: Pieces
     downwash: float
 
@@ -67,13 +67,15 @@ def room_of(
     return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash)
 
 
-def moving(vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Pieces, spoken_for: set[str]) -> list[Mover]:
+def moving(
+    vehicles: Sequence[str], fleet: Sequence[HeardVehicle], pieces: Pieces, spoken_for: set[str]
+) -> list[MovingObstacle]:
     """What moves or rests by itself, from now: told of, or vehicles that are heard and nobody's here."""
     others = [seen.view for seen in fleet if not _lost(seen)]
     return [
         *pieces.movers,
         *(
-            Mover(view.name, _motion_of(view), view.body.radius)
+            MovingObstacle(view.name, _motion_of(view), view.body.radius)
             for view in others
             if view.name not in vehicles and view.name not in spoken_for
         ),

@@ -23,7 +23,7 @@ from agents.planner.live.leased_vehicles import LeasedVehicles
 from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import Refused, Stale
 from zmav.wire import Vector, swarm
 
@@ -86,9 +86,9 @@ class Tracking:
         """And this."""
 
     @property
-    def committed(self) -> list[Mover]:
+    def committed(self) -> list[MovingObstacle]:
         """All that each follower may be flying, on our UTC."""
-        return [Mover(part.id, entry.samples, part.need) for part in self._parts for entry in part.entries]
+        return [MovingObstacle(part.id, entry.samples, part.need) for part in self._parts for entry in part.entries]
 
     def refresh(self) -> None:
         """Each segment is checked against what the leader is committed to then."""

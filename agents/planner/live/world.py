@@ -13,7 +13,7 @@ import numpy as np
 from agents.planner.live.checks import MOST_OBSTACLES
 from agents.planner.live.frames import enu
 from agents.planner.model import scene
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -41,7 +41,7 @@ class Pieces:
     geofence: scene.Fence | None = None
     terrain: tuple[float, float, float, float] | None = None
     """height at the origin, rise per metre east and north, clearance"""
-    movers: tuple[Mover, ...] = field(default_factory=tuple)
+    movers: tuple[MovingObstacle, ...] = field(default_factory=tuple)
     """on the clock of the plan: from now"""
 
     def bounds(self, points: Sequence[Vector]) -> scene.Bounds:
@@ -145,7 +145,7 @@ class World:
     def pieces(self, t: float) -> Pieces:
         """The world at UTC ``t``, for a scene."""
         still: list[scene.Obstacle] = []
-        movers: list[Mover] = []
+        movers: list[MovingObstacle] = []
         fence: scene.Fence | None = None
         terrain: tuple[float, float, float, float] | None = None
         for obstacle in self.obstacles:
@@ -192,11 +192,11 @@ def _still(name: str, what: swarm.Box | swarm.Cylinder | swarm.NoFly | swarm.Bal
     return scene.Cylinder(center=(x, y), radius=r, floor=z - r, ceiling=z + r, name=name)
 
 
-def _mover(name: str, what: swarm.Ball, age: float) -> Mover:
+def _mover(name: str, what: swarm.Ball, age: float) -> MovingObstacle:
     x, y, z = enu(what.center)
     u, v, w = enu(what.velocity)
     rows = [(s, x + u * (age + s), y + v * (age + s), z + w * (age + s)) for s in (0.0, AHEAD)]
-    return Mover(f"@{name}", np.array(rows, dtype=np.float64), what.radius)
+    return MovingObstacle(f"@{name}", np.array(rows, dtype=np.float64), what.radius)
 
 
 def extent(obstacle: scene.Obstacle) -> tuple[Vector, Vector]:

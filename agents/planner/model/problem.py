@@ -27,7 +27,7 @@ KINDS = {"copter": COPTER, "rover": ROVER, "plane": PLANE}
 
 
 @dataclass(frozen=True)
-class Mover:
+class MovingObstacle:
     """What moves by itself and is only avoided: a vehicle under another's command, a committed trajectory."""
 
     id: str
@@ -63,13 +63,13 @@ class Problem:
     tolerance: float
     time_limit: float
     """s; inf: none"""
-    movers: tuple[Mover, ...] = ()
+    movers: tuple[MovingObstacle, ...] = ()
 
     def __len__(self) -> int:
         return len(self.ids)
 
 
-def problem_of(scene: Scene, goals: Sequence[int] | None = None, movers: Sequence[Mover] = ()) -> Problem:
+def problem_of(scene: Scene, goals: Sequence[int] | None = None, movers: Sequence[MovingObstacle] = ()) -> Problem:
     """The arrays of a scene. ``goals``: which of the scene's ``goals`` each vehicle gets, where they are unlabelled."""
     vehicles = scene.vehicles
     targets = [v.goal for v in vehicles] if goals is None else [(scene.goals or [])[i] for i in goals]

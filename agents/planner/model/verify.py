@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from agents.planner.model import exact
-from agents.planner.model.problem import Floats, Motion, Mover
+from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.scene import Scene, Vehicle, name_of
 from agents.planner.model.separation import all_pairs
 
@@ -105,7 +105,7 @@ class Report:
 def verify(
     scene: Scene,
     trajectories: Mapping[str, Motion | Sequence[Sequence[float]]],
-    movers: Sequence[Mover] = (),
+    movers: Sequence[MovingObstacle] = (),
     *,
     written: bool = False,
 ) -> Report:
@@ -293,7 +293,11 @@ def _obstacles(scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Mot
 
 
 def _apart(
-    scene: Scene, flown: Sequence[Vehicle], motions: Mapping[str, Motion], movers: Sequence[Mover], faults: list[Fault]
+    scene: Scene,
+    flown: Sequence[Vehicle],
+    motions: Mapping[str, Motion],
+    movers: Sequence[MovingObstacle],
+    faults: list[Fault],
 ) -> Closest | None:
     """The pair with the least clearance; those that are too near are added to the faults."""
     names = [*(v.id for v in flown), *(m.id for m in movers)]

@@ -12,7 +12,17 @@ from agents.planner.model import verify
 from agents.planner.model.errors import Code, PlanError
 from agents.planner.model.geometry import World, clearance, world_of
 from agents.planner.model.plans import Plan
-from agents.planner.model.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem, Progress, problem_of
+from agents.planner.model.problem import (
+    PLANE,
+    Floats,
+    Ints,
+    Motion,
+    MovingObstacle,
+    Path,
+    Problem,
+    Progress,
+    problem_of,
+)
 from agents.planner.model.scene import Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
@@ -33,7 +43,7 @@ def solve(
     scene: Scene,
     *,
     static: StaticMap | None = None,
-    movers: Sequence[Mover] = (),
+    movers: Sequence[MovingObstacle] = (),
     seconds: float | None = None,
     seed: int = 0,
     margin: float = 0.0,
@@ -58,7 +68,7 @@ class Pipeline:
         self,
         scene: Scene,
         static: StaticMap | None,
-        movers: Sequence[Mover],
+        movers: Sequence[MovingObstacle],
         seconds: float | None,
         seed: int,
         margin: float,
@@ -137,7 +147,7 @@ class Pipeline:
                 self.say("planes", 0.0)
                 fixed = plan_planes(problem, world, planes.tolist(), rng)
             aside = tuple(
-                Mover(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
+                MovingObstacle(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
                 for i, motion in zip(planes, fixed, strict=True)
             )
             rest = replace(part(problem, others), movers=problem.movers + aside)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import PLANE, Floats, Motion, Mover, Problem
+from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, Problem
 from agents.planner.model.world import World
 from agents.planner.solve.paths.flight import Wings, apart, fly, motion_clear, way_clear
 from agents.planner.solve.paths.poses import find, gentle, join
@@ -224,7 +224,11 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
 
 
 def plan_planes(
-    problem: Problem, world: World, indices: Sequence[int], rng: np.random.Generator, avoid: Sequence[Mover] = ()
+    problem: Problem,
+    world: World,
+    indices: Sequence[int],
+    rng: np.random.Generator,
+    avoid: Sequence[MovingObstacle] = (),
 ) -> list[Motion]:
     """Motions (T, 4) of the planes ``indices``, in that order: from the start at its heading to the goal, flying.
 
@@ -258,7 +262,7 @@ def plan_planes(
     return [best[index] for index in indices]
 
 
-def _place_one(problem: Problem, plane: Plane, movers: Sequence[Mover], found: dict[int, Motion]) -> bool:
+def _place_one(problem: Problem, plane: Plane, movers: Sequence[MovingObstacle], found: dict[int, Motion]) -> bool:
     """Choose the quickest way that is clear of those found before; False: there is none."""
     for level in range(LEVELS):
         motions = plane.motions(level)
@@ -271,7 +275,9 @@ def _place_one(problem: Problem, plane: Plane, movers: Sequence[Mover], found: d
     return False
 
 
-def _free(problem: Problem, index: int, motion: Motion, movers: Sequence[Mover], found: dict[int, Motion]) -> bool:
+def _free(
+    problem: Problem, index: int, motion: Motion, movers: Sequence[MovingObstacle], found: dict[int, Motion]
+) -> bool:
     radius, squash = float(problem.radius[index]) + SLACK, problem.downwash
     return all(
         apart(motion, other, radius + float(problem.radius[k]), squash, True, True) for k, other in found.items()

@@ -9,7 +9,7 @@ import pytest
 
 from agents.planner.model import verify
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import PLANE, Floats, Motion, Mover, problem_of
+from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, problem_of
 from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
 from agents.planner.model.world import world_of
 from agents.planner.solve.paths import dubins, poses
@@ -41,7 +41,7 @@ def arena(*vehicles: Vehicle, obstacles: tuple[Obstacle, ...] = (), fence: Fence
     return Scene(vehicles=list(vehicles), obstacles=list(obstacles), bounds=bounds, geofence=fence, downwash=1.5)
 
 
-def planned(scene: Scene, movers: tuple[Mover, ...] = ()) -> dict[str, Motion]:
+def planned(scene: Scene, movers: tuple[MovingObstacle, ...] = ()) -> dict[str, Motion]:
     """The planes' motions; the verifier finds no fault in them."""
     problem = problem_of(scene, movers=movers)
     planes = np.flatnonzero(problem.kind == PLANE).tolist()
@@ -195,7 +195,7 @@ def test_planes_keep_off_those_that_stand_and_those_that_move() -> None:
         assert place is not None
         stands = np.array([[0.0, *place], [1.0, *place]])
         assert apart(motion, stands, 4.0, 1.5, True, False)
-    crossing = Mover("m", np.array([[0.0, 0.0, -60.0, 70.0], [12.0, 0.0, 60.0, 70.0]]), 20.0)
+    crossing = MovingObstacle("m", np.array([[0.0, 0.0, -60.0, 70.0], [12.0, 0.0, 60.0, 70.0]]), 20.0)
     planned(arena(scene.vehicles[0]), (crossing,))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.planner.model.geometry import world_of
-from agents.planner.model.problem import Mover, Problem, problem_of
+from agents.planner.model.problem import MovingObstacle, Problem, problem_of
 from agents.planner.model.scene import Bounds, Cylinder, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.staticmap import StaticMap
@@ -58,7 +58,7 @@ def test_a_post_in_the_middle_is_flown_round() -> None:
 def test_what_moves_by_itself_is_kept_clear_of_at_its_own_times() -> None:
     scene = circle(4)
     across = np.array([[0.0, -20.0, -20.0, 20.0], [11.0, 20.0, 20.0, 20.0]])
-    stays = Mover("ball", across, 3.0)
+    stays = MovingObstacle("ball", across, 3.0)
     problem = problem_of(scene, movers=[stays])
     found = bent(scene, problem)
     assert found.motions is not None
@@ -68,7 +68,7 @@ def test_what_moves_by_itself_is_kept_clear_of_at_its_own_times() -> None:
 
 def test_what_leaves_is_gone_after_its_last_sample() -> None:
     scene = circle(2)
-    gone = Mover("plane", np.array([[0.0, 0.0, 12.0, 20.0], [2.0, 0.0, 0.0, 20.0]]), 4.0, leaves=True)
+    gone = MovingObstacle("plane", np.array([[0.0, 0.0, 12.0, 20.0], [2.0, 0.0, 0.0, 20.0]]), 4.0, leaves=True)
     problem = problem_of(scene, movers=[gone])
     swarm = Swarm(
         problem,
@@ -78,7 +78,7 @@ def test_what_leaves_is_gone_after_its_last_sample() -> None:
     )
     swarm.look()
     stays = Swarm(
-        problem_of(scene, movers=[Mover("rock", gone.motion, 4.0)]), world_of(scene), swarm.place.copy(), 12.0
+        problem_of(scene, movers=[MovingObstacle("rock", gone.motion, 4.0)]), world_of(scene), swarm.place.copy(), 12.0
     )
     # Both lots meet in the middle; only with the rock is somebody deep in it then.
     assert swarm.look().overlap == pytest.approx(2.0, abs=0.1)

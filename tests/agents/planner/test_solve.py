@@ -13,7 +13,7 @@ import pytest
 from agents.planner.model.errors import PlanError
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from agents.planner.model.scene import Bounds, Box, Obstacle, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.staticmap import StaticMap
@@ -89,7 +89,7 @@ def test_a_margin_is_kept_in_flight_where_starts_leave_room() -> None:
 def test_movers_are_kept_clear_of() -> None:
     scene = CLASSES["swap_circle"](6, 0)
     height = scene.vehicles[0].start[2]
-    rock = Mover("rock", np.array([[0.0, 3.0, 0.0, height]]), 2.0)
+    rock = MovingObstacle("rock", np.array([[0.0, 3.0, 0.0, height]]), 2.0)
     plan = solve(scene, movers=[rock], seed=2)
     assert verify(scene, plan.trajectories, [rock]).ok
     for samples in plan.trajectories.values():
@@ -100,7 +100,7 @@ def test_movers_are_kept_clear_of() -> None:
 def test_a_mover_on_a_start_or_a_goal_is_named(first: float, last: float, kind: str) -> None:
     scene = CLASSES["swap_circle"](6, 0)
     x, y, z = scene.vehicles[1].start if kind == "starts_overlap" else scene.vehicles[1].goal or (0.0, 0.0, 0.0)
-    block = Mover("block", np.array([[0.0, x, y, z + first], [9.0, x, y, z + last]]), 0.5)
+    block = MovingObstacle("block", np.array([[0.0, x, y, z + first], [9.0, x, y, z + last]]), 0.5)
     with pytest.raises(PlanError) as caught:
         solve(scene, movers=[block])
     assert (caught.value.kind, caught.value.ids) == (kind, [scene.vehicles[1].id])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.planner.model.geometry import segment_clear
-from agents.planner.model.problem import Floats, Motion, Mover, Path, Problem, problem_of
+from agents.planner.model.problem import Floats, Motion, MovingObstacle, Path, Problem, problem_of
 from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
@@ -21,7 +21,7 @@ from tests.agents.planner import generate
 AREA = np.array([-20.0, -20.0, 20.0, 20.0])
 
 
-def ready(scene: Scene, movers: Sequence[Mover] = ()) -> tuple[Problem, World, list[Path]]:
+def ready(scene: Scene, movers: Sequence[MovingObstacle] = ()) -> tuple[Problem, World, list[Path]]:
     problem = problem_of(scene, movers=movers)
     static = StaticMap(world_of(scene))
     return problem, static.world, static.paths_for(problem)
@@ -189,7 +189,7 @@ def test_movers_are_kept_clear_of_and_free_the_way_when_they_leave() -> None:
     )
     across = np.array([[0.0, 0.0, -12.0, 5.0], [6.0, 0.0, 12.0, 5.0]])
     on_the_goal = np.array([[0.0, 12.0, 0.0, 5.0], [8.0, 12.0, 1.0, 5.0]])
-    movers = [Mover("a", across, 3.0), Mover("b", on_the_goal, 1.0, leaves=True)]
+    movers = [MovingObstacle("a", across, 3.0), MovingObstacle("b", on_the_goal, 1.0, leaves=True)]
     problem, world, paths = ready(scene, movers)
     motions = find(problem, world, paths, 10.0, np.random.default_rng(0))
     assert motions is not None
@@ -198,7 +198,7 @@ def test_movers_are_kept_clear_of_and_free_the_way_when_they_leave() -> None:
         gap = np.linalg.norm(sampled(motions[0], times) - sampled(mover.motion, times), axis=1).min()
         assert gap >= 1.0 + mover.radius - 0.001
     assert 8.0 < motions[0][-1, 0] < 12.0
-    stays = [Mover("b", on_the_goal, 1.0)]
+    stays = [MovingObstacle("b", on_the_goal, 1.0)]
     problem, world, paths = ready(scene, stays)
     assert find(problem, world, paths, 0.2, np.random.default_rng(0)) is None
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from agents.planner.model.scene import Bounds, Scene, Vehicle
 from agents.planner.model.separation import all_pairs, separation
 from agents.planner.model.verify import Report, verify
@@ -318,11 +318,11 @@ def test_the_closest_approach_lies_between_samples() -> None:
 
 def test_movers_are_kept_clear_of_and_not_judged(plan: dict[str, Any]) -> None:
     scene = msgspec.convert(SCENE, Scene)
-    across = Mover("m", np.array([[-5.0, 11.5, -60, 10], [20.0, 11.5, 65, 10]]), 0.5)
-    again = Mover("n", across.motion, 0.5)
+    across = MovingObstacle("m", np.array([[-5.0, 11.5, -60, 10], [20.0, 11.5, 65, 10]]), 0.5)
+    again = MovingObstacle("n", across.motion, 0.5)
     report = verify(scene, plan["trajectories"], [across, again])
     assert {f.ids for f in report.faults} == {("a", "m"), ("a", "n"), ("b", "m"), ("b", "n")}
-    past = Mover("m", np.array([[-5.0, -18, 0, 10], [-0.5, -18, 60, 10]]), 0.5, leaves=True)
+    past = MovingObstacle("m", np.array([[-5.0, -18, 0, 10], [-0.5, -18, 60, 10]]), 0.5, leaves=True)
     assert verify(scene, plan["trajectories"], [past]).ok  # what it did before the plan begins is no matter
 
 

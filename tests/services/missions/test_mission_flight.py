@@ -11,6 +11,7 @@ from tests.services.conftest import ARM, SET_MODE, Bench
 from tests.services.missions.mission_peer import MISSION, MissionBench, MissionPeer, raw, waypoints
 from zmav import keys
 from zmav.errors import BadInput, Refused, TimedOut
+from zmav.services.authority.control import Mover
 
 START, SET_CURRENT = 300, 224
 AUTO, LOITER, RTL, LAND = 3, 5, 6, 9
@@ -244,7 +245,7 @@ async def test_a_later_order_supersedes_it(mission_bench: MissionBench) -> None:
     await b.ground.do("set_mode", mode="LOITER")
     with pytest.raises(Refused, match="superseded"):
         await fly.until(status="done")
-    assert b.vehicle.authority.control.mover.value != "order"
+    assert not b.vehicle.authority.control.claimed(Mover.ORDER)
 
 
 async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:

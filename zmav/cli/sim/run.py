@@ -95,6 +95,7 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         signal.signal(number, lambda *_: world.stop())
     try:
         _allow_files()
+        world.open()
         world.listen(path, offers(world))
         serve_cameras(world, camera_port)
         announce(world)

@@ -253,10 +253,10 @@ class Authority:
 
     def _on_pilot(self, told: TakenByPilot) -> None:
         flown = self.taken(told.text)
+        if flown is not None and self._identity.mode in flown.autopilot.stream_lost:
+            self._handing = asyncio.get_running_loop().create_task(self._hold_lost(flown))
         if told.by_switch:
             self._to_autopilot()
-        elif flown is not None and self._identity.mode in flown.autopilot.stream_lost:
-            self._handing = asyncio.get_running_loop().create_task(self._hold_lost(flown))
 
     async def _hold_lost(self, flown: ActiveStream) -> None:
         """Order the hold where the autopilot has lost the stream: it would go back to it with the next setpoint, of
@@ -307,7 +307,7 @@ class Authority:
     def _on_lease_end(self, end: wire.LeaseEnd) -> None:
         """The one who flew it does so no more: a hold, and what follows a hold where nobody meant the end."""
         lost = end.reason in ("expired", "gone", "clock")
-        if end.reason in ("pilot", "failsafe") or (lost and self.control.mover is Mover.SEGMENT):
+        if end.reason in ("pilot", "failsafe") or (lost and self.control.claimed(Mover.SEGMENT)):
             return  # a lost network delays the next plan, and not the segment that the vehicle flies by itself
         self.watchdog.hold_now(end.text, goes_on=lost, severity=severity_of(end.reason))
         if not lost and self._ordered_under == end.number:

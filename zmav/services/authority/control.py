@@ -1,4 +1,7 @@
-"""Who moves the vehicle now: one value, which all that may move it set, and all that must know it read."""
+"""Who moves the vehicle now: one value, which all that may move it set, and all that must know it read.
+
+It is about what this program does. A vehicle that lands, returns or flies a mission by itself is moved by nobody here.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ class Mover(enum.Enum):
     ORDER = "order"
     """one of the orders, until it has ended"""
     TARGET = "target"
-    """a far position target, after the order that gave it"""
+    """a position target that is led there, after the order that gave it"""
     SEGMENT = "segment"
     """a committed segment, which ends at rest by itself"""
     STREAM = "stream"
@@ -24,7 +27,7 @@ class Mover(enum.Enum):
     HOLD = "hold"
     """the watchdog, after the end of a stream or a segment"""
     FAILSAFE = "failsafe"
-    """the watchdog, after a hold of ``land_after``"""
+    """the watchdog, until the autopilot shows the mode that follows a hold of ``land_after``"""
     NOBODY = "nobody"
 
 
@@ -34,7 +37,11 @@ OURS = (Mover.ORDER, Mover.TARGET, Mover.SEGMENT, Mover.STREAM, Mover.HOLD)
 
 
 class Control:
-    """Of one vehicle. Any thread."""
+    """Of one vehicle. Any thread.
+
+    :attr:`mover` is for what refuses and what is shown. What has to let go asks :meth:`claimed`: a stronger claim hides
+    a weaker one, and does not end it.
+    """
 
     def __init__(self, vehicle: str) -> None:
         self._vehicle = vehicle
@@ -63,7 +70,7 @@ class Control:
             return any(mover in movers for mover, _ in self._claims.values())
 
     def take(self, by: object, mover: Mover, why: str = "") -> None:
-        """``by`` moves the vehicle from now on as ``mover``; what it was before it is no more."""
+        """``by`` moves the vehicle from now on as ``mover``; its earlier claim ends."""
         with self._claiming:
             self._claims[by] = mover, why
             self._judge()

@@ -139,6 +139,8 @@ class PositionLeader:
                 self._control.check_pilot()
             except ZmavError:  # the one who has it is told of it elsewhere
                 return
+            if self._control.claimed(Mover.SEGMENT, Mover.STREAM):
+                return  # an agent flies it now
             now = self.near(autopilot, target, source)
             arrived += now is target
             action = autopilot.goto(now)

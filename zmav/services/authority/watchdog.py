@@ -79,7 +79,7 @@ class StreamGivenUp(NamedTuple):
 
 
 class StreamWatchdog:
-    """Guards one vehicle's stream. Every method from any thread; what calls back does so from the watchdog's thread.
+    """Guards one vehicle's stream. Every method from any thread.
 
     ``allowed(mode)``: that mode of the autopilot is one that was ordered here; the pilot has the vehicle otherwise.
     ``near`` brings a far target within reach (:mod:`zmav.services.authority.leader`). ``aside``: what to fly instead

@@ -47,7 +47,7 @@ class TxCounters(msgspec.Struct):
 
 
 class FrameForwarded(NamedTuple):
-    """A frame of another station went to the vehicle. Told from the thread that takes them."""
+    """A frame of another station was handed to the link. Told from the thread that takes them."""
 
     frame: Frame
 

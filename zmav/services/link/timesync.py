@@ -29,7 +29,7 @@ UTC was seen 0.4 s off the time it had from its GPS"""
 
 
 class AutopilotRestarted(NamedTuple):
-    """It has begun again, or may have: then it sends nothing that it is not asked for again. Told on the event loop."""
+    """It has begun again, or may have: all that it sent on request is to be asked for again. Told on the event loop."""
 
 
 class TimeSync:

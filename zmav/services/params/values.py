@@ -162,13 +162,18 @@ class ParamSet:
 
     def table(self, encoding: ParamEncoding, autopilot: str, firmware: str | None) -> wire.ParamTable:
         """All of it, by index; names whose index is not known come last."""
-        by_index, entries = self._names.copy(), self.entries.copy()  # both grow meanwhile
+        # "complete" is read first: what is copied afterwards is no less.
+        t, complete, count = self.confirmed, self.complete, self.count or 0
+        by_index, entries = (
+            self._names.copy(),
+            self.entries.copy(),
+        )  # both grow meanwhile
         ordered = [name for _, name in sorted(by_index.items()) if name in entries]
         params = [_param(name, entries[name], encoding) for name in dict.fromkeys([*ordered, *sorted(entries)])]
         return wire.ParamTable(
-            t=self.confirmed,
-            complete=self.complete,
-            count=self.count or 0,
+            t=t,
+            complete=complete,
+            count=count,
             hash=digest(params),
             autopilot=autopilot,
             firmware=firmware,

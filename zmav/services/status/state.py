@@ -21,7 +21,7 @@ from zmav.trust.proof import ANSWERS, Signer
 
 FRESH = 3.0
 """seconds after which a message no longer counts for readiness"""
-ANSWERED_AGAIN = 0.02
+REUSED_S = 0.02
 """s that a state which was built for one question is good for others: a flood of them costs fifty a second"""
 
 
@@ -73,7 +73,7 @@ class StateService:
         return self._last
 
     async def _now(self) -> bytes:
-        return self._last if time.monotonic() - self._last_at < ANSWERED_AGAIN else self._encode()
+        return self._last if time.monotonic() - self._last_at < REUSED_S else self._encode()
 
     def _answer(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
         """As it is now. With a challenge of 8 bytes, the answer is proven to be of now, and introduces who gives it."""

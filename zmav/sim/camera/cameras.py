@@ -236,10 +236,13 @@ class Cameras:
         """Where everything is between two ticks."""
         return self._inside(self.snapshot)
 
+    @property
+    def served(self) -> bool:
+        """A server is attached."""
+        return self._server is not None
+
     def attach(self, server: Server) -> None:
-        """Have ``server`` ticked, and closed with the world. Raises :class:`BadInput` where there is one."""
-        if self._server is not None:
-            raise BadInput("the cameras are served already", field="port", expected="one server")
+        """Have ``server`` ticked, and closed with the world."""
         self._server = server
 
     def close(self) -> None:

@@ -35,14 +35,12 @@ def serve_cameras(cameras: Cameras, port: int, host: str = "127.0.0.1") -> dict[
     Raises :class:`PortInUse`, :class:`BadInput` where they are served already, and :class:`BadConfig` for a lens that
     cannot be.
     """
+    if cameras.served:
+        raise BadInput("the cameras are served already", field="port", value=port, expected="one server")
     for camera in cameras.all:
         camera.prepare()
     server = CameraServer(cameras.all, host, port, cameras.look())
-    try:
-        cameras.attach(server)
-    except BadInput:
-        server.close()
-        raise
+    cameras.attach(server)
     return {camera.name: f"{server.url}/{camera.name}.mjpeg" for camera in cameras.all}
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.planner.model.problem import PLANE, Floats, Ints, Motion, Mover, Path, Problem
+from agents.planner.model.problem import PLANE, Floats, Ints, Motion, MovingObstacle, Path, Problem
 from agents.planner.model.world import World
 from agents.planner.solve.spacetime.negotiate import Negotiation
 
@@ -101,7 +101,7 @@ def repair(
     """
     others = [i for i in range(len(problem)) if i not in set(who)]
     fixed = tuple(
-        Mover(problem.ids[i], motions[i], float(problem.radius[i]), leaves=bool(problem.kind[i] == PLANE))
+        MovingObstacle(problem.ids[i], motions[i], float(problem.radius[i]), leaves=bool(problem.kind[i] == PLANE))
         for i in others
     )
     few = part(replace(problem, movers=problem.movers + fixed), np.array(who, dtype=np.int64))

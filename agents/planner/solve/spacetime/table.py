@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Ints, Mover, Problem
+from agents.planner.model.problem import Floats, Ints, MovingObstacle, Problem
 from agents.planner.solve.jit import jit
 
 SPREAD = 9
@@ -230,7 +230,7 @@ def distances(problem: Problem, movers: Floats, strays: Floats, margin: float) -
     return np.ascontiguousarray(np.maximum(wanted, least_of) - 1e-6)
 
 
-def stepped(mover: Mover, step: float, steps: int) -> tuple[Floats, float]:
+def stepped(mover: MovingObstacle, step: float, steps: int) -> tuple[Floats, float]:
     """A mover's places at the beginning of each step, and by how much its motion strays from straight lines between."""
     times: Floats = np.arange(steps + 1, dtype=np.float64) * step
     motion = mover.motion

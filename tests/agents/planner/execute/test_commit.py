@@ -8,7 +8,7 @@ import pytest
 from agents.planner.execute.commit import TAKING, Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Line, Profile, Track, knots, onward
-from agents.planner.model.problem import Mover
+from agents.planner.model.problem import MovingObstacle
 from tests.agents.planner.execute.virtual import carousel, line
 
 
@@ -92,9 +92,9 @@ def test_what_moves_by_itself_is_kept_clear_of_until_it_has_left() -> None:
     reserved = Reserved([part], 1.5)
     through = entry(part, part.track.end)
     stands = np.array([[0.0, 10.0, 0.0, 10.0], [3.0, 10.0, 0.0, 10.0]])
-    reserved.movers = [Mover("balloon", stands, 1.0)]
+    reserved.movers = [MovingObstacle("balloon", stands, 1.0)]
     assert reserved.blocker(part, through, 0.0) == "balloon"
-    reserved.movers = [Mover("plane", stands, 1.0, leaves=True)]
+    reserved.movers = [MovingObstacle("plane", stands, 1.0, leaves=True)]
     assert reserved.blocker(part, through, 0.0) is None
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.track import Line
-from agents.planner.model.problem import Motion, Mover
+from agents.planner.model.problem import Motion, MovingObstacle
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
 ENDS = ("done", "stuck", "halted")
@@ -201,7 +201,7 @@ def test_a_mover_across_the_way_is_waited_for() -> None:
     history = History(motions, np.random.default_rng(3), loss=0.1)
     place = motions["v0"][60, 1:4]
     ball = np.array([[1000.0, *place], [1013.0, *place]])
-    history.conductor.reserved.movers = [Mover("ball", ball, 1.0, leaves=True)]
+    history.conductor.reserved.movers = [MovingObstacle("ball", ball, 1.0, leaves=True)]
     history.run(120.0, ended)
     assert history.conductor.phase(history.now) == "done"
     near = [float(np.linalg.norm(places[0] - place)) for k, places in enumerate(history.places) if k * 0.1 < 13.0]

@@ -17,7 +17,7 @@ from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.settings import Settings
-from agents.planner.model.problem import Floats, Mover
+from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Box
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
@@ -54,7 +54,7 @@ def test_a_heap_of_vehicles_draws_apart_and_the_others_stay() -> None:
 def test_in_one_place_level_ones_leave_it_on_their_level_and_walls_and_movers_are_kept_clear_of() -> None:
     places = np.array([[2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.1, 0.1, 5.0]])
     radii = np.full(3, 1.5)
-    around = Surroundings([PILLAR], [Mover("guest", np.array([[0.0, 4.0, 0.0, 5.0]]), 0.5)], 1.5)
+    around = Surroundings([PILLAR], [MovingObstacle("guest", np.array([[0.0, 4.0, 0.0, 5.0]]), 0.5)], 1.5)
     found = apart(places, radii, [True] * 3, around)
     assert found is not None
     assert free(found, radii, around).min() >= 0.0
