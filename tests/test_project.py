@@ -159,8 +159,6 @@ OLD_CIRCLES: set[str] = {
     "zmav.sim.autopilots.arduplane",
     "zmav.sim.autopilots.ardurover",
     "zmav.sim.autopilots.px4",
-    "zmav.sim.protocol",
-    "zmav.sim.protocol.px4",
 }
 
 

@@ -28,7 +28,7 @@ from zmav.sim.protocol.ardupilot.plane import PlaneNode
 from zmav.sim.protocol.ardupilot.rover import RoverNode
 from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.params import ParamStore, defaults
-from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.px4.copter import Px4CopterNode
 from zmav.sim.spec import AIRFRAMES, ARDUPLANE, ARDUROVER, PX4, PX4_FIRMWARE, Home, VehicleSpec, airframe_of
 from zmav.sim.vehicle import Autopilot, SimVehicle
 
@@ -129,7 +129,7 @@ def _wire(
         node = PlaneNode(brain, dialect, uid=uid, epoch_us=epoch_us)
     elif spec.autopilot == PX4:
         brain = Px4Copter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
-        node = Px4Node(brain, uid=uid, epoch_us=epoch_us, firmware=spec.firmware or PX4_FIRMWARE[0])
+        node = Px4CopterNode(brain, uid=uid, epoch_us=epoch_us, firmware=spec.firmware or PX4_FIRMWARE[0])
     else:
         brain = ArduCopter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
         node = CopterNode(brain, dialect, uid=uid, epoch_us=epoch_us)

@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 from zmav.errors import BadMessage
@@ -16,6 +16,7 @@ from zmav.sim.environment import Vector
 from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position
 from zmav.sim.protocol.channel import Channel, Outlet
+from zmav.sim.protocol.command import ACCEPTED, DENIED, UNSUPPORTED, Command, read_command
 from zmav.sim.protocol.params import ParamStore
 from zmav.sim.protocol.part import Answer, Part, Sender
 from zmav.sim.protocol.router import Router
@@ -25,6 +26,16 @@ COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 REBOOT_DELAY_S = 0.2
 THINKING_S = 0.019  # between two thoughts of an autopilot, and a little less
 _NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
+_WARNING = 4  # MAV_SEVERITY
+GIT_HASH = "zmav-sim"
+
+Fields = dict[str, Any]
+Report = Callable[[Any], "Fields | None"]
+"""From a node to the fields of a message; None where there is nothing to say yet"""
+Handler = Callable[[Any, Command], "int | bool"]
+"""Carries out a command for a node; gives a MAV_RESULT, or whether it was done"""
+Target = Callable[[Any, dict[str, Any]], None]
+"""Applies a setpoint message to a vehicle"""
 
 
 class Brain(Protocol):
@@ -61,16 +72,28 @@ class Brain(Protocol):
 class Node(ABC):
     """Speaks for one autopilot as system ``sysid``, component 1. Everything here runs in the world's thread.
 
-    A subclass names what it can report (``reports``: names of messages) and what else it answers; :meth:`add` gives
-    it further microservices.
+    A subclass names what it can report, which commands and setpoints it takes, and what else it answers; :meth:`add`
+    gives it further microservices.
     """
 
     SYSID_PARAM: ClassVar[str]
+    REPORTS: ClassVar[Mapping[str, Report]]
+    HANDLERS: ClassVar[Mapping[int, Handler]]
+    """by MAV_CMD; any other is answered MAV_RESULT_UNSUPPORTED"""
+    TARGETS: ClassVar[Mapping[str, Target]]
+    REFUSED: ClassVar[int]
+    """MAV_RESULT of a command that could not be done"""
+    ANSWERED_TWICE: ClassVar[tuple[int, ...]] = ()
+    """commands that are accepted when they are read, too"""
+    COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]]
+    """commands that the real firmware takes, and about which it says that they are not simulated"""
+    TEXT_END: ClassVar[str] = ""
+    """of every text"""
     TIMESYNC_PERIOD_S: ClassVar[float] = 10.0
     STANDS_IN: ClassVar[bool] = True
     """it answers what is asked of a component that is not there, as ArduPilot does"""
 
-    def __init__(self, brain: Brain, dialect: Dialect, reports: Iterable[str], *, uid: int, epoch_us: int) -> None:
+    def __init__(self, brain: Brain, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
         self.brain = brain
         self.dialect = dialect
         self.uid = uid
@@ -84,7 +107,7 @@ class Node(ABC):
         self.hung = False
         """a fault: it hears and says nothing"""
         self._ticking: list[Part] = []  # those that do something at a tick
-        self._ids = {dialect.by_name[name].id: name for name in reports if name in dialect.by_name}
+        self._ids = {dialect.by_name[name].id: name for name in self.REPORTS if name in dialect.by_name}
         self._answers: dict[int, Answer] = {}
         self._pending: list[tuple[Channel, str]] = []
         self._next_timesync = self.TIMESYNC_PERIOD_S
@@ -93,12 +116,20 @@ class Node(ABC):
         self.timesync_answered: Callable[[Channel, int], None] = lambda channel, question: None
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
+        self.answer("COMMAND_LONG", self._command)
+        self.answer("COMMAND_INT", self._command)
+        for name, target in self.TARGETS.items():
+            self.take_target(name, target)
         brain.say, brain.beat, brain.announce = self.say, self.beat, self.announce
         self.brain.params.watch(self._param_changed)
 
     def answer(self, name: str, answer: Answer) -> None:
         """Have messages of that name answered by ``answer`` from now on."""
         self._answers[self.dialect.by_name[name].id] = answer
+
+    def take_target(self, name: str, target: Target) -> None:
+        """Have setpoint messages of that name applied by ``target`` from now on."""
+        self.answer(name, lambda channel, msg, sender: target(self.brain, msg))
 
     def add(self, part: Part) -> None:
         """Offer a further microservice."""
@@ -116,19 +147,15 @@ class Node(ABC):
     # ---- what a subclass says
 
     @abstractmethod
-    def fields(self, name: str) -> dict[str, Any] | None:
-        """The fields of a message that it reports; None where there is nothing to say yet."""
-
-    @abstractmethod
-    def announce(self) -> None:
-        """Tell where the origin and home are now."""
-
-    @abstractmethod
     def say(self, severity: int, text: str) -> None:
         """A STATUSTEXT to whom it may concern."""
 
     def greet(self, channel: Channel) -> None:  # noqa: B027 - not every autopilot sends anything by itself
         """A link was opened: start what is sent there unasked."""
+
+    def takes(self, command: Command) -> bool:
+        """False for a command whose numbers are denied, whatever it is about."""
+        return True
 
     # ---- what there is to know
 
@@ -207,7 +234,8 @@ class Node(ABC):
     def report(self, channel: Channel, name: str) -> None:
         """Send one message, unless there is nothing to say yet."""
         try:
-            fields = self.fields(name)
+            report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
+            fields = None if report is None else report(self)
             if fields is not None:
                 channel.send(name, **fields)
         except _NO_NUMBER:
@@ -221,9 +249,18 @@ class Node(ABC):
     def reboot_after_ack(self) -> None:
         self._reboot_at = self.brain.now + REBOOT_DELAY_S
 
-    def beat(self) -> None:
+    def report_to_all(self, name: str) -> None:
         for channel in self.channels:
-            self.report(channel, "HEARTBEAT")
+            self.report(channel, name)
+
+    def beat(self) -> None:
+        self.report_to_all("HEARTBEAT")
+
+    def announce(self) -> None:
+        """Tell where the origin and home are now."""
+        for channel in self.channels:
+            self.report(channel, "GPS_GLOBAL_ORIGIN")
+            self.report(channel, "HOME_POSITION")
 
     def nanoseconds(self) -> int:
         """The autopilot's own clock, as TIMESYNC carries it."""
@@ -263,6 +300,25 @@ class Node(ABC):
         pending, self._pending = self._pending, []
         for where, name in pending:
             self.report(where, name)
+
+    def _command(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        """Carry out a command, and acknowledge to who asked on the link it came by.
+
+        Protocol: https://mavlink.io/en/services/command.html
+        """
+        command = read_command(msg, channel, sender)
+        number, handler = command.number, self.HANDLERS.get(command.number)
+        if number in self.ANSWERED_TWICE:
+            channel.acknowledge(number, ACCEPTED, sender)
+        if number in self.COMMANDS_NOT_SIMULATED:
+            self.say(_WARNING, f"MAV_CMD {number} is not simulated{self.TEXT_END}")
+        if handler is None:
+            result: int = UNSUPPORTED
+        else:
+            result = handler(self, command) if self.takes(command) else DENIED
+        if isinstance(result, bool):
+            result = ACCEPTED if result else self.REFUSED
+        channel.acknowledge(number, result, sender)
 
     def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         if msg["tc1"] == 0:

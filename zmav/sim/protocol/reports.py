@@ -1,17 +1,10 @@
-"""Types and unit conversions that the reports share."""
+"""Unit conversions, and the reports that all autopilots share."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
-    from zmav.sim.protocol.base import Node
-
-Fields = dict[str, Any]
-Report = Callable[["MavNode"], "Fields | None"]
+from zmav.sim.protocol.base import Fields, Node
 
 
 def e7(degrees: float) -> int:

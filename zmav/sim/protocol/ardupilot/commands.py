@@ -7,12 +7,12 @@ https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from zmav.sim.autopilots.ardupilot.targets import Target
-from zmav.sim.autopilots.ardupilot.vehicle import WARNING
+from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
+from zmav.sim.protocol.base import Handler
 from zmav.sim.protocol.command import (
     ACCEPTED,
     CHANGE_MODE,
@@ -27,60 +27,35 @@ from zmav.sim.protocol.command import (
 )
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
-
 _E7 = 1e7
 
 
-Handler = Callable[["MavNode", Command], int]
-Handlers = dict[int, Handler]
+Handlers = Mapping[int, Handler]
 
 
-def run(node: MavNode, command: Command, handlers: Handlers) -> None:
-    """Carry out what there is one of the ``handlers`` for, and acknowledge to who asked on the link it came by."""
-    handler = handlers.get(command.number)
-    if command.number in NOT_SIMULATED:
-        node.say(WARNING, f"MAV_CMD {command.number} is not simulated")
-    if handler is None:
-        result = UNSUPPORTED
-    elif not all(math.isfinite(p) for p in (command.p1, command.p2)) and command.number not in _NAN_ALLOWED:
-        result = DENIED
-    else:
-        result = handler(node, command)
-    command.channel.acknowledge(command.number, result, command.sender)
-
-
-def verdict(done: bool) -> int:
-    return ACCEPTED if done else FAILED
-
-
-def _arm_disarm(node: MavNode, c: Command) -> int:
+def _arm_disarm(node: ArduNode, c: Command) -> int:
     forced = round(c.p2) == FORCE
     if c.p1 == 1:
-        return verdict(node.vehicle.arm(forced=forced))
+        return node.vehicle.arm(forced=forced)
     if c.p1 == 0:
-        return verdict(node.vehicle.disarm(forced=forced))
+        return node.vehicle.disarm(forced=forced)
     return UNSUPPORTED
 
 
-def _set_mode(node: MavNode, c: Command) -> int:
+def _set_mode(node: ArduNode, c: Command) -> int:
     if not int(c.p1) & CUSTOM_MODE:
         return DENIED
     done = node.vehicle.set_mode(int(c.p2))
-    return UNSUPPORTED if int(c.p2) in node.vehicle.NOT_SIMULATED else verdict(done)
+    return UNSUPPORTED if int(c.p2) in node.vehicle.NOT_SIMULATED else done
 
 
 def enter(number: int) -> Handler:
     """Answers a command that is a change of mode."""
 
-    def handler(node: MavNode, c: Command) -> int:
-        return verdict(node.vehicle.set_mode(number))
-
-    return handler
+    return lambda node, c: node.vehicle.set_mode(number)
 
 
-def _set_interval(node: MavNode, c: Command) -> int:
+def _set_interval(node: ArduNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
     if not name:
         return DENIED
@@ -93,7 +68,7 @@ def _set_interval(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _get_interval(node: MavNode, c: Command) -> int:
+def _get_interval(node: ArduNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
     if not name:
         # Protocol: an interval of 0 says that the message is not available.
@@ -104,7 +79,7 @@ def _get_interval(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _request_message(node: MavNode, c: Command) -> int:
+def _request_message(node: ArduNode, c: Command) -> int:
     name = node.dialect_name(int(c.p1))
     if not name:
         return FAILED
@@ -112,38 +87,38 @@ def _request_message(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _request_version(node: MavNode, c: Command) -> int:
+def _request_version(node: ArduNode, c: Command) -> int:
     if c.p1 != 1:
         return DENIED
     node.after_ack(c.channel, "AUTOPILOT_VERSION")
     return ACCEPTED
 
 
-def _get_home(node: MavNode, c: Command) -> int:
+def _get_home(node: ArduNode, c: Command) -> int:
     if not node.vehicle.boot.has("origin"):
         return FAILED
     node.after_ack(c.channel, "HOME_POSITION")
     return ACCEPTED
 
 
-def _set_home(node: MavNode, c: Command) -> int:
+def _set_home(node: ArduNode, c: Command) -> int:
     x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
     if c.p1 == 1 or (x == 0 and y == 0):
-        return verdict(node.vehicle.move_home(None, lock=True))
+        return node.vehicle.move_home(None, lock=True)
     if c.p1 != 0:
         return FAILED
     where = place(node, x, y, c.z, c.frame if c.as_int else 0)
-    return DENIED if where is None else verdict(node.vehicle.move_home(where, lock=True))
+    return DENIED if where is None else node.vehicle.move_home(where, lock=True)
 
 
-def place(node: MavNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
+def place(node: ArduNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
     """A place that a command names, in the world's NED; None for one that there is not."""
     if not (math.isfinite(x) and math.isfinite(y)):
         return None
     return point(node.vehicle, round(x), round(y), z, frame)
 
 
-def _reposition(node: MavNode, c: Command) -> int:
+def _reposition(node: ArduNode, c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
     vehicle = node.vehicle
@@ -159,7 +134,7 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _change_speed(node: MavNode, c: Command) -> int:
+def _change_speed(node: ArduNode, c: Command) -> int:
     limit = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}.get(int(c.p1))
     if c.p2 <= 0:
         return DENIED
@@ -169,18 +144,18 @@ def _change_speed(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _run_prearm(node: MavNode, c: Command) -> int:
+def _run_prearm(node: ArduNode, c: Command) -> int:
     if node.vehicle.armed:
         return TEMPORARILY_REJECTED
     node.say_prearm()
     return ACCEPTED
 
 
-def _terminate(node: MavNode, c: Command) -> int:
-    return verdict(c.p1 > 0.5 and node.vehicle.disarm(forced=True))
+def _terminate(node: ArduNode, c: Command) -> int:
+    return c.p1 > 0.5 and node.vehicle.disarm(forced=True)
 
 
-def _reboot(node: MavNode, c: Command) -> int:
+def _reboot(node: ArduNode, c: Command) -> int:
     if c.p1 not in (1, 3):
         return UNSUPPORTED
     if node.vehicle.armed and round(c.y) != FORCE:
@@ -189,7 +164,7 @@ def _reboot(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _banner(node: MavNode, c: Command) -> int:
+def _banner(node: ArduNode, c: Command) -> int:
     node.banner(c.channel)
     return ACCEPTED
 
@@ -210,8 +185,3 @@ HANDLERS: Handlers = {
     520: _request_version,
     42428: _banner,
 }
-_NAN_ALLOWED = {22, 192, 1000}
-# NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START,
-# DO_GO_AROUND, DO_SET_REVERSE, DO_FENCE_ENABLE, DO_MOTOR_TEST, DO_AUX_FUNCTION, PREFLIGHT_STORAGE, DO_JUMP_TAG,
-# GUIDED_CHANGE_SPEED, GUIDED_CHANGE_ALTITUDE, GUIDED_CHANGE_HEADING
-NOT_SIMULATED = {84, 85, 115, 182, 184, 186, 189, 191, 194, 207, 209, 218, 245, 601, 43000, 43001, 43002}

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
-from zmav.sim.protocol.ardupilot.commands import Handlers, enter, verdict
+from zmav.sim.protocol.ardupilot import duties
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.telemetry import REPORTS
+from zmav.sim.protocol.base import Report
 from zmav.sim.protocol.command import DENIED, RELATIVE_ALT, Command
 
 _LOITER, _RTL, _LAND = 5, 6, 9
 
 
-def _copter(node: MavNode) -> ArduCopter:
-    assert isinstance(node.vehicle, ArduCopter)
-    return node.vehicle
-
-
-def _takeoff(node: MavNode, c: Command) -> int:
+def _takeoff(node: MavNode[ArduCopter], c: Command) -> int:
     if c.frame != RELATIVE_ALT:
         return DENIED
-    return verdict(math.isfinite(c.z) and _copter(node).take_off(c.z))
+    return math.isfinite(c.z) and node.vehicle.take_off(c.z)
 
 
-COMMANDS: Handlers = {
+HANDLERS: Handlers = {
+    **duties.HANDLERS,
     17: enter(_LOITER),  # NAV_LOITER_UNLIM
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     21: enter(_LAND),  # NAV_LAND
@@ -32,7 +32,8 @@ COMMANDS: Handlers = {
 }
 
 
-class CopterNode(MavNode):
+class CopterNode(MavNode[ArduCopter]):
     """Speaks for one :class:`ArduCopter`."""
 
-    HANDLERS: ClassVar[Handlers] = {**MavNode.HANDLERS, **COMMANDS}
+    HANDLERS: ClassVar[Handlers] = HANDLERS
+    REPORTS: ClassVar[Mapping[str, Report]] = REPORTS

@@ -6,22 +6,20 @@ https://ardupilot.org/dev/docs/mavlink-commands.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
+from zmav.sim.protocol.ardupilot import commands
+from zmav.sim.protocol.ardupilot.commands import Handlers, place
+from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.command import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
 
 _AUTO = 3
 _E7 = 1e7
 
 
-def _mission_start(node: MavNode, c: Command) -> int:
+def _mission_start(node: ArduNode, c: Command) -> int:
     """AUTO, and off the ground with the throttle stick down too."""
     if c.p1 or c.p2:
         return DENIED
@@ -34,7 +32,7 @@ def _mission_start(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _set_current(node: MavNode, c: Command) -> int:
+def _set_current(node: ArduNode, c: Command) -> int:
     """DO_SET_MISSION_CURRENT; ``p2`` 1: with the jumps' counters back at zero, and running again."""
     mission, seq = node.vehicle.mission, int(c.p1)
     if not 0 <= seq < len(mission):
@@ -50,7 +48,7 @@ def _set_current(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _pause_continue(node: MavNode, c: Command) -> int:
+def _pause_continue(node: ArduNode, c: Command) -> int:
     vehicle = node.vehicle
     if int(c.p1) == 1:
         vehicle.auto.resume()
@@ -63,15 +61,15 @@ def _pause_continue(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _set_servo(node: MavNode, c: Command) -> int:
-    return verdict(node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)))
+def _set_servo(node: ArduNode, c: Command) -> int:
+    return node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535))
 
 
-def _set_relay(node: MavNode, c: Command) -> int:
-    return verdict(node.vehicle.payload.set_relay(int(c.p1), int(c.p2)))
+def _set_relay(node: ArduNode, c: Command) -> int:
+    return node.vehicle.payload.set_relay(int(c.p1), int(c.p2))
 
 
-def _region_of_interest(node: MavNode, c: Command) -> int:
+def _region_of_interest(node: ArduNode, c: Command) -> int:
     x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
     where: Vector | None = None
     if x != 0 or y != 0 or c.z != 0:
@@ -82,40 +80,40 @@ def _region_of_interest(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _no_region_of_interest(node: MavNode, c: Command) -> int:
+def _no_region_of_interest(node: ArduNode, c: Command) -> int:
     node.vehicle.region_of_interest(None)
     return ACCEPTED
 
 
-def _mount_control(node: MavNode, c: Command) -> int:
+def _mount_control(node: ArduNode, c: Command) -> int:
     """Pitch, roll and yaw about the nose, degrees; the last parameter is the mount's mode."""
     gimbal = node.vehicle.payload.gimbal
     if c.z in (0, 1):
-        return verdict(gimbal.rest(int(c.z)))
+        return gimbal.rest(int(c.z))
     angles = (c.p1, c.p2, c.p3)
     if not all(math.isfinite(angle) for angle in angles):
         return DENIED
-    return verdict(gimbal.aim(c.p2, c.p1, c.p3, locked=False))
+    return gimbal.aim(c.p2, c.p1, c.p3, locked=False)
 
 
-def _mount_configure(node: MavNode, c: Command) -> int:
-    return verdict(node.vehicle.payload.gimbal.present)
+def _mount_configure(node: ArduNode, c: Command) -> int:
+    return node.vehicle.payload.gimbal.present
 
 
-def _gimbal_pitch_yaw(node: MavNode, c: Command) -> int:
+def _gimbal_pitch_yaw(node: ArduNode, c: Command) -> int:
     flags = int(c.x) if math.isfinite(c.x) else 0
     gimbal = int(c.z) if math.isfinite(c.z) else 0
-    return verdict(node.vehicle.payload.gimbal_manager((c.p1, c.p2, c.p3, c.p4), flags, gimbal))
+    return node.vehicle.payload.gimbal_manager((c.p1, c.p2, c.p3, c.p4), flags, gimbal)
 
 
-def _shoot(node: MavNode, c: Command) -> int:
+def _shoot(node: ArduNode, c: Command) -> int:
     """DO_DIGICAM_CONTROL: accepted whatever comes of it."""
     if c.x == 1:
         node.vehicle.payload.camera.shoot()
     return ACCEPTED
 
 
-def _trigger_distance(node: MavNode, c: Command) -> int:
+def _trigger_distance(node: ArduNode, c: Command) -> int:
     camera = node.vehicle.payload.camera
     camera.spacing_m = c.p1
     if c.p3 == 1:
@@ -123,22 +121,23 @@ def _trigger_distance(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _start_capture(node: MavNode, c: Command) -> int:
+def _start_capture(node: ArduNode, c: Command) -> int:
     if c.p1 < 0:
         return UNSUPPORTED
     if not math.isfinite(c.p3) or c.p1 > 1:
         return FAILED
-    return verdict(node.vehicle.payload.capture(c.p2, c.p3))
+    return node.vehicle.payload.capture(c.p2, c.p3)
 
 
-def _stop_capture(node: MavNode, c: Command) -> int:
+def _stop_capture(node: ArduNode, c: Command) -> int:
     if c.p1 < 0 or (c.p1 > 0 and not node.vehicle.payload.camera.present):
         return UNSUPPORTED
     node.vehicle.payload.camera.stop()
     return ACCEPTED
 
 
-DUTIES: Handlers = {
+HANDLERS: Handlers = {
+    **commands.HANDLERS,
     181: _set_relay,
     183: _set_servo,
     193: _pause_continue,

@@ -1,41 +1,52 @@
-"""One ArduPilot's MAVLink face: what it sends by itself, and who answers what comes in."""
+"""One ArduPilot's MAVLink face: what it sends by itself, and who answers what comes in. What it reports and which
+commands it takes is joined to it by the kind of vehicle: :mod:`.copter`, :mod:`.plane`, :mod:`.rover`.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from zmav.mavlink.dialect import Dialect
 from zmav.sim.autopilots.ardupilot.arming import prearm_faults
 from zmav.sim.autopilots.ardupilot.vehicle import CRITICAL, INFO, ArduVehicle
-from zmav.sim.protocol.ardupilot import commands, setpoint
-from zmav.sim.protocol.ardupilot.duties import DUTIES
+from zmav.sim.protocol.ardupilot import setpoint
 from zmav.sim.protocol.ardupilot.mission import MissionProtocol
-from zmav.sim.protocol.ardupilot.reports.status import GIT_HASH
 from zmav.sim.protocol.ardupilot.setpoint import guided_item
 from zmav.sim.protocol.ardupilot.signing import SigningPart
 from zmav.sim.protocol.ardupilot.storage import Storage
-from zmav.sim.protocol.ardupilot.telemetry import REPORTS
-from zmav.sim.protocol.base import Node
+from zmav.sim.protocol.base import GIT_HASH, Node, Target
 from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.command import read_command
+from zmav.sim.protocol.command import FAILED, Command
 from zmav.sim.protocol.params import ParamProtocol
-from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.reports import Report
+from zmav.sim.protocol.part import Sender
 from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
+_NAN_ALLOWED = (22, 192, 1000)  # NAV_TAKEOFF, DO_REPOSITION, DO_GIMBAL_MANAGER_PITCHYAW
+V_co = TypeVar("V_co", bound=ArduVehicle, covariant=True)
 
 
-class MavNode(Node):
+class MavNode(Node, Generic[V_co]):
     """Speaks for one :class:`ArduVehicle`; a kind of vehicle adds the commands that only it knows."""
 
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
-    HANDLERS: ClassVar[commands.Handlers] = {**commands.HANDLERS, **DUTIES}
-    REPORTS: ClassVar[Mapping[str, Report]] = REPORTS
+    REFUSED: ClassVar[int] = FAILED
+    COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (
+        *(84, 85, 115, 182, 184, 186, 189, 191, 194, 207, 209, 218, 245, 601, 43000, 43001, 43002),
+    )
+    # NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE,
+    # DO_LAND_START, DO_GO_AROUND, DO_SET_REVERSE, DO_FENCE_ENABLE, DO_MOTOR_TEST, DO_AUX_FUNCTION, PREFLIGHT_STORAGE,
+    # DO_JUMP_TAG, GUIDED_CHANGE_SPEED, GUIDED_CHANGE_ALTITUDE, GUIDED_CHANGE_HEADING
+    TARGETS: ClassVar[Mapping[str, Target]] = {
+        "SET_POSITION_TARGET_LOCAL_NED": setpoint.local_target,
+        "SET_POSITION_TARGET_GLOBAL_INT": setpoint.global_target,
+        "SET_ATTITUDE_TARGET": setpoint.attitude_target,
+    }
 
-    def __init__(self, vehicle: ArduVehicle, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
-        super().__init__(vehicle, dialect, self.REPORTS, uid=uid, epoch_us=epoch_us)
+    def __init__(self, vehicle: V_co, dialect: Dialect, *, uid: int, epoch_us: int) -> None:
+        super().__init__(vehicle, dialect, uid=uid, epoch_us=epoch_us)
         self.vehicle = vehicle
         self._reached: int | None = None
         self._text_id = 0
@@ -51,34 +62,18 @@ class MavNode(Node):
         self.add(
             SigningPart(dialect, lambda: self.channels, lambda: vehicle.armed, self.say, lambda: self.unix_us / 1e6)
         )
-        for name, answer in self._own_answers().items():
-            self.answer(name, answer)
-
-    def _own_answers(self) -> dict[str, Answer]:
-        vehicle = self.vehicle
-        return {
-            "HEARTBEAT": self._heartbeat,
-            "SET_MODE": self._set_mode,
-            "REQUEST_DATA_STREAM": self._data_stream,
-            "COMMAND_LONG": self._command,
-            "COMMAND_INT": self._command,
-            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(vehicle, m),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(vehicle, m),
-            "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(vehicle, m),
-            "MISSION_SET_CURRENT": self._set_current,
-            "RC_CHANNELS_OVERRIDE": self._rc_override,
-            "MANUAL_CONTROL": self._manual_control,
-        }
+        self.answer("HEARTBEAT", self._heartbeat)
+        self.answer("SET_MODE", self._set_mode)
+        self.answer("REQUEST_DATA_STREAM", self._data_stream)
+        self.answer("MISSION_SET_CURRENT", self._set_current)
+        self.answer("RC_CHANNELS_OVERRIDE", self._rc_override)
+        self.answer("MANUAL_CONTROL", self._manual_control)
 
     @property
     def prearm_ok(self) -> bool:
         return not prearm_faults(self.vehicle)
 
     # ---- out
-
-    def fields(self, name: str) -> dict[str, Any] | None:
-        report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
-        return None if report is None else report(self)
 
     def flows(self, name: str) -> bool:
         """Until it is initialised only its heartbeat does."""
@@ -107,10 +102,6 @@ class MavNode(Node):
         for fault in prearm_faults(self.vehicle):
             self.say(CRITICAL, f"PreArm: {fault}")
 
-    def report_to_all(self, name: str) -> None:
-        for channel in self.channels:
-            self.report(channel, name)
-
     def _item_reached(self, seq: int) -> None:
         """Of several items in one tick only the last is told, as ArduPilot does."""
         self._reached = seq
@@ -122,12 +113,6 @@ class MavNode(Node):
                 channel.send("MISSION_ITEM_REACHED", seq=self._reached)
             self._reached = None
 
-    def announce(self) -> None:
-        """Where the origin and home are now."""
-        for channel in self.channels:
-            self.report(channel, "GPS_GLOBAL_ORIGIN")
-            self.report(channel, "HOME_POSITION")
-
     def banner(self, channel: Channel) -> None:
         vehicle = self.vehicle
         texts = [f"{vehicle.FIRMWARE} V4.7.0-dev ({GIT_HASH})", f"{self.uid:032x}"]
@@ -138,8 +123,9 @@ class MavNode(Node):
 
     # ---- in
 
-    def _command(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        commands.run(self, read_command(msg, channel, sender), self.HANDLERS)
+    def takes(self, command: Command) -> bool:
+        """Not a first or second parameter that is no number."""
+        return (math.isfinite(command.p1) and math.isfinite(command.p2)) or command.number in _NAN_ALLOWED
 
     def _heartbeat(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         self.vehicle.gcs.heard(sender[0])
@@ -160,7 +146,7 @@ class MavNode(Node):
     def _set_current(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """The number asked for comes back, even where the mission holds another: clients take that for an answer."""
         if self.vehicle.mission.set_current(msg["seq"]):
-            fields = self.fields("MISSION_CURRENT") or {}
+            fields = self.REPORTS["MISSION_CURRENT"](self) or {}
             channel.send("MISSION_CURRENT", **{**fields, "seq": msg["seq"]})
 
     def _set_mode(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
@@ -170,3 +156,6 @@ class MavNode(Node):
     def _data_stream(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         rate = float(msg["req_message_rate"]) if msg["start_stop"] == 1 else 0.0
         channel.streams.set_group(msg["req_stream_id"], rate, self.vehicle.now)
+
+
+ArduNode = MavNode[ArduVehicle]

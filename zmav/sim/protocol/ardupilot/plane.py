@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO, WARNING
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
-from zmav.sim.protocol.ardupilot.commands import Handlers, place, verdict
+from zmav.sim.protocol.ardupilot import duties
+from zmav.sim.protocol.ardupilot.commands import Handlers, place
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.planereports import REPORTS
+from zmav.sim.protocol.base import Handler, Report, Target
 from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
-from zmav.sim.protocol.part import Answer
-from zmav.sim.protocol.reports import Report
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
@@ -25,11 +25,6 @@ _LOCAL_OFFSET = 7
 _IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _HIGHEST = 80_000.0  # m
-
-
-def _plane(node: MavNode) -> ArduPlane:
-    assert isinstance(node.vehicle, ArduPlane)
-    return node.vehicle
 
 
 def _down(plane: ArduPlane, altitude: float, frame: int) -> float | None:
@@ -44,40 +39,40 @@ def _down(plane: ArduPlane, altitude: float, frame: int) -> float | None:
 # ---- commands
 
 
-def _go(number: int) -> Any:
+def _go(number: int) -> Handler:
     """A change of mode that is acknowledged whether it works or not, as ArduPlane does."""
 
-    def handler(node: MavNode, c: Command) -> int:
+    def handler(node: MavNode[ArduPlane], c: Command) -> int:
         node.vehicle.set_mode(number)
         return ACCEPTED
 
     return handler
 
 
-def _takeoff(node: MavNode, c: Command) -> int:
+def _takeoff(node: MavNode[ArduPlane], c: Command) -> int:
     """For planes that hover."""
     return FAILED
 
 
-def _mission_start(node: MavNode, c: Command) -> int:
+def _mission_start(node: MavNode[ArduPlane], c: Command) -> int:
     if c.p1 or c.p2:
         return DENIED
     node.vehicle.set_mode(_AUTO)
     return ACCEPTED
 
 
-def _change_speed(node: MavNode, c: Command) -> int:
-    plane = _plane(node)
+def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
+    plane = node.vehicle
     if not plane.mode.changes_speed:
         return FAILED
     values = (c.p1, c.p2, c.p3)
-    return verdict(all(map(math.isfinite, values)) and plane.ask_speed(int(c.p1), c.p2, c.p3))
+    return all(map(math.isfinite, values)) and plane.ask_speed(int(c.p1), c.p2, c.p3)
 
 
-def _reposition(node: MavNode, c: Command) -> int:
+def _reposition(node: MavNode[ArduPlane], c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
-    plane = _plane(node)
+    plane = node.vehicle
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0) or not plane.fence.allows(where):
         return DENIED
@@ -91,7 +86,8 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-COMMANDS: Handlers = {
+HANDLERS: Handlers = {
+    **duties.HANDLERS,
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
     22: _takeoff,
@@ -104,33 +100,31 @@ COMMANDS: Handlers = {
 # ---- targets
 
 
-def _local_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _local_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED: only so many metres down from here."""
-    plane = _plane(node)
     if plane.mode is not plane.guided or msg["coordinate_frame"] != _LOCAL_OFFSET or not abs(msg["z"]) < _HIGHEST:
         return
     plane.guided.change_height(plane.way.end[2] + msg["z"])
-    node.say(INFO, f"Change alt to {plane.home_world[2] - plane.way.end[2]:.1f}")
+    plane.say(INFO, f"Change alt to {plane.home_world[2] - plane.way.end[2]:.1f}")
 
 
-def _global_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _global_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_GLOBAL_INT: only its altitude."""
-    plane = _plane(node)
     if plane.mode is not plane.guided:
         return
     if msg["coordinate_frame"] not in (*_ABSOLUTE, *_RELATIVE):
-        node.say(WARNING, "Invalid coord frame in SET_POSTION_TARGET_GLOBAL_INT")
+        plane.say(WARNING, "Invalid coord frame in SET_POSTION_TARGET_GLOBAL_INT")
         return
     down = _down(plane, msg["alt"], msg["coordinate_frame"])
     if not msg["type_mask"] & _IGNORE_HEIGHT and down is not None:
         plane.guided.change_height(down)
 
 
-def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET: of the attitude the angles whose rate is not ignored, or all with none; a yaw is
     taken for rudder.
     """
-    plane, mask = _plane(node), msg["type_mask"]
+    mask = msg["type_mask"]
     if plane.mode is not plane.guided:
         return
     if not all(math.isfinite(part) for part in (*msg["q"], msg["thrust"])):
@@ -145,16 +139,13 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
     )
 
 
-class PlaneNode(MavNode):
+class PlaneNode(MavNode[ArduPlane]):
     """Speaks for one :class:`ArduPlane`."""
 
-    HANDLERS: ClassVar[Handlers] = {**MavNode.HANDLERS, **COMMANDS}
-    REPORTS: ClassVar[Mapping[str, Report]] = {**MavNode.REPORTS, **REPORTS}
-
-    def _own_answers(self) -> dict[str, Answer]:
-        return {
-            **super()._own_answers(),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: _local_target(self, m),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: _global_target(self, m),
-            "SET_ATTITUDE_TARGET": lambda ch, m, who: _attitude_target(self, m),
-        }
+    HANDLERS: ClassVar[Handlers] = HANDLERS
+    REPORTS: ClassVar[Mapping[str, Report]] = REPORTS
+    TARGETS: ClassVar[Mapping[str, Target]] = {
+        "SET_POSITION_TARGET_LOCAL_NED": _local_target,
+        "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
+        "SET_ATTITUDE_TARGET": _attitude_target,
+    }

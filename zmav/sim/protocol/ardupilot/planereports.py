@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.arduplane.plane import INITIALISING, ArduPlane
+from zmav.sim.protocol.ardupilot import telemetry
+from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
-from zmav.sim.protocol.reports import Fields, Report, boot_us
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.base import Fields, Report
+from zmav.sim.protocol.reports import boot_us
 
 _ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
@@ -23,13 +22,8 @@ MOTOR = 2  # of the servo outputs, from 0
 _NO_TEMPERATURE = 32767
 
 
-def _plane(node: MavNode) -> ArduPlane:
-    assert isinstance(node.vehicle, ArduPlane)
-    return node.vehicle
-
-
-def heartbeat(node: MavNode) -> Fields:
-    plane = _plane(node)
+def heartbeat(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
     mode = _STABILIZE | _CUSTOM
     if plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0:
         mode |= _MANUAL_INPUT
@@ -40,8 +34,8 @@ def heartbeat(node: MavNode) -> Fields:
     return {**status.heartbeat(node), "base_mode": mode}
 
 
-def sys_status(node: MavNode) -> Fields:
-    plane = _plane(node)
+def sys_status(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
     has = plane.boot.has
     gps, ahrs = _GPS if has("gps") else 0, _AHRS if has("prearm") else 0
     health = _HEALTHY | gps | ahrs | (_AIRSPEED if has("airspeed") else 0)
@@ -57,8 +51,8 @@ def sys_status(node: MavNode) -> Fields:
     }
 
 
-def vfr_hud(node: MavNode) -> Fields:
-    plane, s = _plane(node), node.vehicle.sense
+def vfr_hud(node: MavNode[ArduPlane]) -> Fields:
+    plane, s = node.vehicle, node.vehicle.sense
     return {
         "airspeed": plane.eas,
         "groundspeed": plane.groundspeed,
@@ -69,15 +63,15 @@ def vfr_hud(node: MavNode) -> Fields:
     }
 
 
-def airspeed(node: MavNode) -> Fields:
+def airspeed(node: MavNode[ArduPlane]) -> Fields:
     """Of the pitot tube: equivalent, and the pressure behind it in pascals."""
-    eas = _plane(node).eas
+    eas = node.vehicle.eas
     return {"airspeed": eas, "temperature": _NO_TEMPERATURE, "raw_press": eas * eas / 2.0, "flags": 2}
 
 
-def aoa_ssa(node: MavNode) -> Fields:
+def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
     """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
-    plane, s = _plane(node), node.vehicle.sense
+    plane, s = node.vehicle, node.vehicle.sense
     if plane.eas < plane.params["AIRSPEED_MIN"]:
         return {"time_usec": boot_us(node), "AOA": 0.0, "SSA": 0.0}
     wind = node.seat.wind
@@ -93,9 +87,9 @@ def aoa_ssa(node: MavNode) -> Fields:
     }
 
 
-def nav_controller_output(node: MavNode) -> Fields | None:
+def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
     """Not in MANUAL. The error of the airspeed is told times 100, as ArduPlane does."""
-    plane = _plane(node)
+    plane = node.vehicle
     if plane.mode.number == 0:
         return None
     flown, way = plane.sp.flown(), plane.way
@@ -111,14 +105,14 @@ def nav_controller_output(node: MavNode) -> Fields | None:
     }
 
 
-def position_target_global_int(node: MavNode) -> Fields | None:
-    plane = _plane(node)
+def position_target_global_int(node: MavNode[ArduPlane]) -> Fields | None:
+    plane = node.vehicle
     if plane.mode.number == 0:
         return None
     return motion.target_place(node, plane.way.end)
 
 
-def servo_output_raw(node: MavNode) -> Fields:
+def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:
     """Aileron, elevator, throttle and rudder; what DO_SET_SERVO set on the others."""
     outputs = list(node.vehicle.payload.servos)
     for index, value in enumerate(node.seat.outputs()):
@@ -127,7 +121,7 @@ def servo_output_raw(node: MavNode) -> Fields:
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
-def _motor_pulse(node: MavNode, channel: int, value: float) -> int:
+def _motor_pulse(node: MavNode[ArduPlane], channel: int, value: float) -> int:
     params = node.vehicle.params
     low, high = params[f"SERVO{channel}_MIN"], params[f"SERVO{channel}_MAX"]
     if params[f"SERVO{channel}_REVERSED"]:
@@ -135,9 +129,9 @@ def _motor_pulse(node: MavNode, channel: int, value: float) -> int:
     return round(low + value * (high - low))
 
 
-def esc_telemetry(node: MavNode) -> Fields:
+def esc_telemetry(node: MavNode[ArduPlane]) -> Fields:
     """The one motor, at the place of its output."""
-    plane, s = _plane(node), node.vehicle.sense
+    plane, s = node.vehicle, node.vehicle.sense
 
     def motor(value: int) -> list[int]:
         return [0] * MOTOR + [value, 0]
@@ -152,12 +146,8 @@ def esc_telemetry(node: MavNode) -> Fields:
     }
 
 
-def position_target_local_ned(node: MavNode) -> None:
-    """A plane has none."""
-
-
-def extended_sys_state(node: MavNode) -> Fields:
-    plane = _plane(node)
+def extended_sys_state(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
     if not plane.flying:
         return {"landed_state": 1}
     if plane.taking_off:
@@ -165,13 +155,14 @@ def extended_sys_state(node: MavNode) -> Fields:
     return {"landed_state": 4 if plane.landing.active or plane.mode.is_landing else 2}
 
 
-def fence_status(node: MavNode) -> Fields | None:
+def fence_status(node: MavNode[ArduPlane]) -> Fields | None:
     """What is done about a breach is not told."""
     fields = status.fence_status(node)
     return None if fields is None else {**fields, "breach_mitigation": 0}
 
 
 REPORTS: dict[str, Report] = {
+    **telemetry.REPORTS,
     "FENCE_STATUS": fence_status,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
@@ -180,7 +171,7 @@ REPORTS: dict[str, Report] = {
     "AOA_SSA": aoa_ssa,
     "NAV_CONTROLLER_OUTPUT": nav_controller_output,
     "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
-    "POSITION_TARGET_LOCAL_NED": position_target_local_ned,
+    "POSITION_TARGET_LOCAL_NED": lambda node: None,
     "SERVO_OUTPUT_RAW": servo_output_raw,
     "ESC_TELEMETRY_1_TO_4": esc_telemetry,
     "EXTENDED_SYS_STATE": extended_sys_state,

@@ -12,14 +12,16 @@ from typing import Any, ClassVar
 from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
-from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place, verdict
+from zmav.sim.protocol.ardupilot import duties, telemetry
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
+from zmav.sim.protocol.base import Fields, Report, Target
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
-from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.reports import Fields, Report, boot_ms, boot_us
+from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.reports import boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
@@ -35,25 +37,20 @@ _GPS, _AHRS, _PREARM, _LOGGING = 0x20, 0x00200000, 0x10000000, 0x01000000
 _STABILISES, _DRIVES = 0x0C00, 0x5000
 
 
-def _rover(node: MavNode) -> ArduRover:
-    assert isinstance(node.vehicle, ArduRover)
-    return node.vehicle
-
-
 # ---- commands
 
 
-def _change_speed(node: MavNode, c: Command) -> int:
+def _change_speed(node: MavNode[ArduRover], c: Command) -> int:
     """Airspeed is taken for ground speed; climbs and descents there are none."""
     if int(c.p1) in (2, 3):
         return DENIED
-    return verdict(_rover(node).driving_mode.set_speed(c.p2))
+    return node.vehicle.driving_mode.set_speed(c.p2)
 
 
-def _reposition(node: MavNode, c: Command) -> int:
+def _reposition(node: MavNode[ArduRover], c: Command) -> int:
     if not c.as_int:
         return COMMAND_INT_ONLY
-    rover = _rover(node)
+    rover = node.vehicle
     if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
         return DENIED
     where = place(node, c.x, c.y, c.z, c.frame)
@@ -68,39 +65,40 @@ def _reposition(node: MavNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _mission_start(node: MavNode, c: Command) -> int:
+def _mission_start(node: MavNode[ArduRover], c: Command) -> int:
     if c.p1 or c.p2:
         return DENIED
-    return verdict(_rover(node).set_mode(_AUTO))
+    return node.vehicle.set_mode(_AUTO)
 
 
-COMMANDS: Handlers = {
+HANDLERS: Handlers = {
+    # All but DO_PAUSE_CONTINUE, which every other ArduPilot takes.
+    **{number: handler for number, handler in duties.HANDLERS.items() if number != 193},
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: _reposition,
     300: _mission_start,
 }
-UNKNOWN = (193,)  # what every other ArduPilot takes
 
 
 # ---- targets
 
 
-def _refused(node: MavNode, msg: dict[str, Any], name: str) -> bool:
+def _refused(rover: ArduRover, msg: dict[str, Any], name: str) -> bool:
     """Accelerations are not taken, and it says so."""
     if msg["type_mask"] & _ACC:
         return False
-    node.say(INFO, f"Ignoring {name}; set ACC_IGNORE in mask")
+    rover.say(INFO, f"Ignoring {name}; set ACC_IGNORE in mask")
     return True
 
 
-def _local_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _local_target(rover: ArduRover, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED: a place, or a way and a speed."""
-    rover, frame = _rover(node), msg["coordinate_frame"]
+    frame = msg["coordinate_frame"]
     if not rover.takes_targets or frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET):
         return
     s, turned = rover.sense, frame in (_BODY, _BODY_OFFSET)
-    if not rover.boot.has("origin") or _refused(node, msg, "SET_POSITION_TARGET_LOCAL_NED"):
+    if not rover.boot.has("origin") or _refused(rover, msg, "SET_POSITION_TARGET_LOCAL_NED"):
         return
     if msg["type_mask"] & _POS:
         _way(rover, msg, s.yaw if turned else 0.0)
@@ -114,15 +112,14 @@ def _local_target(node: MavNode, msg: dict[str, Any]) -> None:
         rover.guided.go((about[0] + north, about[1] + east))
 
 
-def _global_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _global_target(rover: ArduRover, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_GLOBAL_INT; the altitude is not looked at."""
-    rover = _rover(node)
     if not rover.takes_targets or msg["coordinate_frame"] not in _GLOBAL:
         return
     where = point(rover, msg["lat_int"], msg["lon_int"], 0.0, 0)
     if not msg["type_mask"] & _POS and where is None:
         return
-    if _refused(node, msg, "SET_POSITION_TARGET_GLOBAL_INT"):
+    if _refused(rover, msg, "SET_POSITION_TARGET_GLOBAL_INT"):
         return
     if msg["type_mask"] & _POS or where is None:
         _way(rover, msg, 0.0)
@@ -153,9 +150,9 @@ def _way(rover: ArduRover, msg: dict[str, Any], about: float) -> None:
         rover.guided.head(yaw, speed)
 
 
-def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
+def _attitude_target(rover: ArduRover, msg: dict[str, Any]) -> None:
     """Apply a SET_ATTITUDE_TARGET: a heading or a turn rate, and the thrust as a share of WP_SPEED."""
-    rover, mask = _rover(node), msg["type_mask"]
+    mask = msg["type_mask"]
     if not rover.takes_targets or mask & _NO_THRUST or not math.isfinite(msg["thrust"]):
         return
     speed = rover.params["WP_SPEED"] * min(max(msg["thrust"], -1.0), 1.0)
@@ -171,8 +168,8 @@ def _attitude_target(node: MavNode, msg: dict[str, Any]) -> None:
 # ---- reports
 
 
-def heartbeat(node: MavNode) -> Fields:
-    rover = _rover(node)
+def heartbeat(node: MavNode[ArduRover]) -> Fields:
+    rover = node.vehicle
     mode = _CUSTOM
     if rover.driving_mode.by_stick or rover.params["STICK_MIXING"] > 0:
         mode |= _MANUAL
@@ -183,9 +180,9 @@ def heartbeat(node: MavNode) -> Fields:
     return {**status.heartbeat(node), "base_mode": mode}
 
 
-def sys_status(node: MavNode) -> Fields:
+def sys_status(node: MavNode[ArduRover]) -> Fields:
     """Controllers are enabled, and healthy, in the modes that have them."""
-    rover = _rover(node)
+    rover = node.vehicle
     mode = rover.driving_mode
     control = _STABILISES if mode.stabilises else 0
     control |= _DRIVES if mode.autopilot else 0
@@ -201,9 +198,9 @@ def sys_status(node: MavNode) -> Fields:
     }
 
 
-def vfr_hud(node: MavNode) -> Fields:
+def vfr_hud(node: MavNode[ArduRover]) -> Fields:
     """The airspeed is the speed over the ground, without a sensor of its own; a throttle backwards is one too."""
-    rover, s = _rover(node), node.vehicle.sense
+    rover, s = node.vehicle, node.vehicle.sense
     speed = math.hypot(s.vn, s.ve)
     return {
         "airspeed": speed,
@@ -215,9 +212,9 @@ def vfr_hud(node: MavNode) -> Fields:
     }
 
 
-def nav_controller_output(node: MavNode) -> Fields | None:
+def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
     """Only where it drives by itself; the bearing of the moment is told on a turn on the spot, and in LOITER."""
-    mode = _rover(node).driving_mode
+    mode = node.vehicle.driving_mode
     if not mode.autopilot:
         return None
     bearing = round(math.degrees(mode.bearing)) % 360
@@ -229,13 +226,13 @@ def nav_controller_output(node: MavNode) -> Fields | None:
     }
 
 
-def position_target_global_int(node: MavNode) -> Fields | None:
-    mode = _rover(node).driving_mode
+def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
+    mode = node.vehicle.driving_mode
     where = mode.place
     return None if where is None or not mode.autopilot else motion.target_place(node, where)
 
 
-def servo_output_raw(node: MavNode) -> Fields:
+def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
     """Steering on the first output and throttle on the third, or the sides' throttles there."""
     first, third = node.seat.outputs()
     outputs = list(node.vehicle.payload.servos)
@@ -243,60 +240,46 @@ def servo_output_raw(node: MavNode) -> Fields:
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
-def rc_channels_scaled(node: MavNode) -> Fields:
+def rc_channels_scaled(node: MavNode[ArduRover]) -> Fields:
     """Steering and throttle, -10000 to 10000."""
     first, third = node.seat.outputs()
     fields = {"chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
     return {"time_boot_ms": boot_ms(node), "rssi": 255, **fields}
 
 
-def extended_sys_state(node: MavNode) -> Fields:
-    """A rover does not say whether it has landed."""
-    return {"landed_state": 0}
-
-
-def nothing(node: MavNode) -> None:
-    """A message that there is no such thing for."""
-
-
 REPORTS: dict[str, Report] = {
+    **telemetry.REPORTS,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,
     "NAV_CONTROLLER_OUTPUT": nav_controller_output,
     "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
-    "POSITION_TARGET_LOCAL_NED": nothing,
+    "POSITION_TARGET_LOCAL_NED": lambda node: None,
     "SERVO_OUTPUT_RAW": servo_output_raw,
     "RC_CHANNELS_SCALED": rc_channels_scaled,
-    "EXTENDED_SYS_STATE": extended_sys_state,
-    "ESC_TELEMETRY_1_TO_4": nothing,
-    "TERRAIN_REPORT": nothing,
-    "WIND": nothing,
+    "EXTENDED_SYS_STATE": lambda node: {"landed_state": 0},  # it does not say whether it has landed
+    "ESC_TELEMETRY_1_TO_4": lambda node: None,
+    "TERRAIN_REPORT": lambda node: None,
+    "WIND": lambda node: None,
 }
 
 
-class RoverNode(MavNode):
+class RoverNode(MavNode[ArduRover]):
     """Speaks for one :class:`ArduRover`."""
 
-    HANDLERS: ClassVar[Handlers] = {
-        **{number: handler for number, handler in MavNode.HANDLERS.items() if number not in UNKNOWN},
-        **COMMANDS,
+    HANDLERS: ClassVar[Handlers] = HANDLERS
+    REPORTS: ClassVar[Mapping[str, Report]] = REPORTS
+    TARGETS: ClassVar[Mapping[str, Target]] = {
+        "SET_POSITION_TARGET_LOCAL_NED": _local_target,
+        "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
+        "SET_ATTITUDE_TARGET": _attitude_target,
     }
-    REPORTS: ClassVar[Mapping[str, Report]] = {**MavNode.REPORTS, **REPORTS}
-
-    def _own_answers(self) -> dict[str, Answer]:
-        return {
-            **super()._own_answers(),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: _local_target(self, m),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: _global_target(self, m),
-            "SET_ATTITUDE_TARGET": lambda ch, m, who: _attitude_target(self, m),
-        }
 
     def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """Steering and throttle, -1000 to 1000: the throttle goes both ways."""
         if msg["target"] != self.sysid or not self._from_gcs(sender):
             return
-        rover = _rover(self)
+        rover = self.vehicle
         for number, value in ((1, msg["y"]), (3, msg["z"])):
             low, high = rover.params[f"RC{number}_MIN"], rover.params[f"RC{number}_MAX"]
             pwm = 0 if value == _NO_AXIS else max(int(low + (high - low) * (value + 1000) / 2000.0), 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
-from zmav.sim.protocol.reports import Report
+from zmav.sim.protocol.base import Report
 
 REPORTS: dict[str, Report] = {
     "HEARTBEAT": status.heartbeat,

@@ -8,8 +8,6 @@ level.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.modes import (
@@ -25,6 +23,7 @@ from zmav.sim.autopilots.px4.modes import (
     Mode,
 )
 from zmav.sim.control.setpoints import Vector
+from zmav.sim.protocol.base import Handler
 from zmav.sim.protocol.command import (
     ACCEPTED,
     CHANGE_MODE,
@@ -37,34 +36,12 @@ from zmav.sim.protocol.command import (
     Command,
 )
 from zmav.sim.protocol.px4.links import UDP
+from zmav.sim.protocol.px4.node import Px4Node
 from zmav.sim.protocol.px4.setpoint import point
-from zmav.sim.protocol.px4.telemetry import REPORTS
 
-if TYPE_CHECKING:
-    from zmav.sim.protocol.px4.node import Px4Node
-
-_SET_MODE = 176
 _REBOOT = 1
 _AVAILABLE_MODES = 435
 _UNRATED = ("HEARTBEAT", "MISSION_CURRENT")  # sent at a rate of their own
-
-
-Handler = Callable[["Px4Node", Command], int]
-
-
-def run(node: Px4Node, command: Command) -> None:
-    """Carry out, and acknowledge to who asked on the link it came by."""
-    channel, handler = command.channel, HANDLERS.get(command.number)
-    if command.number == _SET_MODE:
-        channel.acknowledge(command.number, ACCEPTED, command.sender)  # the receiver's, that passes it on
-    if command.number in COMMANDS_NOT_SIMULATED:
-        node.copter.say(4, f"MAV_CMD {command.number} is not simulated\t")
-    result = UNSUPPORTED if handler is None else handler(node, command)
-    channel.acknowledge(command.number, result, command.sender)
-
-
-def _verdict(done: bool) -> int:
-    return ACCEPTED if done else TEMPORARILY_REJECTED
 
 
 # ---- the commander's
@@ -78,23 +55,20 @@ def _set_mode(node: Px4Node, c: Command) -> int:
         node.copter.say(4, f"{NOT_SIMULATED[numbers]} is not simulated\t")
         return UNSUPPORTED
     mode = BY_NUMBERS.get(numbers)
-    return _verdict(mode is not None and node.copter.set_mode(mode))
+    return mode is not None and node.copter.set_mode(mode)
 
 
 def _arm_disarm(node: Px4Node, c: Command) -> int:
     forced = c.p2 == FORCE
     if c.p1 == 1:
-        return _verdict(node.copter.arm(forced=forced))
+        return node.copter.arm(forced=forced)
     if c.p1 == 0:
-        return _verdict(node.copter.disarm(forced=forced))
+        return node.copter.disarm(forced=forced)
     return UNSUPPORTED
 
 
 def _enter(mode: Mode) -> Handler:
-    def handler(node: Px4Node, c: Command) -> int:
-        return _verdict(node.copter.set_mode(mode))
-
-    return handler
+    return lambda node, c: node.copter.set_mode(mode)
 
 
 def _takeoff(node: Px4Node, c: Command) -> int:
@@ -103,7 +77,7 @@ def _takeoff(node: Px4Node, c: Command) -> int:
     done = node.copter.set_mode(TAKEOFF)
     if not done:
         navigator.takeoff_amsl = None
-    return _verdict(done)
+    return done
 
 
 def _reposition(node: Px4Node, c: Command) -> int:
@@ -177,7 +151,7 @@ def _mission_start(node: Px4Node, c: Command) -> int:
         return TEMPORARILY_REJECTED
     if not copter.armed and not copter.arm():
         return TEMPORARILY_REJECTED
-    return _verdict(copter.set_mode(MISSION))
+    return copter.set_mode(MISSION)
 
 
 def _run_checks(node: Px4Node, c: Command) -> int:
@@ -190,7 +164,7 @@ def _run_checks(node: Px4Node, c: Command) -> int:
 
 def _set_interval(node: Px4Node, c: Command) -> int:
     name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    if name not in REPORTS or name in _UNRATED or not math.isfinite(c.p2):
+    if not name or name in _UNRATED or not math.isfinite(c.p2):
         return FAILED
     period = node.usual_period(c.channel, name) if c.p2 == 0 else max(c.p2 / 1e6, 0.0)
     c.channel.streams.set_period(name, period, node.copter.now)
@@ -231,7 +205,7 @@ def _request_message(node: Px4Node, c: Command) -> int:
     if c.p1 == _AVAILABLE_MODES:
         return _available_modes(node, c)
     name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    if name not in REPORTS:
+    if not name:
         return DENIED
     # PX4 sends it at once, and then the acknowledgement.
     node.report(c.channel, name)
@@ -246,14 +220,12 @@ def _ask_for(name: str) -> Handler:
     return handler
 
 
-COMMANDS_NOT_SIMULATED = (34, 35, 186, 310)  # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
-
 HANDLERS: dict[int, Handler] = {
     17: _enter(HOLD),  # NAV_LOITER_UNLIM
     20: _enter(RTL),
     21: _enter(LAND),
     22: _takeoff,
-    _SET_MODE: _set_mode,
+    176: _set_mode,
     178: _change_speed,
     179: _set_home,
     185: _terminate,

@@ -6,16 +6,14 @@ Messages: https://mavlink.io/en/messages/common.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.px4.ground import Stage
 from zmav.sim.autopilots.px4.modes import LAND, OFFBOARD
 from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol import reports
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.base import Fields
+from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7
 
 
 def odometry(node: Px4Node) -> Fields | None:

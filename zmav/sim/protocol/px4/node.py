@@ -1,23 +1,25 @@
-"""One PX4's MAVLink face: what it sends by itself on which link, and who answers what comes in."""
+"""One PX4's MAVLink face: what it sends by itself on which link, and who answers what comes in; what it reports and
+which commands it takes is joined to it in :mod:`.copter`.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
-from zmav.sim.protocol.base import Node
+from zmav.sim.protocol.base import Node, Target
 from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.command import read_command
-from zmav.sim.protocol.part import Answer, Sender
-from zmav.sim.protocol.px4 import commands, links, setpoint
+from zmav.sim.protocol.command import TEMPORARILY_REJECTED
+from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.px4 import links, setpoint
 from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.messages import px4_dialect
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
-from zmav.sim.protocol.px4.telemetry import REPORTS
 from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
@@ -31,9 +33,19 @@ class Px4Node(Node):
     SYSID_PARAM: ClassVar[str] = "MAV_SYS_ID"
     TIMESYNC_PERIOD_S: ClassVar[float] = math.inf  # it is one of the streams
     STANDS_IN: ClassVar[bool] = False
+    REFUSED: ClassVar[int] = TEMPORARILY_REJECTED
+    ANSWERED_TWICE: ClassVar[tuple[int, ...]] = (176,)  # DO_SET_MODE: by the receiver, that passes it on, as well
+    COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (34, 35, 186, 310)
+    # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
+    TEXT_END: ClassVar[str] = "\t"
+    TARGETS: ClassVar[Mapping[str, Target]] = {
+        "SET_POSITION_TARGET_LOCAL_NED": setpoint.local_target,
+        "SET_POSITION_TARGET_GLOBAL_INT": setpoint.global_target,
+        "SET_ATTITUDE_TARGET": setpoint.attitude_target,
+    }
 
     def __init__(self, copter: Px4Copter, *, uid: int, epoch_us: int, firmware: str = "1.16") -> None:
-        super().__init__(copter, px4_dialect(), REPORTS, uid=uid, epoch_us=epoch_us)
+        super().__init__(copter, px4_dialect(), uid=uid, epoch_us=epoch_us)
         self.copter = copter
         self.firmware = firmware
         self.imu_seen = (-1, -1)
@@ -48,31 +60,14 @@ class Px4Node(Node):
         stores = (copter.mission.items, copter.fence, copter.rally)
         self.add(Px4MissionProtocol(stores, self.say, lambda: copter.now, copter.mission.renew))
         copter.mission.reached = self._item_reached
-        for name, answer in self._own_answers().items():
-            self.answer(name, answer)
-
-    def _own_answers(self) -> dict[str, Answer]:
-        copter = self.copter
-        torques: dict[str, Answer] = {
-            "SET_ACTUATOR_CONTROL_TARGET": lambda ch, m, who: setpoint.actuator_target(copter, m)
-        }
-        return {
-            **(torques if self.firmware == TAKES_TORQUES else {}),
-            "HEARTBEAT": self._heartbeat,
-            "SET_MODE": self._set_mode,
-            "MANUAL_CONTROL": self._manual_control,
-            "MISSION_SET_CURRENT": self._set_current,
-            "COMMAND_LONG": lambda ch, m, who: commands.run(self, read_command(m, ch, who)),
-            "COMMAND_INT": lambda ch, m, who: commands.run(self, read_command(m, ch, who)),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda ch, m, who: setpoint.local_target(copter, m),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda ch, m, who: setpoint.global_target(copter, m),
-            "SET_ATTITUDE_TARGET": lambda ch, m, who: setpoint.attitude_target(copter, m),
-        }
+        self.answer("HEARTBEAT", self._heartbeat)
+        self.answer("SET_MODE", self._set_mode)
+        self.answer("MANUAL_CONTROL", self._manual_control)
+        self.answer("MISSION_SET_CURRENT", self._set_current)
+        if firmware == TAKES_TORQUES:
+            self.take_target("SET_ACTUATOR_CONTROL_TARGET", setpoint.actuator_target)
 
     # ---- out
-
-    def fields(self, name: str) -> dict[str, Any] | None:
-        return REPORTS[name](self)
 
     def greet(self, channel: Channel) -> None:
         """Start the streams of that link."""
@@ -94,20 +89,12 @@ class Px4Node(Node):
     def restart(self) -> None:
         super().restart()
         self._with_ground.clear()
-        for channel in self.channels:
-            self.greet(channel)
 
     def say(self, severity: int, text: str) -> None:
         """A STATUSTEXT where a ground station was heard, and nowhere else; and into the log."""
         self.storage.flight_log.say(severity, text)
         for channel in self._with_ground:
             channel.send("STATUSTEXT", severity=severity, text=text[:50])
-
-    def announce(self) -> None:
-        """Where the origin and home are now."""
-        for channel in self.channels:
-            self.report(channel, "GPS_GLOBAL_ORIGIN")
-            self.report(channel, "HOME_POSITION")
 
     # ---- in
 

@@ -6,12 +6,10 @@ Messages: https://mavlink.io/en/messages/common.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.base import Fields
+from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000

@@ -5,20 +5,16 @@ Messages: https://mavlink.io/en/messages/common.html
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, int16
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.base import GIT_HASH, Fields
+from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.reports import boot_ms, boot_us, int16
 
 # Float and int missions, int commands, bytewise parameters, FTP, attitude, position and global targets, termination,
 # MAVLink 2, fence, rally: what PX4 1.16.1 says of itself, and its version.
 CAPABILITIES = 0xE8FF
 TAKES_TORQUE = 0x400  # MAV_PROTOCOL_CAPABILITY_SET_ACTUATOR_TARGET, now reserved
 VERSIONS = {"1.16": 0x011001FF, "1.13": 0x010D03FF}
-GIT_HASH = "zmav-sim"
 _ARMED, _MANUAL, _STABILIZE, _GUIDED, _AUTO, _CUSTOM = 128, 64, 16, 8, 4, 1  # MAV_MODE_FLAG
 _PRESENT, _ENABLED, _HEALTHY, _PREARM = 0x0300402F, 0x0301402F, 0x0320C83F, 0x10000000
 _GPS = 0x20  # MAV_SYS_STATUS_SENSOR

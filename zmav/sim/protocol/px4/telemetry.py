@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
 from zmav.sim.protocol import reports as base
+from zmav.sim.protocol.base import Report
 from zmav.sim.protocol.px4 import motion, sensors, status
-from zmav.sim.protocol.reports import Fields
 
-if TYPE_CHECKING:
-    from zmav.sim.protocol.px4.node import Px4Node
-
-REPORTS: dict[str, Callable[[Px4Node], Fields | None]] = {
+REPORTS: dict[str, Report] = {
     "HEARTBEAT": status.heartbeat,
     "SYS_STATUS": status.sys_status,
     "SYSTEM_TIME": status.system_time,

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav import rotation
 from zmav.sim.autopilots.ardupilot.targets import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position
 from zmav.sim.protocol import reports
-from zmav.sim.protocol.reports import Fields, boot_ms, centidegrees, e7
+from zmav.sim.protocol.ardupilot.node import ArduNode
+from zmav.sim.protocol.base import Fields
+from zmav.sim.protocol.reports import boot_ms, centidegrees, e7
 
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
 
-
-def global_position_int(node: MavNode) -> Fields:
+def global_position_int(node: ArduNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("gps"):
         return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
     return reports.global_position_int(node)
 
 
-def vfr_hud(node: MavNode) -> Fields:
+def vfr_hud(node: ArduNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
     speed = math.hypot(s.vn, s.ve)
     wind_n, wind_e, wind_d = node.seat.wind
@@ -37,7 +35,7 @@ def vfr_hud(node: MavNode) -> Fields:
     }
 
 
-def attitude_target(node: MavNode) -> Fields | None:
+def attitude_target(node: ArduNode) -> Fields | None:
     """Copter's."""
     wanted = node.seat.wanted()
     if wanted.thrust is None:
@@ -45,17 +43,17 @@ def attitude_target(node: MavNode) -> Fields | None:
     return reports.attitude_target(node, wanted.rate, wanted.thrust if node.vehicle.armed else 0.0)
 
 
-def home_position(node: MavNode) -> Fields | None:
+def home_position(node: ArduNode) -> Fields | None:
     if not node.vehicle.boot.has("origin"):
         return None
     return {**reports.home_position(node), "q": [math.nan] * 4}
 
 
-def gps_global_origin(node: MavNode) -> Fields | None:
+def gps_global_origin(node: ArduNode) -> Fields | None:
     return reports.gps_global_origin(node) if node.vehicle.boot.has("origin") else None
 
 
-def nav_controller_output(node: MavNode) -> Fields:
+def nav_controller_output(node: ArduNode) -> Fields:
     s = node.vehicle.sense
     roll, pitch, _ = rotation.euler((s.want_qw, s.want_qx, s.want_qy, s.want_qz))
     fields: Fields = {
@@ -74,7 +72,7 @@ def nav_controller_output(node: MavNode) -> Fields:
     return fields
 
 
-def _held_position(node: MavNode) -> Vector | None:
+def _held_position(node: ArduNode) -> Vector | None:
     """The position that GUIDED or a mission flies to or holds, in the world's NED."""
     vehicle, guided = node.vehicle, node.vehicle.guided
     if vehicle.mode is vehicle.auto and vehicle.armed:
@@ -84,7 +82,7 @@ def _held_position(node: MavNode) -> Vector | None:
     return None
 
 
-def position_target_local_ned(node: MavNode) -> Fields | None:
+def position_target_local_ned(node: ArduNode) -> Fields | None:
     vehicle, guided = node.vehicle, node.vehicle.guided
     if vehicle.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
         return None
@@ -106,14 +104,14 @@ def position_target_local_ned(node: MavNode) -> Fields | None:
     return fields
 
 
-def position_target_global_int(node: MavNode) -> Fields | None:
+def position_target_global_int(node: ArduNode) -> Fields | None:
     pos = _held_position(node)
     if pos is None:
         return None
     return target_place(node, pos)
 
 
-def target_place(node: MavNode, pos: Vector) -> Fields:
+def target_place(node: ArduNode, pos: Vector) -> Fields:
     """POSITION_TARGET_GLOBAL_INT of a place alone."""
     place = node.vehicle.place(pos)
     return {
@@ -125,7 +123,7 @@ def target_place(node: MavNode, pos: Vector) -> Fields:
     }
 
 
-def simstate(node: MavNode) -> Fields:
+def simstate(node: ArduNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
     true: Position = vehicle.place((s.true_north, s.true_east, s.true_down))
     return {
@@ -143,11 +141,11 @@ def simstate(node: MavNode) -> Fields:
     }
 
 
-def ahrs(node: MavNode) -> Fields:
+def ahrs(node: ArduNode) -> Fields:
     return {"error_rp": 0.004, "error_yaw": 0.004}
 
 
-def ahrs2(node: MavNode) -> Fields | None:
+def ahrs2(node: ArduNode) -> Fields | None:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("ekf_started"):
         return None

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav import rotation
 from zmav.sim.dynamics.airframe import GRAVITY
-from zmav.sim.protocol.reports import Fields, boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.protocol.ardupilot.node import ArduNode
+from zmav.sim.protocol.base import Fields
+from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7, int16
 from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
 
 MOST_RPM = 10_000.0
 _RTK = 6  # GPS_FIX_TYPE: what SITL's receiver claims
@@ -21,7 +19,7 @@ RECEIVED = 8  # channels of the receiver
 _LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 
 
-def gps_raw_int(node: MavNode) -> Fields:
+def gps_raw_int(node: ArduNode) -> Fields:
     vehicle = node.vehicle
     fix = node.seat.fix() if vehicle.boot.has("gps") else None
     if fix is None:
@@ -44,20 +42,20 @@ def gps_raw_int(node: MavNode) -> Fields:
     }
 
 
-def raw_imu(node: MavNode) -> Fields:
+def raw_imu(node: ArduNode) -> Fields:
     return {"time_usec": boot_us(node), **_imu(node)}
 
 
-def scaled_imu2(node: MavNode) -> Fields:
+def scaled_imu2(node: ArduNode) -> Fields:
     return {"time_boot_ms": boot_ms(node), **_imu(node)}
 
 
-def scaled_imu3(node: MavNode) -> Fields:
+def scaled_imu3(node: ArduNode) -> Fields:
     """There are two accelerometers and gyroscopes, but three compasses."""
     return {"time_boot_ms": boot_ms(node), **_compass(node.seat.readings())}
 
 
-def _imu(node: MavNode) -> Fields:
+def _imu(node: ArduNode) -> Fields:
     seen = node.seat.readings()
     to_mg = 1000.0 / GRAVITY
     return {
@@ -78,7 +76,7 @@ def _compass(seen: Readings) -> Fields:
     return {"xmag": x, "ymag": y, "zmag": z}
 
 
-def scaled_pressure(node: MavNode) -> Fields:
+def scaled_pressure(node: ArduNode) -> Fields:
     seen = node.seat.readings()
     return {
         "time_boot_ms": boot_ms(node),
@@ -88,18 +86,18 @@ def scaled_pressure(node: MavNode) -> Fields:
     }
 
 
-def scaled_pressure2(node: MavNode) -> Fields:
+def scaled_pressure2(node: ArduNode) -> Fields:
     """The second barometer; no pitot tube is with it."""
     return {**scaled_pressure(node), "press_diff": 0.0}
 
 
-def _pitot(node: MavNode, seen: Readings) -> float:
+def _pitot(node: ArduNode, seen: Readings) -> float:
     """Of the tube, where there is one."""
     params = node.vehicle.params
     return seen.diff_pressure_hpa if "ARSPD_TYPE" in params and params["ARSPD_TYPE"] > 0 else 0.0
 
 
-def rangefinder(node: MavNode) -> Fields | None:
+def rangefinder(node: ArduNode) -> Fields | None:
     """The downward one, where RNGFND1_TYPE names any; 0 m without an echo."""
     if node.vehicle.params["RNGFND1_TYPE"] <= 0:
         return None
@@ -107,7 +105,7 @@ def rangefinder(node: MavNode) -> Fields | None:
     return {"distance": 0.0 if math.isnan(metres) else metres, "voltage": 0.0}
 
 
-def distance_sensor(node: MavNode) -> Fields | None:
+def distance_sensor(node: ArduNode) -> Fields | None:
     if node.vehicle.params["RNGFND1_TYPE"] <= 0:
         return None
     metres = node.seat.readings().range_m
@@ -120,7 +118,7 @@ def distance_sensor(node: MavNode) -> Fields | None:
     }
 
 
-def terrain_report(node: MavNode) -> Fields | None:
+def terrain_report(node: ArduNode) -> Fields | None:
     """The flat ground, as one who has no terrain data says it."""
     vehicle = node.vehicle
     if not vehicle.boot.has("gps"):
@@ -129,7 +127,7 @@ def terrain_report(node: MavNode) -> Fields | None:
     return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
 
 
-def esc_telemetry(node: MavNode) -> Fields:
+def esc_telemetry(node: ArduNode) -> Fields:
     turning = [round(MOST_RPM * speed) for speed in node.seat.rotor_speeds()[:4]]
     volts = round(node.vehicle.voltage * 100)
     amps = min(round(node.vehicle.sense.current_a * 100 / node.vehicle.MOTORS), 65535)
@@ -143,27 +141,27 @@ def esc_telemetry(node: MavNode) -> Fields:
     }
 
 
-def vibration(node: MavNode) -> Fields:
+def vibration(node: ArduNode) -> Fields:
     level = (0.02 if not node.vehicle.landed else 0.003) + node.seat.vibration
     axes = {f"vibration_{axis}": level for axis in "xyz"}
     clipped = int(node.seat.clipped)
     return {"time_usec": boot_us(node), **axes, "clipping_0": clipped, "clipping_1": clipped}
 
 
-def rc_channels(node: MavNode) -> Fields:
+def rc_channels(node: ArduNode) -> Fields:
     pwm = node.vehicle.rc.pwm
     fields: Fields = {f"chan{i}_raw": value % 65536 for i, value in enumerate(pwm, start=1)}
     return {"time_boot_ms": boot_ms(node), "chancount": RECEIVED, "rssi": 255, **fields}
 
 
-def servo_output_raw(node: MavNode) -> Fields:
+def servo_output_raw(node: ArduNode) -> Fields:
     """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
     outputs = [round(1000 + 1000 * u) for u in node.seat.outputs()]
     outputs += node.vehicle.payload.servos[len(outputs) :]
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
-def centred_pulse(node: MavNode, channel: int, value: float) -> int:
+def centred_pulse(node: ArduNode, channel: int, value: float) -> int:
     """Of an output that goes from -1 to 1 about its trim, us."""
     params = node.vehicle.params
     low, middle, high = (params[f"SERVO{channel}_{part}"] for part in ("MIN", "TRIM", "MAX"))
@@ -172,7 +170,7 @@ def centred_pulse(node: MavNode, channel: int, value: float) -> int:
     return round(middle + value * (high - middle if value > 0 else middle - low))
 
 
-def relay_status(node: MavNode) -> Fields:
+def relay_status(node: ArduNode) -> Fields:
     payload = node.vehicle.payload
     present = [i for i in range(len(payload.relays)) if payload.has_relay(i)]
     return {
@@ -182,7 +180,7 @@ def relay_status(node: MavNode) -> Fields:
     }
 
 
-def camera_feedback(node: MavNode) -> Fields | None:
+def camera_feedback(node: ArduNode) -> Fields | None:
     """The last picture."""
     vehicle, camera = node.vehicle, node.vehicle.payload.camera
     if not camera.pictures:
@@ -202,7 +200,7 @@ def camera_feedback(node: MavNode) -> Fields | None:
     }
 
 
-def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
+def gimbal_device_attitude_status(node: ArduNode) -> Fields | None:
     """Where the gimbal points: about the nose, or about north where it is locked to that."""
     gimbal = node.vehicle.payload.gimbal
     if not gimbal.present:
@@ -223,7 +221,7 @@ def gimbal_device_attitude_status(node: MavNode) -> Fields | None:
     }
 
 
-def wind(node: MavNode) -> Fields | None:
+def wind(node: ArduNode) -> Fields | None:
     vehicle = node.vehicle
     if not vehicle.position_ok:
         return None

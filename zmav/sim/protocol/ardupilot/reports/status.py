@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from zmav.sim.autopilots.ardupilot.boot import Flag
 from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, FLOOR, POLYGON
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.protocol.reports import Fields, boot_ms, int16
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.node import ArduNode
+from zmav.sim.protocol.base import GIT_HASH, Fields
+from zmav.sim.protocol.reports import boot_ms, int16
 
 # AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, FTP, attitude and
 # position targets, flight termination, MAVLink 2, values cast to float, fences and rally points as missions.
 CAPABILITIES = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x40 | 0x80 | 0x100 | 0x800 | 0x2000 | 0x4000 | 0x8000
 VERSION = 0x04070000  # 4.7.0-dev
-GIT_HASH = "zmav-sim"
 
 _ARMED, _MANUAL, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 _PREARM_BIT = 0x10000000
@@ -28,7 +24,7 @@ _SENSORS_HEALTHY = 0x47719C2F
 _SENSORS_BOOTING = 0x5331FC0F, 0x52019C0F, 0x45119C0B
 
 
-def heartbeat(node: MavNode) -> Fields:
+def heartbeat(node: ArduNode) -> Fields:
     vehicle = node.vehicle
     mode = _MANUAL | _STABILIZE | _CUSTOM
     if vehicle.mode.needs_position or vehicle.mode.number == 9 or vehicle.system_status == 1:
@@ -45,7 +41,7 @@ def heartbeat(node: MavNode) -> Fields:
     }
 
 
-def sys_status(node: MavNode) -> Fields:
+def sys_status(node: ArduNode) -> Fields:
     vehicle = node.vehicle
     if not vehicle.boot.has("gps"):
         present, enabled, health = _SENSORS_BOOTING
@@ -67,7 +63,7 @@ def sys_status(node: MavNode) -> Fields:
     }
 
 
-def battery_status(node: MavNode) -> Fields:
+def battery_status(node: ArduNode) -> Fields:
     vehicle = node.vehicle
     volts = vehicle.voltage
     return {
@@ -81,24 +77,24 @@ def battery_status(node: MavNode) -> Fields:
     }
 
 
-def _battery_left(node: MavNode) -> int:
+def _battery_left(node: ArduNode) -> int:
     return round(100.0 * node.vehicle.battery_left)
 
 
-def power_status(node: MavNode) -> Fields:
+def power_status(node: ArduNode) -> Fields:
     return {"Vcc": 5000}
 
 
-def meminfo(node: MavNode) -> Fields:
+def meminfo(node: ArduNode) -> Fields:
     return {"freemem": 65535, "freemem32": 524288}
 
 
-def system_time(node: MavNode) -> Fields:
+def system_time(node: ArduNode) -> Fields:
     unix = node.unix_us if node.vehicle.boot.has("gps") else 0
     return {"time_unix_usec": unix, "time_boot_ms": boot_ms(node)}
 
 
-def ekf_status_report(node: MavNode) -> Fields:
+def ekf_status_report(node: ArduNode) -> Fields:
     flags, ratios = node.vehicle.ekf_flags, node.vehicle.filter.ratios
     known = 0.0 if flags in (Flag(0), Flag.UNINITIALIZED) else 1.0
     return {
@@ -110,7 +106,7 @@ def ekf_status_report(node: MavNode) -> Fields:
     }
 
 
-def extended_sys_state(node: MavNode) -> Fields:
+def extended_sys_state(node: ArduNode) -> Fields:
     vehicle = node.vehicle
     if vehicle.armed and vehicle.taking_off:
         return {"landed_state": 3}
@@ -119,7 +115,7 @@ def extended_sys_state(node: MavNode) -> Fields:
     return {"landed_state": 4 if vehicle.mode.is_landing else 2}
 
 
-def mission_current(node: MavNode) -> Fields:
+def mission_current(node: ArduNode) -> Fields:
     """MISSION_STATE: none there, not started, active, paused or complete."""
     vehicle, mission = node.vehicle, node.vehicle.mission
     running = 4 if vehicle.auto.paused else 3
@@ -132,7 +128,7 @@ def mission_current(node: MavNode) -> Fields:
     }
 
 
-def fence_status(node: MavNode) -> Fields | None:
+def fence_status(node: ArduNode) -> Fields | None:
     fence = node.vehicle.fence
     if not fence.enabled:
         return None
@@ -146,7 +142,7 @@ def fence_status(node: MavNode) -> Fields | None:
     }
 
 
-def autopilot_version(node: MavNode) -> Fields:
+def autopilot_version(node: ArduNode) -> Fields:
     return {
         "capabilities": CAPABILITIES,
         "flight_sw_version": VERSION,
