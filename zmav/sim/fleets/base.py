@@ -96,11 +96,8 @@ class Wanted(NamedTuple):
 
 
 class Fleet(ABC):
-    """N vehicles of one airframe; the order of vehicles is that of the columns of every array.
-
-    ``advance`` of a subclass calls :meth:`blow` first, :meth:`overrule` when the controllers have set the actuators,
-    ``estimate.refresh()`` after each step of the physics, and at the end of the tick ``estimate.observe(dt)`` and
-    ``battery.step(current, dt)``; its controllers see ``estimate`` and never the truth.
+    """N vehicles of one airframe; the order of vehicles is that of the columns of every array. ``dt``: seconds of a
+    step of the physics. Controllers of a subclass see ``estimate`` and never the truth.
     """
 
     ACTUATORS: ClassVar[tuple[str, ...]] = ("throttle",)
@@ -116,6 +113,7 @@ class Fleet(ABC):
         self.around = around
         self.pace = 1
         """ticks of the world for one at 100 Hz, by which slower loops are counted"""
+        self.ticks = 0
         self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
         self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
         self.battery = Battery(pack or Pack(), dynamics.n)
@@ -132,9 +130,25 @@ class Fleet(ABC):
             self.air.dt = dt
             self.dynamics.wind[:] = self.air.step(self.dynamics.pos, self.dynamics.vel)
 
-    @abstractmethod
     def advance(self, steps: int) -> None:
-        """One tick: ``steps`` steps of controllers and physics, then the sensors."""
+        """One tick: the controllers, ``steps`` steps of the physics, then the sensors."""
+        dyn, tick = self.dynamics, steps * self.dynamics.dt
+        self.blow(tick)
+        self.control_tick(self.ticks, tick)
+        self.ticks += 1
+        for _ in range(steps):
+            self.control_step()
+            self.overrule()
+            dyn.step()
+            self.estimate.refresh()
+        self.estimate.observe(tick)
+        self.battery.step(dyn.current(), tick)
+
+    def control_tick(self, number: int, tick_s: float) -> None:  # noqa: B027 - not every fleet has controllers
+        """The controllers' part of tick ``number``, of ``tick_s`` seconds."""
+
+    def control_step(self) -> None:  # noqa: B027 - nor loops as quick as that
+        """Their part of each step of the physics."""
 
     def thickness(self) -> Array:
         """Density of the air about each vehicle now, (N,), kg/m^3."""
@@ -207,15 +221,6 @@ class Fleet(ABC):
                 inputs[..., index] = held[name]
             setattr(self.dynamics, name, inputs)
 
-    def readings(self, index: int) -> Readings:
-        """What one vehicle's sensors measure now."""
-        return self.sensors.readings(index)
-
-    def wind(self, index: int) -> Vector:
-        """Of the air about one vehicle, m/s NED."""
-        north, east, down = self.dynamics.wind[:, index].tolist()
-        return north, east, down
-
 
 class Seat:
     """One vehicle's place in its fleet."""
@@ -238,7 +243,8 @@ class Seat:
         return self.fleet.wanted(self.index)
 
     def readings(self) -> Readings:
-        return self.fleet.readings(self.index)
+        """What its sensors measure now."""
+        return self.fleet.sensors.readings(self.index)
 
     def trouble(self, cause: str, trouble: Trouble) -> None:
         """That is what ``cause`` does to its sensors from now on."""
@@ -281,4 +287,6 @@ class Seat:
 
     @property
     def wind(self) -> Vector:
-        return self.fleet.wind(self.index)
+        """Of the air about it, m/s NED."""
+        north, east, down = self.fleet.dynamics.wind[:, self.index].tolist()
+        return north, east, down

@@ -49,8 +49,6 @@ class CopterFleet(Fleet):
         self.setpoints = Setpoints(n, px4_gains(n) if px4 else arducopter_gains(n))
         loops = Px4Cascade if px4 else Cascade
         self.cascade = loops(self.airframe, self.setpoints, start, yaw)
-        self._dt = dt
-        self._ticks = 0
         self._lost = self.dynamics.efficiency < LOST
         self.sensors.throttle = self._table[26]
         self.estimate.jumped, self.estimate.turned = self._jumped, self._turned
@@ -59,27 +57,21 @@ class CopterFleet(Fleet):
         return self.setpoints.handle(index)
 
     def advance(self, steps: int) -> None:
-        """One tick: ``steps`` steps of inner loops and physics, then the sensors; every other tick the outer loops
-        first.
-        """
-        est, dyn = self.estimate, self.dynamics
-        self.blow(steps * self._dt)
-        if self._ticks % (AIR_EVERY * self.pace) == 0:
-            dyn.density = self.thickness()
+        super().advance(steps)
+        self.dynamics.supply = self.battery.volts / self.airframe.battery_v
+
+    def control_tick(self, number: int, tick_s: float) -> None:
+        """Every other tick the outer loops."""
+        if number % (AIR_EVERY * self.pace) == 0:
+            self.dynamics.density = self.thickness()
             self._look_at_rotors()
         outer_every = OUTER_EVERY * self.pace
-        if self._ticks % outer_every == 0:
-            self.cascade.outer(est, outer_every * steps * self._dt)
-        self._ticks += 1
-        self.cascade.level(est)
-        for _ in range(steps):
-            dyn.throttle = self.cascade.inner(est, self._dt)
-            self.overrule()
-            dyn.step()
-            est.refresh()
-        est.observe(steps * self._dt)
-        self.battery.step(dyn.current(), steps * self._dt)
-        dyn.supply = self.battery.volts / self.airframe.battery_v
+        if number % outer_every == 0:
+            self.cascade.outer(self.estimate, outer_every * tick_s)
+        self.cascade.level(self.estimate)
+
+    def control_step(self) -> None:
+        self.dynamics.throttle = self.cascade.inner(self.estimate, self.dynamics.dt)
 
     def _jumped(self, index: int, by: Vector) -> None:
         """A filter has set the position again: what is held and flown to moves along, so that nobody darts off."""

@@ -35,34 +35,21 @@ class PlaneFleet(Fleet):
         eas2tas = math.sqrt(SEA_LEVEL_DENSITY / float(density(np.array(around.place.alt_amsl_m))))
         self.targets = PlaneTargets(start.shape[1])
         self.control = PlaneControl(self.targets, eas2tas)
-        self._dt = dt
-        self._ticks = 0
         self.sensors.throttle = self._table[26]
 
     def handle(self, index: int) -> PlaneHandle:
         return PlaneHandle(self.targets, index, lambda: self.control.flown(index), self.control.eas2tas)
 
-    def advance(self, steps: int) -> None:
-        """One tick: attitude and rates, every fifth time guidance and energy; then ``steps`` steps of the physics, and
-        the sensors.
-        """
+    def control_tick(self, number: int, tick_s: float) -> None:
+        """Attitude and rates, every fifth time guidance and energy."""
         est, dyn, control = self.estimate, self.dynamics, self.control
-        tick = steps * self._dt
-        self.blow(tick)
-        if self._ticks % (AIR_EVERY * self.pace) == 0:
+        if number % (AIR_EVERY * self.pace) == 0:
             dyn.density = self.thickness()
-        control.level(est, est.euler, est.force, dyn.airspeed, tick)
+        control.level(est, est.euler, est.force, dyn.airspeed, tick_s)
         navigate_every = NAVIGATE_EVERY * self.pace
-        if self._ticks % navigate_every == 0:
-            control.navigate(est, est.euler, dyn.airspeed, navigate_every * tick)
-        self._ticks += 1
+        if number % navigate_every == 0:
+            control.navigate(est, est.euler, dyn.airspeed, navigate_every * tick_s)
         dyn.surface, dyn.throttle = control.surface, control.throttle
-        self.overrule()
-        for _ in range(steps):
-            dyn.step()
-            est.refresh()
-        est.observe(tick)
-        self.battery.step(dyn.current(), tick)
 
     def launch(self, index: int, speed: float, pitch: float = 0.2) -> None:
         """Throw one standing plane by hand: m/s along its nose, radians of pitch."""

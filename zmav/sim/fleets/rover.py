@@ -30,27 +30,15 @@ class RoverFleet(Fleet):
         n = start.shape[1]
         self.setpoints = RoverSetpoints(n)
         self.control = RoverControl(self.setpoints, start, skid=frame.skid)
-        self._dt = dt
 
     def handle(self, index: int) -> RoverHandle:
         handle = self.setpoints.handle(index)
         handle.point = lambda: self.point(index)
         return handle
 
-    def advance(self, steps: int) -> None:
-        est, dyn = self.estimate, self.dynamics
-        self.blow(steps * self._dt)
-        self.control.update(est, steps * self._dt)
-        self._order()
-        self.overrule()
-        for _ in range(steps):
-            dyn.step()
-            est.refresh()
-        est.observe(steps * self._dt)
-        self.battery.step(dyn.current(), steps * self._dt)
-
-    def _order(self) -> None:
+    def control_tick(self, number: int, tick_s: float) -> None:
         """The controllers' outputs to steering and motors; two sides share what does not fit in proportion."""
+        self.control.update(self.estimate, tick_s)
         dyn, steering, throttle = self.dynamics, self.control.steering, self.control.throttle
         if not self.airframe.skid:
             dyn.steering, dyn.throttle = steering, throttle

@@ -231,11 +231,15 @@ class Node(ABC):
             channel.restart(self.brain.now)
             self.greet(channel)
 
+    def fields(self, name: str) -> Fields | None:
+        """What it reports in that message now; None where there is nothing to say yet."""
+        report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
+        return None if report is None else report(self)
+
     def report(self, channel: Channel, name: str) -> None:
         """Send one message, unless there is nothing to say yet."""
         try:
-            report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
-            fields = None if report is None else report(self)
+            fields = self.fields(name)
             if fields is not None:
                 channel.send(name, **fields)
         except _NO_NUMBER:

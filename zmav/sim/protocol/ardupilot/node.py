@@ -146,7 +146,7 @@ class MavNode(Node, Generic[V_co]):
     def _set_current(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
         """The number asked for comes back, even where the mission holds another: clients take that for an answer."""
         if self.vehicle.mission.set_current(msg["seq"]):
-            fields = self.REPORTS["MISSION_CURRENT"](self) or {}
+            fields = self.fields("MISSION_CURRENT") or {}
             channel.send("MISSION_CURRENT", **{**fields, "seq": msg["seq"]})
 
     def _set_mode(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
