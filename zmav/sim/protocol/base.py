@@ -6,18 +6,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from zmav.errors import BadMessage
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
-from zmav.sim.environment import Vector
-from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.fleets.base import Seat
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.protocol.command import ACCEPTED, DENIED, UNSUPPORTED, Command, read_command
-from zmav.sim.protocol.params import ParamStore
 from zmav.sim.protocol.part import Answer, Part, Sender
 from zmav.sim.protocol.router import Router
 from zmav.sim.sensors.magnetic import earth_field
@@ -29,6 +28,7 @@ _NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
 _WARNING = 4  # MAV_SEVERITY
 GIT_HASH = "zmav-sim"
 
+Brain = ArduVehicle | Px4Copter
 Fields = dict[str, Any]
 Report = Callable[[Any], "Fields | None"]
 """From a node to the fields of a message; None where there is nothing to say yet"""
@@ -36,37 +36,6 @@ Handler = Callable[[Any, Command], "int | bool"]
 """Carries out a command for a node; gives a MAV_RESULT, or whether it was done"""
 Target = Callable[[Any, dict[str, Any]], None]
 """Applies a setpoint message to a vehicle"""
-
-
-class Brain(Protocol):
-    """The state machine that a node speaks for."""
-
-    params: ParamStore
-    now: float
-    world: Position
-    origin_world: Vector
-    home_world: Vector
-    say: Callable[[int, str], None]
-    beat: Callable[[], None]
-    announce: Callable[[], None]
-
-    sense: Sense
-
-    @property
-    def uptime(self) -> float: ...
-
-    @property
-    def position_ok(self) -> bool: ...
-
-    @property
-    def local(self) -> Vector: ...
-
-    @property
-    def position(self) -> Position: ...
-
-    def place(self, world: Vector) -> Position: ...
-
-    def power_on(self) -> None: ...
 
 
 class Node(ABC):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from zmav.sim.protocol.base import Fields, Node
+from zmav.sim.sensors.readings import GpsFix
 
 
 def e7(degrees: float) -> int:
@@ -30,7 +31,35 @@ def int16(value: float) -> int:
     return min(max(round(value), -32768), 32767)
 
 
-# ---- what every simulated autopilot says in the same way
+# ---- what every simulated autopilot says in the same way, or begins with
+
+
+def gps_raw_int(node: Node, fix: GpsFix) -> Fields:
+    """The place, the motion and the satellites of a solution; not how good it is."""
+    here = node.brain.place((fix.north, fix.east, fix.down))
+    return {
+        "time_usec": boot_us(node),
+        "fix_type": fix.fix_type,
+        "lat": e7(here.lat_deg),
+        "lon": e7(here.lon_deg),
+        "alt": round(here.alt_amsl_m * 1000),
+        "vel": min(round(math.hypot(fix.vn, fix.ve) * 100), 65534),
+        "cog": centidegrees(math.atan2(fix.ve, fix.vn)),
+        "satellites_visible": fix.satellites,
+        "alt_ellipsoid": round(here.alt_amsl_m * 1000),
+    }
+
+
+def vfr_hud(node: Node, *, turning: bool, located: bool) -> Fields:
+    """All but the airspeed. ``turning``: the motors may; ``located``: it knows its altitude."""
+    brain, s = node.brain, node.brain.sense
+    return {
+        "groundspeed": math.hypot(s.vn, s.ve),
+        "heading": int(math.degrees(s.yaw)) % 360,
+        "throttle": round(abs(s.throttle) * 100) if turning else 0,
+        "alt": brain.position.alt_amsl_m if located else 0.0,
+        "climb": -s.vd,
+    }
 
 
 def attitude(node: Node) -> Fields:

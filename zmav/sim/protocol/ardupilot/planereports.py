@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from zmav.sim.autopilots.arduplane.plane import INITIALISING, ArduPlane
+from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot import telemetry
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
@@ -43,24 +44,12 @@ def sys_status(node: MavNode[ArduPlane]) -> Fields:
     enabled = _ENABLED | gps | ahrs
     if plane.armed:
         enabled, health = enabled | _CONTROL, health | _CONTROL_HEALTHY
-    return {
-        **status.sys_status(node),
-        "onboard_control_sensors_present": _PRESENT | gps,
-        "onboard_control_sensors_enabled": enabled,
-        "onboard_control_sensors_health": health,
-    }
+    return status.power_and_sensors(node, _PRESENT | gps, enabled, health)
 
 
 def vfr_hud(node: MavNode[ArduPlane]) -> Fields:
-    plane, s = node.vehicle, node.vehicle.sense
-    return {
-        "airspeed": plane.eas,
-        "groundspeed": plane.groundspeed,
-        "heading": int(math.degrees(s.yaw)) % 360,
-        "throttle": round(s.throttle * 100) if plane.armed else 0,
-        "alt": plane.position.alt_amsl_m if plane.boot.has("gps") else 0.0,
-        "climb": -s.vd,
-    }
+    plane = node.vehicle
+    return {**reports.vfr_hud(node, turning=plane.armed, located=plane.boot.has("gps")), "airspeed": plane.eas}
 
 
 def airspeed(node: MavNode[ArduPlane]) -> Fields:
@@ -107,9 +96,7 @@ def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
 
 def position_target_global_int(node: MavNode[ArduPlane]) -> Fields | None:
     plane = node.vehicle
-    if plane.mode.number == 0:
-        return None
-    return motion.target_place(node, plane.way.end)
+    return motion.target_place(node, None if plane.mode.number == 0 else plane.way.end)
 
 
 def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:

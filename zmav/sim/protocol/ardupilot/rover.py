@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from zmav import rotation
 from zmav.sim.autopilots.ardupilot.vehicle import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
+from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot import duties, telemetry
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place
 from zmav.sim.protocol.ardupilot.node import MavNode
@@ -190,26 +191,14 @@ def sys_status(node: MavNode[ArduRover]) -> Fields:
     ahrs = _AHRS if rover.boot.has("prearm") else 0
     located = _AHRS if rover.position_ok else 0
     ready = _PREARM if node.prearm_ok else 0
-    return {
-        **status.sys_status(node),
-        "onboard_control_sensors_present": _PRESENT | gps,
-        "onboard_control_sensors_enabled": _ENABLED | gps | ahrs | control | (_LOGGING if rover.ever_armed else 0),
-        "onboard_control_sensors_health": _HEALTHY | gps | located | control | ready,
-    }
+    enabled = _ENABLED | gps | ahrs | control | (_LOGGING if rover.ever_armed else 0)
+    return status.power_and_sensors(node, _PRESENT | gps, enabled, _HEALTHY | gps | located | control | ready)
 
 
 def vfr_hud(node: MavNode[ArduRover]) -> Fields:
     """The airspeed is the speed over the ground, without a sensor of its own; a throttle backwards is one too."""
-    rover, s = node.vehicle, node.vehicle.sense
-    speed = math.hypot(s.vn, s.ve)
-    return {
-        "airspeed": speed,
-        "groundspeed": speed,
-        "heading": int(math.degrees(s.yaw)) % 360,
-        "throttle": round(abs(s.throttle) * 100) if rover.armed else 0,
-        "alt": rover.position.alt_amsl_m if rover.boot.has("origin") else 0.0,
-        "climb": -s.vd,
-    }
+    fields = reports.vfr_hud(node, turning=node.vehicle.armed, located=node.vehicle.boot.has("origin"))
+    return {**fields, "airspeed": fields["groundspeed"]}
 
 
 def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
@@ -228,8 +217,7 @@ def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
 
 def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
     mode = node.vehicle.driving_mode
-    where = mode.place
-    return None if where is None or not mode.autopilot else motion.target_place(node, where)
+    return motion.target_place(node, mode.place if mode.autopilot else None)
 
 
 def servo_output_raw(node: MavNode[ArduRover]) -> Fields:

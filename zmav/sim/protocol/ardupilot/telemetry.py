@@ -5,13 +5,14 @@ from __future__ import annotations
 from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.base import Report
+from zmav.sim.protocol.reports import boot_ms, boot_us
 
 REPORTS: dict[str, Report] = {
     "HEARTBEAT": status.heartbeat,
     "SYS_STATUS": status.sys_status,
     "SYSTEM_TIME": status.system_time,
     "GPS_RAW_INT": sensors.gps_raw_int,
-    "RAW_IMU": sensors.raw_imu,
+    "RAW_IMU": lambda node: {"time_usec": boot_us(node), **sensors.imu(node)},
     "SCALED_PRESSURE": sensors.scaled_pressure,
     "ATTITUDE": base.attitude,
     "ATTITUDE_QUATERNION": base.attitude_quaternion,
@@ -20,24 +21,25 @@ REPORTS: dict[str, Report] = {
     "GLOBAL_POSITION_INT": motion.global_position_int,
     "SERVO_OUTPUT_RAW": sensors.servo_output_raw,
     "MISSION_CURRENT": status.mission_current,
-    "GPS_GLOBAL_ORIGIN": motion.gps_global_origin,
+    "GPS_GLOBAL_ORIGIN": lambda node: base.gps_global_origin(node) if node.vehicle.boot.has("origin") else None,
     "NAV_CONTROLLER_OUTPUT": motion.nav_controller_output,
     "RC_CHANNELS": sensors.rc_channels,
     "VFR_HUD": motion.vfr_hud,
     "POSITION_TARGET_LOCAL_NED": motion.position_target_local_ned,
     "POSITION_TARGET_GLOBAL_INT": motion.position_target_global_int,
-    "SCALED_IMU2": sensors.scaled_imu2,
-    "SCALED_IMU3": sensors.scaled_imu3,
-    "SCALED_PRESSURE2": sensors.scaled_pressure2,
+    "SCALED_IMU2": lambda node: {"time_boot_ms": boot_ms(node), **sensors.imu(node)},
+    # There is no third IMU, but a compass.
+    "SCALED_IMU3": lambda node: {"time_boot_ms": boot_ms(node), **sensors.compass(node.seat.readings())},
+    "SCALED_PRESSURE2": lambda node: {**sensors.scaled_pressure(node), "press_diff": 0.0},  # without a pitot tube
     "RANGEFINDER": sensors.rangefinder,
     "DISTANCE_SENSOR": sensors.distance_sensor,
     "TERRAIN_REPORT": sensors.terrain_report,
     "ESC_TELEMETRY_1_TO_4": sensors.esc_telemetry,
-    "POWER_STATUS": status.power_status,
+    "POWER_STATUS": lambda node: {"Vcc": 5000},
     "BATTERY_STATUS": status.battery_status,
     "AUTOPILOT_VERSION": status.autopilot_version,
-    "MEMINFO": status.meminfo,
-    "AHRS": motion.ahrs,
+    "MEMINFO": lambda node: {"freemem": 65535, "freemem32": 524288},
+    "AHRS": lambda node: {"error_rp": 0.004, "error_yaw": 0.004},
     "SIMSTATE": motion.simstate,
     "WIND": sensors.wind,
     "AHRS2": motion.ahrs2,

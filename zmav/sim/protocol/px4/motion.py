@@ -16,10 +16,8 @@ from zmav.sim.protocol.px4.node import Px4Node
 from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7
 
 
-def odometry(node: Px4Node) -> Fields | None:
+def odometry(node: Px4Node) -> Fields:
     copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
-        return None
     x, y, z = copter.local
     return {
         "time_usec": boot_us(node),
@@ -53,14 +51,8 @@ _POSE_COVARIANCE = _diagonal((0.043, 0.043, 0.09, 0.0003, 0.0003, 0.02))
 _VELOCITY_COVARIANCE = _diagonal((0.011, 0.01, 0.006))
 
 
-def global_position_int(node: Px4Node) -> Fields | None:
-    return reports.global_position_int(node) if node.copter.position_ok else None
-
-
-def altitude(node: Px4Node) -> Fields | None:
+def altitude(node: Px4Node) -> Fields:
     copter = node.copter
-    if not copter.position_ok:
-        return None
     amsl, height = copter.position.alt_amsl_m, copter.home_world[2] - copter.sense.down
     return {
         "time_usec": boot_us(node),
@@ -74,28 +66,12 @@ def altitude(node: Px4Node) -> Fields | None:
 
 
 def vfr_hud(node: Px4Node) -> Fields:
+    copter = node.copter
+    return reports.vfr_hud(node, turning=copter.armed and not copter.landed, located=copter.position_ok)
+
+
+def open_drone_id_location(node: Px4Node) -> Fields:
     copter, s = node.copter, node.copter.sense
-    return {
-        "groundspeed": math.hypot(s.vn, s.ve),
-        "heading": int(math.degrees(s.yaw)) % 360,
-        "throttle": round(s.throttle * 100) if copter.armed and not copter.landed else 0,
-        "alt": copter.position.alt_amsl_m if copter.position_ok else 0.0,
-        "climb": -s.vd,
-    }
-
-
-def home_position(node: Px4Node) -> Fields | None:
-    return {**reports.home_position(node), "q": [1.0, 0.0, 0.0, 0.0]} if node.copter.position_ok else None
-
-
-def gps_global_origin(node: Px4Node) -> Fields | None:
-    return reports.gps_global_origin(node) if node.copter.position_ok else None
-
-
-def open_drone_id_location(node: Px4Node) -> Fields | None:
-    copter, s = node.copter, node.copter.sense
-    if not copter.position_ok:
-        return None
     here = copter.position
     return {
         "status": 1 if copter.landed else 2,
@@ -114,10 +90,8 @@ def open_drone_id_location(node: Px4Node) -> Fields | None:
     }
 
 
-def open_drone_id_system(node: Px4Node) -> Fields | None:
+def open_drone_id_system(node: Px4Node) -> Fields:
     copter = node.copter
-    if not copter.position_ok:
-        return None
     home = copter.place(copter.home_world)
     return {
         "operator_latitude": e7(home.lat_deg),

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 
+from zmav.sim.protocol import reports
 from zmav.sim.protocol.base import Fields
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports import boot_ms, boot_us
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
@@ -18,25 +19,9 @@ _MAG_HZ, _BARO_HZ = 14.25, 10.0  # as recorded
 _MOST_OUTPUTS, _CHANNELS, _NO_CHANNEL = 32, 18, 65535
 
 
-def gps_raw_int(node: Px4Node) -> Fields | None:
-    fix = node.seat.fix()
-    here = node.copter.place((fix.north, fix.east, fix.down))
-    return {
-        "time_usec": boot_us(node),
-        "fix_type": fix.fix_type,
-        "lat": e7(here.lat_deg),
-        "lon": e7(here.lon_deg),
-        "alt": round(here.alt_amsl_m * 1000),
-        "eph": 70,
-        "epv": 110,
-        "vel": min(round(math.hypot(fix.vn, fix.ve) * 100), 65534),
-        "cog": centidegrees(math.atan2(fix.ve, fix.vn)),
-        "satellites_visible": fix.satellites,
-        "alt_ellipsoid": round(here.alt_amsl_m * 1000),
-        "h_acc": 900,
-        "v_acc": 1780,
-        "vel_acc": 400,
-    }
+def gps_raw_int(node: Px4Node) -> Fields:
+    quality = {"eph": 70, "epv": 110, "h_acc": 900, "v_acc": 1780, "vel_acc": 400}
+    return {**reports.gps_raw_int(node, node.seat.fix()), **quality}
 
 
 def highres_imu(node: Px4Node) -> Fields:
@@ -62,10 +47,6 @@ def highres_imu(node: Px4Node) -> Fields:
         "temperature": 15.0,
         "fields_updated": _INERTIAL | sum(fresh),
     }
-
-
-def scaled_pressure(node: Px4Node) -> Fields:
-    return {"time_boot_ms": boot_ms(node), "press_abs": node.seat.readings().pressure_hpa, "temperature": 1180}
 
 
 def distance_sensor(node: Px4Node) -> Fields:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
 from zmav.sim.protocol.base import GIT_HASH, Fields
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import boot_ms, boot_us, int16
+from zmav.sim.protocol.reports import boot_us, int16
 
 # Float and int missions, int commands, bytewise parameters, FTP, attitude, position and global targets, termination,
 # MAVLink 2, fence, rally: what PX4 1.16.1 says of itself, and its version.
@@ -97,18 +97,6 @@ def extended_sys_state(node: Px4Node) -> Fields:
     return {"landed_state": {TAKEOFF: 3, LAND: 4}.get(copter.mode, 2)}
 
 
-def system_time(node: Px4Node) -> Fields:
-    return {"time_unix_usec": node.unix_us, "time_boot_ms": boot_ms(node)}
-
-
-def timesync(node: Px4Node) -> Fields:
-    return {"tc1": 0, "ts1": node.nanoseconds()}
-
-
-def ping(node: Px4Node) -> Fields:
-    return {"time_usec": boot_us(node), "seq": int(node.copter.uptime)}
-
-
 def link_node_status(node: Px4Node) -> Fields:
     return {"timestamp": boot_us(node), "tx_rate": 24000, "messages_sent": sum(c.sent for c in node.channels)}
 
@@ -117,10 +105,6 @@ def time_estimate_to_target(node: Px4Node) -> Fields:
     copter = node.copter
     home = 0 if copter.landed or not copter.has_home else round(copter.navigator.way_home_s)
     return {"safe_return": home, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
-
-
-def current_event_sequence(node: Px4Node) -> Fields:
-    return {"sequence": node.events.sequence}
 
 
 def autopilot_version(node: Px4Node) -> Fields:
@@ -135,10 +119,6 @@ def autopilot_version(node: Px4Node) -> Fields:
         "middleware_custom_version": list(GIT_HASH.encode("ascii")),
         "uid": node.uid,
     }
-
-
-def protocol_version(node: Px4Node) -> Fields:
-    return {"version": 200, "min_version": 100, "max_version": 200}
 
 
 def mission_current(node: Px4Node) -> Fields:

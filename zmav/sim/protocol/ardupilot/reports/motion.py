@@ -23,16 +23,9 @@ def global_position_int(node: ArduNode) -> Fields:
 
 def vfr_hud(node: ArduNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
-    speed = math.hypot(s.vn, s.ve)
     wind_n, wind_e, wind_d = node.seat.wind
-    return {
-        "airspeed": math.sqrt((s.vn - wind_n) ** 2 + (s.ve - wind_e) ** 2 + (s.vd - wind_d) ** 2),
-        "groundspeed": speed,
-        "heading": int(math.degrees(s.yaw)) % 360,
-        "throttle": round(s.throttle * 100) if vehicle.armed else 0,
-        "alt": vehicle.position.alt_amsl_m if vehicle.boot.has("gps") else 0.0,
-        "climb": -s.vd,
-    }
+    airspeed = math.sqrt((s.vn - wind_n) ** 2 + (s.ve - wind_e) ** 2 + (s.vd - wind_d) ** 2)
+    return {**reports.vfr_hud(node, turning=vehicle.armed, located=vehicle.boot.has("gps")), "airspeed": airspeed}
 
 
 def attitude_target(node: ArduNode) -> Fields | None:
@@ -47,10 +40,6 @@ def home_position(node: ArduNode) -> Fields | None:
     if not node.vehicle.boot.has("origin"):
         return None
     return {**reports.home_position(node), "q": [math.nan] * 4}
-
-
-def gps_global_origin(node: ArduNode) -> Fields | None:
-    return reports.gps_global_origin(node) if node.vehicle.boot.has("origin") else None
 
 
 def nav_controller_output(node: ArduNode) -> Fields:
@@ -105,14 +94,13 @@ def position_target_local_ned(node: ArduNode) -> Fields | None:
 
 
 def position_target_global_int(node: ArduNode) -> Fields | None:
-    pos = _held_position(node)
+    return target_place(node, _held_position(node))
+
+
+def target_place(node: ArduNode, pos: Vector | None) -> Fields | None:
+    """POSITION_TARGET_GLOBAL_INT of a place alone."""
     if pos is None:
         return None
-    return target_place(node, pos)
-
-
-def target_place(node: ArduNode, pos: Vector) -> Fields:
-    """POSITION_TARGET_GLOBAL_INT of a place alone."""
     place = node.vehicle.place(pos)
     return {
         "time_boot_ms": boot_ms(node),
@@ -139,10 +127,6 @@ def simstate(node: ArduNode) -> Fields:
         "lat": e7(true.lat_deg),
         "lng": e7(true.lon_deg),
     }
-
-
-def ahrs(node: ArduNode) -> Fields:
-    return {"error_rp": 0.004, "error_yaw": 0.004}
 
 
 def ahrs2(node: ArduNode) -> Fields | None:

@@ -6,9 +6,10 @@ import math
 
 from zmav import rotation
 from zmav.sim.dynamics.airframe import GRAVITY
+from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import Fields
-from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.protocol.reports import boot_ms, boot_us, e7, int16
 from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
 
@@ -20,42 +21,20 @@ _LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # G
 
 
 def gps_raw_int(node: ArduNode) -> Fields:
-    vehicle = node.vehicle
-    fix = node.seat.fix() if vehicle.boot.has("gps") else None
+    fix = node.seat.fix() if node.vehicle.boot.has("gps") else None
     if fix is None:
         return {"eph": 65535, "epv": 65535}
-    here = vehicle.place((fix.north, fix.east, fix.down))
     return {
-        "time_usec": boot_us(node),
+        **reports.gps_raw_int(node, fix),
         "fix_type": _RTK if fix.fix_type >= 3 else fix.fix_type,
-        "lat": e7(here.lat_deg),
-        "lon": e7(here.lon_deg),
-        "alt": round(here.alt_amsl_m * 1000),
         "eph": round(fix.hdop * 100),
         "epv": round(fix.vdop * 100),
-        "vel": min(round(math.hypot(fix.vn, fix.ve) * 100), 65534),
-        "cog": centidegrees(math.atan2(fix.ve, fix.vn)),
-        "satellites_visible": fix.satellites,
-        "alt_ellipsoid": round(here.alt_amsl_m * 1000),
         "h_acc": round(fix.eph_m * 1000),
         "v_acc": round(fix.epv_m * 1000),
     }
 
 
-def raw_imu(node: ArduNode) -> Fields:
-    return {"time_usec": boot_us(node), **_imu(node)}
-
-
-def scaled_imu2(node: ArduNode) -> Fields:
-    return {"time_boot_ms": boot_ms(node), **_imu(node)}
-
-
-def scaled_imu3(node: ArduNode) -> Fields:
-    """There are two accelerometers and gyroscopes, but three compasses."""
-    return {"time_boot_ms": boot_ms(node), **_compass(node.seat.readings())}
-
-
-def _imu(node: ArduNode) -> Fields:
+def imu(node: ArduNode) -> Fields:
     seen = node.seat.readings()
     to_mg = 1000.0 / GRAVITY
     return {
@@ -66,11 +45,11 @@ def _imu(node: ArduNode) -> Fields:
         "ygyro": int16(seen.gyro[1] * 1000.0),
         "zgyro": int16(seen.gyro[2] * 1000.0),
         "temperature": 3200,
-        **_compass(seen),
+        **compass(seen),
     }
 
 
-def _compass(seen: Readings) -> Fields:
+def compass(seen: Readings) -> Fields:
     """Milligauss."""
     x, y, z = (int16(1000.0 * part) for part in seen.mag)
     return {"xmag": x, "ymag": y, "zmag": z}
@@ -84,11 +63,6 @@ def scaled_pressure(node: ArduNode) -> Fields:
         "press_diff": _pitot(node, seen),
         "temperature": 3100,
     }
-
-
-def scaled_pressure2(node: ArduNode) -> Fields:
-    """The second barometer; no pitot tube is with it."""
-    return {**scaled_pressure(node), "press_diff": 0.0}
 
 
 def _pitot(node: ArduNode, seen: Readings) -> float:

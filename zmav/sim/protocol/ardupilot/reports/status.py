@@ -53,6 +53,12 @@ def sys_status(node: ArduNode) -> Fields:
             enabled |= _SENSORS_WHEN_ARMED
         if node.prearm_ok:
             health |= _PREARM_BIT
+    return power_and_sensors(node, present, enabled, health)
+
+
+def power_and_sensors(node: ArduNode, present: int, enabled: int, health: int) -> Fields:
+    """SYS_STATUS with those MAV_SYS_STATUS_SENSOR."""
+    vehicle = node.vehicle
     return {
         "onboard_control_sensors_present": present,
         "onboard_control_sensors_enabled": enabled,
@@ -79,14 +85,6 @@ def battery_status(node: ArduNode) -> Fields:
 
 def _battery_left(node: ArduNode) -> int:
     return round(100.0 * node.vehicle.battery_left)
-
-
-def power_status(node: ArduNode) -> Fields:
-    return {"Vcc": 5000}
-
-
-def meminfo(node: ArduNode) -> Fields:
-    return {"freemem": 65535, "freemem32": 524288}
 
 
 def system_time(node: ArduNode) -> Fields:
