@@ -21,7 +21,7 @@ import msgspec
 
 from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
 from zmav.process import own_directory
-from zmav.sim.faults.status import FaultStatus
+from zmav.sim.faults import FaultStatus
 from zmav.sim.status import WorldStatus
 
 T = TypeVar("T")

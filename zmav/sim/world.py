@@ -45,21 +45,10 @@ MOST_SEED = 1 << 64
 MOST_EPOCH_S = 1e10  # UTC in the year 2286
 
 
-def _first_of(*choices: Sequence[str] | None) -> Sequence[str]:
-    return next(choice for choice in choices if choice is not None)
-
-
 def _check(field: str, value: float, most: float = MOST) -> None:
     if not 0.0 <= value < most:  # so that NaN is refused, too
         expected = f"0 or more, and less than {most:g}"
         raise BadConfig(f"{field} {value}; expected {expected}", field=field, value=value, expected=expected)
-
-
-def _check_rate(tick_hz: int) -> None:
-    if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
-        expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
-        text = f"tick_hz {tick_hz}; expected {expected}"
-        raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
 
 
 class World:
@@ -117,7 +106,10 @@ class World:
         _check("wind", sum(map(abs, wind)))
         _check("seed", seed, MOST_SEED)
         _check("epoch_s", self.epoch_s, MOST_EPOCH_S)
-        _check_rate(tick_hz)
+        if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
+            expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
+            text = f"tick_hz {tick_hz}; expected {expected}"
+            raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
         self.home = check_home(home or Home())
         self.ticks, self.tick_s = 0, 1.0 / tick_hz
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
@@ -127,7 +119,8 @@ class World:
         specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
         specs = equip(specs, cameras or {}, pads or {})
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
-        reached = addresses([_first_of(spec.endpoints, default, usual(spec)) for spec in specs])
+        named = ((spec.endpoints, default, usual(spec)) for spec in specs)
+        reached = addresses([next(each for each in choices if each is not None) for choices in named])
         self.vehicles: list[SimVehicle] = []
         self._squads: list[Squad] = []
         self._addresses: list[list[Address]] = []

@@ -10,7 +10,7 @@ import msgspec
 from zmav.cli.common import console, dump, json_option
 from zmav.cli.sim.talk import control_option, remote
 from zmav.errors import BadInput
-from zmav.sim.faults.status import FaultStatus
+from zmav.sim.faults import FaultStatus
 from zmav.sim.faults.table import describe, make_fault, values_from_words
 
 

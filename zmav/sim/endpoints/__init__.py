@@ -42,10 +42,6 @@ def open_endpoint(address: Address, vehicle: Switchboard, wiring: Wiring) -> End
         if number == errno.EADDRINUSE:
             raise PortInUse(f"{where} is in use by another program", port=address.local or address.port) from error
         if number in (errno.EMFILE, errno.ENFILE):
-            raise BadUrl(
-                f"{where}: too many open files; allow more with 'ulimit -n', or name fewer endpoints",
-                field="endpoint",
-                value=where,
-                expected="fewer endpoints",
-            ) from error
+            text = f"{where}: too many open files; allow more with 'ulimit -n', or name fewer endpoints"
+            raise BadUrl(text, field="endpoint", value=where, expected="fewer endpoints") from error
         raise BadUrl(f"{where}: {error}", field="endpoint", value=where, expected=EXPECTED) from error

@@ -156,23 +156,13 @@ def _link(path: Path, device: str) -> Path:
         if path.is_symlink() and (not path.exists() or str(path.readlink()) == device):
             path.unlink()
         path.symlink_to(device)
+        return path
     except FileExistsError:
         if path.is_symlink():
             text = f"{path} leads to {path.readlink()}, which is in use; remove it, or name another path"
             raise PortInUse(text, path=str(path)) from None
-        expected = "a path where there is nothing yet"
-        raise BadUrl(
-            f"{path} is there, and is no link to a terminal; expected {expected}",
-            field="endpoint",
-            value=str(path),
-            expected=expected,
-        ) from None
+        wrong, expected = f"{path} is there, and is no link to a terminal", "a path where there is nothing yet"
     except OSError as error:
+        wrong = f"no link {path} to the pseudo-terminal: {error.strerror}"
         expected = "a path in a directory that is there and may be written to"
-        raise BadUrl(
-            f"no link {path} to the pseudo-terminal: {error.strerror}; expected {expected}",
-            field="endpoint",
-            value=str(path),
-            expected=expected,
-        ) from error
-    return path
+    raise BadUrl(f"{wrong}; expected {expected}", field="endpoint", value=str(path), expected=expected)

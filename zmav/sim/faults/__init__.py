@@ -7,9 +7,8 @@ world.clear("copter1")
 
 from __future__ import annotations
 
-from zmav.sim.faults.base import Fault
+from zmav.sim.faults.base import Fault, FaultStatus
 from zmav.sim.faults.injector import Faults
-from zmav.sim.faults.status import FaultStatus
 from zmav.sim.faults.table import KINDS, describe, fault_from_words, make_fault
 
 __all__ = ["KINDS", "Fault", "FaultStatus", "Faults", "describe", "fault_from_words", "make_fault"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import msgspec
 
@@ -18,43 +18,43 @@ if TYPE_CHECKING:
 Undo = Callable[[], None]
 
 
-class Victim:
+class Victim(NamedTuple):
     """A vehicle that faults can be put on.
 
-    ``vehicle`` is None for one that a flight stack outside the simulator flies: its sensors, motors and battery can
+    ``own_vehicle`` is None for one that a flight stack outside the simulator flies: its sensors, motors and battery can
     fail, its autopilot and its links are its own. ``camera`` likewise where it has none. ``seed`` differs from fault to
     fault and is the same in every run. ``end`` ends a fault of that kind that it has, ``now`` gives simulated seconds.
     """
 
-    def __init__(
-        self,
-        name: str,
-        seat: Seat,
-        vehicle: SimVehicle | None,
-        camera: SimCamera | None,
-        seed: str,
-        end: Callable[[str], None],
-        now: Callable[[], float],
-    ) -> None:
-        self.name = name
-        self.seat = seat
-        self.camera = camera
-        self.seed = seed
-        self.end = end
-        self.now = now
-        self._vehicle = vehicle
+    name: str
+    seat: Seat
+    own_vehicle: SimVehicle | None
+    camera: SimCamera | None
+    seed: str
+    end: Callable[[str], None]
+    now: Callable[[], float]
 
     @property
     def vehicle(self) -> SimVehicle:
         """The simulated autopilot and its links; :class:`BadInput` where there are none."""
-        if self._vehicle is None:
+        if self.own_vehicle is None:
             raise BadInput(
                 f"{self.name} is flown by a stack of its own: only its body can fail",
                 field="vehicle",
                 value=self.name,
                 expected="a vehicle with a simulated autopilot",
             )
-        return self._vehicle
+        return self.own_vehicle
+
+
+class FaultStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One fault that is on: simulated seconds when it began and when it ends by itself (None: it does not)."""
+
+    vehicle: str
+    kind: str
+    parameters: dict[str, Any]
+    since_s: float
+    until_s: float | None
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

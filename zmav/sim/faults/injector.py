@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
@@ -9,15 +10,14 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from zmav.errors import BadInput
-from zmav.sim.faults.base import Fault, Undo, Victim
+from zmav.sim.faults.base import Fault, FaultStatus, Undo, Victim
 from zmav.sim.faults.body import CameraBlackout, Frozen
-from zmav.sim.faults.status import FaultStatus
 from zmav.sim.faults.table import KINDS
 from zmav.sim.fleets.base import Seat
 from zmav.sim.status import VehicleStatus
 
 if TYPE_CHECKING:
-    from zmav.sim.camera.cameras import Cameras, SimCamera
+    from zmav.sim.camera.cameras import Cameras
     from zmav.sim.external import Externals
     from zmav.sim.vehicle import SimVehicle
 
@@ -140,15 +140,10 @@ class Faults:
         self._count += 1
         seed = f"{self._seed} {name} {kind} {self._count}"
         vehicle = next((v for v in self._world.vehicles if v.name == name), None)
-        return Victim(
-            name,
-            self._seats()[name],
-            vehicle,
-            self._camera(name),
-            seed,
-            lambda kind: self._end(name, kind),
-            lambda: self._world.time_s,
-        )
+        cameras = self._world.cameras
+        camera = None if cameras is None else next((each for each in cameras.all if each.name == name), None)
+        end = functools.partial(self._end, name)
+        return Victim(name, self._seats()[name], vehicle, camera, seed, end, lambda: self._world.time_s)
 
     def _look_outside(self, name: str, kind: str) -> None:
         """:class:`BadInput` where a flight stack outside the simulator would notice nothing of it."""
@@ -161,10 +156,6 @@ class Faults:
                     value=kind,
                     expected=expected,
                 )
-
-    def _camera(self, name: str) -> SimCamera | None:
-        cameras = self._world.cameras
-        return None if cameras is None else next((each for each in cameras.all if each.name == name), None)
 
 
 def _status(on: _On) -> FaultStatus:

@@ -91,23 +91,16 @@ def make_fault(kind: str, values: Mapping[str, Any]) -> Fault:
             raise BadInput(
                 f"{kind} has no parameter {name!r}; it has {expected}", field=name, value=value, expected=expected
             )
-        if isinstance(value, float) and not math.isfinite(value):
-            raise _out_of_bounds(kind, known[name], value)
     for name, value in values.items():
         try:
+            if isinstance(value, float) and not math.isfinite(value):
+                raise msgspec.ValidationError
             msgspec.convert({name: value}, KINDS[kind])
         except msgspec.ValidationError:
-            raise _out_of_bounds(kind, known[name], value) from None
+            expected = known[name].expected
+            text = f"{kind}: {name} is {value!r}; expected {expected}"
+            raise BadInput(text, field=name, value=value, expected=expected) from None
     return msgspec.convert(dict(values), KINDS[kind])
-
-
-def _out_of_bounds(kind: str, parameter: Parameter, value: Any) -> BadInput:
-    return BadInput(
-        f"{kind}: {parameter.name} is {value!r}; expected {parameter.expected}",
-        field=parameter.name,
-        value=value,
-        expected=parameter.expected,
-    )
 
 
 def fault_from_words(kind: str, words: Sequence[str]) -> Fault:

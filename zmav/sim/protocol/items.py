@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -30,6 +30,10 @@ class Client(msgspec.Struct, frozen=True):
         self.channel.send(name, target_system=self.sender[0], target_component=self.sender[1], **fields)
 
 
+Service = Callable[[Client, int, dict[str, Any]], None]
+"""Answers a client about the kind of list that its message names"""
+
+
 class ItemPart(Part):
     """A mission service over some lists of items; subclasses are the autopilots' ways with it."""
 
@@ -38,43 +42,58 @@ class ItemPart(Part):
 
     def answers(self) -> Mapping[str, Answer]:
         return {
-            "MISSION_REQUEST_LIST": self.request_list,
-            "MISSION_REQUEST": lambda ch, m, who: self.request_item(ch, m, who, as_int=False),
-            "MISSION_REQUEST_INT": lambda ch, m, who: self.request_item(ch, m, who, as_int=True),
-            "MISSION_COUNT": self.count,
-            "MISSION_ITEM": lambda ch, m, who: self.item(ch, m, who, as_int=False),
-            "MISSION_ITEM_INT": lambda ch, m, who: self.item(ch, m, who, as_int=True),
-            "MISSION_WRITE_PARTIAL_LIST": self.write_partial,
-            "MISSION_CLEAR_ALL": self.clear_all,
-            "MISSION_ACK": self.ack,
+            "MISSION_REQUEST_LIST": self._known(self.request_list),
+            "MISSION_REQUEST": _read(lambda *asked: self.request_item(*asked, as_int=False)),
+            "MISSION_REQUEST_INT": _read(lambda *asked: self.request_item(*asked, as_int=True)),
+            "MISSION_COUNT": self._known(self.count),
+            "MISSION_ITEM": _read(lambda *asked: self.item(*asked, as_int=False)),
+            "MISSION_ITEM_INT": _read(lambda *asked: self.item(*asked, as_int=True)),
+            "MISSION_WRITE_PARTIAL_LIST": self._known(self.write_partial),
+            "MISSION_CLEAR_ALL": _read(self.clear_all),
+            "MISSION_ACK": _read(self.ack),
         }
 
+    def _known(self, service: Service) -> Answer:
+        """Unsupported is a kind of list that there is not."""
+
+        def check(client: Client, kind: int, msg: dict[str, Any]) -> None:
+            if kind in self.stores:
+                service(client, kind, msg)
+            else:
+                acknowledge(client, Result.UNSUPPORTED, kind)
+
+        return _read(check)
+
     @abstractmethod
-    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+    def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """Somebody wants to know how many items there are."""
 
     @abstractmethod
-    def request_item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        """Somebody wants one of them."""
+    def request_item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
+        """Somebody wants one of them; ``kind`` may be unknown."""
 
     @abstractmethod
-    def count(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+    def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """Somebody wants to upload so many."""
 
     @abstractmethod
-    def item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        """One of them arrives."""
+    def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
+        """One of them arrives; ``kind`` may be unknown."""
 
     @abstractmethod
-    def write_partial(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """Somebody wants to replace some."""
 
     @abstractmethod
-    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        """Somebody wants them gone."""
+    def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
+        """Somebody wants them gone; ``kind`` may be unknown."""
 
-    def ack(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+    def ack(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """A client ends a transfer; not every autopilot cares."""
+
+
+def _read(service: Service) -> Answer:
+    return lambda channel, msg, sender: service(Client(channel, sender), msg["mission_type"], msg)
 
 
 def acknowledge(client: Client, result: int, kind: int, **more: Any) -> None:

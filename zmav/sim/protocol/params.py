@@ -178,11 +178,15 @@ class ParamProtocol(Part):
             self._send(channel, self.store.names[channel.params_next], channel.params_next)
             channel.params_next += 1
 
+    def to_field(self, value: float, kind: int) -> float:
+        """A value of a type as the message's float field carries it: cast."""
+        return value
+
     def _send(self, channel: Channel, name: str, index: int) -> None:
         channel.send(
             "PARAM_VALUE",
             param_id=name,
-            param_value=self.store[name],
+            param_value=self.to_field(self.store[name], self.store.type_of(name)),
             param_type=self.store.type_of(name),
             param_count=len(self.store),
             param_index=index,

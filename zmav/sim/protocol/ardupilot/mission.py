@@ -15,7 +15,6 @@ import msgspec
 from zmav.sim.autopilots.items import FENCE, MISSION, Item, ItemStore, Result
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.items import Client, ItemPart, acknowledge, read_item, send_item
-from zmav.sim.protocol.part import Sender
 
 ASK_AGAIN_S = 1.0
 GIVE_UP_S = 8.0
@@ -53,17 +52,13 @@ class MissionProtocol(ItemPart):
 
     # ---- downloads
 
-    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
-        if kind not in self.stores:
-            acknowledge(client, Result.UNSUPPORTED, kind)
-        elif kind in self._uploads:
+    def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
+        if kind in self._uploads:
             acknowledge(client, Result.DENIED, kind)
         else:
             client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
 
-    def request_item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
+    def request_item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
         if kind not in self.stores:
             return
         if as_int and kind in self._uploads:
@@ -82,11 +77,7 @@ class MissionProtocol(ItemPart):
 
     # ---- uploads
 
-    def count(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
-        if kind not in self.stores:
-            acknowledge(client, Result.UNSUPPORTED, kind)
-            return
+    def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if not self._may_restart(client, kind):
             return
         store, count = self.stores[kind], msg["count"]
@@ -102,11 +93,7 @@ class MissionProtocol(ItemPart):
         else:
             self._begin(client, kind, 0, count - 1)
 
-    def write_partial(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
-        if kind not in self.stores:
-            acknowledge(client, Result.UNSUPPORTED, kind)
-            return
+    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if kind in self._uploads:
             acknowledge(client, Result.DENIED, kind)
             return
@@ -121,8 +108,7 @@ class MissionProtocol(ItemPart):
         else:
             acknowledge(client, result, kind)
 
-    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
+    def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if kind not in self.stores:
             acknowledge(client, Result.UNSUPPORTED, kind)
             return
@@ -130,8 +116,7 @@ class MissionProtocol(ItemPart):
         cleared = self._may_restart(client, kind) and self.stores[kind].clear()
         acknowledge(client, Result.ACCEPTED if cleared else Result.ERROR, kind)
 
-    def item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
+    def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
         item = read_item(msg, as_int=as_int)
         if isinstance(item, Result):
             acknowledge(client, item, kind)

@@ -15,7 +15,6 @@ from zmav.sim.autopilots.items import ALL, Item, Result
 from zmav.sim.autopilots.px4.items import Px4Items
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.protocol.items import Client, ItemPart, acknowledge, read_item, send_item
-from zmav.sim.protocol.part import Sender
 
 RETRY_S = 0.25
 TIMEOUT_S = 5.0
@@ -50,18 +49,14 @@ class Px4MissionProtocol(ItemPart):
 
     # ---- downloads
 
-    def request_list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
-        if kind not in self._lists:
-            acknowledge(client, Result.UNSUPPORTED, kind)
-        elif self._upload is not None:
+    def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
+        if self._upload is not None:
             acknowledge(client, Result.ERROR, kind)
         else:
             items = self._lists[kind]
             client.reply("MISSION_COUNT", count=len(items), mission_type=kind, opaque_id=items.opaque_id)
 
-    def request_item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
+    def request_item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
         found = self._lists[kind].read(msg["seq"]) if kind in self._lists else Result.UNSUPPORTED
         if isinstance(found, Item):
             send_item(client, found, kind, as_int=as_int)
@@ -70,12 +65,9 @@ class Px4MissionProtocol(ItemPart):
 
     # ---- uploads
 
-    def count(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind, upload = Client(channel, sender), msg["mission_type"], self._upload
-        if kind not in self._lists:
-            acknowledge(client, Result.UNSUPPORTED, kind)
-            return
-        if upload is not None and (upload.client.sender != sender or upload.kind != kind):
+    def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
+        upload = self._upload
+        if upload is not None and (upload.client.sender != client.sender or upload.kind != kind):
             self._say(_CRITICAL, "Mission upload busy, already receiving seq 0\t")
             acknowledge(client, Result.ERROR, kind)
             return
@@ -88,9 +80,9 @@ class Px4MissionProtocol(ItemPart):
             self._upload = _Upload(client, kind, msg["count"], 0, self._now(), self._now())
             self._ask(self._upload)
 
-    def item(self, channel: Channel, msg: dict[str, Any], sender: Sender, *, as_int: bool) -> None:
-        upload, client, kind = self._upload, Client(channel, sender), msg["mission_type"]
-        if upload is None or upload.client.sender != sender or upload.kind != kind:
+    def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
+        upload = self._upload
+        if upload is None or upload.client.sender != client.sender or upload.kind != kind:
             acknowledge(client, Result.ERROR, kind)
             return
         upload.heard = self._now()
@@ -110,11 +102,10 @@ class Px4MissionProtocol(ItemPart):
             self._upload = None
             self._finish(upload.client, kind)
 
-    def write_partial(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        acknowledge(Client(channel, sender), Result.UNSUPPORTED, msg["mission_type"])
+    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
+        acknowledge(client, Result.UNSUPPORTED, kind)
 
-    def clear_all(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        client, kind = Client(channel, sender), msg["mission_type"]
+    def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if self._upload is not None:
             acknowledge(client, Result.ERROR, kind)
             return
@@ -123,9 +114,9 @@ class Px4MissionProtocol(ItemPart):
         self._changed()
         acknowledge(client, Result.ACCEPTED if kind == ALL or kind in self._lists else Result.UNSUPPORTED, kind)
 
-    def ack(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+    def ack(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """A client that breaks its upload off."""
-        if self._upload is not None and self._upload.client.sender == sender:
+        if self._upload is not None and self._upload.client.sender == client.sender:
             self._drop()
 
     def _finish(self, client: Client, kind: int) -> None:

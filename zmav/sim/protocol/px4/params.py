@@ -19,8 +19,7 @@ HASH = "_HASH_CHECK"
 _UINT32, _INT32, _REAL32 = 5, 6, 9  # MAV_PARAM_TYPE
 
 
-def to_field(value: float, kind: int) -> float:
-    """A parameter's value as the message's float field carries it."""
+def _to_field(value: float, kind: int) -> float:
     if kind == _REAL32:
         return value
     raw = struct.pack("<I", int(value)) if kind == _UINT32 else struct.pack("<i", int(value))
@@ -83,19 +82,12 @@ class Px4ParamProtocol(ParamProtocol):
         channel.send(
             "PARAM_VALUE",
             param_id=HASH,
-            param_value=to_field(self.hash(), _UINT32),
+            param_value=_to_field(self.hash(), _UINT32),
             param_type=_UINT32,
             param_count=len(self.store),
             param_index=NO_INDEX,
         )
 
-    def _send(self, channel: Channel, name: str, index: int) -> None:
-        kind = self.store.type_of(name)
-        channel.send(
-            "PARAM_VALUE",
-            param_id=name,
-            param_value=to_field(self.store[name], kind),
-            param_type=kind,
-            param_count=len(self.store),
-            param_index=index,
-        )
+    def to_field(self, value: float, kind: int) -> float:
+        """Bytewise."""
+        return _to_field(value, kind)
