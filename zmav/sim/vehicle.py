@@ -14,7 +14,6 @@ from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import SWITCH
 from zmav.sim.endpoints import Endpoint
 from zmav.sim.protocol.base import Node
-from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, VehicleSpec, airframe_of, kind_of
 from zmav.sim.status import VehicleStatus
 
@@ -96,17 +95,6 @@ class SimVehicle:
             )
         return self.endpoints[0].url
 
-    # ---- what an endpoint sees
-
-    def open_channel(self, outlet: Outlet, link: str = "") -> Channel:
-        return self.node.open_channel(outlet, link)
-
-    def close_channel(self, channel: Channel) -> None:
-        self.node.close_channel(channel)
-
-    def receive(self, channel: Channel, data: bytes) -> None:
-        self.node.receive(channel, data)
-
     # ---- the pilot
 
     def hands(self, mode: str | None, channels: Mapping[int, int]) -> None:
@@ -134,36 +122,23 @@ class SimVehicle:
         Only the modes of FLTMODE1 to FLTMODE6 (MODE1 to 6, COM_FLTMODE1 to 6) are on the switch; BadInput names them.
         On a PX4 it turns the radio on.
         """
-        if isinstance(self.brain, Px4Copter):
-            self._turn_px4(self.brain, name, throttle)
-            return
-        vehicle = self.ardupilot
-        on_switch = {}
-        for position in range(1, 7):
-            mode = vehicle.modes.get(int(vehicle.params[f"{vehicle.MODE_PARAM}{position}"]))
-            if mode is not None:
-                on_switch[mode.name] = position
-        self._check_switch(name, on_switch)
-        vehicle.pilot.sticks(throttle=throttle)
-        vehicle.pilot.turn_switch(on_switch[name])
-
-    def _turn_px4(self, px4: Px4Copter, name: str, throttle: float) -> None:
-        on_switch = {}
-        for position in range(1, 7):
-            mode = SWITCH.get(int(px4.params[f"COM_FLTMODE{position}"]))
-            if mode is not None:
-                on_switch[mode.name] = position
-        self._check_switch(name, on_switch)
-        px4.sticks.radio = True
-        px4.sticks.pilot.sticks(throttle=throttle)
-        px4.sticks.pilot.turn_switch(on_switch[name])
-
-    def _check_switch(self, name: str, on_switch: dict[str, int]) -> None:
+        brain = self.brain
+        if isinstance(brain, Px4Copter):
+            names = {number: mode.name for number, mode in SWITCH.items()}
+            prefix, pilot = "COM_FLTMODE", brain.sticks.pilot
+        else:
+            names = {number: mode.name for number, mode in brain.modes.items()}
+            prefix, pilot = brain.MODE_PARAM, brain.pilot
+        numbers = ((position, int(brain.params[f"{prefix}{position}"])) for position in range(1, 7))
+        on_switch = {names[number]: position for position, number in numbers if number in names}
         if name not in on_switch:
             expected = ", ".join(on_switch) or "no mode"
-            raise BadInput(
-                f"{name} is not on the mode switch; there are {expected}", field="mode", value=name, expected=expected
-            )
+            text = f"{name} is not on the mode switch; there are {expected}"
+            raise BadInput(text, field="mode", value=name, expected=expected)
+        if isinstance(brain, Px4Copter):
+            brain.sticks.radio = True
+        pilot.sticks(throttle=throttle)
+        pilot.turn_switch(on_switch[name])
 
     def status(self) -> VehicleStatus:
         copter, s = self.brain, self.brain.sense

@@ -196,7 +196,7 @@ class World:
         try:
             for vehicle, addresses in zip(self.vehicles, self._addresses, strict=True):
                 for address in addresses[len(vehicle.endpoints) :]:
-                    vehicle.endpoints.append(open_endpoint(address, vehicle, self._loop.wiring))
+                    vehicle.endpoints.append(open_endpoint(address, vehicle.node, self._loop.wiring))
             self.externals.open(self._loop.wiring)
         except BaseException:
             self._close_endpoints()

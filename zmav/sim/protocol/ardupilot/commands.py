@@ -151,10 +151,6 @@ def _run_prearm(node: ArduNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _terminate(node: ArduNode, c: Command) -> int:
-    return c.p1 > 0.5 and node.vehicle.disarm(forced=True)
-
-
 def _reboot(node: ArduNode, c: Command) -> int:
     if c.p1 not in (1, 3):
         return UNSUPPORTED
@@ -173,7 +169,7 @@ HANDLERS: Handlers = {
     176: _set_mode,
     178: _change_speed,
     179: _set_home,
-    185: _terminate,
+    185: lambda node, c: c.p1 > 0.5 and node.vehicle.disarm(forced=True),
     192: _reposition,
     246: _reboot,
     400: _arm_disarm,

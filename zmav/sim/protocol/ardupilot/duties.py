@@ -61,14 +61,6 @@ def _pause_continue(node: ArduNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _set_servo(node: ArduNode, c: Command) -> int:
-    return node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535))
-
-
-def _set_relay(node: ArduNode, c: Command) -> int:
-    return node.vehicle.payload.set_relay(int(c.p1), int(c.p2))
-
-
 def _region_of_interest(node: ArduNode, c: Command) -> int:
     x, y = (c.x, c.y) if c.as_int else (c.x * _E7, c.y * _E7)
     where: Vector | None = None
@@ -94,10 +86,6 @@ def _mount_control(node: ArduNode, c: Command) -> int:
     if not all(math.isfinite(angle) for angle in angles):
         return DENIED
     return gimbal.aim(c.p2, c.p1, c.p3, locked=False)
-
-
-def _mount_configure(node: ArduNode, c: Command) -> int:
-    return node.vehicle.payload.gimbal.present
 
 
 def _gimbal_pitch_yaw(node: ArduNode, c: Command) -> int:
@@ -138,14 +126,14 @@ def _stop_capture(node: ArduNode, c: Command) -> int:
 
 HANDLERS: Handlers = {
     **commands.HANDLERS,
-    181: _set_relay,
-    183: _set_servo,
+    181: lambda node, c: node.vehicle.payload.set_relay(int(c.p1), int(c.p2)),
+    183: lambda node, c: node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     193: _pause_continue,
     195: _region_of_interest,
     197: _no_region_of_interest,
     201: _region_of_interest,
     203: _shoot,
-    204: _mount_configure,
+    204: lambda node, c: node.vehicle.payload.gimbal.present,
     205: _mount_control,
     206: _trigger_distance,
     224: _set_current,

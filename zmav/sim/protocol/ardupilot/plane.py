@@ -49,11 +49,6 @@ def _go(number: int) -> Handler:
     return handler
 
 
-def _takeoff(node: MavNode[ArduPlane], c: Command) -> int:
-    """For planes that hover."""
-    return FAILED
-
-
 def _mission_start(node: MavNode[ArduPlane], c: Command) -> int:
     if c.p1 or c.p2:
         return DENIED
@@ -90,7 +85,7 @@ HANDLERS: Handlers = {
     **duties.HANDLERS,
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
-    22: _takeoff,
+    22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
     178: _change_speed,
     192: _reposition,
     300: _mission_start,

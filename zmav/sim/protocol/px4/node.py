@@ -74,12 +74,12 @@ class Px4Node(Node):
         now = self.copter.now
         if channel.link in links.UDP:
             channel.streams.least = 1.0 / links.MOST_HZ
-        for name, rate in links.rates(channel.link).items():
-            channel.streams.set_period(name, 1.0 / rate, now)
+        for name in links.HZ:
+            channel.streams.set_period(name, self.usual_period(channel, name), now)
 
     def usual_period(self, channel: Channel, name: str) -> float:
         """Seconds between two such messages unless somebody asked otherwise; 0: it is not sent."""
-        rate = links.rates(channel.link).get(name, 0.0)
+        rate = links.rate(channel.link, name)
         return 1.0 / rate if rate else 0.0
 
     def close_channel(self, channel: Channel) -> None:
