@@ -18,6 +18,9 @@ from zmav.sim.protocol.part import Answer, Part, Sender
 
 _E7 = 1e7
 _INT32 = 2**31 - 1
+# Of a message, and what an item calls it; but for the place, which is degrees in one of the two messages.
+_FIELDS = {name: name for name in ("seq", "frame", "command", "current", "autocontinue", "z")}
+_FIELDS |= {f"param{i}": f"p{i}" for i in range(1, 5)}
 
 
 class Client(msgspec.Struct, frozen=True):
@@ -102,46 +105,17 @@ def acknowledge(client: Client, result: int, kind: int, **more: Any) -> None:
 
 def send_item(client: Client, item: Item, kind: int, *, as_int: bool) -> None:
     """An item as MISSION_ITEM_INT, or as MISSION_ITEM with degrees in single precision."""
-    fields: dict[str, Any] = {
-        "seq": item.seq,
-        "frame": item.frame,
-        "command": item.command,
-        "current": item.current,
-        "autocontinue": item.autocontinue,
-        "param1": item.p1,
-        "param2": item.p2,
-        "param3": item.p3,
-        "param4": item.p4,
-        "x": item.x,
-        "y": item.y,
-        "z": item.z,
-        "mission_type": kind,
-    }
-    if as_int:
-        client.reply("MISSION_ITEM_INT", **fields)
-    else:
-        scale = 1.0 / _E7 if item.command in LOCATED else 1.0
-        client.reply("MISSION_ITEM", **{**fields, "x": item.x * scale, "y": item.y * scale})
+    scale = 1.0 / _E7 if item.command in LOCATED else 1.0
+    x, y = (item.x, item.y) if as_int else (item.x * scale, item.y * scale)
+    fields = {field: getattr(item, name) for field, name in _FIELDS.items()}
+    client.reply("MISSION_ITEM_INT" if as_int else "MISSION_ITEM", **fields, x=x, y=y, mission_type=kind)
 
 
 def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | Result:
     """The item of a message; of a MISSION_ITEM the place is brought to degrees times 1e7."""
-    item = Item(
-        command=msg["command"],
-        frame=msg["frame"],
-        p1=msg["param1"],
-        p2=msg["param2"],
-        p3=msg["param3"],
-        p4=msg["param4"],
-        x=msg["x"] if as_int else 0,
-        y=msg["y"] if as_int else 0,
-        z=msg["z"],
-        seq=msg["seq"],
-        current=msg["current"],
-        autocontinue=msg["autocontinue"],
-    )
+    item = Item(**{name: msg[field] for field, name in _FIELDS.items()})
     if as_int:
-        return item
+        return msgspec.structs.replace(item, x=msg["x"], y=msg["y"])
     scale = _E7 if item.command in LOCATED else 1.0
     x, y = msg["x"] * scale, msg["y"] * scale
     if not (math.isfinite(x) and math.isfinite(y)):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
+from zmav.sim.environment import Vector
 from zmav.sim.protocol.base import Fields, Node
 from zmav.sim.sensors.readings import GpsFix
 
@@ -29,6 +31,11 @@ def centidegrees(yaw: float) -> int:
 def int16(value: float) -> int:
     """Rounded, and held at the ends of its field."""
     return min(max(round(value), -32768), 32767)
+
+
+def axes(form: str, values: Iterable[float]) -> Fields:
+    """Three fields, called by ``form`` with x, y and z in it."""
+    return {form.format(axis): value for axis, value in zip("xyz", values, strict=True)}
 
 
 # ---- what every simulated autopilot says in the same way, or begins with
@@ -91,8 +98,7 @@ def local_position_ned(node: Node) -> Fields | None:
     brain, s = node.brain, node.brain.sense
     if not brain.position_ok:
         return None
-    x, y, z = brain.local
-    return {"time_boot_ms": boot_ms(node), "x": x, "y": y, "z": z, "vx": s.vn, "vy": s.ve, "vz": s.vd}
+    return {"time_boot_ms": boot_ms(node), **axes("{}", brain.local), **axes("v{}", (s.vn, s.ve, s.vd))}
 
 
 def global_position_int(node: Node) -> Fields:
@@ -115,21 +121,18 @@ def home_position(node: Node) -> Fields:
     """All but the attitude there."""
     brain = node.brain
     home, origin = brain.home_world, brain.origin_world
-    place = brain.place(home)
     return {
-        "latitude": e7(place.lat_deg),
-        "longitude": e7(place.lon_deg),
-        "altitude": round(place.alt_amsl_m * 1000),
-        "x": home[0] - origin[0],
-        "y": home[1] - origin[1],
-        "z": home[2] - origin[2],
-        "time_usec": boot_us(node),
+        **_place(node, home),
+        **axes("{}", (a - b for a, b in zip(home, origin, strict=True))),
     }
 
 
 def gps_global_origin(node: Node) -> Fields:
-    brain = node.brain
-    place = brain.place(brain.origin_world)
+    return _place(node, node.brain.origin_world)
+
+
+def _place(node: Node, world: Vector) -> Fields:
+    place = node.brain.place(world)
     return {
         "latitude": e7(place.lat_deg),
         "longitude": e7(place.lon_deg),

@@ -72,11 +72,6 @@ def _region_of_interest(node: ArduNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _no_region_of_interest(node: ArduNode, c: Command) -> int:
-    node.vehicle.region_of_interest(None)
-    return ACCEPTED
-
-
 def _mount_control(node: ArduNode, c: Command) -> int:
     """Pitch, roll and yaw about the nose, degrees; the last parameter is the mount's mode."""
     gimbal = node.vehicle.payload.gimbal
@@ -130,7 +125,7 @@ HANDLERS: Handlers = {
     183: lambda node, c: node.vehicle.payload.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     193: _pause_continue,
     195: _region_of_interest,
-    197: _no_region_of_interest,
+    197: lambda node, c: node.vehicle.region_of_interest(None) or ACCEPTED,
     201: _region_of_interest,
     203: _shoot,
     204: lambda node, c: node.vehicle.payload.gimbal.present,

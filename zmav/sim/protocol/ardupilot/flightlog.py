@@ -63,9 +63,10 @@ class FlightLog(Part):
         if now >= self._next_attitude:
             self._next_attitude += ATTITUDE_S
             s = self._vehicle.sense
-            wanted = _tilt(s.want_qw, s.want_qx, s.want_qy, s.want_qz)
-            roll, pitch, yaw, want_yaw = (math.degrees(a) for a in (s.roll, s.pitch, s.yaw, s.want_yaw))
-            writer.write("ATT", self._time_us, wanted[0], roll, wanted[1], pitch, want_yaw % 360.0, yaw % 360.0, EKF3)
+            want_roll, want_pitch, _ = rotation.euler((s.want_qw, s.want_qx, s.want_qy, s.want_qz))
+            tilt = map(math.degrees, (want_roll, s.roll, want_pitch, s.pitch))
+            yaws = (math.degrees(yaw) % 360.0 for yaw in (s.want_yaw, s.yaw))
+            writer.write("ATT", self._time_us, *tilt, *yaws, EKF3)
         if now >= self._next_position:
             self._next_position += POSITION_S
             self._write_position(writer)
@@ -102,30 +103,9 @@ class FlightLog(Part):
         here, home = vehicle.position, vehicle.place(vehicle.home_world)
         gps_s = max(self._unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did
         course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
-        writer.write(
-            "GPS",
-            self._time_us,
-            0,
-            6,
-            int(gps_s % WEEK_S * 1000.0),
-            int(gps_s // WEEK_S),
-            10,
-            1.21,
-            here.lat_deg,
-            here.lon_deg,
-            here.alt_amsl_m,
-            math.hypot(s.vn, s.ve),
-            course,
-            s.vd,
-            0.0,
-            1,
-        )
+        solution = (0, 6, int(gps_s % WEEK_S * 1000.0), int(gps_s // WEEK_S), 10, 1.21)
+        place = (here.lat_deg, here.lon_deg, here.alt_amsl_m)
+        writer.write("GPS", self._time_us, *solution, *place, math.hypot(s.vn, s.ve), course, s.vd, 0.0, 1)
         above = here.alt_amsl_m - home.alt_amsl_m
-        writer.write("POS", self._time_us, here.lat_deg, here.lon_deg, here.alt_amsl_m, above, above)
+        writer.write("POS", self._time_us, *place, above, above)
         writer.write("BAT", self._time_us, 0, vehicle.voltage, s.current_a, vehicle.consumed_mah)
-
-
-def _tilt(w: float, x: float, y: float, z: float) -> tuple[float, float]:
-    """Roll and pitch of an attitude, degrees."""
-    roll, pitch, _ = rotation.euler((w, x, y, z))
-    return math.degrees(roll), math.degrees(pitch)

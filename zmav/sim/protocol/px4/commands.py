@@ -154,11 +154,6 @@ def _mission_start(node: Px4Node, c: Command) -> int:
     return copter.set_mode(MISSION)
 
 
-def _run_checks(node: Px4Node, c: Command) -> int:
-    node.copter.health.tell()
-    return ACCEPTED
-
-
 # ---- the receiver's
 
 
@@ -233,7 +228,7 @@ HANDLERS: dict[int, Handler] = {
     246: _reboot,
     300: _mission_start,
     400: _arm_disarm,
-    401: _run_checks,
+    401: lambda node, c: node.copter.health.tell() or ACCEPTED,
     410: _ask_for("HOME_POSITION"),
     510: _get_interval,
     511: _set_interval,

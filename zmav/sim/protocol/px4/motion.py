@@ -13,23 +13,18 @@ from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.base import Fields
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import boot_ms, boot_us, centidegrees, e7
+from zmav.sim.protocol.reports import axes, boot_ms, boot_us, centidegrees, e7
 
 
 def odometry(node: Px4Node) -> Fields:
     copter, s = node.copter, node.copter.sense
-    x, y, z = copter.local
     return {
         "time_usec": boot_us(node),
         "frame_id": 1,
         "child_frame_id": 1,
-        "x": x,
-        "y": y,
-        "z": z,
+        **axes("{}", copter.local),
         "q": [s.qw, s.qx, s.qy, s.qz],
-        "vx": s.vn,
-        "vy": s.ve,
-        "vz": s.vd,
+        **axes("v{}", (s.vn, s.ve, s.vd)),
         "rollspeed": s.p,
         "pitchspeed": s.q,
         "yawspeed": s.r,
@@ -120,8 +115,7 @@ _STANDING: Fields = {"vx": _NO, "vy": _NO, "vz": _NO, "afz": 100.0}  # so that i
 def _loops(node: Px4Node) -> Fields:
     """Velocity and acceleration that the loops are asked for, and the heading."""
     wanted = node.seat.wanted()
-    names = ("vx", "vy", "vz", "afx", "afy", "afz")
-    return {**dict(zip(names, (*wanted.vel, *wanted.acc), strict=True)), "yaw": node.copter.sense.want_yaw}
+    return {**axes("v{}", wanted.vel), **axes("af{}", wanted.acc), "yaw": node.copter.sense.want_yaw}
 
 
 def position_target_local_ned(node: Px4Node) -> Fields | None:
@@ -138,8 +132,7 @@ def position_target_local_ned(node: Px4Node) -> Fields | None:
     if copter.failsafe.active and copter.mode.manual:
         return {**fields, **nowhere, "type_mask": 31, "vx": _NO, "vy": _NO, "afx": 0.0, "afy": 0.0}
     if wish is None:
-        x, y, z = copter.local
-        return {**fields, "x": x, "y": y, "z": z}
+        return {**fields, **axes("{}", copter.local)}
     mask, about = 0, copter.origin_world
     for axis, name in enumerate("xyz"):
         pos = wish.pos[axis]

@@ -10,7 +10,7 @@ import math
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.base import Fields
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import boot_ms, boot_us
+from zmav.sim.protocol.reports import axes, boot_ms, boot_us
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
@@ -26,22 +26,15 @@ def gps_raw_int(node: Px4Node) -> Fields:
 
 def highres_imu(node: Px4Node) -> Fields:
     seen = node.seat.readings()
-    (ax, ay, az), (p, q, r), (mx, my, mz) = seen.accel, seen.gyro, seen.mag
     # A compass and a barometer are slower than the messages: these say what is new.
     now = node.copter.uptime
     sampled, node.imu_seen = node.imu_seen, (int(now * _MAG_HZ), int(now * _BARO_HZ))
     fresh = [_MAG * (sampled[0] != node.imu_seen[0]), _BARO * (sampled[1] != node.imu_seen[1])]
     return {
         "time_usec": boot_us(node),
-        "xacc": ax,
-        "yacc": ay,
-        "zacc": az,
-        "xgyro": p,
-        "ygyro": q,
-        "zgyro": r,
-        "xmag": mx,
-        "ymag": my,
-        "zmag": mz,
+        **axes("{}acc", seen.accel),
+        **axes("{}gyro", seen.gyro),
+        **axes("{}mag", seen.mag),
         "abs_pressure": seen.pressure_hpa * 100.0,  # PX4 puts pascals into this field of hectopascals
         "pressure_alt": seen.pressure_alt_m,
         "temperature": 15.0,

@@ -54,20 +54,17 @@ def current_mode(node: Px4Node) -> Fields:
 
 def sys_status(node: Px4Node) -> Fields:
     copter = node.copter
+    healthy = _HEALTHY if copter.filter.has_fix else _HEALTHY & ~_GPS
     return {
         "onboard_control_sensors_present": _PRESENT,
         "onboard_control_sensors_enabled": _ENABLED,
-        "onboard_control_sensors_health": _healthy(node) | (_PREARM if copter.checks_ok else 0),
+        "onboard_control_sensors_health": healthy | (_PREARM if copter.checks_ok else 0),
         "onboard_control_sensors_health_extended": 1,
         "load": 140,
         "voltage_battery": round(copter.battery.volts * 1000),
         "current_battery": _current(node),
         "battery_remaining": round(copter.battery.remaining * 100.0),
     }
-
-
-def _healthy(node: Px4Node) -> int:
-    return _HEALTHY if node.copter.filter.has_fix else _HEALTHY & ~_GPS
 
 
 def _current(node: Px4Node) -> int:

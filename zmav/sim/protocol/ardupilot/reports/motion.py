@@ -11,7 +11,7 @@ from zmav.sim.geo import Position
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import Fields
-from zmav.sim.protocol.reports import boot_ms, centidegrees, e7
+from zmav.sim.protocol.reports import axes, boot_ms, centidegrees, e7
 
 
 def global_position_int(node: ArduNode) -> Fields:
@@ -118,12 +118,8 @@ def simstate(node: ArduNode) -> Fields:
         "roll": s.roll,
         "pitch": s.pitch,
         "yaw": s.yaw,
-        "xacc": s.fx,
-        "yacc": s.fy,
-        "zacc": s.fz,
-        "xgyro": s.p,
-        "ygyro": s.q,
-        "zgyro": s.r,
+        **axes("{}acc", (s.fx, s.fy, s.fz)),
+        **axes("{}gyro", (s.p, s.q, s.r)),
         "lat": e7(true.lat_deg),
         "lng": e7(true.lon_deg),
     }

@@ -9,7 +9,7 @@ from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import Fields
-from zmav.sim.protocol.reports import boot_ms, boot_us, e7, int16
+from zmav.sim.protocol.reports import axes, boot_ms, boot_us, e7, int16
 from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
 
@@ -38,12 +38,8 @@ def imu(node: ArduNode) -> Fields:
     seen = node.seat.readings()
     to_mg = 1000.0 / GRAVITY
     return {
-        "xacc": int16(seen.accel[0] * to_mg),
-        "yacc": int16(seen.accel[1] * to_mg),
-        "zacc": int16(seen.accel[2] * to_mg),
-        "xgyro": int16(seen.gyro[0] * 1000.0),
-        "ygyro": int16(seen.gyro[1] * 1000.0),
-        "zgyro": int16(seen.gyro[2] * 1000.0),
+        **axes("{}acc", (int16(part * to_mg) for part in seen.accel)),
+        **axes("{}gyro", (int16(part * 1000.0) for part in seen.gyro)),
         "temperature": 3200,
         **compass(seen),
     }
@@ -51,8 +47,7 @@ def imu(node: ArduNode) -> Fields:
 
 def compass(seen: Readings) -> Fields:
     """Milligauss."""
-    x, y, z = (int16(1000.0 * part) for part in seen.mag)
-    return {"xmag": x, "ymag": y, "zmag": z}
+    return axes("{}mag", (int16(1000.0 * part) for part in seen.mag))
 
 
 def scaled_pressure(node: ArduNode) -> Fields:
