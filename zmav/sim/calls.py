@@ -40,7 +40,7 @@ class Calls:
         except BlockingIOError:
             return
 
-    def call(self, function: Callable[[], T], timeout: float) -> T:
+    def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
         """Have ``function`` run; gives its result, or raises what it raised. :class:`TimedOut` where nobody does."""
         future: Future[T] = Future()
 

@@ -71,10 +71,6 @@ class WorldTable(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, froze
     """a scene file; a path that is not absolute starts at the fleet file"""
 
 
-class VehicleTable(VehicleSpec, kw_only=True, forbid_unknown_fields=True, frozen=True):
-    """``[vehicles.NAME.sim]``: what a :class:`VehicleSpec` holds, but for name and system id, which the vehicle has."""
-
-
 class FleetFile(msgspec.Struct, frozen=True):
     """What a simulator needs of a fleet file."""
 
@@ -118,8 +114,9 @@ def _convert(table: Mapping[str, Any], kind: type[T], where: str) -> T:
 
 
 def _spec(name: str, table: VehicleConfig) -> VehicleSpec:
+    """``[vehicles.NAME.sim]``: what a :class:`VehicleSpec` holds, but for name and system id, which the vehicle has."""
     where = f"vehicles.{name}.sim"
-    given = _convert(table.sim or {}, VehicleTable, where)
+    given = _convert(table.sim or {}, VehicleSpec, where)
     for field in ("name", "sysid"):
         if getattr(given, field) is not None:
             expected = f"none here: the {field} is the one that [vehicles.{name}] has"
@@ -127,8 +124,7 @@ def _spec(name: str, table: VehicleConfig) -> VehicleSpec:
             raise BadConfig(text, field=f"{where}.{field}", value=getattr(given, field), expected=expected)
     check(given, where)
     endpoints = given.endpoints or (_endpoint(table.link, given.autopilot, f"vehicles.{name}.link"),)
-    fields = {field: getattr(given, field) for field in VehicleSpec.__struct_fields__}
-    return VehicleSpec(**{**fields, "name": name, "sysid": table.sysid, "endpoints": endpoints})
+    return msgspec.structs.replace(given, name=name, sysid=table.sysid, endpoints=endpoints)
 
 
 def _endpoint(link: str, autopilot: str, field: str) -> str:

@@ -45,7 +45,7 @@ class Loop:
         """notified after each tick, and when the run has failed"""
         self.failure: BaseException | None = None
         """what ended the thread of :meth:`start`"""
-        self._calls = Calls(self.selector)
+        self.calls = Calls(self.selector)
         self._thread: threading.Thread | None = None
         self._entered = threading.Event()
         self._stopping = False
@@ -68,7 +68,7 @@ class Loop:
     def stop(self) -> None:
         """Ask :meth:`run` to end; any thread, and signal handlers, may."""
         self._stopping = True
-        self._calls.ring()
+        self.calls.ring()
 
     def join(self) -> None:
         """Wait until the thread of :meth:`start` has ended."""
@@ -79,7 +79,7 @@ class Loop:
     def close(self) -> None:
         """Once nothing runs and everybody is unregistered."""
         self.selector.close()
-        self._calls.close()
+        self.calls.close()
         self._over(TimedOut("the simulator has ended"))
 
     def _run_guarded(self) -> None:
@@ -171,7 +171,7 @@ class Loop:
         for key, _ in self.selector.select(timeout if math.isfinite(timeout) else None):
             ready: Callable[[], None] = key.data
             ready()
-        self._calls.do()
+        self.calls.do()
 
     def _flush(self) -> None:
         self._externals.flush()
@@ -182,10 +182,4 @@ class Loop:
 
     def inside(self, function: Callable[[], T]) -> T:
         """Have the world's thread do it, where one runs and it is not this one."""
-        return function() if self._runner in (None, threading.get_ident()) else self.call(function)
-
-    def call(self, function: Callable[[], T], timeout: float = 10.0) -> T:
-        """Run ``function`` between two ticks in the world's thread; gives its result, or raises what it raised.
-        :class:`TimedOut` where the world does not run.
-        """
-        return self._calls.call(function, timeout)
+        return function() if self._runner in (None, threading.get_ident()) else self.calls.call(function)

@@ -54,7 +54,7 @@ class Stack(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     device: str | None = None
 
 
-class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True):
+class VehicleSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One vehicle. What is None is chosen by the world; see :mod:`zmav.sim.lineup`.
 
     ``autopilot``: "arducopter", "ardurover", "arduplane" or "px4". ``airframe``: one of :data:`AIRFRAMES` (None: what

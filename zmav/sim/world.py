@@ -357,7 +357,7 @@ class World:
 
         Raises :class:`TimedOut` where the world does not run.
         """
-        return self._loop.call(function, timeout)
+        return self._loop.calls.call(function, timeout)
 
     def wait_for(self, true: Callable[[], bool], sim_s: float = 120.0) -> None:
         """Wait until ``true()`` holds, looked at after every tick; :class:`TimedOut` after ``sim_s`` simulated
