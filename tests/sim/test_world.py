@@ -66,7 +66,7 @@ def state(world: World) -> np.ndarray:
 
 class TestDeterminism:
     def script(self, make_desk: MakeDesk, seed: int) -> np.ndarray:
-        desk = make_desk(2, seed=seed, gps_noise_m=0.5, wind=(2.0, 1.0, 0.0))
+        desk = make_desk(2, seed=seed, noise="typical", wind=(2.0, 1.0, 0.0))
         desk.take_off(3.0)
         desk.goto(5.0, 3.0, -4.0)
         desk.world.step(3.0)

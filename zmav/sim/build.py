@@ -57,7 +57,6 @@ def build(
     environment: Environment,
     ready_s: float,
     noise: str,
-    gps_noise_m: float,
     dt: float,
     dialect: Dialect,
     epoch_us: int,
@@ -72,9 +71,7 @@ def build(
         yaw = np.radians([specs[i].yaw_deg or 0.0 for i in members])
         # Random numbers from the seed and the kind: adding another kind changes nothing for this one.
         kind_seed = (seed, *f"{autopilot} {kind}".encode("ascii", "replace"))
-        around = Surroundings(
-            environment=environment, place=home.position, seed=kind_seed, noise=noise, gps_noise_m=gps_noise_m
-        )
+        around = Surroundings(environment=environment, place=home.position, seed=kind_seed, noise=noise)
         squad = Squad(_fleet(kind, autopilot, start, yaw, dt, around))
         senses = squad.fleet.senses()
         for place, i in enumerate(members):

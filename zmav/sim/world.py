@@ -61,10 +61,10 @@ class World:
     not faster than clients see it, see :mod:`zmav.sim.lockstep`.
     ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
-    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation
-    per axis. ``tick_hz``: how often links are served, 100 to 1000 in hundreds: no stream is quicker, and a controller
-    outside hears and is heard that often (each tick costs as much). ``epoch_s``: UTC at the start. ``scene``: what
-    cameras see on the ground (:mod:`zmav.sim.camera`); ``cameras``, ``pads``: more of them, by vehicles' names.
+    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`. ``tick_hz``: how often links are
+    served, 100 to 1000 in hundreds: no stream is quicker, and a controller outside hears and is heard that often (each
+    tick costs as much). ``epoch_s``: UTC at the start. ``scene``: what cameras see on the ground
+    (:mod:`zmav.sim.camera`); ``cameras``, ``pads``: more of them, by vehicles' names.
     ``externals``: flies vehicles whose spec has a ``stack``, :class:`zmav.hil.externals.Externals`.
 
     ``with World(copters=3) as world:`` opens the endpoints and runs it in a thread of its own; :meth:`open` and
@@ -92,7 +92,6 @@ class World:
         lockstep: bool = False,
         ready_s: float = DEFAULT_READY_S,
         noise: str = "none",
-        gps_noise_m: float = 0.0,
         tick_hz: int = TICK_HZ,
         epoch_s: float | None = None,
         scene: Scene | None = None,
@@ -101,8 +100,8 @@ class World:
         externals: MakeExternals | None = None,
     ) -> None:
         self.epoch_s = time.time() if epoch_s is None else epoch_s
-        for field, value in (("spacing_m", spacing_m), ("ready_s", ready_s), ("gps_noise_m", gps_noise_m)):
-            _check(field, value)
+        _check("spacing_m", spacing_m)
+        _check("ready_s", ready_s)
         _check("wind", sum(map(abs, wind)))
         _check("seed", seed, MOST_SEED)
         _check("epoch_s", self.epoch_s, MOST_EPOCH_S)
@@ -124,7 +123,7 @@ class World:
         self.vehicles: list[SimVehicle] = []
         self._squads: list[Squad] = []
         self._addresses: list[list[Address]] = []
-        self._build(specs, reached, seed=seed, ready_s=ready_s, noise=noise, gps_noise_m=gps_noise_m)
+        self._build(specs, reached, seed=seed, ready_s=ready_s, noise=noise)
         self.externals = Externals()
         """the vehicles that flight stacks outside the simulator fly"""
         outside = next((spec.name for spec in specs if spec.stack is not None), None)

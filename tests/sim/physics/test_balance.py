@@ -117,7 +117,7 @@ def test_weight_is_what_a_scale_would_show() -> None:
 
 def _fly(make_desk: MakeDesk, specs: list[VehicleSpec], **options: object) -> list[float]:
     """Ten seconds of the first vehicle in gusts, as numbers."""
-    desk = make_desk(specs, gusts="moderate", wind=(4.0, 1.0, 0.0), gps_noise_m=1.0, **options)
+    desk = make_desk(specs, gusts="moderate", wind=(4.0, 1.0, 0.0), noise="typical", **options)
     desk.take_off(6.0)
     desk.goto(15.0, -5.0, -8.0)
     path = []

@@ -29,15 +29,13 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     """What a fleet finds itself in.
 
     ``environment``: ground and air; ``place``: where the origin of the world's NED lies; ``seed``: of this fleet;
-    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`; ``gps_noise_m``: standard deviation of
-    a wandering GPS error per axis, beside that.
+    ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`.
     """
 
     environment: Environment
     place: Position = DEFAULT_PLACE
     seed: tuple[int, ...] = (0,)
     noise: str = "none"
-    gps_noise_m: float = 0.0
 
     def generator(self, name: str) -> np.random.Generator:
         """Random numbers for one purpose of this fleet: drawing more of them changes nothing for the others."""
@@ -118,7 +116,7 @@ class Fleet(ABC):
         self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
         self.battery = Battery(pack or Pack(), dynamics.n)
         noise = noise_profile(around.noise)
-        self.sensors = SensorSuite(dynamics, around.place, around.seed, noise, around.gps_noise_m)
+        self.sensors = SensorSuite(dynamics, around.place, around.seed, noise)
         self.estimate = Estimator(dynamics, self.sensors, around.seed)
         self._table: Array = np.zeros((len(Sense._fields), dynamics.n))
         self._weak: dict[tuple[int, int], dict[str, float]] = {}  # (vehicle, motor) -> cause -> what is left
