@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import sys
+from collections.abc import Callable
 
 import click
 import msgspec
@@ -50,9 +51,9 @@ def command(once: bool, as_json: bool, every: float | None, wait: float, fleet: 
     if every is not None and once:
         raise click.UsageError("--once and --watch exclude each other")
     if every is not None:
-        run(_lines(every, wait, fleet, settings))
+        run(_show(_print_json, every, wait, fleet, settings))
     elif once or as_json or not (usable(0) and usable(1)):
-        run(_once(as_json, wait, fleet, settings))
+        run(_show(_print_json if as_json else _print, None, wait, fleet, settings))
         if not (once or as_json):
             click.echo("no terminal to draw on: shown once; 'zmav top --watch 1' goes on, as JSON", err=True)
     else:
@@ -64,31 +65,21 @@ async def _live(fleet: str, settings: SessionSettings) -> None:
         await Live(Watch(z), 0).run()
 
 
-async def _once(as_json: bool, wait: float, fleet: str, settings: SessionSettings) -> None:
+async def _show(
+    show: Callable[[Report], None], every: float | None, wait: float, fleet: str, settings: SessionSettings
+) -> None:
+    """Once, or ``every`` so many seconds."""
     async with zmav.open(fleet=fleet, settings=settings) as z:
         watch = Watch(z)
         watching = asyncio.create_task(watch.run())
         try:
             await watch.settle(wait)
-            report = watch.report()
-        finally:
-            watching.cancel()
-    if as_json:
-        click.echo(text(report))
-    else:
-        _print(report)
-
-
-async def _lines(every: float, wait: float, fleet: str, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        watch = Watch(z)
-        watching = asyncio.create_task(watch.run())
-        try:
-            await watch.settle(wait)
-            while not watching.done():
-                click.echo(text(watch.report()))
-                await asyncio.sleep(every)
-            watching.result()
+            show(watch.report())
+            while every is not None:
+                await asyncio.wait({watching}, timeout=every)
+                if watching.done():
+                    return watching.result()
+                show(watch.report())
         finally:
             watching.cancel()
 
@@ -96,6 +87,10 @@ async def _lines(every: float, wait: float, fleet: str, settings: SessionSetting
 def text(report: Report) -> str:
     """One line of JSON in ASCII: whatever a vehicle says, no terminal that it is printed on takes it for a command."""
     return json.dumps(msgspec.to_builtins(report), allow_nan=False)
+
+
+def _print_json(report: Report) -> None:
+    click.echo(text(report))
 
 
 def _print(report: Report) -> None:

@@ -102,30 +102,11 @@ class Bench:
     ) -> StreamResult:
         """Have ``a`` send to ``b`` (and back). Ends early when ``until`` is set. Raises what a host refuses."""
         first, second = (pong.host for pong in await self.pair(a, b))
-        reliable = stream.reliable if stream.reliable is not None else stream.qos != keys.Qos.BULK.value
-        run = _new_run()
-
-        def part(host: str, peer: str, role: BenchRole, guard: float) -> _Part:
-            order = BenchOrder(
-                run=run,
-                role=role,
-                peers=[peer],
-                seconds=stream.seconds,
-                hz=stream.hz,
-                size=stream.size,
-                qos=stream.qos,
-                reliable=reliable,
-                gap=stream.silence,
-                guard=guard,
-                patience=stream.patience,
-                asker=self._asker,
-            )
-            return _Part(host, order)
-
-        parts = [
-            part(second, first, "both" if both else "receive", 0.0),
-            part(first, second, "both" if both else "send", stream.guard),
-        ]
+        order = msgspec.structs.replace(self._order("receive", [first], stream), gap=stream.silence)
+        send = msgspec.structs.replace(order, role="send", peers=[second], guard=stream.guard)
+        if both:
+            order.role = send.role = "both"
+        parts = [_Part(second, order), _Part(first, send)]
         async with self._running(parts) as reports:
             back, there = reports
             flows = [Flow(source=first, target=second, sender=there, receiver=back)]
@@ -156,7 +137,7 @@ class Bench:
     def _order(self, role: BenchRole, peers: list[str], stream: Stream) -> BenchOrder:
         reliable = stream.reliable if stream.reliable is not None else stream.qos != keys.Qos.BULK.value
         return BenchOrder(
-            run=_new_run(),
+            run=secrets.token_hex(4),
             role=role,
             peers=peers,
             seconds=stream.seconds,
@@ -236,10 +217,6 @@ def _who() -> str:
         return f"{getpass.getuser()}@{socket.gethostname()}"
     except (KeyError, OSError):  # a user without a name
         return socket.gethostname()
-
-
-def _new_run() -> str:
-    return secrets.token_hex(4)
 
 
 def _pong(reply: zenoh.Reply) -> Pong | None:
