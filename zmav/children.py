@@ -63,6 +63,9 @@ class Children:
                 _await(process, max(0.0, deadline - time.monotonic()))
             else:
                 end(process)
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
         self._scratch.cleanup()
         for number, handler in self._before.items():
             signal.signal(number, handler)
@@ -81,15 +84,19 @@ class Children:
         module: str = "zmav",
         may_end: bool = False,
         environment: Mapping[str, str] | None = None,
+        pipes: bool = False,
     ) -> subprocess.Popen[bytes]:
-        """Start ``zmav ARGUMENTS``, or another module, under a name."""
+        """Start ``zmav ARGUMENTS``, or another module, under a name. ``pipes``: to its input and from its output,
+        unbuffered; its log has its errors only.
+        """
         keep = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid())]
         self._starting = True
         with self._log(name).open("wb") as log:
             self._running[name] = subprocess.Popen(
                 [*keep, sys.executable, "-m", module, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
+                bufsize=0 if pipes else -1,
+                stdin=subprocess.PIPE if pipes else subprocess.DEVNULL,
+                stdout=subprocess.PIPE if pipes else log,
                 stderr=log,
                 env={key: value for key, value in os.environ.items() if key not in OURS} | dict(environment or {}),
                 start_new_session=True,

@@ -5,14 +5,15 @@ from __future__ import annotations
 import socket
 import time
 
-from mesh.scale.fleet import Child, Children, ask_all, until
+from mesh.scale.fleet import Child, ask_all, until
 from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
+from zmav.children import Children
 from zmav.process import free_port
 
 
 def simulate(shape: Shape) -> Run:
     """Run it: some ten seconds and as long as the machine takes to form the fleet."""
-    with Children() as children:
+    with Children(at_once=True) as children:
         return _grouped(children, shape) if shape.groups else _flat(children, shape)
 
 
@@ -32,7 +33,7 @@ def _flat(children: Children, shape: Shape) -> Run:
 def _grouped(children: Children, shape: Shape) -> Run:
     """As the flat run, the ground's router being on the trunk: its neighbour is the trunk's first router."""
     port = free_port(socket.SOCK_DGRAM)
-    trunk = children.start("trunk", NODE, {"fleet": FLEET, "listen": [endpoint(port)], "connect": []})
+    trunk = Child(children, "trunk", NODE, {"fleet": FLEET, "listen": [endpoint(port)], "connect": []})
     trunk.hear()
     each = max(shape.routers // shape.groups, 1)
     networks = [Network(children, f"g{i}-", shape.topology, each) for i in range(shape.groups)]
@@ -72,4 +73,4 @@ def _gateway(children: Children, i: int, network: Network, port: int) -> Child:
         "connect": [endpoint(port)],
         "listen": [f"tcp/127.0.0.1:{free_port()}"],
     }
-    return children.start(f"gateway{i}", GATEWAY, how)
+    return Child(children, f"gateway{i}", GATEWAY, how)

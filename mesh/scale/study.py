@@ -12,9 +12,10 @@ from typing import Any
 
 import msgspec
 
-from mesh.scale.fleet import LINK, Child, Children, ask_all, until
+from mesh.scale.fleet import LINK, Child, ask_all, until
 from mesh.scale.meter import Meter
 from mesh.scale.topology import Topology, links
+from zmav.children import Children
 from zmav.process import free_port
 
 FLEET = "study"
@@ -95,7 +96,7 @@ class Network:
         for i, others in enumerate(links(topology, routers)):
             listen = [endpoint(self.ports[i]), *([self.local] if i == 0 else [])]
             how = {"fleet": FLEET, "listen": listen, "connect": [endpoint(self.ports[j]) for j in others]}
-            self.nodes.append(children.start(f"{name}{i}", NODE, how))
+            self.nodes.append(Child(children, f"{name}{i}", NODE, how))
 
     def ready(self) -> None:
         for node in self.nodes:
@@ -125,7 +126,7 @@ def measure(
         local = f"tcp/127.0.0.1:{free_port()}"
         start = time.monotonic()
         how = {"fleet": FLEET, "listen": [local], "connect": [endpoint(meter.port)]}
-        ground = children.start("ground", NODE, how)
+        ground = Child(children, "ground", NODE, how)
         ground.hear()
         cpu = ground.ask("usage")["cpu"]
         until(lambda: bool(ground.ask("usage")["routers"]), "the ground's router has its neighbour", 0.05)
@@ -135,7 +136,7 @@ def measure(
         sync_bytes, sync_cpu = meter.bytes, ground.ask("usage")["cpu"] - cpu
         idle_rate = _rate(meter, shape.seconds)
         said: dict[str, Any] = {"fleet": FLEET, "connect": [local], "vehicles": shape.vehicles, "groups": shape.groups}
-        station = children.start("station", STATION, said)
+        station = Child(children, "station", STATION, said)
         station.hear()
         until(lambda: bool(station.ask("known")["known"] >= shape.vehicles), "the station has heard everybody", 0.2)
         return _read(
