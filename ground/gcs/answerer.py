@@ -8,6 +8,7 @@ autopilot hears of it.
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
 import zmav
@@ -67,7 +68,7 @@ class Ground(Protocol):
         """
 
 
-class Answerer(Protocol):
+class Answerer(ABC):
     """Takes what clients ask, and says which frames of vehicles they must not get.
 
     Called on carrying threads: it must be quick, must not wait, and must not raise (what it raises is said once, and
@@ -76,17 +77,21 @@ class Answerer(Protocol):
 
     takes: frozenset[str]
     """names of the clients' messages that are offered"""
-    watches: frozenset[str]
+    watches: frozenset[str] = frozenset()
     """names of the vehicles' messages that :meth:`withhold` is asked about"""
 
+    @abstractmethod
     def offer(self, client: GcsClient, frame: Frame) -> bool:
         """A client's frame; True: taken, it goes to no vehicle. On the thread of the client's endpoint."""
 
     def withhold(self, origin: Origin, data: bytes) -> bool:
         """A vehicle's frame; True: no client gets it. On Zenoh's thread."""
+        return False
 
+    @abstractmethod
     def left(self, client: GcsClient) -> None:
         """The client is gone."""
 
+    @abstractmethod
     def close(self) -> None:
         """The bridge ends. On the event loop."""

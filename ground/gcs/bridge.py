@@ -18,11 +18,14 @@ import msgspec
 import zmav
 from ground.feed import Feed
 from ground.gcs.answerer import Answerer, GcsClient
-from ground.gcs.answerers import make_answerers
 from ground.gcs.client import Client
 from ground.gcs.downlink import Downlink
+from ground.gcs.files import Files
+from ground.gcs.missions import Missions
 from ground.gcs.options import Endpoint, Options
+from ground.gcs.params import Params
 from ground.gcs.places import Running
+from ground.gcs.request_handlers import HandlersByClient
 from ground.gcs.routes import Known, Routes
 from ground.gcs.serial import Serial
 from ground.gcs.standard import SETS
@@ -92,7 +95,9 @@ class Bridge:
         return self.downlink.clients
 
     async def __aenter__(self) -> Bridge:
-        self._answerers = make_answerers(self)
+        by_client = HandlersByClient(self)
+        params = Params(self, by_client)
+        self._answerers = [params, Missions(self, by_client), Files(self, by_client, params)]
         self.downlink.set_answerers(self._answerers)
         self.uplink.answerers = self._answerers
         self.endpoints = [self._open(endpoint) for endpoint in self.settings.endpoints]

@@ -75,8 +75,8 @@ class Client:
         self.stays = stays
         """it is sent to whether it is there or not"""
         self._connected = connected
-        self._ids: frozenset[tuple[int, int]] = frozenset()
-        self._systems: frozenset[int] = frozenset()
+        self.ids: frozenset[tuple[int, int]] = frozenset()
+        self.systems: frozenset[int] = frozenset()
         self._ready = threading.Condition()
         self._bucket = Bucket(options.rate, time.monotonic()) if options.rate else None
         self._period = 1.0 / options.hz if options.hz else 0.0
@@ -91,19 +91,11 @@ class Client:
             threading.Thread(target=self._write_on, name=f"gcs {name}", daemon=True).start()
 
     def __repr__(self) -> str:
-        return f"<Client {self.name} {sorted(self._ids)}>"
+        return f"<Client {self.name} {sorted(self.ids)}>"
 
     @property
     def read_only(self) -> bool:
         return self.options.read_only
-
-    @property
-    def ids(self) -> frozenset[tuple[int, int]]:
-        return self._ids
-
-    @property
-    def systems(self) -> frozenset[int]:
-        return self._systems
 
     @property
     def present(self) -> bool:
@@ -122,15 +114,15 @@ class Client:
 
     def add_id(self, place: tuple[int, int]) -> bool:
         """False: it speaks as too many already."""
-        if len(self._ids) >= MOST_IDS:
+        if len(self.ids) >= MOST_IDS:
             return False
-        self._ids |= {place}
-        self._systems = frozenset(system for system, _ in self._ids)
+        self.ids |= {place}
+        self.systems = frozenset(system for system, _ in self.ids)
         return True
 
     def forget(self) -> None:
         """Anyone who was there is not any more; who comes next may be somebody else."""
-        self._ids, self._systems, self.kind_of_station = frozenset(), frozenset(), ""
+        self.ids, self.systems, self.kind_of_station = frozenset(), frozenset(), ""
         self.told.clear()
 
     def feed(self, data: bytes) -> list[Frame]:

@@ -11,8 +11,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from ground.feed import Origin
-from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.answerer import Answerer, GcsClient, Ground
 from ground.gcs.params import Params, System
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
@@ -42,11 +41,8 @@ class Opened:
         return self.data[offset : offset + size]
 
 
-class Files:
-    """An :class:`~ground.gcs.answerer.Answerer`."""
-
+class Files(Answerer):
     takes = frozenset({"FILE_TRANSFER_PROTOCOL"})
-    watches: frozenset[str] = frozenset()
 
     def __init__(self, ground: Ground, by_client: HandlersByClient, params: Params) -> None:
         self._ground, self._by_client, self._params = ground, by_client, params
@@ -73,9 +69,6 @@ class Files:
             return False
         self._by_client.of(client).ask(self._serve, frame)
         return True
-
-    def withhold(self, origin: Origin, data: bytes) -> bool:
-        return False
 
     def left(self, client: GcsClient) -> None:
         for key in [key for key in list(self._sessions) if key[0] is client]:

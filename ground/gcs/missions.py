@@ -16,8 +16,7 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 
-from ground.feed import Origin
-from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.answerer import Answerer, GcsClient, Ground
 from ground.gcs.mission_asked import (
     BY_NUMBER,
     Asked,
@@ -50,9 +49,7 @@ class Ended(NamedTuple):
     at: float
 
 
-class Missions:
-    """An :class:`~ground.gcs.answerer.Answerer`."""
-
+class Missions(Answerer):
     takes = frozenset(
         {
             "MISSION_REQUEST_LIST",
@@ -67,7 +64,6 @@ class Missions:
             "MISSION_WRITE_PARTIAL_LIST",
         }
     )
-    watches: frozenset[str] = frozenset()
 
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
@@ -101,9 +97,6 @@ class Missions:
             return False
         self._by_client.of(client).ask(self._handlers[name], frame)
         return True
-
-    def withhold(self, origin: Origin, data: bytes) -> bool:
-        return False
 
     def left(self, client: GcsClient) -> None:
         self._by_client.left(client)
@@ -145,22 +138,21 @@ class Missions:
         if asked.line is None:
             asked.ack(MissionResult.UNSUPPORTED)
         else:
-            self._work(("list", asked.line), self._show(asked, asked.line))
+            self._work(("list", asked.line), self._fetch(asked, asked.line, self._show_count))
 
-    async def _show(self, asked: Asked, line: Line) -> None:
-        """Say how many items there are, and keep them for the client to ask for."""
+    async def _fetch(self, asked: Asked, line: Line, show: Callable[[Asked, Line], None]) -> None:
+        """Keep the plan for the client to ask for, and ``show`` what it asked now."""
         try:
-            raws = await self._fetch(asked, line)
+            mission = await asked.vehicle.missions.get(line.kind)
+            raws, start = asked.raws(line.kind, mission), asked.items.offset(line.kind)
         except ZmavError as e:
             asked.refuse(e, f"{WORDS[line.kind]} not read")
         else:
-            asked.say("MISSION_COUNT", count=len(raws))
+            self._shown[line] = raws, -1 if mission.current is None else mission.current + start
+            show(asked, line)
 
-    async def _fetch(self, asked: Asked, line: Line) -> list[Raw]:
-        mission = await asked.vehicle.missions.get(line.kind)
-        raws, start = asked.raws(line.kind, mission), asked.items.offset(line.kind)
-        self._shown[line] = raws, -1 if mission.current is None else mission.current + start
-        return raws
+    def _show_count(self, asked: Asked, line: Line) -> None:
+        asked.say("MISSION_COUNT", count=len(self._shown[line][0]))
 
     def _item(self, asked: Asked) -> None:
         if asked.line is None:
@@ -168,16 +160,7 @@ class Missions:
         elif asked.line in self._shown:
             self._show_item(asked, asked.line)
         else:
-            self._work(("item", asked.line), self._show_late(asked, asked.line))
-
-    async def _show_late(self, asked: Asked, line: Line) -> None:
-        """An item of a plan that nobody asked for as a whole."""
-        try:
-            await self._fetch(asked, line)
-        except ZmavError as e:
-            asked.refuse(e, f"{WORDS[line.kind]} not read")
-        else:
-            self._show_item(asked, line)
+            self._work(("item", asked.line), self._fetch(asked, asked.line, self._show_item))
 
     def _show_item(self, asked: Asked, line: Line) -> None:
         (raws, current), seq = self._shown[line], asked.fields["seq"]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from ground.feed import Origin
-from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.answerer import Answerer, GcsClient, Ground
 from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from ground.gcs.target import is_for_autopilots, vehicles
@@ -68,9 +68,7 @@ class System:
             waiting.pop(handlers, None)
 
 
-class Params:
-    """An :class:`~ground.gcs.answerer.Answerer`."""
-
+class Params(Answerer):
     takes = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
     watches = frozenset({"PARAM_VALUE", "HEARTBEAT"})
 

@@ -7,6 +7,7 @@ import contextlib
 import math
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -85,48 +86,13 @@ class Options(msgspec.Struct, kw_only=True, frozen=True):
 @fleet_option
 @json_option
 @zenoh_options
-def command(
-    a: str,
-    b: str,
-    seconds: float | None,
-    qos: str | None,
-    rate: str | None,
-    hz: float | None,
-    size: int | None,
-    both: bool,
-    kind: str | None,
-    cuts: int | None,
-    gap: float | None,
-    limit: str,
-    reliable: bool | None,
-    csv: Path | None,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
+def command(fleet: str, settings: SessionSettings, **given: Any) -> None:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
     Rates and transfers are of payload; order, twice: datagrams out of order, and repeated.
     """
-    options = Options(
-        a=a,
-        b=b,
-        kind=kind or "stream",
-        seconds=seconds,
-        qos=keys.Qos(qos) if qos else None,
-        rate=rate,
-        hz=hz,
-        size=size,
-        both=both,
-        cuts=cuts,
-        gap=gap,
-        limit=limit,
-        reliable=reliable,
-        as_json=as_json,
-        csv=csv,
-    )
-    run(measure(options, fleet, settings))
+    run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, Options), fleet, settings))
 
 
 async def measure(options: Options, fleet: str, settings: SessionSettings) -> None:
