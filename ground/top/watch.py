@@ -6,9 +6,9 @@ import asyncio
 import collections
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import msgspec
 import zenoh
 from zenoh import handlers
 
@@ -87,7 +87,14 @@ class Watch:
         self._first = {"network": asyncio.Event(), "trips": asyncio.Event()}
 
     async def run(self) -> None:
-        await together(self._hear_events(), self._hear_links(), self._hear_agents(), self._ask_all(), self._look())
+        fleet = self._z.fleet_name
+        await together(
+            self._hear(keys.EVENT.key(fleet, "*"), wire.Event, self._on_event, history=PAST),
+            self._hear(keys.LINK.key(fleet, "*", link="autopilot"), wire.LinkQuality, self._on_link),
+            self._hear(keys.AGENT_STATUS.key(fleet, "*", agent="*"), wire.AgentStatus, self._on_status),
+            self._ask_all(),
+            self._look(),
+        )
 
     async def settle(self, most: float) -> None:
         """Wait until all vehicles and the network were asked once, and have had time to answer; ``most`` seconds."""
@@ -103,26 +110,26 @@ class Watch:
 
     # What comes.
 
-    async def _hear_events(self) -> None:
-        key = keys.EVENT.key(self._z.fleet_name, "*")
-        async with self._z.subscribe(key, _placed(wire.Event), history=PAST) as events:
-            async for place, _, event in events:
-                if (seen := self._of(place)) is not None:
-                    seen.events.append(event)
+    async def _hear(self, key: str, kind: type[Any], take: Callable[[Place, str, Any], None], history: int = 0) -> None:
+        """``take`` gets whose it is, the key and the payload as a ``kind``."""
 
-    async def _hear_links(self) -> None:
-        key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
-        async with self._z.subscribe(key, _placed(wire.LinkQuality)) as links:
-            async for place, _, link in links:
-                self._on_link(place, link)
+        def convert(sample: zenoh.Sample) -> tuple[Place, str, Any]:
+            key = str(sample.key_expr)
+            _, fleet, name, _ = key.split("/", 3)
+            return (fleet, name), key, wire.decode(sample.payload.to_bytes(), kind, key)
 
-    async def _hear_agents(self) -> None:
-        key = keys.AGENT_STATUS.key(self._z.fleet_name, "*", agent="*")
-        async with self._z.subscribe(key, _placed(wire.AgentStatus)) as statuses:
-            async for place, chunks, status in statuses:
-                who = (place, chunks[4])
-                if who in self._agents or len(self._agents) < AGENTS:
-                    self._agents[who] = LastStatus(status, time.monotonic())
+        async with self._z.subscribe(key, convert, history=history) as samples:
+            async for place, key, value in samples:
+                take(place, key, value)
+
+    def _on_event(self, place: Place, _: str, event: wire.Event) -> None:
+        if (seen := self._of(place)) is not None:
+            seen.events.append(event)
+
+    def _on_status(self, place: Place, key: str, status: wire.AgentStatus) -> None:
+        who = (place, key.split("/")[4])
+        if who in self._agents or len(self._agents) < AGENTS:
+            self._agents[who] = LastStatus(status, time.monotonic())
 
     def _of(self, place: Place) -> VehicleHistory | None:
         """What is kept of a vehicle; None: there are too many."""
@@ -130,7 +137,7 @@ class Watch:
             return None
         return self._seen.setdefault(place, VehicleHistory())
 
-    def _on_link(self, place: Place, link: wire.LinkQuality) -> None:
+    def _on_link(self, place: Place, _: str, link: wire.LinkQuality) -> None:
         if (seen := self._of(place)) is not None:
             seen.link, seen.link_at = link, time.monotonic()
 
@@ -165,7 +172,7 @@ class Watch:
         except BadInput:
             return
         place = (parts["fleet"], parts["vehicle"])
-        self._on_link(place, link)
+        self._on_link(place, key, link)
         if (seen := self._of(place)) is not None:
             seen.rtt, seen.rtt_at = took, time.monotonic()
 
@@ -264,14 +271,3 @@ def _dropped(state: wire.VehicleState) -> collections.Counter[str]:
     counts = collections.Counter({why: n for why, n in state.setpoints.items() if why not in NOT_DROPPED})
     counts.update({PROOF + why: n for why, n in state.forbidden.items()})
     return counts
-
-
-def _placed(kind: type[Any]) -> Any:
-    """Converts samples: whose it is, the chunks of the key, and the payload as a ``kind``."""
-
-    def convert(sample: zenoh.Sample) -> tuple[Place, list[str], msgspec.Struct]:
-        key = str(sample.key_expr)
-        chunks = key.split("/")
-        return (chunks[1], chunks[2]), chunks, wire.decode(sample.payload.to_bytes(), kind, key)
-
-    return convert

@@ -128,24 +128,6 @@ def list_labs() -> None:
         click.echo(name)
 
 
-@lab.command("cut")
-@click.argument("link")
-@lab_option
-def cut(link: str, name: str | None) -> None:
-    """Let nothing cross a link any more: 'zmav lab cut 2-3'."""
-    with Remote(name) as remote:
-        remote.call("cut", link=link)
-
-
-@lab.command("heal")
-@click.argument("link")
-@lab_option
-def heal(link: str, name: str | None) -> None:
-    """Undo a cut."""
-    with Remote(name) as remote:
-        remote.call("heal", link=link)
-
-
 @lab.command("set")
 @click.argument("link")
 @click.argument("conditions", nargs=-1, required=True)
@@ -171,20 +153,20 @@ def move(host: str, north: float, east: float, name: str | None) -> None:
         remote.call("move", host=host, north=north, east=east)
 
 
-def _on_program(verb: str, text: str) -> click.Command:
+def _add_order(verb: str, about: str, text: str) -> None:
     @lab.command(verb, help=text)
-    @click.argument("host")
+    @click.argument(about)
     @lab_option
-    def command(host: str, name: str | None) -> None:
+    def command(name: str | None, **which: str) -> None:
         with Remote(name) as remote:
-            remote.call(verb, host=host)
-
-    return command
+            remote.call(verb, **which)
 
 
-start = _on_program("start", "Start a host's router (or 'simulator') again after stop or kill.")
-stop = _on_program("stop", "End a host's router in good order.")
-kill = _on_program("kill", "End a host's router as if its computer lost power.")
+_add_order("cut", "link", "Let nothing cross a link any more: 'zmav lab cut 2-3'.")
+_add_order("heal", "link", "Undo a cut.")
+_add_order("start", "host", "Start a host's router (or 'simulator') again after stop or kill.")
+_add_order("stop", "host", "End a host's router in good order.")
+_add_order("kill", "host", "End a host's router as if its computer lost power.")
 
 
 @lab.command("down")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import inspect
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -11,7 +12,7 @@ import msgspec
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
 from mesh.lab.server import Server
-from mesh.lab.status import LabStatus, status_of
+from mesh.lab.status import status_of
 from mesh.lab.values import ask_from
 from zmav.errors import BadInput, ZmavError
 from zmav.sim.remote import Failure, Reply, Request
@@ -72,19 +73,20 @@ class Control(Server):
         super().__init__()
         self._lab = lab
         self.down = asyncio.Event()
-        self._offers: dict[str, tuple[type[msgspec.Struct], Callable[[Any], Awaitable[Any]]]] = {
-            "status": (Nothing, self._status),
-            "cut": (OnLink, self._cut),
-            "heal": (OnLink, self._heal),
-            "set": (SetArgs, self._set),
+        self._offers: dict[str, tuple[type[msgspec.Struct], Callable[[Any], Any]]] = {
+            "status": (Nothing, lambda _: status_of(lab)),
+            "cut": (OnLink, lambda args: lab.cut(args.link)),
+            "heal": (OnLink, lambda args: lab.heal(args.link)),
+            "set": (SetArgs, lambda args: lab.network.set(args.link, ask_from(args.conditions))),
             "record": (RecordArgs, self._record),
-            "move": (MoveArgs, self._move),
-            "start": (OnHost, self._start),
-            "stop": (OnHost, self._stop),
-            "kill": (OnHost, self._kill),
+            "move": (MoveArgs, lambda args: lab.move(args.host, args.north, args.east)),
+            "start": (OnHost, lambda args: lab.start(args.host)),
+            "stop": (OnHost, lambda args: lab.stop(args.host)),
+            "kill": (OnHost, lambda args: lab.kill(args.host)),
             "room": (OnHost, self._room),
-            "down": (Nothing, self._down),
+            "down": (Nothing, lambda _: self.down.set()),
         }
+        """what can be asked: its arguments, and what does it, at once or to be awaited"""
 
     async def listen(self) -> asyncio.Server:
         path = self._lab.directory / SOCKET
@@ -104,47 +106,19 @@ class Control(Server):
                 known = ", ".join(self._offers)
                 raise BadInput(f"no verb {request.verb!r}; there are {known}", field="verb", value=request.verb)
             kind, do = self._offers[request.verb]
-            return Reply(result=msgspec.to_builtins(await do(msgspec.convert(request.args, kind))))
+            result = do(msgspec.convert(request.args, kind))
+            return Reply(result=msgspec.to_builtins(await result if inspect.isawaitable(result) else result))
         except ZmavError as e:
             return Reply(error=Failure(e.code, e.message, e.detail))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as e:
             return Reply(error=Failure(BadInput.code, f"not a request: {e}"))
 
-    # ---- what can be asked
-
-    async def _status(self, _: Nothing) -> LabStatus:
-        return status_of(self._lab)
-
-    async def _cut(self, args: OnLink) -> None:
-        self._lab.cut(args.link)
-
-    async def _heal(self, args: OnLink) -> None:
-        self._lab.heal(args.link)
-
-    async def _set(self, args: SetArgs) -> None:
-        self._lab.network.set(args.link, ask_from(args.conditions))
-
-    async def _record(self, args: RecordArgs) -> None:
+    def _record(self, args: RecordArgs) -> None:
         if args.link is None:
             self._lab.network.stop_record(args.path)
         else:
             self._lab.network.start_record(args.link, args.path)
 
-    async def _move(self, args: MoveArgs) -> None:
-        self._lab.move(args.host, args.north, args.east)
-
-    async def _start(self, args: OnHost) -> None:
-        self._lab.start(args.host)
-
-    async def _stop(self, args: OnHost) -> None:
-        await self._lab.stop(args.host)
-
-    async def _kill(self, args: OnHost) -> None:
-        await self._lab.kill(args.host)
-
-    async def _room(self, args: OnHost) -> Room:
+    def _room(self, args: OnHost) -> Room:
         network = self._lab.network
         return Room(str(network.namespace(args.host)), network.pid, self._lab.environment(args.host))
-
-    async def _down(self, _: Nothing) -> None:
-        self.down.set()

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mesh.lab.status import HostStatus, LabStatus, WayStatus
+from mesh.words import rate
 from zmav.errors import ZmavError
 from zmav.sim.remote import Remote as Simulator
 from zmav.sim.status import VehicleStatus
@@ -80,7 +81,7 @@ def _way(way: WayStatus) -> tuple[str, ...]:
         "up" if c.up else "[red]CUT[/]",
         f"{1e3 * c.delay:g}{jitter} ms",
         f"{100 * c.loss:.3g} %" + (f" in bursts of {c.burst:g}" if c.burst > 1 and c.loss else ""),
-        "-" if c.rate is None else bits(c.rate),
+        rate(None if c.rate is None else c.rate / 8),
         str(n.frames),
         str(n.arrived),
         str(n.lost),
@@ -92,15 +93,7 @@ def _way(way: WayStatus) -> tuple[str, ...]:
 def _now(status: LabStatus, before: LabStatus | None, way: WayStatus, past: WayStatus | None) -> str:
     if before is None or past is None or status.t <= before.t:
         return "-"
-    return bits(8 * (way.counters.arrived_bytes - past.counters.arrived_bytes) / (status.t - before.t))
-
-
-def bits(rate: float) -> str:
-    """bit/s with a prefix."""
-    for scale, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if rate >= scale:
-            return f"{rate / scale:.3g} {prefix}bit/s"
-    return f"{rate:.0f} bit/s"
+    return rate((way.counters.arrived_bytes - past.counters.arrived_bytes) / (status.t - before.t))
 
 
 def _relay(status: LabStatus, before: LabStatus | None) -> Text:
