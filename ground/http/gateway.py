@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import NamedTuple
 
 from ground.feed import MOST, Feed, OnFrame, Origin
@@ -77,9 +77,7 @@ class Gateway:
         await self.refusals.start()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         for end in self._ends:
             end()
         await self.refusals.close()
@@ -145,26 +143,27 @@ class Gateway:
             new |= self.wants.want(vehicle.name, message, WANTED_HZ, fleet=vehicle.fleet)
         kept = self.newest(sysid, compid, message)
         if new and (kept is None or time.monotonic() - kept.at > APPEAR):
-            kept = await self.next_frame(sysid, compid, message, APPEAR) or kept
+            await self.next_frame(
+                lambda o: o.message == message and o.sysid == sysid and compid in (0, o.compid), APPEAR
+            )
+            kept = self.newest(sysid, compid, message)
         return kept
 
-    async def next_frame(self, sysid: int, compid: int, message: str, timeout: float) -> Kept | None:
-        """Wait for the next such message; None where none comes within ``timeout`` seconds."""
+    async def next_frame(self, fits: Callable[[Origin], bool], timeout: float) -> None:
+        """Return when the next such frame has come, or after ``timeout`` seconds. ``fits``: on a thread of Zenoh's."""
         came = asyncio.Event()
         wake = on_loop(asyncio.get_running_loop(), came.set)
 
         def listen(origin: Origin, frame: bytes) -> None:
-            if origin.message == message and origin.sysid == sysid and compid in (0, origin.compid):
+            if fits(origin):
                 wake()
 
         remove = self.add_listener(listen)
         try:
-            await within(timeout, came.wait())
-        except asyncio.TimeoutError:
-            return None
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(timeout, came.wait())
         finally:
             remove()
-        return self.newest(sysid, compid, message)
 
     @property
     def frames(self) -> int:

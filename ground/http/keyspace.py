@@ -6,8 +6,6 @@ no query: of these the last ones heard are given.
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import time
 from typing import Any
 
@@ -17,7 +15,6 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from ground.feed import Origin
 from ground.http.arguments import object_of, seconds_of
 from ground.http.documents import answer, document_of, names_a_message
 from ground.http.gateway import WANTED_HZ, Gateway
@@ -27,8 +24,6 @@ from zmav import keys, wire
 from zmav.client import Answer
 from zmav.errors import BadInput, BadKey, Forbidden, ZmavError
 from zmav.mavlink import Dialect, decode, encode, parse_frame
-from zmav.services.link.port import on_loop
-from zmav.waiting import within
 from zmav.zenoh_codec import GROUND_STATION
 
 MOST_ANSWERED = 32_000_000
@@ -90,23 +85,9 @@ async def heard(gateway: Gateway, key: str, timeout: float) -> list[dict[str, An
         return found
     fleet, vehicle, message = key.split("/")[1], key.split("/")[2], key.split("/")[-1]
     new = gateway.wants.want(vehicle, message, WANTED_HZ, fleet=fleet)
-    return found if found or not new else await _first(gateway, expression, timeout)
-
-
-async def _first(gateway: Gateway, expression: zenoh.KeyExpr, timeout: float) -> list[dict[str, Any]]:
-    came = asyncio.Event()
-    wake = on_loop(asyncio.get_running_loop(), came.set)
-
-    def listen(origin: Origin, frame: bytes) -> None:
-        if expression.intersects(zenoh.KeyExpr(origin.key)):
-            wake()
-
-    remove = gateway.add_listener(listen)
-    try:
-        with contextlib.suppress(asyncio.TimeoutError):
-            await within(timeout, came.wait())
-    finally:
-        remove()
+    if found or not new:
+        return found
+    await gateway.next_frame(lambda origin: expression.intersects(zenoh.KeyExpr(origin.key)), timeout)
     return frames(gateway, expression)
 
 

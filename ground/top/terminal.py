@@ -9,7 +9,6 @@ import signal
 import termios
 import tty
 from collections.abc import Callable
-from types import TracebackType
 
 from ground.top.keyboard import Keyboard
 
@@ -50,9 +49,7 @@ class Terminal:
         self._take()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGWINCH, signal.SIGTSTP):
             loop.remove_signal_handler(number)

@@ -24,9 +24,13 @@ class Canvas:
         self._names: dict[Path, str] = {}
         self.failed = 0
 
-    def put(self, path: Path, what: rr.AsComponents) -> None:
-        self._pending[path] = what
-        self._shown.add(path)
+    def put(self, path: Path, what: rr.AsComponents | None) -> None:
+        """Draw it in place of what was there; None: nothing."""
+        if what is None:
+            self.clear(path)
+        else:
+            self._pending[path] = what
+            self._shown.add(path)
 
     def clear(self, path: Path) -> None:
         """Nothing is there any more; where nothing was, nothing is logged."""

@@ -134,19 +134,11 @@ class Craft:
         else:
             pose = rr.Transform3D(translation=self.position)
         canvas.put((*self.path, "pose"), pose)
-        path, velocity = (*self.path, "velocity"), state.velocity
+        velocity, arrow = state.velocity, None
         if velocity is not None and usable(velocity) and math.hypot(*velocity) > SLOW:
-            canvas.put(
-                path,
-                rr.Arrows3D(
-                    origins=[self.position],
-                    vectors=[velocity],
-                    colors=style.faded(self.colour, 220),
-                    radii=style.points(1.4),
-                ),
-            )
-        else:
-            canvas.clear(path)
+            shade = style.faded(self.colour, 220)
+            arrow = rr.Arrows3D(origins=[self.position], vectors=[velocity], colors=shade, radii=style.points(1.4))
+        canvas.put((*self.path, "velocity"), arrow)
 
     def _paint_trail(self, canvas: Canvas) -> None:
         """The fresh end is logged whenever it grows, and the rest once in a while, so that little is logged twice."""

@@ -34,16 +34,13 @@ def paint_detection(canvas: Canvas, label: str, camera: str, payload: bytes) -> 
         return False
     boxes, outlines = _found(document)
     path = (*_path(label, camera), "detection")
+    drawn = None
     if boxes:
         mins, sizes, names = zip(*boxes, strict=True)
-        canvas.put(path, rr.Boxes2D(mins=mins, sizes=sizes, labels=names, colors=style.GRADES["good"], radii=1.0))
-    else:
-        canvas.clear(path)
-    corners = (*path, "corners")
-    if outlines:
-        canvas.put(corners, rr.LineStrips2D(outlines, colors=style.GRADES["fair"], radii=1.0))
-    else:
-        canvas.clear(corners)
+        drawn = rr.Boxes2D(mins=mins, sizes=sizes, labels=names, colors=style.GRADES["good"], radii=1.0)
+    canvas.put(path, drawn)
+    lines = rr.LineStrips2D(outlines, colors=style.GRADES["fair"], radii=1.0) if outlines else None
+    canvas.put((*path, "corners"), lines)
     return document is None or isinstance(document, (dict, list))
 
 

@@ -36,10 +36,8 @@ def paint_plan(
     shades = [style.WHITE if i == plan.current else style.MISSION for i, _ in known]
     where = [place for _, place in known]
     canvas.put(points, rr.Points3D(where, colors=shades, radii=style.points(4.0), labels=names, show_labels=True))
-    if plan.kind == "mission" and len(where) > 1:
-        canvas.put(line, rr.LineStrips3D([where], colors=style.faded(shade, 150), radii=style.points(1.0)))
-    else:
-        canvas.clear(line)
+    drawn = rr.LineStrips3D([where], colors=style.faded(shade, 150), radii=style.points(1.0))
+    canvas.put(line, drawn if plan.kind == "mission" and len(where) > 1 else None)
 
 
 def _place(item: wire.MissionItem, datum: Datum, home_amsl: float | None) -> Vector | None:
@@ -68,10 +66,7 @@ def _paint_fence(
         strips += drawn
         inside = isinstance(shape, (fence.Polygon, fence.Circle)) and shape.inclusion
         shades += [style.STAY_INSIDE if inside else style.STAY_OUT] * len(drawn)
-    if strips:
-        canvas.put(path, rr.LineStrips3D(strips, colors=shades, radii=style.points(1.2)))
-    else:
-        canvas.clear(path)
+    canvas.put(path, rr.LineStrips3D(strips, colors=shades, radii=style.points(1.2)) if strips else None)
 
 
 def _outline(shape: fence.Shape, datum: Datum) -> list[tuple[float, float]]:

@@ -9,7 +9,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 
 import msgspec
 
@@ -51,9 +50,7 @@ class Screen:
         )
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         process = self._process
         if process is None:
             return

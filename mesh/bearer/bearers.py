@@ -13,7 +13,6 @@ import json
 import socket
 from collections.abc import Sequence
 from dataclasses import replace
-from types import TracebackType
 
 import msgspec
 
@@ -92,11 +91,9 @@ class Bearers:
         settings = self.plan.session(base)
         return msgspec.structs.replace(settings, cfg=[*settings.cfg, *ours])  # the last word on each path
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         if self.bearer is not None:
-            await asyncio.to_thread(self.bearer.__exit__, kind, error, tb)
+            await asyncio.to_thread(self.bearer.__exit__, None, None, None)
             self.bearer = None
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 import asyncio
 import contextlib
-from types import TracebackType
 from typing import TypeVar
 
 T = TypeVar("T", bound="Server")
@@ -30,9 +29,7 @@ class Server(abc.ABC):
         self._server = await self.listen()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         assert self._server is not None
         self._server.close()
         for caller in list(self._callers):

@@ -17,7 +17,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from types import TracebackType
 from typing import Any
 
 import zenoh
@@ -76,9 +75,7 @@ class Gateway:
         self._teller = loop.create_task(self._tell())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         if self._teller:
             self._teller.cancel()
         for each in (*self._held, *self._flows.values()):

@@ -1,4 +1,4 @@
-"""A datagram relay on one link that counts what goes through, and cuts it on request.
+"""A datagram relay on one link that counts what goes through.
 
 Routers of a study all sit on loopback, where no interface counts a link's bytes. Zenoh's 1.10 Python wheel keeps no
 counters of its links, so the link leads through here.
@@ -11,7 +11,6 @@ import os
 import selectors
 import socket
 import threading
-from types import TracebackType
 
 HEADERS = 28
 """bytes of IPv4 and UDP that every datagram has on top"""
@@ -22,14 +21,12 @@ _BUFFER = 4 << 20
 class Meter:
     """``with Meter(port) as meter``: datagrams to ``127.0.0.1:meter.port`` go to ``127.0.0.1:port``, answers go back.
 
-    ``up`` and ``down`` are bytes towards ``port`` and from it, headers included; ``datagrams`` counts both ways.
+    ``up`` and ``down`` are bytes towards ``port`` and from it, headers included.
     """
 
     def __init__(self, port: int) -> None:
         self._to = ("127.0.0.1", port)
-        self.up = self.down = self.datagrams = 0
-        self.cut = False
-        """True: nothing passes, and nothing is counted"""
+        self.up = self.down = 0
         self._front = _udp()
         self._front.bind(("127.0.0.1", 0))
         self.port: int = self._front.getsockname()[1]
@@ -48,7 +45,7 @@ class Meter:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         os.write(self._end, b"x")
         self._thread.join()
         self._selector.close()
@@ -76,15 +73,12 @@ class Meter:
                 data, source = self._front.recvfrom(_MTU)
             except BlockingIOError:
                 return
-            if self.cut:
-                continue
             back = self._backs.get(source)
             if back is None:
                 back = self._backs[source] = _udp()
                 back.connect(self._to)
                 self._selector.register(back, selectors.EVENT_READ, source)
             self.up += len(data) + HEADERS
-            self.datagrams += 1
             back.send(data)
 
     def _back(self, back: socket.socket, source: tuple[str, int]) -> None:
@@ -93,10 +87,8 @@ class Meter:
                 data = back.recv(_MTU)
             except BlockingIOError:
                 return
-            if not self.cut:
-                self.down += len(data) + HEADERS
-                self.datagrams += 1
-                self._front.sendto(data, source)
+            self.down += len(data) + HEADERS
+            self._front.sendto(data, source)
 
 
 def _udp() -> socket.socket:

@@ -51,7 +51,7 @@ class Node:
         self._session, self._fleet = session, fleet
         self._copters: list[Copter] = []
         self._tokens: set[str] = set()
-        self._stop, self._speaking = threading.Event(), threading.Event()
+        self._stop = threading.Event()
         self.late = 0
         """beats that came more than one beat too late: the machine cannot do it"""
         self._thread = threading.Thread(target=self._speak, name="vehicles")
@@ -65,10 +65,7 @@ class Node:
                 self._held = listen(alive_key(self._fleet), self._on_token, history=True)
             self._copters += new
         elif verb == "speak":
-            self._speaking.set()
             self._thread.start()
-        elif verb == "quiet":
-            self._speaking.clear()
         elif verb == "count":
             return {"tokens": self.tokens()}
         return {**usage(), "late": self.late, "routers": len(self._session.info.routers_zid())}
@@ -89,9 +86,8 @@ class Node:
     def _speak(self) -> None:
         beat, due = 0, time.monotonic()
         while not self._stop.wait(max(0.0, due - time.monotonic())):
-            if self._speaking.is_set():
-                for copter in self._copters:
-                    copter.tick(beat)
+            for copter in self._copters:
+                copter.tick(beat)
             beat, due = beat + 1, due + 1.0 / TICK_HZ
             behind = time.monotonic() - due
             if behind > 1.0 / TICK_HZ:

@@ -37,7 +37,7 @@ def test_the_shapes() -> None:
     assert links("grid", 4) == [[], [0], [0], [2, 1]]
 
 
-def test_the_meter_passes_counts_and_cuts() -> None:
+def test_the_meter_passes_and_counts() -> None:
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as us,
@@ -50,17 +50,7 @@ def test_the_meter_passes_counts_and_cuts() -> None:
             data, source = far.recvfrom(1000)
             far.sendto(b"y" * 30, source)
             assert (data, us.recv(1000)) == (b"x" * 100, b"y" * 30)
-            assert (meter.up, meter.down, meter.datagrams) == (100 + HEADERS, 30 + HEADERS, 2)
-            meter.cut = True
-            us.sendto(b"lost", ("127.0.0.1", meter.port))
-            far.sendto(b"lost", source)
-            far.settimeout(0.2)
-            with pytest.raises(TimeoutError):
-                far.recv(1000)
-            meter.cut = False
-            us.sendto(b"heard", ("127.0.0.1", meter.port))
-            far.settimeout(10.0)
-            assert far.recv(1000) == b"heard"
+            assert (meter.up, meter.down) == (100 + HEADERS, 30 + HEADERS)
 
 
 def a_run(vehicles: int, groups: int = 0, **values: Any) -> Run:
