@@ -84,6 +84,7 @@ class Bridge:
         self._packers: dict[tuple[int, int], Packer] = {}
         self._packing = threading.Lock()
         self.endpoints: list[Running] = []
+        self._by_client = HandlersByClient(self)
         self._answerers: list[Answerer] = []
         self._present: set[Client] = set()
         self._silent: set[Client] = set()
@@ -95,7 +96,7 @@ class Bridge:
         return self.downlink.clients
 
     async def __aenter__(self) -> Bridge:
-        by_client = HandlersByClient(self)
+        by_client = self._by_client
         params = Params(self, by_client)
         self._answerers = [params, Missions(self, by_client), Files(self, by_client, params)]
         self.downlink.set_answerers(self._answerers)
@@ -128,6 +129,7 @@ class Bridge:
             await asyncio.to_thread(endpoint.close)
         for answerer in self._answerers:
             answerer.close()
+        self._by_client.close()
         self.streams.close()
 
     def _open(self, endpoint: Endpoint) -> Running:
@@ -150,6 +152,7 @@ class Bridge:
         for answerer in self._answerers:
             with contextlib.suppress(Exception):
                 answerer.left(client)
+        self._by_client.left(client)
         self.news(f"{client.name} is gone: {why}")
 
     def said(self, client: Client, frame: Frame) -> None:

@@ -73,10 +73,6 @@ class Files(Answerer):
     def left(self, client: GcsClient) -> None:
         for key in [key for key in list(self._sessions) if key[0] is client]:
             self._sessions.pop(key, None)
-        self._by_client.left(client)
-
-    def close(self) -> None:
-        self._by_client.close()
 
     # From here on: on the event loop.
 

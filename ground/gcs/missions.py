@@ -98,14 +98,10 @@ class Missions(Answerer):
         self._by_client.of(client).ask(self._handlers[name], frame)
         return True
 
-    def left(self, client: GcsClient) -> None:
-        self._by_client.left(client)
-
     def close(self) -> None:
         self._uploads.clear()
         for task in list(self._working.values()):
             task.cancel()
-        self._by_client.close()
 
     # From here on: on the event loop.
 

@@ -102,15 +102,11 @@ class Params(Answerer):
             self._on_value(place, data)
         return True
 
-    def left(self, client: GcsClient) -> None:
-        self._by_client.left(client)
-
     def close(self) -> None:
         for task in self._tasks:
             task.cancel()
         for system in self._systems.values():
             system.copy.close()
-        self._by_client.close()
 
     # From here on: on the event loop.
 

@@ -70,19 +70,16 @@ class Terminal:
         self._write_on()
         return True
 
-    def _write(self) -> None:
-        loop = asyncio.get_running_loop()
-        with contextlib.suppress(BlockingIOError):
-            while self._pending:
-                self._pending = self._pending[os.write(self._fd, self._pending) :]
-        if self._pending:
-            loop.add_writer(self._fd, self._write_on)
-        else:
-            loop.remove_writer(self._fd)
-
     def _write_on(self) -> None:
+        loop = asyncio.get_running_loop()
         with contextlib.suppress(OSError):  # the terminal is gone: SIGHUP follows
-            self._write()
+            with contextlib.suppress(BlockingIOError):
+                while self._pending:
+                    self._pending = self._pending[os.write(self._fd, self._pending) :]
+            if self._pending:
+                loop.add_writer(self._fd, self._write_on)
+            else:
+                loop.remove_writer(self._fd)
 
     def _take(self) -> None:
         tty.setcbreak(self._fd, termios.TCSADRAIN)

@@ -26,8 +26,7 @@ def paint(canvas: Canvas, graph: GraphShown, places: Mapping[str, Vector]) -> No
     _paint_stations(canvas, {name: where[name] for name in stations})
     drawn = [link for link in graph.links if link.a in where and link.b in where]
     if not drawn:
-        canvas.clear(PATH)
-        return
+        return canvas.clear(PATH)
     strips = rr.LineStrips3D(
         [[where[link.a], where[link.b]] for link in drawn],
         colors=[style.GRADES.get(link.grade, style.GREY) for link in drawn],
@@ -35,18 +34,14 @@ def paint(canvas: Canvas, graph: GraphShown, places: Mapping[str, Vector]) -> No
         labels=[words(link) for link in drawn],
         show_labels=len(drawn) <= LABELLED,
     )
-    canvas.put(PATH, strips)
+    return canvas.put(PATH, strips)
 
 
 def _paint_stations(canvas: Canvas, stations: Mapping[str, Vector]) -> None:
-    path = (*PATH, "stations")
-    if not stations:
-        canvas.clear(path)
-        return
     points = rr.Points3D(
         list(stations.values()), colors=style.WHITE, radii=style.points(5.0), labels=list(stations), show_labels=True
     )
-    canvas.put(path, points)
+    canvas.put((*PATH, "stations"), points if stations else None)
 
 
 def words(link: LinkShown) -> str:
