@@ -22,7 +22,6 @@ from mesh import linkstate
 from mesh.findings import Findings
 from mesh.tokens import find_tokens
 from mesh.topology import Grade, Graph, Link, Node, Way
-from mesh.trace import trace
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import NoSuchVehicle
@@ -84,7 +83,7 @@ async def _ways(
 ) -> dict[str, Way]:
     names = {node.zid: name for name, node in nodes.items() if node.zid}
     start = names.get(root, root)
-    found = await trace(z, root, timeout)
+    found = await linkstate.trace(z, root, timeout)
     traced = bool(found)
     if not traced:  # its admin space is not to be read: by the links that were told of
         near: dict[str, dict[str, float]] = {}

@@ -17,6 +17,8 @@ from collections.abc import Mapping
 
 import msgspec
 
+from zmav.client import Answer, Client
+
 ROUTER_ID = re.compile(r"[0-9a-f]{1,32}\Z")
 ASKED = "@/*/router"
 LARGEST = 1_000_000
@@ -116,3 +118,18 @@ def zid_of(key: str) -> str | None:
     """Whose answer it is, by its key; None: no router's."""
     parts = key.split("/")
     return parts[1] if len(parts) == 3 and ROUTER_ID.match(parts[1]) else None
+
+
+async def trace(z: Client, source: str, timeout: float = 1.0, tries: int = 3) -> dict[str, list[str]]:
+    """Ids of the routers from ``source`` to each that it reaches, both ends included, by what all tell of their links.
+
+    Empty where it does not answer. ``source`` is the id of a router.
+    """
+    for _ in range(tries):
+        answers = {}
+        for answer in await z.ask(ASKED, timeout=timeout):
+            if isinstance(answer, Answer) and (zid := zid_of(answer.key)):
+                answers[zid] = answer.payload
+        if source in answers:
+            return ways(read(answers), source)
+    return {}

@@ -23,9 +23,8 @@ from mesh.bearer.bearers import Bearers
 from mesh.bench.responder import Responder, responder
 from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
-from mesh.health import tell_health
 from mesh.plan import RouterPlan
-from mesh.presence import say_name
+from mesh.presence import present_host
 from mesh.quality import link_qualities
 from mesh.radiowatch import watch_radios
 from zmav.errors import SessionError
@@ -34,7 +33,7 @@ from zmav.session import SessionSettings, open_session
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
 """Something that runs beside the router as long as it does"""
-PARTS: tuple[Part, ...] = (say_name, tell_health, watch_radios, watch_roster, link_qualities, responder)
+PARTS: tuple[Part, ...] = (present_host, watch_radios, watch_roster, link_qualities, responder)
 CLOSING_S = 1.0
 """how long a session's close is waited for: Zenoh 1.10 spends ten seconds on neighbours that it was calling in vain"""
 log = logging.getLogger(__name__)

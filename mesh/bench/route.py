@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mesh.bench.asker import Bench
-from mesh.trace import trace
+from mesh.linkstate import trace
 from zmav.client import Client
 from zmav.errors import TimedOut
 from zmav.wire.bench import Pong
