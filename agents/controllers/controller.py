@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, cast
 
@@ -39,7 +40,7 @@ def parameter(default: float, low: float, high: float, unit: str = "", doc: str 
     return cast("float", Tunable(default, low, high, unit, doc))
 
 
-class Controller:
+class Controller(ABC):
     """Base of controllers. A subclass gives :attr:`level`, where not usual :attr:`gives`, and :meth:`update`.
 
     Raises :class:`~zmav.errors.BadConfig`, when the class is made, for a level or an output that there is not.
@@ -85,14 +86,14 @@ class Controller:
         check(type(self).__name__, self.tunables, name, value)
         setattr(self, name, value)
 
-    def reset(self, state: State, reference: Reference, trim: Trim) -> None:
+    def reset(self, state: State, reference: Reference, trim: Trim) -> None:  # noqa: B027  (not every class begins from something)
         """Begin from what is: called with every cycle while the autopilot flies, so that nothing jumps when this takes
         over. Integrators begin where :meth:`update` would give what ``trim`` says.
         """
 
+    @abstractmethod
     def update(self, state: State, reference: Reference) -> Output:
         """One cycle. Raising, or giving what is not finite, hands back to the autopilot at once."""
-        raise NotImplementedError
 
     def signal(self, **values: Any) -> None:
         """Streams for viewer, recorder and report: numbers, or vectors of three (told as name.x, .y, .z) or more

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import traceback
 from importlib.metadata import entry_points
@@ -66,11 +67,13 @@ def _pick(module: ModuleType, what: str, cls: str) -> type[Controller]:
         for name, each in vars(module).items()
         if isinstance(each, type) and issubclass(each, Controller) and each.__module__ == module.__name__
     }
-    wanted = [here[cls]] if cls in here else [] if cls else [each for each in here.values() if hasattr(each, "level")]
+    named = [each for name, each in here.items() if cls in ("", name)]
+    wanted = [each for each in named if hasattr(each, "level") and not inspect.isabstract(each)]
     if len(wanted) != 1:
         names = ", ".join(here) or "none"
-        text = f"{what}: expected one class derived from Controller" + (f" called {cls}" if cls else "")
-        raise BadConfig(f"{text}, with a level; there are: {names}", field="class", value=cls, expected=names)
+        called = f" called {cls}" if cls else ""
+        text = f"{what}: expected one Controller class{called}, with a level and an update; there are: {names}"
+        raise BadConfig(text, field="class", value=cls, expected=names)
     return wanted[0]
 
 

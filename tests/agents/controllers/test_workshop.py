@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.controllers import Controller
 from agents.controllers.packets import Answer, pack_cycle
 from agents.controllers.types import LEVELS, Reference, State, Trim
 from agents.controllers.worker import Loaded, Worker
@@ -233,9 +234,10 @@ async def test_a_tune_of_its_own_that_fails_is_told_and_nothing_ends(bench: Benc
         (GOOD.replace("parameter(6.0", "parameter('six'"), "mine.py:8: ValueError"),
         ("import sys; sys.exit()", "SystemExit"),
         ("import os; os._exit(5)", "exit status 5"),
-        ("", "expected one class"),
+        ("", "expected one Controller class"),
         (GOOD + GOOD.replace("Mine", "Other"), "Mine, Other"),
-        (GOOD.replace('level = "attitude"', "pass"), "with a level; there are: Mine"),
+        (GOOD.replace('level = "attitude"', "pass"), "with a level and an update; there are: Mine"),
+        (GOOD.replace("def update", "def updates"), "with a level and an update; there are: Mine"),
     ],
 )
 async def test_what_is_wrong_is_said_in_words(bench: Bench, text: str, why: str) -> None:
@@ -243,6 +245,11 @@ async def test_what_is_wrong_is_said_in_words(bench: Bench, text: str, why: str)
     with pytest.raises(BadConfig, match=why):
         await bench.load(text)
     assert (await bench.cycle())["kept"] == 1.0
+
+
+def test_a_class_without_an_update_cannot_be_made() -> None:
+    with pytest.raises(TypeError, match="update"):
+        type("Idle", (Controller,), {"level": "rates"})()
 
 
 @pytest.mark.parametrize(
