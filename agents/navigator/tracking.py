@@ -127,11 +127,6 @@ def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajector
     return Errors(t, places - meant.pos, meant.along - trajectory.route.begins + done, cross)
 
 
-def summary(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, near: float = NEAR) -> Summary:
-    """Of one flight; arguments as of :func:`errors`. Raises :class:`ValueError` where none of it is on the route."""
-    return summarise(errors(times, positions, trajectory), trajectory.route, near)
-
-
 def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
     """Of the errors along a route, which need not be of one flight."""
     if not len(found.t):

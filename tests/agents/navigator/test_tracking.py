@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from agents.navigator.picture import picture
+from agents.navigator.path import Array
 from agents.navigator.routes import shape
-from agents.navigator.tracking import errors, summarise, summary
+from agents.navigator.tracking import Summary, errors, summarise
 from agents.navigator.trajectory import Limits, Trajectory
-from zmav.errors import BadInput
 
 TRAJECTORY = Trajectory(shape("ev3", (0.0, 0.0, -6.0)).reached_from((0.0, 0.0, -5.0), 0.0, 2.0), Limits())
 T = np.arange(0.0, TRAJECTORY.duration, 0.05)
 MEANT = TRAJECTORY.at(T)
+
+
+def summary(times: Array, positions: Array, trajectory: Trajectory) -> Summary:
+    return summarise(errors(times, positions, trajectory), trajectory.route)
 
 
 def test_who_is_where_it_should_be_has_no_error() -> None:
@@ -69,23 +70,7 @@ def test_a_flight_in_two_parts_is_summed_up_as_one() -> None:
     assert told.seconds == pytest.approx(meant.seconds, abs=0.06)
 
 
-def test_what_is_not_of_the_route_has_no_summary(tmp_path: Path) -> None:
+def test_what_is_not_of_the_route_has_no_summary() -> None:
     early = TRAJECTORY.begins > T
     with pytest.raises(ValueError, match="no position"):
         summary(T[early], MEANT.pos[early], TRAJECTORY)
-    with pytest.raises(BadInput, match="no position"):
-        picture(tmp_path / "a.png", {"flown": (T[early], MEANT.pos[early])}, TRAJECTORY)
-
-
-def test_a_picture_is_drawn_of_several_flights(tmp_path: Path) -> None:
-    flights = {"late": (T, TRAJECTORY.at(T - 0.2).pos), "bumps": (T, bumps(0.8))}
-    picture(tmp_path / "a.png", flights, TRAJECTORY, "two flights")
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    picture(tmp_path / "a.svg", flights, TRAJECTORY)
-    drawn = (tmp_path / "a.svg").read_text()
-    assert drawn.count("<path") > 20
-    with pytest.raises(BadInput, match="cannot draw") as refused:
-        picture(tmp_path / "a.doc", flights, TRAJECTORY)
-    assert refused.value.detail["expected"] == "png, svg or pdf"
-    with pytest.raises(BadInput, match="cannot write"):
-        picture(tmp_path / "no" / "a.png", flights, TRAJECTORY)
