@@ -12,8 +12,7 @@ import numpy as np
 
 from agents.controllers.bench import clocked
 from agents.controllers.bench.flight import airborne
-from agents.controllers.bench.processes import FLEET, VEHICLE
-from zmav import keys, wire
+from agents.controllers.bench.processes import frames_key, signals_key, signals_of
 from zmav.errors import Stale
 from zmav.mavlink import decode, parse_frame
 
@@ -47,28 +46,18 @@ def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
 class _Clocks:
     """What the clocks show: whenever the controller tells its signals, and whenever an attitude comes."""
 
-    def __init__(self, session: Any, dialect: Any) -> None:
+    def __init__(self, dialect: Any) -> None:
         self._dialect = dialect
         self.rows: list[tuple[float, float, float]] = []
         """the sum of dt, State.t, and the autopilot's time since its boot, at each signal"""
         self.boots: list[tuple[float, float]] = []
         """monotonic s at which each attitude came, and the autopilot's time"""
-        listened = {
-            keys.AGENT_OUT.key(FLEET, VEHICLE, agent=AGENT, topic="signals"): self._on_signals,
-            keys.RX.key(FLEET, VEHICLE, sys="1", comp="1", msg="ATTITUDE_QUATERNION"): self._on_attitude,
-        }
-        self._subscribers = [session.declare_subscriber(key, call) for key, call in listened.items()]
-
-    def close(self) -> None:
-        for each in self._subscribers:
-            each.undeclare()
+        self.listened = {signals_key(AGENT): self._on_signals, frames_key("ATTITUDE_QUATERNION"): self._on_attitude}
 
     def _on_signals(self, sample: Any) -> None:
-        values = wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
-        if "clock" in values.values:
-            self.rows.append(
-                (values.values["clock"], values.values["state_t"], self.boots[-1][1] if self.boots else 0.0)
-            )
+        values = signals_of(sample).values
+        if "clock" in values:
+            self.rows.append((values["clock"], values["state_t"], self.boots[-1][1] if self.boots else 0.0))
 
     def _on_attitude(self, sample: Any) -> None:
         now = time.monotonic()
@@ -86,9 +75,9 @@ async def measure(runs: int, seconds: float) -> Clock:
         for _ in range(runs):
             await run.engage(AGENT)
             await asyncio.sleep(SETTLE)
-            clocks = _Clocks(run.z.session, run.z.dialect)
-            await asyncio.sleep(seconds)
-            clocks.close()
+            clocks = _Clocks(run.z.dialect)
+            with run.listening(clocks.listened):
+                await asyncio.sleep(seconds)
             await run.vehicle.tell(AGENT, "release")
             rows = [row for row in clocks.rows if row[2] > 0.0]
             if len(rows) < seconds * SIGNALS_HZ / 2:

@@ -39,9 +39,7 @@ def percent(before: dict[str, float], after: dict[str, float], seconds: float) -
 async def measure(seconds: float) -> Cpu:
     """Over a flight of EV1 along the lemniscate."""
     async with airborne() as run:
-        run.run_controller(AGENT, AGENT)
-        await run.ready(AGENT)
-        await run.engage(AGENT)
+        await run.fly_by(AGENT, AGENT)
         await follow(run, AGENT, seconds + 5.0)
         await asyncio.sleep(1.5)
         first, loop = await _tally(run), asyncio.get_running_loop()

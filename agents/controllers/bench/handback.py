@@ -15,10 +15,9 @@ import msgspec
 
 from agents.controllers.bench.echo import HANGS, IS_NOT_FINITE, RAISES
 from agents.controllers.bench.fake import OFFBOARD, FakeAutopilot
-from agents.controllers.bench.processes import FLEET, START, VEHICLE, Rig
+from agents.controllers.bench.processes import START, Rig, signals_key, signals_of
 from agents.controllers.bench.spread import Spread, spread
 from agents.controllers.bench.trip import AGENT, echoing, engage
-from zmav import keys, wire
 from zmav.errors import TimedOut
 
 KINDS = {"the pilot's switch": 0, "killed with -9": 0, "raises": RAISES, "hangs": HANGS, "gives nan": IS_NOT_FINITE}
@@ -43,12 +42,12 @@ async def measure(rounds: int) -> dict[str, Back]:
     found: dict[str, Back] = {}
     async with echoing() as (run, fake):
         fake.at_once = False
-        process = _Process(run)
-        for kind, fails in KINDS.items():
-            await run.vehicle.tell(AGENT, "set", name="fails", value=fails)
-            rows = [await _once(run, fake, process, kind) for _ in range(rounds)]
-            found[kind] = Back(spread(row[0] for row in rows), spread(row[1] for row in rows))
-        process.close()
+        process = _Process()
+        with run.listening({signals_key(AGENT): process.take}):
+            for kind, fails in KINDS.items():
+                await run.vehicle.tell(AGENT, "set", name="fails", value=fails)
+                rows = [await _once(run, fake, process, kind) for _ in range(rounds)]
+                found[kind] = Back(spread(row[0] for row in rows), spread(row[1] for row in rows))
     return found
 
 
@@ -88,14 +87,7 @@ async def _until(true: Callable[[], bool], what: str) -> None:
 class _Process:
     """Which process the controller is in, by its own signals."""
 
-    def __init__(self, run: Rig) -> None:
-        self.pid = 0
-        key = keys.AGENT_OUT.key(FLEET, VEHICLE, agent=AGENT, topic="signals")
-        self._subscriber = run.z.session.declare_subscriber(key, self._take)
+    pid = 0
 
-    def close(self) -> None:
-        self._subscriber.undeclare()
-
-    def _take(self, sample: Any) -> None:
-        values = wire.decode(sample.payload.to_bytes(), wire.Signals, "signals").values
-        self.pid = round(values.get("process", 0))
+    def take(self, sample: Any) -> None:
+        self.pid = round(signals_of(sample).values.get("process", 0))

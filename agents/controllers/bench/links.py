@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from agents.controllers.bench.flight import airborne, follow
-from agents.controllers.bench.processes import FLEET, VEHICLE, Rig
+from agents.controllers.bench.processes import FLEET, VEHICLE, Rig, frames_key, signals_key, signals_of
 from zmav import keys, wire
 from zmav.errors import Stale
 from zmav.mavlink import decode, parse_frame
@@ -115,16 +115,11 @@ class Ear:
         self.raw: list[tuple[float, bytes]] = []
         """the autopilot's frames"""
         self.samples: dict[str, list[Sample]] = {SETPOINTS: [], SIGNALS: []}
-        listened = {
-            keys.RX.key(FLEET, VEHICLE, sys="1", comp="1", msg="*"): self._on_frame,
+        self.listened = {
+            frames_key("*"): self._on_frame,
             keys.SETPOINT.key(FLEET, VEHICLE, agent=AGENT): self._on_setpoint,
-            keys.AGENT_OUT.key(FLEET, VEHICLE, agent=AGENT, topic="signals"): self._on_signals,
+            signals_key(AGENT): self._on_signals,
         }
-        self._subscribers = [run.z.session.declare_subscriber(key, call) for key, call in listened.items()]
-
-    def close(self) -> None:
-        for each in self._subscribers:
-            each.undeclare()
 
     def _on_frame(self, sample: Any) -> None:
         self.raw.append((time.monotonic(), sample.payload.to_bytes()))
@@ -136,8 +131,7 @@ class Ear:
         self.samples[SETPOINTS].append(Sample(now, point.deadline, len(data), point.seq))
 
     def _on_signals(self, sample: Any) -> None:
-        now, data = time.monotonic(), sample.payload.to_bytes()
-        self.samples[SIGNALS].append(Sample(now, wire.decode(data, wire.Signals, "signals").t, len(data), 0))
+        self.samples[SIGNALS].append(Sample(time.monotonic(), signals_of(sample).t, len(sample.payload), 0))
 
     def links(self) -> Links:
         """What was heard so far."""
@@ -167,12 +161,10 @@ class Ear:
 async def measure(seconds: float) -> Links:
     """Over a flight of EV1 along the lemniscate."""
     async with airborne() as run:
-        run.run_controller("ev1", AGENT)
-        await run.ready(AGENT)
-        await run.engage(AGENT)
+        await run.fly_by("ev1", AGENT)
         await follow(run, AGENT, seconds + 6.0)
         await asyncio.sleep(2.0)
         ear = Ear(run)
-        await asyncio.sleep(seconds)
-        ear.close()
+        with run.listening(ear.listened):
+            await asyncio.sleep(seconds)
         return ear.links()

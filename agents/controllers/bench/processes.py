@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import os
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,6 @@ from zmav.waiting import within
 FLEET, VEHICLE = "bench", "hex1"
 START = 40.0
 """s for interpreters to start, perhaps on a busy machine"""
-END = 5.0
 SWITCH = 7
 """the radio's channel with the pilot's switch"""
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -47,28 +46,32 @@ class Rig(NamedTuple):
     z: zmav.Client
     vehicle: zmav.Vehicle
 
-    def run_controller(self, controller: str, name: str, **options: object) -> int:
-        """Start the supervisor of a controller, a file or an installed one; gives its process id."""
-        given = [part for key, value in {"name": name, **options}.items() for part in ("-o", f"{key}={value}")]
-        return self.run_agent(controller, name, *given)
+    def run_controller(self, controller: str, name: str) -> None:
+        """Start the supervisor of a controller, a file or an installed one."""
+        self.run_agent(controller, name, "-o", f"name={name}")
 
-    def run_agent(self, what: str, name: str, *arguments: str) -> int:
+    def run_agent(self, what: str, name: str, *arguments: str) -> None:
         """``zmav agent run WHAT``, as a process called ``name``."""
         where = ("--vehicle", VEHICLE, "--fleet", FLEET, "-e", self.endpoint)
-        return self.processes.start(name, "agent", "run", what, *where, *arguments).pid
+        self.processes.start(name, "agent", "run", what, *where, *arguments)
+
+    @contextlib.contextmanager
+    def listening(self, calls: Mapping[str, Callable[[Any], None]]) -> Iterator[None]:
+        """While it lasts, hand each sample under a key to its call, on Zenoh's threads."""
+        with contextlib.ExitStack() as stack:
+            for key, call in calls.items():
+                stack.callback(self.z.session.declare_subscriber(key, call).undeclare)
+            yield
+
+    async def fly_by(self, controller: str, name: str) -> None:
+        """Start a controller (see :meth:`run_controller`), and have it take over."""
+        self.run_controller(controller, name)
+        await self.ready(name)
+        await self.engage(name)
 
     async def engage(self, agent: str) -> None:
         """Have a controller take over, as soon as it may: the autopilot's state must flow, and the pilot let go."""
-        deadline = time.monotonic() + START
-        while True:
-            self.processes.check()
-            try:
-                await self.vehicle.tell(agent, "engage")
-                return
-            except Refused:
-                if time.monotonic() > deadline:
-                    raise
-                await asyncio.sleep(0.05)
+        await self._repeat(agent, "engage", Refused)
 
     async def status(self, agent: str, true: Callable[[wire.AgentStatus], bool], timeout: float) -> wire.AgentStatus:
         """The first of its statuses from now on for which ``true``; raises :class:`~zmav.errors.TimedOut`."""
@@ -101,16 +104,20 @@ class Rig(NamedTuple):
 
     async def answers(self, agent: str) -> None:
         """Wait until an agent hears orders; raises what became of the processes, or :class:`TimedOut`."""
+        await self._repeat(agent, "params", ZmavError)
+
+    async def _repeat(self, agent: str, order: str, passing: type[ZmavError]) -> None:
+        """Give an order until it is taken; raises any other error than ``passing``, and that after a while."""
         deadline = time.monotonic() + START
         while True:
             self.processes.check()
             try:
-                await self.vehicle.tell(agent, "params")
+                await self.vehicle.tell(agent, order)
                 return
-            except ZmavError:
+            except passing:
                 if time.monotonic() > deadline:
                     raise
-                await asyncio.sleep(0.2)
+                await asyncio.sleep(0.05)
 
 
 def fleet_file(processes: Children, link: str, sim: str = "", world: str = "") -> Path:
@@ -154,6 +161,21 @@ def children(pid: int) -> list[int]:
         with contextlib.suppress(OSError):
             found += [int(child) for child in task.read_text().split()]
     return found
+
+
+def signals_key(agent: str) -> str:
+    """The key of a controller's signals."""
+    return keys.AGENT_OUT.key(FLEET, VEHICLE, agent=agent, topic="signals")
+
+
+def frames_key(message: str) -> str:
+    """The key of a message of the autopilot's; "*": of all."""
+    return keys.RX.key(FLEET, VEHICLE, sys="1", comp="1", msg=message)
+
+
+def signals_of(sample: Any) -> wire.Signals:
+    """What a sample under :func:`signals_key` says."""
+    return wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
 
 
 def load() -> float:

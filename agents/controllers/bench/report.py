@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,12 +20,15 @@ from agents.controllers.bench.links import Links
 from agents.controllers.bench.spread import Spread
 from agents.controllers.bench.tracking import PX4, Tracking
 from agents.controllers.bench.trip import Trip
+from zmav import figures
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Row = tuple[str, str, str]
 """what, its figures, and the paper's figure or the aim"""
+MARKED = 50
+"""points of a curve, up to which each is marked"""
 
 
 class Machine(msgspec.Struct):
@@ -118,15 +121,19 @@ def _backs(found: dict[str, Back]) -> list[Row]:
 
 
 def _clock(found: Clock) -> list[Row]:
-    named = {"sum of the controller's dt": found.integrated, "State.t": found.stated, "this machine": found.host}
     rows = []
-    for name, ratios in named.items():
-        off = [1e6 * (each - 1.0) for each in ratios]
+    for name, off in _ppm(found).items():
         text = (
             f"median {np.median(off):+.0f} ppm, {min(off):+.0f} to {max(off):+.0f} of {len(off)} × {found.seconds:g} s"
         )
         rows.append((f"{name} / autopilot's clock", text, "1"))
     return [*rows, ("runs left out", str(found.broken), "")] if found.broken else rows
+
+
+def _ppm(found: Clock) -> dict[str, list[float]]:
+    """How much faster each clock goes than the autopilot's, run by run."""
+    named = {"sum of the controller's dt": found.integrated, "State.t": found.stated, "this machine": found.host}
+    return {name: [1e6 * (each - 1.0) for each in ratios] for name, ratios in named.items()}
 
 
 def _cpu(found: Cpu) -> list[Row]:
@@ -151,120 +158,98 @@ def _tracking(found: Tracking) -> list[Row]:
 # Pictures.
 
 
+class Panel(NamedTuple):
+    """Curves in one pair of axes: what each is called, and its x and y (N,). ``options``: of the axes."""
+
+    curves: list[tuple[str, Any, Any]]
+    options: dict[str, Any]
+
+
 def save(report: Report, folder: Path) -> list[Path]:
-    """bench.json and a picture of each measurement; gives their paths."""
+    """bench.json and a picture of each measurement that is more than a few numbers; gives their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "bench.json"
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
-    return [path, *pictures(report, folder)]
-
-
-def pictures(report: Report, folder: Path) -> list[Path]:
-    """One a measurement."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib.figure import Figure
-
-    saved = []
-
-    def draw(name: str, columns: int, *panels: tuple[Any, Any]) -> None:
-        figure = Figure(figsize=(6.0 * columns, 4.2), layout="constrained")
-        for index, (panel, data) in enumerate(panels):
-            panel(figure.add_subplot(1, columns, index + 1), data)
-        saved.append(folder / f"{name}.png")
-        figure.savefig(saved[-1], dpi=110)
-
-    if report.links:
-        draw("links", 1, (_draw_links, report.links))
-    if report.trip and report.handback:
-        draw("trip", 2, (_draw_trip, report.trip), (_draw_backs, report.handback))
-    elif report.trip:
-        draw("trip", 1, (_draw_trip, report.trip))
-    if report.clock:
-        draw("clock", 1, (_draw_clock, report.clock))
-    if report.cpu:
-        draw("cpu", 1, (_draw_cpu, report.cpu))
-    if report.tracking and report.tracking.lemniscate:
-        draw("tracking", 2, (_draw_way, report.tracking), (_draw_errors, report.tracking))
+    saved = [folder / "bench.json"]
+    saved[0].write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
+    for name, panels in _pictures(report).items():
+        if panels:
+            saved.append(folder / f"{name}.png")
+            figures.save(_drawn(panels), saved[-1])
     return saved
 
 
-def _draw_links(axes: Axes, found: Links) -> None:
+def _drawn(panels: list[Panel]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0 * len(panels), 4.2), dpi=110, layout="constrained")
+    for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        for name, x, y in panel.curves:
+            axes.plot(x, y, label=name, linewidth=0.9, marker="." if len(x) <= MARKED else "")
+        axes.set(**panel.options)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def _pictures(report: Report) -> dict[str, list[Panel]]:
+    """By measurement; none of what was not made."""
+    return {
+        "links": [_jitter(report.links)] if report.links else [],
+        "trip": ([_delays(report.trip)] if report.trip else [])
+        + ([_hand_backs(report.handback)] if report.handback else []),
+        "clock": [_drift(report.clock)] if report.clock else [],
+        "tracking": [_way(report.tracking), _errors(report.tracking)]
+        if report.tracking and report.tracking.lemniscate
+        else [],
+    }
+
+
+def _jitter(found: Links) -> Panel:
+    curves = []
     for name, each in found.streams.items():
         nominal = linked.NOMINAL.get(name, linked.SIGNALS_HZ if name == linked.SIGNALS else 250.0)
         off = np.sort(np.abs(np.array(each.gaps) - 1e3 / nominal))
-        axes.plot(np.maximum(off, 1e-3), 1.0 - np.arange(len(off)) / len(off), label=f"{name} ({nominal:.0f} Hz)")
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="off the nominal interval, ms",
-        ylabel="share of intervals farther off",
-        title="Jitter by stream",
-    )
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="lower left")
+        curves.append((f"{name} ({nominal:.0f} Hz)", np.maximum(off, 1e-3), 1.0 - np.arange(len(off)) / len(off)))
+    labels = {"xlabel": "off the nominal interval, ms", "ylabel": "share of intervals farther off"}
+    return Panel(curves, {"xscale": "log", "yscale": "log", "title": "Jitter by stream", **labels})
 
 
-def _draw_trip(axes: Axes, found: Trip) -> None:
+def _shares(times: list[float], scale: float = 1.0) -> tuple[Any, Any]:
+    """The times in order, and the share that is no longer than each."""
+    return np.sort(times) * scale, np.arange(1, len(times) + 1) / len(times)
+
+
+def _delays(found: Trip) -> Panel:
     shown = {"back at the link": found.back, "in the key space": found.output, "any moment": found.anytime}
-    for name, each in shown.items():
-        times = np.sort(each.times)
-        share = np.arange(1, len(times) + 1) / len(times)
-        axes.plot(times, share, label=f"{name}: median {each.median:.0f} µs")
-    axes.axvline(tripped.PAPER_MEAN, color="black", linestyle=":", label=f"paper's mean {tripped.PAPER_MEAN:.0f} µs")
+    curves = [(f"{name}: median {each.median:.0f} µs", *_shares(each.times)) for name, each in shown.items()]
+    mean = tripped.PAPER_MEAN
+    curves.append((f"paper's mean {mean:.0f} µs", np.array((mean, mean)), np.array((0.0, 1.0))))
     most = 1.05 * max(each.p99 for each in shown.values())
-    axes.set(xlim=(0.0, most), xlabel="µs from the stick to its effect", ylabel="share", title="Round trip")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="lower right")
+    labels = {"xlabel": "µs from the stick to its effect", "ylabel": "share", "title": "Round trip"}
+    return Panel(curves, {"xlim": (0.0, most), **labels})
 
 
-def _draw_backs(axes: Axes, found: dict[str, Back]) -> None:
-    for index, each in enumerate(found.values()):
-        times = np.array(each.told.times) / 1e3
-        spread_out = index + np.linspace(-0.25, 0.25, len(times))
-        axes.plot(times, spread_out, "o", markersize=3, color=f"C{index}")
-        axes.plot([each.told.median / 1e3] * 2, [index - 0.35, index + 0.35], color="black")
-    axes.set_yticks(range(len(found)), list(found))
-    axes.invert_yaxis()
-    axes.set(xlabel="ms to the autopilot's being told to fly", title="Hand-back (bar: median)", xlim=(0.0, None))
-    axes.grid(alpha=0.3, axis="x")
+def _hand_backs(found: dict[str, Back]) -> Panel:
+    curves = [(kind, *_shares(each.told.times, 1e-3)) for kind, each in found.items()]
+    labels = {"xlabel": "ms to the autopilot's being told to fly", "ylabel": "share", "title": "Hand-back"}
+    return Panel(curves, {"xlim": (0.0, None), **labels})
 
 
-def _draw_clock(axes: Axes, found: Clock) -> None:
-    named = {"sum of dt": found.integrated, "State.t": found.stated, "this machine": found.host}
-    for name, ratios in named.items():
-        axes.plot(range(1, len(ratios) + 1), [1e6 * (each - 1.0) for each in ratios], "o-", label=name, markersize=4)
-    axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.set(xlabel="run", ylabel="ppm faster than the autopilot's clock", title="Clocks beside the autopilot's")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+def _drift(found: Clock) -> Panel:
+    curves = [(name, np.arange(1, len(off) + 1), off) for name, off in _ppm(found).items()]
+    labels = {"xlabel": "run", "ylabel": "ppm faster than the autopilot's clock"}
+    return Panel(curves, {"title": "Clocks beside the autopilot's", **labels})
 
 
-def _draw_cpu(axes: Axes, found: Cpu) -> None:
-    bars = axes.barh(list(found.percent), list(found.percent.values()))
-    axes.bar_label(bars, fmt="%.1f %%", padding=3)
-    axes.invert_yaxis()
-    axes.margins(x=0.15)
-    missed = f"{found.late} of {found.cycles} cycles late"
-    axes.set(xlabel="% of a processor", title=f"Aggressive flight of {found.seconds:.0f} s, 250 Hz: {missed}")
-
-
-def _draw_way(axes: Axes, found: Tracking) -> None:
+def _way(found: Tracking) -> Panel:
     seconds = max(each.times[-1] for each in found.lemniscate.values())
     way = np.array([lemniscate(t, seconds, np.zeros(3))[0] for t in np.linspace(0.0, seconds, 2000)])
-    axes.plot(way[:, 1], way[:, 0], color="black", linewidth=0.8, linestyle="--", label="reference")
-    for who, each in found.lemniscate.items():
-        north, east = np.array(each.places).T
-        axes.plot(east, north, label=who, linewidth=0.9)
-    axes.set(xlabel="east, m", ylabel="north, m", title=f"Lemniscate in {found.wind}", aspect="equal")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="upper right")
+    curves = [("reference", way[:, 1], way[:, 0])]
+    curves += [(who, *np.array(each.places).T[::-1]) for who, each in found.lemniscate.items()]
+    labels = {"xlabel": "east, m", "ylabel": "north, m", "title": f"Lemniscate in {found.wind}"}
+    return Panel(curves, {"aspect": "equal", **labels})
 
 
-def _draw_errors(axes: Axes, found: Tracking) -> None:
-    for who, each in found.lemniscate.items():
-        axes.plot(each.times, each.distances, label=f"{who}: RMS {each.rms:.2f} m", linewidth=0.9)
-    axes.set(xlabel="s", ylabel="m off the reference", title="Tracking error", ylim=(0.0, None))
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="upper right")
+def _errors(found: Tracking) -> Panel:
+    curves = [(f"{who}: RMS {each.rms:.2f} m", each.times, each.distances) for who, each in found.lemniscate.items()]
+    labels = {"xlabel": "s", "ylabel": "m off the reference", "title": "Tracking error"}
+    return Panel(curves, {"ylim": (0.0, None), **labels})

@@ -16,10 +16,10 @@ import msgspec
 import numpy as np
 
 from agents.controllers.bench.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate, rest
-from agents.controllers.bench.processes import FLEET, VEHICLE, Rig
+from agents.controllers.bench.processes import Rig, frames_key
 from agents.controllers.estimate import Estimate
+from agents.controllers.loops.parts import GRAVITY, attitude_of
 from agents.controllers.types import Array
-from zmav import keys
 from zmav.errors import Refused, Stale, TimedOut
 from zmav.mavlink import decode, parse_frame
 from zmav.vehicle.lease import Lease
@@ -34,7 +34,6 @@ STREAM_HZ = 100.0
 """setpoints a second for the autopilot's own cascade, whose outer loops look 50 times a second"""
 AHEAD = 0.5 / STREAM_HZ
 """s: a setpoint holds until the next one, and so is made for the middle of that time"""
-G = 9.80665
 ATTEMPTS = 3
 ROUTE_TIMEOUT = 300.0
 """s"""
@@ -69,14 +68,9 @@ class Tracking(msgspec.Struct):
 
 def attitude_for(acc: Array, yaw: float) -> Array:
     """(4,) w, x, y, z that points the thrust so that it gives ``acc`` (m/s² NED) against gravity, at this heading."""
-    down = np.array((0.0, 0.0, G)) - acc
-    z = down / np.linalg.norm(down)
-    right = np.array((-math.sin(yaw), math.cos(yaw), 0.0))
-    x = np.cross(right, z)
-    x /= np.linalg.norm(x)
-    y = np.cross(z, x)
-    w = 0.5 * math.sqrt(max(1.0 + x[0] + y[1] + z[2], 1e-12))
-    return np.array((w, (y[2] - z[1]) / (4 * w), (z[0] - x[2]) / (4 * w), (x[1] - y[0]) / (4 * w)))
+    down = np.array((0.0, 0.0, GRAVITY)) - acc
+    x, y, z = (down / np.linalg.norm(down)).tolist()
+    return np.array(attitude_of((x, y, z), yaw))
 
 
 def angle(a: Array, b: Array) -> float:
@@ -121,8 +115,7 @@ class Recorder:
         self.rows: list[tuple[float, Array, Array]] = []
         for name, hz in HEARD.items():
             stack.enter_context(run.vehicle.rates.want(name, hz))
-            key = keys.RX.key(FLEET, VEHICLE, sys="1", comp="1", msg=name)
-            stack.callback(run.z.session.declare_subscriber(key, self._taker(name)).undeclare)
+        stack.enter_context(run.listening({frames_key(name): self._taker(name) for name in HEARD}))
 
     def _taker(self, name: str) -> Callable[[Any], None]:
         estimate, dialect = self._estimate, self._run.z.dialect
@@ -183,9 +176,7 @@ async def _ev3(who: str, side: float, height: float) -> dict[str, Any]:
     """By the navigator: its summary."""
     async with airborne(wind=WIND, seed=SEED) as run:
         if who != PX4:
-            run.run_controller(who, who)
-            await run.ready(who)
-            await run.engage(who)
+            await run.fly_by(who, who)
             await rest(run, who)
         run.run_agent(NAVIGATOR, NAVIGATOR)
         await run.answers(NAVIGATOR)
@@ -199,9 +190,7 @@ async def _ev3(who: str, side: float, height: float) -> dict[str, Any]:
 
 async def _by_a_controller(run: Rig, name: str, seconds: float) -> float:
     """Gives when the lemniscate began (UTC s)."""
-    run.run_controller(name, name)
-    await run.ready(name)
-    await run.engage(name)
+    await run.fly_by(name, name)
     begin = await follow(run, name, seconds)
     await asyncio.sleep(begin + seconds + 0.5 - time.time())
     await run.vehicle.tell(name, "hold")  # refused where it does not fly any more: then somebody else has flown

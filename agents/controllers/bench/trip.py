@@ -16,7 +16,17 @@ import msgspec
 
 from agents.controllers.bench import echo
 from agents.controllers.bench.fake import CYCLE, MID, FakeAutopilot, Stick, stick_of
-from agents.controllers.bench.processes import FLEET, VEHICLE, Rig, fleet_file, last_words, rig
+from agents.controllers.bench.processes import (
+    FLEET,
+    VEHICLE,
+    Rig,
+    fleet_file,
+    frames_key,
+    last_words,
+    rig,
+    signals_key,
+    signals_of,
+)
 from agents.controllers.bench.spread import Spread, effects, spread
 from zmav import keys, wire
 from zmav.mavlink import decode, parse_frame
@@ -60,21 +70,16 @@ class Taps:
     """Subscribers of ours, which note when a stick passes in the key space."""
 
     def __init__(self, run: Rig) -> None:
-        session, self._dialect = run.z.session, run.z.dialect
+        self._dialect = run.z.dialect
         self.radio: list[Stick] = []
         self.controller: list[Stick] = []
         self.inside: list[float] = []
         self.output: list[Stick] = []
-        listened = {
+        self.listened = {
             keys.SETPOINT.key(FLEET, VEHICLE, agent=AGENT): self._on_setpoint,
-            keys.AGENT_OUT.key(FLEET, VEHICLE, agent=AGENT, topic="signals"): self._on_signals,
-            keys.RX.key(FLEET, VEHICLE, sys="*", comp="1", msg="RC_CHANNELS"): self._on_radio,
+            signals_key(AGENT): self._on_signals,
+            frames_key("RC_CHANNELS"): self._on_radio,
         }
-        self._subscribers = [session.declare_subscriber(key, call) for key, call in listened.items()]
-
-    def close(self) -> None:
-        for each in self._subscribers:
-            each.undeclare()
 
     def _on_setpoint(self, sample: Any) -> None:
         now = time.monotonic()
@@ -83,7 +88,7 @@ class Taps:
             self.output.append(Stick(now, stick_of(point.rates[0], FULL)))
 
     def _on_signals(self, sample: Any) -> None:
-        values = wire.decode(sample.payload.to_bytes(), wire.Signals, "signals").values
+        values = signals_of(sample).values
         if "begun" in values:
             self.controller.append(Stick(values["begun"], round(MID + 500.0 * values["roll"])))
             self.inside.append(values["took_us"] * 1e-6)
@@ -125,10 +130,10 @@ async def measure(seconds: float) -> Trip:
         fake.at_once = True
         await run.vehicle.tell(AGENT, "set", name="signals_hz", value=500)
         taps = Taps(run)
-        await asyncio.sleep(SETTLE)
-        begun = time.monotonic()
-        await asyncio.sleep(seconds)
-        taps.close()
+        with run.listening(taps.listened):
+            await asyncio.sleep(SETTLE)
+            begun = time.monotonic()
+            await asyncio.sleep(seconds)
         sent = [each for each in fake.sent if each.at > begun]
         radio, controller, output = (spread(effects(sent, seen)) for seen in (taps.radio, taps.controller, taps.output))
         inside = spread(taps.inside)
