@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 import zmav
+from agents.controllers.drawing import picture
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
-from agents.controllers.picture import picture
 from agents.controllers.response import Report, examine
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
@@ -80,24 +80,15 @@ def inject(
     """
     lasts = SECONDS[kind] if seconds is None else seconds
     args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts, f0=f0, f1=f1, feed=feed)  # type: ignore[arg-type]
-    run(_inject(args, agent, vehicle, after, output, as_json, fleet, settings))
 
+    async def tell() -> None:
+        async with zmav.open(fleet=fleet, settings=settings) as z:
+            report = await respond(z, vehicle, agent, args, after)
+        click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
+        if output is not None:
+            picture(report, output)
 
-async def _inject(
-    args: Inject,
-    agent: str,
-    vehicle: str,
-    after: float,
-    output: Path | None,
-    as_json: bool,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        report = await respond(z, vehicle, agent, args, after)
-    click.echo(dump(report.numbers(), pretty=False) if as_json else report.text())
-    if output is not None:
-        picture(report, output)
+    run(tell())
 
 
 async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> Report:

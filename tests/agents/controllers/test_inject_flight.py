@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from agents.controllers.cli.inject import respond
+from agents.controllers.drawing import picture
 from agents.controllers.inject import Inject
-from agents.controllers.picture import picture
 from agents.controllers.response import Step
 from zmav import wire
 from zmav.errors import ZmavError

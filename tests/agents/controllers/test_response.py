@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from agents.controllers.drawing import picture
 from agents.controllers.frequency import Chirp
 from agents.controllers.inject import Inject, Injection, duration
-from agents.controllers.picture import picture
 from agents.controllers.response import Doublet, Report, Step, examine
 from agents.controllers.types import Array
 from zmav.errors import BadConfig, BadInput
@@ -305,7 +305,7 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, 
     real = builtins.__import__
 
     def missing(name: str, *rest: Any) -> Any:
-        if name == "agents.controllers.drawing":
+        if name == "matplotlib.figure":
             raise ImportError("no matplotlib", name="matplotlib")
         return real(name, *rest)
 
