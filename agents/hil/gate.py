@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import fnmatch
 import json
-import os
 import shlex
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -23,7 +21,6 @@ from zmav.children import Children
 from zmav.config import load_fleet
 from zmav.errors import ZmavError
 from zmav.mavlink.paramvalue import Value
-from zmav.trust.credentials import VARIABLE
 from zmav.vehicle.params import differences, own_params
 
 DAY_S = 86_400.0
@@ -85,7 +82,7 @@ async def gate(
                 if flown["bench"] is not None:
                     for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
                         say(check)
-                for check in await _doctor(router, file.fleet):
+                for check in await _doctor(children, router, file.fleet):
                     say(check)
             except ZmavError as e:
                 say(Check("stage", "BAD", e.message))
@@ -187,31 +184,19 @@ def judge_params(
     return told
 
 
-async def _doctor(router: str, fleet: str) -> list[Check]:
+async def _doctor(children: Children, router: str, fleet: str) -> list[Check]:
     """What 'zmav doctor' finds wrong with the vehicle."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "zmav",
-        "doctor",
-        "--json",
-        "--fleet",
-        fleet,
-        "-e",
-        router,
-        "--for",
-        str(DOCTOR_S),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-        env={name: value for name, value in os.environ.items() if name != VARIABLE},
-    )
-    said, _ = await process.communicate()
-    lines = said.decode("utf-8", "replace").splitlines()
+    where = ("--fleet", fleet, "-e", router, "--for", str(DOCTOR_S))
+    children.start("doctor", "doctor", "--json", *where, may_end=True)
+    while (code := children.ended("doctor")) is None:
+        await asyncio.sleep(0.1)
+    lines = children.lines("doctor")
     try:
         findings = [json.loads(each) for each in lines]
     except json.JSONDecodeError:
-        return [Check("doctor", "BAD", f"it ended with {process.returncode}: {' '.join(lines[-3:])}")]
+        findings = []
+    if not findings:
+        return [Check("doctor", "BAD", f"it ended with {code}: {' '.join(lines[-3:])}")]
     wrong = [
         Check(f"doctor: {each['subject']}", "BAD", f"{each['found']}; {each['advice']}")
         for each in findings
