@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO
 
 from agents.camera.avi import Avi
 from zmav.errors import BadConfig, BadInput
@@ -17,13 +17,6 @@ LOOK_EVERY = 1.0
 """s between two looks at how much room is left"""
 QUALITY = 90
 """of pictures that are made to fit into an .avi of another size"""
-
-
-class _Store(Protocol):
-    def add(self, picture: Picture, number: int) -> str:
-        """Write it; the name to be told in the table."""
-
-    def close(self) -> None: ...
 
 
 class Recorder:
@@ -54,7 +47,7 @@ class Recorder:
         except OSError as e:
             text = f"cannot write to {target}: {e.strerror}"
             raise BadConfig(text, field="target", value=str(target), expected="a place to write to") from e
-        self._store: _Store = _Film(target, rate) if film else _Folder(target)
+        self._store: _Film | _Folder = _Film(target, rate) if film else _Folder(target)
         if film:
             opencv()
 
@@ -92,6 +85,8 @@ class Recorder:
 
 
 class _Folder:
+    """``add`` gives the name to be told in the table."""
+
     def __init__(self, path: Path) -> None:
         self._path = path
 

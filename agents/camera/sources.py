@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -132,12 +133,36 @@ def _frames(video: Any, why: str, closed: threading.Event, taken: Any) -> Iterat
         count += 1
 
 
-class FileSource:
-    """A video file at its own pace; what is too slow for it misses pictures, as of a camera."""
+class Replay(ABC):
+    """Pictures from a disk, as if a camera took them now: what is too slow for them misses some. See its two kinds."""
 
     def __init__(self, path: Path, loop: bool) -> None:
         self.words = str(path)
         self._path, self._loop = path, loop
+
+    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+        count, due = 0, time.monotonic()
+        while not closed.is_set():
+            before = count
+            for image, jpeg, pace in self._once():
+                pause(closed, due)
+                yield Shot(count, time.time(), image, jpeg)
+                count += 1
+                due = max(due, time.monotonic() - 1.0) + pace
+                if closed.is_set():
+                    return
+            if count == before:
+                raise Lost(f"{self._path} holds no picture that can be read")
+            if not self._loop:
+                return
+
+    @abstractmethod
+    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
+        """Its pictures from first to last, decoded or as JPEG, with the s to the next one."""
+
+
+class FileSource(Replay):
+    """A video file at its own pace."""
 
     def check(self) -> None:
         cv2 = opencv()
@@ -151,23 +176,7 @@ class FileSource:
             text = f"{self._path} is no video that OpenCV reads"
             raise BadConfig(text, field="source", value=str(self._path), expected="a video file")
 
-    def shots(self, closed: threading.Event) -> Iterator[Shot]:
-        count, due = 0, time.monotonic()
-        while not closed.is_set():
-            before = count
-            for image, pace in self._once():
-                pause(closed, due)
-                yield Shot(count, time.time(), image, None)
-                count += 1
-                due = max(due, time.monotonic() - 1.0) + pace
-                if closed.is_set():
-                    return
-            if count == before:
-                raise Lost("the file gives no pictures")
-            if not self._loop:
-                return
-
-    def _once(self) -> Iterator[tuple[Image, float]]:
+    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
         cv2 = opencv()
         video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         try:
@@ -177,17 +186,17 @@ class FileSource:
                 good, image = video.read()
                 if not good:
                     return
-                yield image, pace
+                yield image, None, pace
         finally:
             video.release()
 
 
-class FolderSource:
+class FolderSource(Replay):
     """The pictures of a folder by their names; JPEGs are passed on as they are."""
 
     def __init__(self, path: Path, rate: float, loop: bool) -> None:
-        self.words = str(path)
-        self._path, self._rate, self._loop = path, rate, loop
+        super().__init__(path, loop)
+        self._rate = rate
 
     def check(self) -> None:
         opencv()
@@ -195,27 +204,14 @@ class FolderSource:
             text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
             raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
 
-    def shots(self, closed: threading.Event) -> Iterator[Shot]:
+    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
         cv2 = opencv()
-        count, due = 0, time.monotonic()
-        while not closed.is_set():
-            before = count
-            for path in pictures_in(self._path):
-                data = path.read_bytes()
-                jpeg = data if data[:2] == b"\xff\xd8" else None
-                image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
-                if jpeg is None and image is None:
-                    continue
-                pause(closed, due)
-                yield Shot(count, time.time(), image, jpeg)
-                count += 1
-                due = max(due, time.monotonic() - 1.0) + 1.0 / self._rate
-                if closed.is_set():
-                    return
-            if count == before:
-                raise Lost("the folder holds no picture that can be read")
-            if not self._loop:
-                return
+        for path in pictures_in(self._path):
+            data = path.read_bytes()
+            jpeg = data if data[:2] == b"\xff\xd8" else None
+            image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
+            if jpeg is not None or image is not None:
+                yield image, jpeg, 1.0 / self._rate
 
 
 def pictures_in(folder: Path) -> list[Path]:
