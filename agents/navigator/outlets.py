@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Protocol
 
 import zmav
 from zmav import wire
@@ -15,16 +14,6 @@ TAKEN, TRIES = 1.0, 3
 """s in which the vehicle says that it flies a segment, before it is put again; how often it is put"""
 PRESENT = 4.0
 """s for a controller to answer that it is there"""
-
-
-class Outlet(Protocol):
-    """Raises the :class:`~zmav.errors.ZmavError` that ended it from either method."""
-
-    async def give(self, points: list[wire.SegmentPoint]) -> None:
-        """Let this be flown from now on."""
-
-    def check(self) -> None:
-        """Raise what has ended it since."""
 
 
 class ByLease:
@@ -120,3 +109,7 @@ class ByController:
     def close(self) -> None:
         if self._told is not None:
             self._told.cancel()
+
+
+Outlet = ByLease | ByController
+"""``give`` lets points be flown from now on, ``check`` raises the :class:`~zmav.errors.ZmavError` that ended it."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,24 +17,8 @@ NUMERIC = 1.02
 """by which the sharpest change of a curve may be more than is found at the table's nodes"""
 
 
-class Piece(Protocol):
-    """A smooth piece of a way. Metres, NED."""
-
-    length: float
-    bend: float
-    """1/m: its sharpest curvature; 0: it is straight"""
-    jolt: float
-    """1/m²: the greatest third derivative of the place by the distance"""
-
-    def at(self, s: Array) -> tuple[Array, Array, Array]:
-        """(N, 3) each at the distances ``s``: places, unit tangents, and the tangents' derivatives by the distance."""
-
-    def after(self, s: float) -> Piece:
-        """What is left of it behind the distance ``s``."""
-
-
 class Line:
-    """From ``a`` straight to ``b``, (3,) each, which are apart."""
+    """From ``a`` straight to ``b``, (3,) each, which are apart. See :data:`Piece`."""
 
     bend = jolt = 0.0
 
@@ -91,6 +74,13 @@ class Curve:
         ends: Array = self._u[k] * rest * rest * (1.0 + 2.0 * x) + self._u[k + 1] * x * x * (3.0 - 2.0 * x)
         found: Array = ends + h * x * rest * (self._slope[k] * rest - self._slope[k + 1] * x)
         return found
+
+
+Piece = Line | Curve
+"""A smooth piece of a way, metres NED: its ``length``, its sharpest curvature ``bend`` (1/m; 0: it is straight), and
+``jolt`` (1/m²), the greatest third derivative of the place by the distance. ``at(s)`` gives (N, 3) each at the
+distances (N,): places, unit tangents and their derivatives by the distance; ``after(s)`` what is left behind one.
+"""
 
 
 def circle(radius: float) -> Shape:
