@@ -27,7 +27,7 @@ from zmav.mavlink import MavMessage
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose, Poses
 from zmav.vision.reader import Picture, Reader
-from zmav.waiting import within
+from zmav.waiting import together, within
 
 ASK_AGAIN = 1.0
 """s between two questions to a camera that does not answer"""
@@ -99,16 +99,9 @@ class Helipad(zmav.Agent):
         Detector([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]], own.symbol_m, own.template or None)
         key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=own.camera)
         self._sights = self.z.session.declare_publisher(key, **keys.DETECTION.publishing())
-        work = (self._turns(), self._places(), self._autopilot_frame(), self._watch())
-        tasks = [asyncio.create_task(each) for each in work]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
-            for task in done:
-                task.result()
+            await together(self._turns(), self._places(), self._autopilot_frame(), self._watch())
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
             self._sights.undeclare()
 
     async def _watch(self) -> None:

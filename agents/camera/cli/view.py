@@ -54,39 +54,29 @@ def command(
 
     The delay is from shutter to here, by both computers' clocks.
     """
-    run(_view(vehicle, camera, save, serve, wait, link, fleet, settings))
 
-
-async def _view(
-    vehicle: str,
-    camera: str,
-    save: Path | None,
-    serve: int | None,
-    wait: float,
-    link: float | None,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
-    async with (
-        zmav.open(fleet=fleet, settings=settings) as z,
-        Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures,
-    ):
-        try:
-            first = await within(wait, pictures.get())
-        except asyncio.TimeoutError:
-            await camera_info(z, vehicle, camera)  # raises where there is no such camera
-            text = f"{vehicle}/{camera} is there, but sent no whole picture within {wait:g} s"
-            raise TimedOut(text, vehicle=vehicle) from None
-        if save is not None:
-            _save(save, first)
-            return
+    async def view() -> None:
         async with contextlib.AsyncExitStack() as stack:
+            z = await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
+            reader = Reader(z, vehicle, camera, name="view", most_bytes=link)
+            pictures = await stack.enter_async_context(reader)
+            try:
+                first = await within(wait, pictures.get())
+            except asyncio.TimeoutError:
+                await camera_info(z, vehicle, camera)  # raises where there is no such camera
+                text = f"{vehicle}/{camera} is there, but sent no whole picture within {wait:g} s"
+                raise TimedOut(text, vehicle=vehicle) from None
+            if save is not None:
+                _save(save, first)
+                return
             server = None
             if serve is not None:
                 server = await stack.enter_async_context(WebServer(serve))
                 click.echo(f"pictures are at {server.url}")
             shown = _Shown(pictures, server)
             await together(shown.take(first), shown.tell())
+
+    run(view())
 
 
 def _save(path: Path, picture: Picture) -> None:
