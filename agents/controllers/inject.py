@@ -40,25 +40,27 @@ class Channel:
     unit: str
     most: float
     """amplitude, in that unit"""
+    part: str
+    """of the reference: a vector, or its yaw; an angle of a reference without a yaw is one of its attitude"""
     axis: int = 0
-    """of the vector that it is part of"""
+    """of that vector"""
     fed: str = ""
     """what its derivative is fed forward by; empty: a reference has no place for it"""
 
 
 CHANNELS: dict[str, Channel] = {
-    "x": Channel(("position",), "m", 20.0, 0, "vel"),
-    "y": Channel(("position",), "m", 20.0, 1, "vel"),
-    "z": Channel(("position", "altitude"), "m", 10.0, 2, "vel"),
-    "vx": Channel(("velocity",), "m/s", 8.0, 0, "acc"),
-    "vy": Channel(("velocity",), "m/s", 8.0, 1, "acc"),
-    "vz": Channel(("velocity",), "m/s", 3.0, 2, "acc"),
-    "roll": Channel(("altitude", "attitude"), "rad", 0.6),
-    "pitch": Channel(("altitude", "attitude"), "rad", 0.6),
-    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, 0, "yaw_rate"),
-    "p": Channel(("rates",), "rad/s", 4.0, 0),
-    "q": Channel(("rates",), "rad/s", 4.0, 1),
-    "r": Channel(("rates",), "rad/s", 2.0, 2),
+    "x": Channel(("position",), "m", 20.0, "pos", 0, "vel"),
+    "y": Channel(("position",), "m", 20.0, "pos", 1, "vel"),
+    "z": Channel(("position", "altitude"), "m", 10.0, "pos", 2, "vel"),
+    "vx": Channel(("velocity",), "m/s", 8.0, "vel", 0, "acc"),
+    "vy": Channel(("velocity",), "m/s", 8.0, "vel", 1, "acc"),
+    "vz": Channel(("velocity",), "m/s", 3.0, "vel", 2, "acc"),
+    "roll": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
+    "pitch": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
+    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, "yaw", 0, "yaw_rate"),
+    "p": Channel(("rates",), "rad/s", 4.0, "rates", 0),
+    "q": Channel(("rates",), "rad/s", 4.0, "rates", 1),
+    "r": Channel(("rates",), "rad/s", 2.0, "rates", 2),
 }
 """North, east and down (z is down), their velocities, Euler angles (yaw, then pitch, then roll), rates about the body's
 axes. An altitude reference is a height and an attitude."""
@@ -120,24 +122,17 @@ class Injection:
         added, slope = self.value(t)
         if added == 0.0 and slope == 0.0:
             return 0.0
-        name, axis = self.args.channel, self.channel.axis
-        if name in ("x", "y", "z"):
-            reference.pos = _plus(reference.pos, axis, added)
-        elif name in ("vx", "vy", "vz"):
-            reference.vel = _plus(reference.vel, axis, added)
-        elif name in ("p", "q", "r"):
-            reference.rates = _plus(reference.rates, axis, added)
-        elif name == "yaw" and self.level in ("position", "velocity"):
+        part, axis = self.channel.part, self.channel.axis
+        if part == "yaw" and self.level in ("position", "velocity"):
             reference.yaw = math.remainder(reference.yaw + added, 2.0 * math.pi)
+        elif part in ("yaw", "attitude"):
+            reference.attitude = turned(reference.attitude, self.args.channel, added)
         else:
-            reference.attitude = turned(reference.attitude, name, added)
-        if self.args.feed:
-            if self.channel.fed == "vel":
-                reference.vel = _plus(reference.vel, axis, slope)
-            elif self.channel.fed == "acc":
-                reference.acc = _plus(reference.acc, axis, slope)
-            else:
-                reference.yaw_rate += slope
+            setattr(reference, part, _plus(getattr(reference, part), axis, added))
+        if self.args.feed and self.channel.fed == "yaw_rate":
+            reference.yaw_rate += slope
+        elif self.args.feed:
+            setattr(reference, self.channel.fed, _plus(getattr(reference, self.channel.fed), axis, slope))
         return added
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import click
@@ -16,7 +15,6 @@ from zmav.errors import BadInput, ZmavError
 from zmav.process import run, say
 
 ALL = ("links", "trip", "clock", "cpu", "tracking")
-Step = Callable[[], Awaitable[None]]
 
 
 @click.command("bench")
@@ -48,13 +46,12 @@ def chosen(only: str | None) -> tuple[str, ...]:
 
 async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> int:
     found = report.Report(t=time.time(), machine=report.Machine(os.cpu_count() or 1, {}))
-    steps = _steps(found, quick)
     try:
         for name in names:
             say(f"{name}...")
             before = load()
             try:
-                await steps[name]()
+                await _measure(name, found, quick)
             except ZmavError as e:
                 found.failed[name] = str(e)
             found.machine.loads[name] = before, load()
@@ -65,25 +62,17 @@ async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> in
     return 1 if found.failed else 0
 
 
-def _steps(found: report.Report, quick: bool) -> dict[str, Step]:
-    async def measure_links() -> None:
-        found.links = await links.measure(2.0 if quick else 20.0)
-
-    async def measure_trip() -> None:
-        found.trip = await trip.measure(1.0 if quick else 20.0)
-        found.handback = await handback.measure(1 if quick else 50)
-
-    async def measure_clock() -> None:
-        found.clock = await clock.measure(2 if quick else 20, 2.0 if quick else 5.0)
-
-    async def measure_cpu() -> None:
-        found.cpu = await cpu.measure(5.0 if quick else 60.0)
-
-    async def measure_tracking() -> None:
-        found.tracking = tracking.Tracking({}, {})  # flights that were flown stay, whatever becomes of the others
-        if quick:
-            await tracking.measure(found.tracking, 15.0, 4.0, 2.0)
-        else:
-            await tracking.measure(found.tracking, 45.0, 10.0, 5.0)
-
-    return dict(zip(ALL, (measure_links, measure_trip, measure_clock, measure_cpu, measure_tracking), strict=True))
+async def _measure(name: str, found: report.Report, quick: bool) -> None:
+    match name:
+        case "links":
+            found.links = await links.measure(2.0 if quick else 20.0)
+        case "trip":
+            found.trip = await trip.measure(1.0 if quick else 20.0)
+            found.handback = await handback.measure(1 if quick else 50)
+        case "clock":
+            found.clock = await clock.measure(2 if quick else 20, 2.0 if quick else 5.0)
+        case "cpu":
+            found.cpu = await cpu.measure(5.0 if quick else 60.0)
+        case _:
+            found.tracking = tracking.Tracking({}, {})  # flights that were flown stay, whatever becomes of the others
+            await tracking.measure(found.tracking, *((15.0, 4.0, 2.0) if quick else (45.0, 10.0, 5.0)))
