@@ -32,8 +32,6 @@ STIRRED = 0.3
 """m that a vehicle is from where it begins or ends while it flies"""
 FRAMES, PACE = 150, 0.08
 """of an animation: pictures, and s of each"""
-TAIL = 60
-"""rows of track behind each vehicle in an animation"""
 
 
 def draw(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title: str, path: Path) -> None:
@@ -48,21 +46,8 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
     rows = shown(rows)
     marks = [mark for mark in marks if rows[0].t <= mark.t <= rows[-1].t]
     figure, above, heights, ways = _figure(title, math.ceil(len(marks) / COLUMNS))
-    shades = _shades(len(names))
     times = [row.t for row in rows]
-    for i, name in enumerate(names):
-        north, east, up = ([row.places[i][axis] for row in rows] for axis in (0, 1, 2))
-        wide = 1.0 + 2.0 * (1.0 - (i + 1) / len(names)) if len(names) <= NAMED else 1.0  # ways may lie on one another
-        above.plot(east, north, color=shades[i], lw=wide, label=name)
-        above.plot(east[:1], north[:1], "o", color=shades[i], ms=4, mfc="white")
-        above.plot(east[-1:], north[-1:], "o", color=shades[i], ms=4)
-        heights.plot(times, up, color=shades[i], lw=1.0)
-        ways.plot(
-            times,
-            [math.hypot(n - north[0], e - east[0]) for n, e in zip(north, east, strict=True)],
-            color=shades[i],
-            lw=1.0,
-        )
+    _plot(names, rows, above, heights, ways)
     _look_down(above, rows)
     for axes in (heights, ways):
         axes.set_xlim(times[0], times[-1])
@@ -82,33 +67,40 @@ def shown(rows: Sequence[Row]) -> Sequence[Row]:
     return [row for row in rows if begin <= row.t <= end]
 
 
+def _plot(names: Sequence[str], rows: Sequence[Row], above: Any, heights: Any, ways: Any) -> None:
+    """Everybody's track, height and way from the first of the ``rows`` to the last."""
+    from matplotlib import colormaps
+
+    times = [row.t for row in rows]
+    for i, name in enumerate(names):
+        shade = colormaps["turbo"]((i + 0.5) / len(names))
+        north, east, up = ([row.places[i][axis] for row in rows] for axis in (0, 1, 2))
+        wide = 1.0 + 2.0 * (1.0 - (i + 1) / len(names)) if len(names) <= NAMED else 1.0  # ways may lie on one another
+        above.plot(east, north, color=shade, lw=wide, label=name)
+        above.plot(east[:1], north[:1], "o", color=shade, ms=4, mfc="white")
+        above.plot(east[-1:], north[-1:], "o", color=shade, ms=4)
+        heights.plot(times, up, color=shade, lw=1.0)
+        way = [math.hypot(n - north[0], e - east[0]) for n, e in zip(north, east, strict=True)]
+        ways.plot(times, way, color=shade, lw=1.0)
+
+
 def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, frames: int = FRAMES) -> None:
     """A .gif of the tracks from above and of the heights, from the first that moves on, faster than it was flown."""
-    figure, above, heights, ways = _figure(title)
+    figure, *panels = _figure(title)
     from matplotlib.animation import FuncAnimation, PillowWriter
 
     rows = shown(rows)
-    shades = _shades(len(names))
-    _look_down(above, rows)
-    top = max(place[2] for row in rows for place in row.places)
-    far = max(_off(rows[0], row, i) for row in rows for i in range(len(names)))
-    for axes, most in ((heights, top), (ways, far)):
-        axes.set(xlim=(rows[0].t, rows[-1].t), ylim=(-0.03 * most - 0.3, 1.1 * most + 0.5))
-    dots = [above.plot([], [], "o", color=shade, ms=6 if len(names) <= NAMED else 4)[0] for shade in shades]
-    tails = [above.plot([], [], color=shade, lw=1.0, alpha=0.7)[0] for shade in shades]
-    ups_ = [heights.plot([], [], color=shade, lw=1.0)[0] for shade in shades]
-    offs = [ways.plot([], [], color=shade, lw=1.0)[0] for shade in shades]
+    _plot(names, rows, *panels)  # all of it: so wide are the axes of each frame
+    _look_down(panels[0], rows)
+    for axes in panels[1:]:
+        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
 
     def show(frame: int) -> list[Any]:
-        k = round(frame * (len(rows) - 1) / (frames - 1))
-        tail, before = rows[max(k - TAIL, 0) : k + 1], rows[: k + 1]
-        times = [row.t for row in before]
-        for i in range(len(names)):
-            dots[i].set_data([rows[k].places[i][1]], [rows[k].places[i][0]])
-            tails[i].set_data([row.places[i][1] for row in tail], [row.places[i][0] for row in tail])
-            ups_[i].set_data(times, [row.places[i][2] for row in before])
-            offs[i].set_data(times, [_off(rows[0], row, i) for row in before])
-        return [*dots, *tails, *ups_, *offs]
+        for axes in panels:
+            for line in list(axes.lines):
+                line.remove()
+        _plot(names, rows[: 1 + round(frame * (len(rows) - 1) / (frames - 1))], *panels)
+        return [line for axes in panels for line in axes.lines]
 
     figure.set_dpi(60)
     try:
@@ -119,11 +111,6 @@ def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, f
 
 def _moved(first: Row, now: Row) -> bool:
     return any(math.dist(a, b) > STIRRED for a, b in zip(first.places, now.places, strict=True))
-
-
-def _off(first: Row, now: Row, i: int) -> float:
-    """m over the ground from where it began."""
-    return math.hypot(now.places[i][0] - first.places[i][0], now.places[i][1] - first.places[i][1])
 
 
 def _look_down(above: Any, rows: Sequence[Row]) -> None:
@@ -197,9 +184,3 @@ def _figure(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
         each.grid(alpha=0.3)
     figure.suptitle(title, fontsize=10)
     return figure, above, heights, ways
-
-
-def _shades(count: int) -> list[Any]:
-    from matplotlib import colormaps
-
-    return [colormaps["turbo"]((i + 0.5) / count) for i in range(count)]
