@@ -12,11 +12,11 @@ from collections.abc import AsyncIterator
 import msgspec
 import numpy as np
 
-from agents.controllers.bench import simulator
 from agents.controllers.bench.processes import START, VEHICLE, Rig, fleet_file, last_words, rig
 from agents.controllers.types import Array, plain
 from zmav import wire
 from zmav.process import free_port
+from zmav.sim import Remote
 
 SIMULATOR = "simulator"
 HEIGHT = 10.0
@@ -43,9 +43,12 @@ async def airborne(wind: str = "0", noise: str = "typical", seed: int = 1) -> As
         sim = f'[vehicles.{VEHICLE}.sim]\nautopilot = "px4"\nairframe = "hexa"\nfirmware = "1.13"\n'
         world = f'[sim]\ntick_hz = {TICK_HZ}\nnoise = "{noise}"\nwind = "{wind}"\nseed = {seed}\n'
         file = fleet_file(processes, f"udpin:127.0.0.1:{port}", sim, world)
-        processes.start(SIMULATOR, str(file), module=simulator.__name__)
+        control = processes.folder / "control"
+        processes.start(SIMULATOR, "sim", "--fleet", str(file), "--control", str(control))
         async with rig(processes, file) as run:
             await run.vehicle.wait_until(lambda state: state.connected, START)
+            with Remote(control) as sim:  # a pilot is beside it, whose radio is on and whose hands rest
+                sim.pilot(VEHICLE)
             await run.vehicle.arm()
             await run.vehicle.takeoff(HEIGHT)
             yield run
