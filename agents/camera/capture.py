@@ -65,32 +65,12 @@ class Capture:
         self.lost = ""
         """why there are no pictures at present; empty where they come"""
         self._news, self._say, self._first_wait = news, say, first_wait
-        self._latest: Shot | None = None
-        self._count = 0
+        self.latest: Shot | None = None
+        self.count = 0
+        """pictures that have come"""
         self._closed = threading.Event()
-        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="zmav-capture", daemon=True)
         self._thread.start()
-
-    @property
-    def latest(self) -> Shot | None:
-        return self._latest
-
-    @property
-    def count(self) -> int:
-        """Pictures that have come."""
-        return self._count
-
-    def after(self, seq: int, timeout: float) -> Shot | None:
-        """The latest picture once it is later than ``seq``; None after ``timeout`` seconds, or at the end."""
-
-        def ready() -> bool:
-            return self.ended or (self._latest is not None and self._latest.seq > seq)
-
-        with self._changed:
-            self._changed.wait_for(ready, timeout)
-            shot = self._latest
-        return shot if shot is not None and shot.seq > seq else None
 
     def close(self) -> None:
         """End it; a source that blocks (a dead RTSP server) is left to its thread, which ends with the process."""
@@ -100,7 +80,7 @@ class Capture:
     def _run(self) -> None:
         wait = self._first_wait
         while not self._closed.is_set():
-            before = self._count
+            before = self.count
             try:
                 for shot in self.source.shots(self._closed):
                     self._take(shot)
@@ -111,24 +91,20 @@ class Capture:
                 why = str(e) or type(e).__name__
             if not why:
                 break
-            wait = self._first_wait if self._count > before else wait
+            wait = self._first_wait if self.count > before else wait
             self._lose(f"{why}; opened again in {wait:g} s")
             self._closed.wait(wait)
             wait = min(2.0 * wait, LONGEST_WAIT)
-        with self._changed:
-            self.ended = True
-            self._changed.notify_all()
+        self.ended = True
         self._news()
 
     def _take(self, shot: Shot) -> None:
         if self.lost:
             self.lost = ""
             self._say(f"{self.source.words}: pictures come again")
-        with self._changed:
-            # A source that was opened again counts from zero; its pictures are later all the same.
-            self._latest = shot._replace(seq=self._count)
-            self._count += 1
-            self._changed.notify_all()
+        # A source that was opened again counts from zero; its pictures are later all the same.
+        self.latest = shot._replace(seq=self.count)
+        self.count += 1
         self._news()
 
     def _lose(self, why: str) -> None:

@@ -88,10 +88,6 @@ class Step(Table, frozen=True):
     refused: bool = False
     """``run`` has to fail"""
 
-    def act(self) -> str | None:
-        """Which one of them it is."""
-        return next((act for act in ACTS if getattr(self, act) is not None), None)
-
 
 class Story(Table, frozen=True):
     """The table."""

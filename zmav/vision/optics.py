@@ -77,27 +77,9 @@ class Optics:
         unit: Array = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return unit
 
-    def pixels(self, rays: Array) -> Array:
-        """(N, 2) pixels of (N, 3) rays in camera axes, of any length; NaN for what is not before the camera."""
-        x, y, z = np.asarray(rays, dtype=np.float64).reshape(-1, 3).T
-        k1, k2, p1, p2, k3 = self.distortion
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            x, y = np.where(z > 0.0, x / z, np.nan), np.where(z > 0.0, y / z, np.nan)
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        bent_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        found: Array = np.column_stack([bent_x, bent_y]) * self.matrix.diagonal()[:2] + self.matrix[:2, 2]
-        return found
-
     def to_vehicle(self, rays: Array) -> Array:
         """(N, 3) in the vehicle's axes of (N, 3) in the camera's."""
         turned: Array = np.asarray(rays) @ self.mount.T
-        return turned
-
-    def to_camera(self, rays: Array) -> Array:
-        """(N, 3) in the camera's axes of (N, 3) in the vehicle's."""
-        turned: Array = np.asarray(rays) @ self.mount
         return turned
 
 

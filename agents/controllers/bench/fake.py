@@ -87,11 +87,6 @@ class FakeAutopilot:
             thread.join(2.0)
         self._socket.close()
 
-    @property
-    def follows(self) -> bool:
-        """It is in OFFBOARD."""
-        return self._mode == OFFBOARD
-
     # What it says.
 
     def _speak(self) -> None:

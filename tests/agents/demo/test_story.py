@@ -9,7 +9,7 @@ import click
 import pytest
 
 from agents.demo.cli import stack_options
-from agents.demo.story import Demo, Step, demos, find, load, on_stacks
+from agents.demo.story import Demo, demos, find, load, on_stacks
 from zmav.cli import zmav
 from zmav.errors import BadConfig
 from zmav.sim.fleetfile import load_simulated
@@ -120,11 +120,6 @@ def test_relays_are_counted_by_the_shortest_way(tmp_path: Path, links: str, rela
 def test_only_links_that_a_step_cuts_are_laid_through_a_relay() -> None:
     assert find("lost-link").cuttable() == {frozenset(("quad1", "quad2"))}
     assert find("line").cuttable() == set()
-
-
-def test_a_step_is_one_act() -> None:
-    assert Step(say="words").act() is None
-    assert Step(run="zmav ls", say="words").act() == "run"
 
 
 def test_what_the_simulator_is_told_of_real_stacks() -> None:
