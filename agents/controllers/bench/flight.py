@@ -47,8 +47,8 @@ async def airborne(wind: str = "0", noise: str = "typical", seed: int = 1) -> As
         processes.start(SIMULATOR, "sim", "--fleet", str(file), "--control", str(control))
         async with rig(processes, file) as run:
             await run.vehicle.wait_until(lambda state: state.connected, START)
-            with Remote(control) as sim:  # a pilot is beside it, whose radio is on and whose hands rest
-                sim.pilot(VEHICLE)
+            with Remote(control) as remote:  # a pilot is beside it, whose radio is on and whose hands rest
+                remote.pilot(VEHICLE)
             await run.vehicle.arm()
             await run.vehicle.takeoff(HEIGHT)
             yield run
