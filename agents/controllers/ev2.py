@@ -30,6 +30,7 @@ import numpy as np
 from agents.controllers.backstepping import Backstepping, Inner, Vec, add, angle_rates, less, scaled
 from agents.controllers.controller import Controller, parameter
 from agents.controllers.linearising import GRAVITY, Aim, Linearising, Outer
+from agents.controllers.loops.parts import down_axis
 from agents.controllers.types import Array, Output, Reference, State, TorqueThrust, Trim
 from zmav.rotation import euler
 
@@ -38,21 +39,6 @@ SCALE = (0.6, 1.4)  # of the full thrust that is told by the parameter
 LEAST_LIFT = 0.15  # of full thrust: below it nothing hovers by it
 TURN_SHARE = 0.6  # of the torque that there is, for the filter's own turning
 LONGEST_S = 0.04  # of a cycle: after a gap the filters do not leap
-VECTORS = (
-    "pos_error",
-    "vel_error",
-    "integral",
-    "angle_ref",
-    "angle_slope",
-    "z1",
-    "z1_bar",
-    "z2",
-    "omega_d",
-    "omega_ref",
-    "epsilon",
-    "torque_nm",
-)
-SIGNALS = tuple((f"{name}.x", f"{name}.y", f"{name}.z") for name in VECTORS)
 
 
 class Ev2(Controller):
@@ -115,7 +101,12 @@ class Ev2(Controller):
         self._seen = state.t
         self._weigh(state, trim.thrust, since)
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
-        acc, vel, axis, asked = _vec(reference.acc), _vec(state.vel), _axis(state.q), _axis(trim.attitude)
+        acc, vel, axis, asked = (
+            _vec(reference.acc),
+            _vec(state.vel),
+            down_axis(state.q.tolist()),
+            down_axis(trim.attitude.tolist()),
+        )
         thrust = trim.thrust * self.full / self.mass
         self.outer.reset(self._outer_gains(), error, slip, acc, vel, axis, asked, thrust, since)
         self.inner.reset(_vec(state.rates))
@@ -124,7 +115,7 @@ class Ev2(Controller):
     def update(self, state: State, reference: Reference) -> Output:
         dt = min(max(state.dt, 1e-4), LONGEST_S)
         error, slip = _vec(reference.pos - state.pos), _vec(reference.vel - state.vel)
-        acc, vel, axis = _vec(reference.acc), _vec(state.vel), _axis(state.q)
+        acc, vel, axis = _vec(reference.acc), _vec(state.vel), down_axis(state.q.tolist())
         angles, rates = euler(state.q.tolist()), _vec(state.rates)
         turn = angle_rates(angles, rates)[2]
         aim = self.outer.step(self._outer_gains(), error, slip, acc, vel, angles[2], turn, axis, dt)
@@ -147,7 +138,7 @@ class Ev2(Controller):
         """Newtons of full thrust, from what holds the vehicle up while the autopilot flies it; ``since``: the s since
         the last look, 0: there was none.
         """
-        down, lift = float(state.vel[2]), max(thrust, 0.0) * _axis(state.q)[2]
+        down, lift = float(state.vel[2]), max(thrust, 0.0) * down_axis(state.q.tolist())[2]
         if since <= 0.0:
             self._lift, self._fall = lift, down
         share = 1.0 - math.exp(-since / SETTLE_S)
@@ -203,23 +194,23 @@ class Ev2(Controller):
 
     def _tell(self, error: Vec, slip: Vec, wanted: Vec, slopes: Vec, torque: Vec, aim: Aim) -> None:
         loop = self.inner
-        rows = (
-            error,
-            slip,
-            self.outer.integral,
-            wanted,
-            slopes,
-            loop.z1,
-            loop.z1_bar,
-            loop.z2,
-            loop.omega_d,
-            loop.omega_ref,
-            loop.epsilon,
-            torque,
-        )
+        rows = {
+            "pos_error": error,
+            "vel_error": slip,
+            "integral": self.outer.integral,
+            "angle_ref": wanted,
+            "angle_slope": slopes,
+            "z1": loop.z1,
+            "z1_bar": loop.z1_bar,
+            "z2": loop.z2,
+            "omega_d": loop.omega_d,
+            "omega_ref": loop.omega_ref,
+            "epsilon": loop.epsilon,
+            "torque_nm": torque,
+        }
         told = self.signals
-        for (x, y, z), row in zip(SIGNALS, rows, strict=True):
-            told[x], told[y], told[z] = row
+        for name, (x, y, z) in rows.items():
+            told[f"{name}.x"], told[f"{name}.y"], told[f"{name}.z"] = x, y, z
         told["thrust_n"] = aim.thrust * self.mass
         told["lyapunov"] = loop.lyapunov
 
@@ -227,9 +218,3 @@ class Ev2(Controller):
 def _vec(row: Array) -> Vec:
     x, y, z = row.tolist()
     return x, y, z
-
-
-def _axis(q: Array) -> Vec:
-    """The body's down axis, NED."""
-    w, x, y, z = q.tolist()
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

@@ -12,18 +12,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from zmav.vision.optics import LOOKING_DOWN, euler_matrix
+
 Array = NDArray[np.float64]
 
-_TO_BODY = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _NEAR = 0.01
 """heights of a symbol; the step of the finite differences"""
 
 
 def tilt(roll: float, pitch: float) -> Array:
     """(3, 3) rotation from the camera's axes to a level camera's of the same heading; radians."""
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    level = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-    result: Array = _TO_BODY.T @ level @ _TO_BODY
+    result: Array = LOOKING_DOWN.T @ euler_matrix(roll, pitch, 0.0) @ LOOKING_DOWN
     return result
 
 

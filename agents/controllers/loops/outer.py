@@ -84,7 +84,7 @@ class VelocityLoop(Controller):
         partly = self._partly(state, reference)
         self.given = trim.thrust
         self._learn(state, min(LEARN, self.hover_tau))
-        x, y, z = down_axis(tuple(trim.attitude.tolist()))
+        x, y, z = down_axis(trim.attitude.tolist())
         hover, lift = self.hover.share, max(trim.thrust * z, 1e-3)
         # The acceleration that would make this thrust and this attitude of it, as far as it could.
         most = GRAVITY * math.tan(self.tilt_max)
@@ -129,7 +129,7 @@ class VelocityLoop(Controller):
     def _learn(self, state: State, tau: float) -> None:
         """Where the hover thrust changes, the integrator gives way, so that the thrust does not."""
         down = self.axes[2]
-        upright = down_axis(tuple(state.q.tolist()))[2]
+        upright = down_axis(state.q.tolist())[2]
         ratio = self.hover.learn(self.given * upright, down.slope, state.dt, tau)
         down.integral += GRAVITY * (1.0 - ratio)
 
@@ -230,7 +230,7 @@ class AltitudeLoop(Controller):
 
     def _learn(self, state: State, tau: float) -> float:
         """Where the hover thrust changes, the integrator gives way; gives how upright the body is, 0.5 to 1."""
-        upright = down_axis(tuple(state.q.tolist()))[2]
+        upright = down_axis(state.q.tolist())[2]
         ratio = self.hover.learn(self.given * upright, self.down.slope, state.dt, tau)
         self.down.integral += GRAVITY * (1.0 - ratio)
         return max(upright, STEEPEST)

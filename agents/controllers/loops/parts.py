@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
-from zmav.rotation import Quaternion, product
+from zmav.rotation import Quaternion, from_euler, product
 
 GRAVITY = 9.80665
 SETTLE = 1.0
@@ -118,7 +119,7 @@ def turn_from(actual: Quaternion, target: Quaternion) -> Quaternion:
     return product((w, -x, -y, -z), target)
 
 
-def down_axis(q: Quaternion) -> Vector:
+def down_axis(q: Iterable[float]) -> Vector:
     """The body's down axis in NED."""
     w, x, y, z = q
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
@@ -133,12 +134,4 @@ def attitude_of(down: Vector, yaw: float) -> Quaternion:
     c, s = math.cos(yaw), math.sin(yaw)
     # In the frame turned by yaw the nose is level: roll and pitch follow from the down axis seen there.
     roll, pitch = math.asin(clamp(x * s - y * c, -1.0, 1.0)), math.atan2(x * c + y * s, z)
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    return from_euler(roll, pitch, yaw)
