@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -103,7 +104,8 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
 
     def save(self, path: Path) -> None:
         """As TOML; raises :class:`BadConfig` where it cannot be written."""
-        lines = [f"{name} = {_toml(value)}" for name, value in msgspec.to_builtins(self).items() if value is not None]
+        given = {name: value for name, value in msgspec.to_builtins(self).items() if value is not None}
+        lines = [f"{name} = {json.dumps(value)}" for name, value in given.items()]
         try:
             path.write_text("# A camera's constants, for 'zmav camera run --calibration'.\n" + "\n".join(lines) + "\n")
         except OSError as e:
@@ -126,12 +128,6 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
             focal=(fx * kx, fy * ky),
             center=((cx + 0.5) * kx - 0.5, (cy + 0.5) * ky - 0.5),
         )
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
-    return repr(value)
 
 
 def camera_info(

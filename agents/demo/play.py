@@ -259,15 +259,13 @@ def holds(vehicle: zmav.Vehicle, wait: Wait, agent_state: str | None) -> bool:
         return True
     if state is None or old:
         return False
-    if wait.mode is not None and (state.mode or "").lower() not in [mode.lower() for mode in wait.mode]:
-        return False
-    if wait.armed is not None and state.armed != wait.armed:
-        return False
-    if wait.above is not None and (state.local is None or -state.local[2] < wait.above):
-        return False
-    if wait.pilot is not None and (state.pilot is not None) != wait.pilot:
-        return False
-    return wait.agent is None or (agent_state is not None and fnmatch.fnmatch(agent_state, wait.state or "*"))
+    return (
+        (wait.mode is None or (state.mode or "").lower() in [mode.lower() for mode in wait.mode])
+        and (wait.armed is None or state.armed == wait.armed)
+        and (wait.above is None or (state.local is not None and -state.local[2] >= wait.above))
+        and (wait.pilot is None or (state.pilot is not None) == wait.pilot)
+        and (wait.agent is None or (agent_state is not None and fnmatch.fnmatch(agent_state, wait.state or "*")))
+    )
 
 
 def _late(wait: Wait, missing: list[str], within: float) -> str:

@@ -45,7 +45,7 @@ def chosen(only: str | None) -> tuple[str, ...]:
 
 
 async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> int:
-    found = report.Report(t=time.time(), machine=report.Machine(os.cpu_count() or 1, {}))
+    found = report.Report(t=time.time(), processors=os.cpu_count() or 1)
     try:
         for name in names:
             say(f"{name}...")
@@ -54,7 +54,7 @@ async def _bench(names: tuple[str, ...], quick: bool, folder: Path | None) -> in
                 await _measure(name, found, quick)
             except ZmavError as e:
                 found.failed[name] = str(e)
-            found.machine.loads[name] = before, load()
+            found.loads[name] = before, load()
     finally:  # what was measured until it was interrupted is told
         console().print(report.table(found))
         for path in [] if folder is None else report.save(found, folder):

@@ -31,19 +31,13 @@ MARKED = 50
 """points of a curve, up to which each is marked"""
 
 
-class Machine(msgspec.Struct):
-    """What the figures are of."""
-
-    processors: int
-    loads: dict[str, tuple[float, float]]
-    """by measurement: runnable tasks over a minute, before and after it"""
-
-
 class Report(msgspec.Struct):
     """None: not measured. ``failed``: by measurement, why it has no figures."""
 
     t: float
-    machine: Machine
+    processors: int
+    loads: dict[str, tuple[float, float]] = {}
+    """by measurement: runnable tasks over a minute, before and after it"""
     links: Links | None = None
     trip: Trip | None = None
     handback: dict[str, Back] | None = None
@@ -57,8 +51,8 @@ def table(report: Report) -> Table:
     """All figures."""
     found = Table("", "measured", "paper, or aim", box=None, pad_edge=False, header_style="bold")
     for name, rows in sections(report):
-        before, after = report.machine.loads.get(name, (0.0, 0.0))
-        about = f"load {before:.1f} to {after:.1f} on {report.machine.processors} processors"
+        before, after = report.loads.get(name, (0.0, 0.0))
+        about = f"load {before:.1f} to {after:.1f} on {report.processors} processors"
         found.add_row(f"[bold]{name}[/bold]", f"[dim]{about}[/dim]", "")
         for row in rows:
             found.add_row(*row)

@@ -204,7 +204,8 @@ def known() -> report.Report:
     flown = tracking.Errors(0.2, 0.5, 4.0, [3.0, 4.0], [0.1, 0.2], [(0.0, 1.0), (1.0, 0.0)])
     return report.Report(
         t=0.0,
-        machine=report.Machine(2, {"links": (0.5, 0.75)}),
+        processors=2,
+        loads={"links": (0.5, 0.75)},
         links=links.Links({links.SETPOINTS: stream, "RC_CHANNELS": stream}, 20.0, 1785, 3, 1.25),
         trip=Trip(times, times, times, times, times, spread([0.003])),
         handback={"hangs": Back(spread([0.034]), spread([-0.001]))},
