@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from agents.controllers import packets
+from agents.controllers import limits, packets
 from agents.controllers.estimate import MOST_DT, Estimate
 from agents.controllers.guard import Guard, fit
 from agents.controllers.packets import Answer
@@ -77,10 +77,11 @@ class Cycles:
         self._dialect, self.estimate = dialect, estimate
         self.lock = threading.Lock()
         """held while anything here is read or changed"""
-        self.references, self.guard = References(), Guard()
+        self.limits = limits.usual()
+        """by the names of :mod:`agents.controllers.limits`"""
+        self.references, self.guard = References(self.limits), Guard(self.limits)
         self.on_trip: Callable[[str], None] = lambda text: None
         self.on_signals: Callable[[float, dict[str, float]], None] = lambda t, values: None
-        self.signals_hz = 50.0
         self.phase = Phase.LOOKING_ON
         self.tally = Tally()
         self.heard = 0.0
@@ -222,7 +223,7 @@ class Cycles:
             return
         self.tally.late += 1
         self._late += 1
-        if self._late >= self.guard.envelope.late:
+        if self._late >= round(self.limits["guard_late"]):
             self.stuck = True
             self._trip(f"no output for {self._late} cycles")
 
@@ -279,7 +280,8 @@ class Cycles:
         if now < self._said:
             return
         # Cycles come when they come: the next due time, not the time since, keeps the rate on average.
-        self._said = max(self._said + 1.0 / self.signals_hz, now - 1.0 / self.signals_hz)
+        period = 1.0 / self.limits["signals_hz"]
+        self._said = max(self._said + period, now - period)
         values = told(self.estimate.state, self._reference, output)
         values.update(zip(worker.names, signals, strict=False))
         values["inject"] = self.references.injected

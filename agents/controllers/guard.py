@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,30 +23,11 @@ MOST_VELOCITY, MOST_ACCELERATION, MOST_RATE = 30.0, 30.0, 20.0
 """m/s, m/s² and rad/s that are no sane output"""
 
 
-@dataclass
-class Envelope:
-    """Limits, in SI units and radians."""
-
-    tilt: float = math.radians(60.0)
-    rate: float = math.radians(400.0)
-    low: float = 1.0
-    """m above home"""
-    high: float = 120.0
-    radius: float = 100.0
-    """m over the ground from where it took over"""
-    error: float = 5.0
-    """m off a reference of positions"""
-    attitude_error: float = math.radians(60.0)
-    """off a reference of attitudes"""
-    late: int = 8
-    """cycles in a row without an output"""
-
-
 class Guard:
-    """Looks at each cycle of one engagement."""
+    """Looks at each cycle of one engagement. ``limits``: by the names of :mod:`agents.controllers.limits`."""
 
-    def __init__(self) -> None:
-        self.envelope = Envelope()
+    def __init__(self, limits: Mapping[str, float]) -> None:
+        self._limits = limits
         self._start = np.zeros(3)
         self._height = 0.0
         self._missed_since: float | None = None
@@ -58,36 +39,36 @@ class Guard:
 
     def check(self, state: State, reference: Reference) -> str | None:
         """Why the autopilot must have it back; None: it need not."""
-        e = self.envelope
+        tilt, most_rate = (math.radians(self._limits[name]) for name in ("guard_tilt_deg", "guard_rate_dps"))
         w, x, y, z = (float(each) for each in state.q)
         down = 1.0 - 2.0 * (x * x + y * y)
         if not math.isfinite(w + z + down) or not np.isfinite(state.pos).all() or not np.isfinite(state.vel).all():
             return "the autopilot's estimate is not finite"
         if abs(w * w + x * x + y * y + z * z - 1.0) > 0.05:
             return f"the autopilot's attitude is no rotation: ({w:.3g}, {x:.3g}, {y:.3g}, {z:.3g})"
-        if down < math.cos(e.tilt):
-            return f"tilt {math.degrees(math.acos(max(down, -1.0))):.0f}° is beyond {math.degrees(e.tilt):.0f}°"
+        if down < math.cos(tilt):
+            return f"tilt {math.degrees(math.acos(max(down, -1.0))):.0f}° is beyond {math.degrees(tilt):.0f}°"
         rate = float(np.abs(state.rates).max())
-        if not rate <= e.rate:
-            return f"it turns at {math.degrees(rate):.0f}°/s, beyond {math.degrees(e.rate):.0f}°/s"
+        if not rate <= most_rate:
+            return f"it turns at {math.degrees(rate):.0f}°/s, beyond {math.degrees(most_rate):.0f}°/s"
         return self._place(state) or self._following(state, reference)
 
     def _place(self, state: State) -> str | None:
-        e = self.envelope
+        low, high, radius = (self._limits[f"guard_{name}"] for name in ("low", "high", "radius"))
         height = self._height - float(state.pos[2] - self._start[2])
-        if not e.low <= height <= e.high:
-            return f"{height:.1f} m above home is not within {e.low:g} to {e.high:g} m"
+        if not low <= height <= high:
+            return f"{height:.1f} m above home is not within {low:g} to {high:g} m"
         away = math.hypot(*(state.pos[:2] - self._start[:2]))
-        if away > e.radius:
-            return f"{away:.0f} m from where it took over is beyond {e.radius:g} m"
+        if away > radius:
+            return f"{away:.0f} m from where it took over is beyond {radius:g} m"
         return None
 
     def _following(self, state: State, reference: Reference) -> str | None:
         if reference.level == "position":
-            error, most, unit = math.dist(state.pos, reference.pos), self.envelope.error, "m"
+            error, most, unit = math.dist(state.pos, reference.pos), self._limits["guard_error"], "m"
         elif reference.level == "attitude":
             turn = 2.0 * math.acos(min(abs(float(np.dot(state.q, reference.attitude))), 1.0))
-            error, most, unit = math.degrees(turn), math.degrees(self.envelope.attitude_error), "°"
+            error, most, unit = math.degrees(turn), self._limits["guard_error_deg"], "°"
         else:
             return None
         if error <= most:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
-from agents.controllers.guard import Envelope
-from agents.controllers.references import References
 from zmav.agent import Tunable
 
 TUNABLES: dict[str, Tunable] = {
@@ -26,16 +22,6 @@ TUNABLES: dict[str, Tunable] = {
 }
 
 
-def set_limit(envelope: Envelope, references: References, name: str, value: float) -> None:
-    """Bring one of them (but ``signals_hz``) to where it acts; degrees become radians."""
-    field = name.removeprefix("guard_").removeprefix("stick_")
-    for end in ("_deg", "_dps"):
-        if field.endswith(end):
-            field, value = field.removesuffix(end), math.radians(value)
-            break
-    if name.startswith("guard_"):
-        renamed = {"error": "attitude_error"} if name.endswith("_deg") else {}
-        setattr(envelope, renamed.get(field, field), round(value) if field == "late" else value)
-    else:
-        renamed = {"yaw": "yaw_rate"}
-        references.sticks = references.sticks._replace(**{renamed.get(field, field): value})
+def usual() -> dict[str, float]:
+    """Each of them by its name, in its own unit: what guard and references go by, and what is changed in flight."""
+    return {name: each.default for name, each in TUNABLES.items()}

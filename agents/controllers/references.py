@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -25,26 +25,13 @@ ORIGIN = wire.Origin(lat_deg=0.0, lon_deg=0.0, alt_amsl=0.0)
 """segments are only interpolated here, in their own frame"""
 
 
-class Sticks(NamedTuple):
-    """What the pilot's full stick asks for."""
-
-    tilt: float
-    """rad"""
-    yaw_rate: float
-    """rad/s"""
-    rate: float
-    """rad/s of roll and pitch, where the rates are his"""
-    speed: float
-    """m/s over the ground"""
-    climb: float
-    """m/s"""
-
-
 class References:
-    """One vehicle's. Not thread-safe: its user sees to that."""
+    """One vehicle's. ``limits``: what full sticks ask for, by the names of :mod:`agents.controllers.limits`. Not
+    thread-safe: its user sees to that.
+    """
 
-    def __init__(self) -> None:
-        self.sticks = Sticks(math.radians(35.0), math.radians(120.0), math.radians(220.0), 3.0, 1.5)
+    def __init__(self, limits: Mapping[str, float]) -> None:
+        self._limits = limits
         self._pos, self._vel, self._yaw, self._since = np.zeros(3), np.zeros(3), 0.0, 0.0
         """where and how fast the vehicle was when it was to stop, and when"""
         self._segments: deque[Segment] = deque()
@@ -174,23 +161,23 @@ class References:
 
     def _by_sticks(self, state: State) -> Reference:
         roll, pitch, throttle, yaw = (float(each) for each in state.sticks)
-        most = self.sticks
+        tilt, turn, rate = (math.radians(self._limits[f"stick_{name}"]) for name in ("tilt_deg", "yaw_dps", "rate_dps"))
+        speed, climb = self._limits["stick_speed"], self._limits["stick_climb"]
         if math.isnan(throttle):  # his radio went: level and at rest
             roll = pitch = yaw = 0.0
             throttle = 0.5
-        self._yaw += yaw * most.yaw_rate * state.dt
-        reference = Reference(self.level, state.pos.copy(), yaw=self._yaw, yaw_rate=yaw * most.yaw_rate)
+        self._yaw += yaw * turn * state.dt
+        reference = Reference(self.level, state.pos.copy(), yaw=self._yaw, yaw_rate=yaw * turn)
         # Below the middle down to nothing, above it up to everything.
         reference.thrust = self._hover * throttle * 2.0 if throttle < 0.5 else self._lift(throttle)
         if self._stick_level == "rates":
-            reference.rates = np.array([roll * most.rate, pitch * most.rate, yaw * most.yaw_rate])
+            reference.rates = np.array([roll * rate, pitch * rate, yaw * turn])
         elif self._stick_level == "attitude":
-            reference.attitude = np.array(from_euler(roll * most.tilt, pitch * most.tilt, self._yaw))
+            reference.attitude = np.array(from_euler(roll * tilt, pitch * tilt, self._yaw))
         else:
             c, s = math.cos(self._yaw), math.sin(self._yaw)
-            ahead, right = -pitch * most.speed, roll * most.speed
-            climb = (2.0 * throttle - 1.0) * most.climb
-            reference.vel = np.array([c * ahead - s * right, s * ahead + c * right, -climb])
+            ahead, right = -pitch * speed, roll * speed
+            reference.vel = np.array([c * ahead - s * right, s * ahead + c * right, (1.0 - 2.0 * throttle) * climb])
         return reference
 
     def _lift(self, throttle: float) -> float:

@@ -19,7 +19,7 @@ from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
-from agents.controllers.limits import TUNABLES, set_limit
+from agents.controllers.limits import TUNABLES
 from agents.controllers.orders import ByStick, FollowSegment, GoTo
 from agents.controllers.readiness import check_parameters, check_ready
 from agents.controllers.settings import Settings, slug
@@ -260,10 +260,7 @@ class Supervisor(zmav.Agent):
                 shop.worker.tune(name, value)
             return
         with self.cycles.lock:
-            if name == "signals_hz":
-                self.cycles.signals_hz = value
-            else:
-                set_limit(self.cycles.guard.envelope, self.cycles.references, name, value)
+            self.cycles.limits[name] = value
 
     # Who flies.
 
