@@ -45,7 +45,7 @@ async def bench(path: Path, name: str, reports: Path, device: str | None, set_it
     report = begun("bench", file, name, link)
     click.echo(f"bench: {file.fleet}/{name} from {path}, the autopilot at {link}")
     tell(_after_sil(file, name, reports))
-    with closing(report, reports) as ended, Children() as children:
+    with closing(report, reports), Children() as children:
         async with beside(children, path, file, name, link) as (client, router):
             flight = CheckFlight(client, file, name, router, children, report, tell)
             await flight.meet()
@@ -58,7 +58,7 @@ async def bench(path: Path, name: str, reports: Path, device: str | None, set_it
                 await flight.fly()
         if ours:
             await _fly_on_ours(children, path, file, name, link, report)
-    return ended.code
+    return 0 if report.passed else 1
 
 
 def _after_sil(file: FleetConfig, name: str, reports: Path) -> Check:

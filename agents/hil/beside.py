@@ -70,18 +70,11 @@ def tell(check: Check) -> None:
     click.echo(click.style(mark, fg=COLOURS[check.status], bold=check.status == "BAD") + rest)
 
 
-class Ended:
-    """How a stage ended: ``code`` is 0 where its report passed."""
-
-    code = 1
-
-
 @contextlib.contextmanager
-def closing(report: Report, folder: Path) -> Iterator[Ended]:
+def closing(report: Report, folder: Path) -> Iterator[None]:
     """A stage: whatever ends it, the report is kept, and says why; a :class:`ZmavError` is a line of it."""
-    ended = Ended()
     try:
-        yield ended
+        yield
     except ZmavError as e:
         report.checks.append(Check("stage", "BAD", e.message))
         tell(report.checks[-1])
@@ -93,7 +86,6 @@ def closing(report: Report, folder: Path) -> Iterator[Ended]:
     finally:
         report.passed = bool(report.checks) and all(check.status != "BAD" for check in report.checks)
         path = keep(report, folder)
-        ended.code = 0 if report.passed else 1
         click.echo(f"{'PASSED' if report.passed else 'NOT PASSED'}: {path} and {path.with_suffix('.txt').name}")
 
 

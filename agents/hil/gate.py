@@ -82,7 +82,7 @@ async def gate(
                 if flown["bench"] is not None:
                     for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
                         say(check)
-                for check in await _doctor(children, router, file.fleet):
+                for check in await ask_doctor(children, router, file.fleet):
                     say(check)
             except ZmavError as e:
                 say(Check("stage", "BAD", e.message))
@@ -184,7 +184,7 @@ def judge_params(
     return told
 
 
-async def _doctor(children: Children, router: str, fleet: str) -> list[Check]:
+async def ask_doctor(children: Children, router: str, fleet: str) -> list[Check]:
     """What 'zmav doctor' finds wrong with the vehicle."""
     where = ("--fleet", fleet, "-e", router, "--for", str(DOCTOR_S))
     children.start("doctor", "doctor", "--json", *where, may_end=True)

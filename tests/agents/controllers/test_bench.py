@@ -24,6 +24,7 @@ from agents.controllers.bench.links import Sample
 from agents.controllers.bench.processes import children, cpu_seconds
 from agents.controllers.bench.spread import effects, spread
 from agents.controllers.bench.trip import Trip
+from agents.controllers.loops.parts import GRAVITY
 from zmav.children import Children
 from zmav.errors import BadInput, Stale, ZmavError
 
@@ -170,7 +171,7 @@ def test_the_attitude_for_an_acceleration_points_the_thrust() -> None:
     acc, yaw = np.array([3.0, -2.0, 1.0]), 0.7
     state = State(q=tracking.attitude_for(acc, yaw))
     up = -state.rotation[:, 2]
-    wanted = acc - np.array([0.0, 0.0, tracking.GRAVITY])
+    wanted = acc - np.array([0.0, 0.0, GRAVITY])
     assert up == pytest.approx(wanted / np.linalg.norm(wanted), abs=1e-9)
     assert state.yaw == pytest.approx(yaw, abs=1e-9)
     assert tracking.angle(state.q, -state.q) == pytest.approx(0.0, abs=1e-6), "both say the same attitude"
@@ -185,7 +186,7 @@ def test_tracking_errors_of_a_known_flight() -> None:
         pos, _, acc = flight.lemniscate(float(t), seconds, centre)
         rows.append((500.0 + float(t), pos + np.array([0.3, 0.0, 0.0]), level))
         if flight.BUILD_UP <= t <= seconds:
-            tilts.append(math.degrees(math.atan2(math.hypot(acc[0], acc[1]), tracking.GRAVITY)))
+            tilts.append(math.degrees(math.atan2(math.hypot(acc[0], acc[1]), GRAVITY)))
     found = tracking.errors(rows, 500.0, seconds, centre, 0.0)
     assert found.rms == pytest.approx(0.3) and found.peak == pytest.approx(0.3)
     assert found.attitude_deg == pytest.approx(float(np.sqrt(np.mean(np.square(tilts)))), rel=0.02)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -11,7 +13,7 @@ import pytest
 from agents.hil import gate as gates
 from agents.hil.beside import begun, beside
 from agents.hil.checkflight import CheckFlight
-from agents.hil.gate import gate, judge_identity, judge_params, judge_real, judge_report
+from agents.hil.gate import ask_doctor, gate, judge_identity, judge_params, judge_real, judge_report
 from agents.hil.report import Check, Identity, Report, Stage, find, keep
 from tests.agents.hil.conftest import FLEET, MakeBoard
 from zmav.children import Children
@@ -103,6 +105,26 @@ def test_a_file_that_is_no_report_is_said(report: Report, tmp_path: Path) -> Non
     path.write_text("{}", encoding="utf-8")
     with pytest.raises(BadConfig, match="is no report"):
         find(tmp_path, "px1", "sil")
+
+
+class Silent(Children):
+    """Every child ends at once, without a word."""
+
+    def start(
+        self,
+        name: str,
+        *arguments: str,
+        module: str = "zmav",
+        may_end: bool = False,
+        environment: Mapping[str, str] | None = None,
+    ) -> subprocess.Popen[bytes]:
+        return super().start(name, module="keyword", may_end=may_end)
+
+
+async def test_a_doctor_that_says_nothing_lets_nothing_fly() -> None:
+    with Silent() as children:
+        (check,) = await ask_doctor(children, "tcp/127.0.0.1:1", "demo")
+    assert check.status == "BAD" and "it ended with 0" in check.found
 
 
 async def test_a_real_autopilot_before_its_flight(
