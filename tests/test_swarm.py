@@ -86,11 +86,12 @@ async def test_several_are_brought_home_by_the_planner() -> None:
     async with airborne(PLACES, 5.0) as fleet, contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
-        await agent.solver.until_ready()
-        await asyncio.wait_for(_until(lambda: agent.charge.in_charge), PATIENCE_S)
+        await agent.context.solver.until_ready()
+        await asyncio.wait_for(_until(lambda: agent.context.charge.in_charge), PATIENCE_S)
         async with over(fleet) as modes:
             order = await give(fleet, modes, speed=1.0)
-        assert order.notes == ["planner ground brings quad1, quad2, quad3 home (" + agent.ledger.goals[-1].id + ")"]
+        name = agent.context.ledger.goals[-1].id
+        assert order.notes == [f"planner ground brings quad1, quad2, quad3 home ({name})"]
         assert sorted(modes.told) == [(name, "done", False) for name in fleet.names]
         assert not any("RTL" in seen for seen in modes.modes.values())
 

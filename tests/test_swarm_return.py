@@ -135,8 +135,8 @@ async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:
     async with airborne([(0.0, 0.0), (0.0, 9.0)], 6.0) as fleet, contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
-        await agent.solver.until_ready()
-        await asyncio.wait_for(_until(lambda: agent.charge.in_charge), PATIENCE_S)
+        await agent.context.solver.until_ready()
+        await asyncio.wait_for(_until(lambda: agent.context.charge.in_charge), PATIENCE_S)
         away = [asyncio.create_task(fleet.z.vehicle(name).goto(pos=(150.0, 0.0, -6.0))) for name in fleet.names]
         await asyncio.wait_for(
             _until(lambda: all(sim.status().speed_mps > 2.0 for sim in fleet.world.vehicles)), PATIENCE_S
@@ -145,7 +145,9 @@ async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:
         assert [(each.status, each.text) for each in told] == [("done", "done: landed and disarmed")] * 2
         ended = await asyncio.gather(*away, return_exceptions=True)
         assert all(isinstance(each, Refused) and "superseded" in each.message for each in ended)
-        assert [entry.state for entry in agent.ledger.goals] == ["done"], [entry.text for entry in agent.ledger.goals]
+        assert [entry.state for entry in agent.context.ledger.goals] == ["done"], [
+            entry.text for entry in agent.context.ledger.goals
+        ]
         assert not any(sim.status().mode == "RTL" for sim in fleet.world.vehicles)
 
 

@@ -1,125 +1,171 @@
-"""What the parts of a planner use of it, and of a goal under way: read here, whatever holds it together."""
+"""What the parts of a planner share: made once by the agent, and never another."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
+from collections.abc import Coroutine, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import msgspec
+
 import zmav
-from agents.planner.goals.steps import FleetView
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.fleet import Fleet
 from agents.planner.live.leadership.election import LeaderElection
 from agents.planner.live.ledger import GoalBook
 from agents.planner.live.reserved import ReservedAirspace
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import FENCE, Settings
 from agents.planner.live.solver import Solver
 from agents.planner.live.world import World
-from agents.planner.model.plans import Sample
 from agents.planner.model.problem import MovingObstacle
 from zmav import wire
-from zmav.errors import ZmavError
-from zmav.wire import Vector, swarm
+from zmav.process import say as log
+from zmav.seldom import Seldom
+from zmav.services.link.port import on_loop
+from zmav.wire import swarm
+
+EVENTS = 30
+"""what happened last, and is told in the status"""
+SELDOM, KINDS = 1.0, 64
+"""s between two words on what comes by itself (obstacles, faults, refusals), however many there are, and kinds that are
+told apart
+"""
 
 
-class Publisher(Protocol):
-    """Says what is flown."""
+class UnderWay(Protocol):
+    """A goal that is being flown, as other goals and those who order it know it."""
 
-    def changed(self) -> None: ...
+    vehicles: tuple[str, ...]
+    leader: str | None
+    tracks: bool
 
-    def plan(self, goal: str, start: float, trajectories: dict[str, list[Sample]], clearance: float | None) -> None: ...
+    def committed(self) -> list[MovingObstacle]: ...
 
-    def plan_over(self, goal: str) -> None: ...
+    def refresh(self) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def resume(self) -> None: ...
 
 
-class Context(Protocol):
-    """The planner as its parts know it."""
+@dataclass(frozen=True)
+class Context:
+    """Lives on the event loop."""
 
     z: zmav.Client
     settings: Settings
     instance: str
+    charge: LeaderElection
     fleet: Fleet
     clocks: Clocks
-    world: World
-    charge: LeaderElection
-    ledger: GoalBook
-    airspace: ReservedAirspace
     solver: Solver
-    events: deque[wire.Event]
-    tasks: list[asyncio.Task[None]]
+    runs: Mapping[str, UnderWay]
+    """by the goal's id"""
+    world: World = field(default_factory=World)
+    ledger: GoalBook = field(default_factory=GoalBook)
+    airspace: ReservedAirspace = field(default_factory=ReservedAirspace)
+    events: deque[wire.Event] = field(default_factory=lambda: deque(maxlen=EVENTS))
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+    """something is to be looked at now"""
+    untold: asyncio.Event = field(default_factory=asyncio.Event)
+    """something is to be published now"""
+    asking: set[asyncio.Task[None]] = field(default_factory=set)
+    loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
+    _told: Seldom[str] = field(default_factory=lambda: Seldom(SELDOM, KINDS))
+
+    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
+        """Something happened: in the log, in the status, and so to everybody who looks."""
+        self.events.append(wire.Event(t=time.time(), kind=kind, severity=severity, text=text, detail=detail))
+        log(f"{severity}: {text}" if severity != "info" else text)
+        self.untold.set()
+
+    def say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None:
+        """From any thread: one a second of a kind, and the next says how many were left out."""
+        if (left_out := self._told.take(kind)) is not None:
+            more = f" (and {left_out} more before)" if left_out else ""
+            on_loop(self.loop, self.say)(kind, severity, text + more)
+
+    def wake(self) -> None:
+        """Something is to be looked at now."""
+        self.news.set()
+        self.untold.set()
+
+    def later(self, work: Coroutine[Any, Any, None]) -> None:
+        """Beside everything else, until it is done or we are."""
+        task = asyncio.create_task(work)
+        self.asking.add(task)
+        task.add_done_callback(self.asking.discard)
 
     @property
-    def publisher(self) -> Publisher: ...
+    def state(self) -> str:
+        """In a word."""
+        if not self.charge.in_charge:
+            return "standby"
+        if not self.solver.ready:
+            return "loading"
+        return "flying" if self.runs else "ready"
 
-    @property
-    def state(self) -> str: ...
+    def book(self) -> swarm.Book:
+        """Ours, or the last one of the planner in charge."""
+        if not self.charge.in_charge and self.charge.book is not None:
+            return self.charge.book
+        return swarm.Book(
+            t=time.time(),
+            planner=self.settings.name,
+            instance=self.instance,
+            term=self.charge.term,
+            paused=any(entry.state == "paused" for entry in self.ledger.goals),
+            obstacles=len(self.world.obstacles),
+            goals=self.ledger.goals,
+        )
 
-    def book(self) -> swarm.Book: ...
+    # The world.
 
-    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None: ...
+    def fence(self) -> None:
+        """The fleet file's geofence, where there is one."""
+        if self.settings.geofence is not None:
+            self.world.give(swarm.Obstacle(name=FENCE, t=0.0, what=self.settings.geofence), time.monotonic())
 
-    def say_seldom(self, kind: str, severity: wire.Severity, text: str) -> None: ...
+    def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> str:
+        """Something is there, moved or gone: what became of it, in words; empty: no news. Raises :class:`BadInput`."""
+        if obstacle.t > (now := time.time()):  # or nobody whose clock is right could ever change it
+            obstacle = msgspec.structs.replace(obstacle, t=now)
+        known = self.world.find(obstacle.name) is not None
+        if not self.world.give(obstacle, time.monotonic()):
+            return ""
+        self.wake()
+        word = "gone" if obstacle.what is None else ("changed" if known else "new")
+        return f"obstacle {obstacle.name}: {word}{by}"
 
-    def wake(self) -> None: ...
+    def clear(self) -> int:
+        """Forget all obstacles but the fleet file's fence; how many."""
+        count = self.world.clear()
+        self.fence()
+        self.wake()
+        return count
 
-    def later(self, work: Any) -> None: ...
+    # Goals that follow each other.
 
-    def kin(self, goal: str) -> set[str]: ...
+    def kin(self, goal: str) -> set[str]:
+        """The goal itself, and those whose vehicles it follows or is followed by: they go the same way, and are kept
+        apart by what each is committed to instead of by room that is spoken for.
+        """
+        return {goal, *(name for name, run in self.runs.items() if self._follows(goal, run))}
 
-    def committed(self, goal: str) -> list[MovingObstacle]: ...
+    def _follows(self, goal: str, other: UnderWay) -> bool:
+        run = self.runs.get(goal)
+        if run is None:
+            return False
+        return (run.tracks and run.leader in other.vehicles) or (other.tracks and other.leader in run.vehicles)
 
-    def told(self, goal: str) -> None: ...
+    def committed(self, goal: str) -> list[MovingObstacle]:
+        """What the vehicles of its kin are committed to, on our UTC."""
+        return [mover for name in self.kin(goal) - {goal} for mover in self.runs[name].committed()]
 
-
-class Orderable(Context, Protocol):
-    """The planner as who answers orders knows it."""
-
-    def check_known(self, goal: swarm.Goal) -> FleetView: ...
-
-    async def preview_solver(self) -> Solver: ...
-
-    def pause(self, entry: swarm.GoalEntry, by: str = "") -> None: ...
-
-    def resume(self, entry: swarm.GoalEntry) -> None: ...
-
-    def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> str: ...
-
-    def clear(self) -> int: ...
-
-    def status(self) -> dict[str, Any]: ...
-
-
-class Hearer(Context, Protocol):
-    """The planner as who subscribes for it knows it."""
-
-    def on_book(self, data: bytes) -> None: ...
-
-    def on_charge(self, data: bytes) -> None: ...
-
-    def on_map(self, data: bytes) -> None: ...
-
-    def on_obstacle(self, data: bytes) -> None: ...
-
-
-class GoalUnderWay(Protocol):
-    """A goal that is being flown, as what flies it knows it."""
-
-    entry: swarm.GoalEntry
-    vehicles: tuple[str, ...]
-    stopping: str
-    failure: ZmavError | None
-
-    @property
-    def agent(self) -> Context: ...
-
-    @property
-    def goes(self) -> bool: ...
-
-    def text(self, text: str) -> None: ...
-
-    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None: ...
-
-    def progress(self, share: float) -> None: ...
-
-    def place(self, name: str) -> Vector: ...
+    def told(self, goal: str) -> None:
+        """A vehicle of this goal was committed to something: its kin keep clear of that from now on."""
+        for name in self.kin(goal) - {goal}:
+            self.runs[name].refresh()

@@ -7,20 +7,22 @@ import contextlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
 import zmav
 from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
-from agents.planner.live.context import GoalUnderWay
+from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.plan import Planned, motion_of
+from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, ZmavError
+from zmav.wire import Vector, swarm
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
@@ -40,6 +42,25 @@ TAKE = 60.0
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
 
 
+class GoalUnderWay(UnderWay, Protocol):
+    """A goal that is being flown, as what flies it knows it."""
+
+    entry: swarm.GoalEntry
+    stopping: str
+    failure: ZmavError | None
+    context: Context
+    publisher: StatusPublisher
+
+    @property
+    def goes(self) -> bool: ...
+
+    def text(self, text: str) -> None: ...
+
+    def progress(self, share: float) -> None: ...
+
+    def place(self, name: str) -> Vector: ...
+
+
 @dataclass
 class Landed:
     """How a plan ended."""
@@ -57,7 +78,7 @@ class LeasedVehicles:
         self._run = run
         self._stack = contextlib.AsyncExitStack()
         self._executor: Executor | None = None
-        self._margin = run.agent.settings.margin
+        self._margin = run.context.settings.margin
         self._again: Again | None = None
         self._planned: Planned | None = None
         self._share, self._words = (0.0, 1.0), ""
@@ -65,17 +86,17 @@ class LeasedVehicles:
         self._gone: list[str] = []
 
     async def __aenter__(self) -> LeasedVehicles:
-        run, settings = self._run, self._run.agent.settings
+        run, settings = self._run, self._run.context.settings
         executor = Executor(
-            run.agent.z,
+            run.context.z,
             run.vehicles,
             holder=settings.name,
             priority=settings.priority,
             tracking=self.tracking,
             say=self._say,
             replan=self._replan,
-            clock=run.agent.clocks.clock,
-            offsets=run.agent.clocks.of(run.vehicles),
+            clock=run.context.clocks.clock,
+            offsets=run.context.clocks.of(run.vehicles),
             taking=TAKE,
             waits=lambda why: run.text(f"waits for a lease: {why}"),
         )
@@ -124,13 +145,13 @@ class LeasedVehicles:
                     raise
                 self._run.text(f"waits: {e.message}")
             await asyncio.sleep(LOOK)
-        least = max(needed, self._run.agent.settings.margin)
+        least = max(needed, self._run.context.settings.margin)
         tight = self._needed(1.0 / TIGHT) + SPARE - self.tracking * (1.0 - 1.0 / TIGHT)
         return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
 
     def _needed(self, share: float = 1.0) -> float:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
-        executor, fleet = self._executor, self._run.agent.fleet
+        executor, fleet = self._executor, self._run.context.fleet
         assert executor is not None
         seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
@@ -180,10 +201,10 @@ class LeasedVehicles:
 
     def world_changed(self) -> None:
         """Anyone who has something in its way from now on stops before it, and a new plan is made."""
-        planned, executor, agent = self._planned, self._executor, self._run.agent
+        planned, executor, context = self._planned, self._executor, self._run.context
         if planned is None or executor is None:
             return
-        pieces = agent.world.pieces(time.time())
+        pieces = context.world.pieces(time.time())
         told = msgspec.structs.replace(planned.scene, obstacles=list(pieces.obstacles), geofence=pieces.geofence)
         world = world_of(told)
 
@@ -195,7 +216,7 @@ class LeasedVehicles:
     @property
     def tracking(self) -> float:
         """How far a vehicle may be off its way for the margin that we plan with."""
-        return min(self._run.agent.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        return min(self._run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -204,7 +225,7 @@ class LeasedVehicles:
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
-        run.agent.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
+        run.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
         return Flight(
             motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
@@ -213,7 +234,7 @@ class LeasedVehicles:
             margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking),
             movers=self.movers(executor.clock.now()),
-            tolerance=max(Flight.tolerance, run.agent.settings.tracking),
+            tolerance=max(Flight.tolerance, run.context.settings.tracking),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 
@@ -223,7 +244,7 @@ class LeasedVehicles:
         if self._again is None or run.stopping:
             return None
         self._gone += list(trouble.gone)
-        run.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
+        run.context.say("replan", "notice", f"{run.entry.id}: planned again: {trouble.reason}", goal=run.entry.id)
         try:
             planned = await self._again(trouble)
         except ZmavError as e:
@@ -233,10 +254,10 @@ class LeasedVehicles:
 
     def movers(self, now: float) -> list[MovingObstacle]:
         """Anyone who is not in this plan and nobody else's, on our UTC."""
-        run, agent = self._run, self._run.agent
-        kin = agent.committed(run.entry.id)
-        taken = agent.airspace.vehicles({run.entry.id}) | {mover.id for mover in kin}
-        movers = moving(run.vehicles, agent.fleet.all(), agent.world.pieces(time.time()), taken)
+        run, context = self._run, self._run.context
+        kin = context.committed(run.entry.id)
+        taken = context.airspace.vehicles({run.entry.id}) | {mover.id for mover in kin}
+        movers = moving(run.vehicles, context.fleet.all(), context.world.pieces(time.time()), taken)
         later = kin
         for mover in movers:
             motion = mover.motion.copy()
@@ -251,13 +272,15 @@ class LeasedVehicles:
             await asyncio.sleep(LOOK)
             begin, end = self._share
             run.progress(begin + (end - begin) * executor.progress)
-            hearing = run.agent.fleet.hearing()
+            hearing = run.context.fleet.hearing()
             torn = not hearing.may_move(run.vehicles)
             if torn and not self._torn:
-                run.say("partition", "warning", f"{run.entry.id}: {hearing.words()}", goal=run.entry.id)
+                run.context.say("partition", "warning", f"{run.entry.id}: {hearing.words()}", goal=run.entry.id)
                 executor.pause()
             elif self._torn and not torn:
-                run.say("partition", "notice", f"{run.entry.id}: enough of the fleet is heard again", goal=run.entry.id)
+                run.context.say(
+                    "partition", "notice", f"{run.entry.id}: enough of the fleet is heard again", goal=run.entry.id
+                )
                 if run.goes:
                     executor.resume()
             self._torn = torn
@@ -266,4 +289,4 @@ class LeasedVehicles:
     def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
         run = self._run
         run.text(text if severity in ("warning", "error") else self._words)
-        run.say(kind, severity, f"{run.entry.id}: {text}", goal=run.entry.id, **detail)
+        run.context.say(kind, severity, f"{run.entry.id}: {text}", goal=run.entry.id, **detail)

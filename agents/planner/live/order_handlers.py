@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
 import msgspec
 
-from agents.planner.live.checks import MOST_BYTES, check_goal, check_obstacle
-from agents.planner.live.context import Orderable
+from agents.planner.goals.steps import FleetView
+from agents.planner.live.checks import FARTHEST, MOST_BYTES, check_goal, check_obstacle
+from agents.planner.live.context import Context
+from agents.planner.live.field import check_field
+from agents.planner.live.ledger import ENDED
+from agents.planner.live.plan import Planner
 from agents.planner.live.preview import preview
+from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
 from zmav import keys, wire
-from zmav.errors import Refused, ZmavError
+from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.orders.orders import Guarded, Orders, Report, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Origin, ProofRefused, anybody
 from zmav.verbs import SWARM_VERBS, Access
-from zmav.wire import swarm
+from zmav.wire import Vector, swarm
 
 MOST_PREVIEWS = 3
 """at a time: they are everybody's, and goals are planned by the same process while nobody flies"""
@@ -27,14 +33,16 @@ MOST_PREVIEWS = 3
 class OrderHandlers:
     """The handlers. Without credentials anybody may ask for anything; with them as :mod:`zmav.trust.rights` says."""
 
-    def __init__(self, agent: Orderable, credentials: Credentials | None) -> None:
-        self._agent = agent
+    def __init__(self, context: Context, credentials: Credentials | None) -> None:
+        self._context = context
         self._previews = 0
-        settings = agent.settings
-        member = agent.z.member
+        self._previewer: Solver | None = None
+        """a second process: a preview must not keep a vehicle in flight waiting for its plan"""
+        settings = context.settings
+        member = context.z.member
         self.gate = member.make_gate() if member else None
         self.orders = Orders(
-            agent.z.session,
+            context.z.session,
             settings.fleet,
             settings.name,
             self.gate.check if self.gate else anybody,
@@ -46,7 +54,7 @@ class OrderHandlers:
         )
         if self.gate is not None:
             self.gate.bus.on(
-                ProofRefused, lambda told: agent.say_seldom("refused", "warning", f"refused: {told.error}")
+                ProofRefused, lambda told: context.say_seldom("refused", "warning", f"refused: {told.error}")
             )
         handlers: dict[str, Guarded] = {
             "submit": self._submit,
@@ -66,9 +74,9 @@ class OrderHandlers:
         """Only who is in charge changes anything."""
 
         async def guarded(args: Any, report: Report, origin: Origin | None) -> dict[str, Any]:
-            charge = self._agent.charge
+            charge = self._context.charge
             if SWARM_VERBS[verb].access is not Access.READ and not charge.in_charge:
-                name, of = self._agent.settings.name, charge.of
+                name, of = self._context.settings.name, charge.of
                 other = f"{of} is in charge: ask it" if of else "it takes charge within seconds if nobody else does"
                 raise Refused(f"{name} stands by; {other}", planner=of)
             try:
@@ -78,49 +86,73 @@ class OrderHandlers:
 
         return guarded
 
+    async def close(self) -> None:
+        await self.orders.close()
+        if self._previewer is not None:
+            await self._previewer.__aexit__(None, None, None)
+
     # Goals.
 
+    async def _preview_solver(self) -> Solver:
+        """The solver itself while nobody flies, else one beside it."""
+        if not self._context.runs:
+            return self._context.solver
+        if self._previewer is None:
+            self._previewer = Solver(lambda text: self._context.say("solver", "info", text), "solver for previews")
+            await self._previewer.__aenter__()
+        return self._previewer
+
     async def _submit(self, args: swarm.Submit, report: Report, origin: Origin | None) -> dict[str, Any]:
-        agent = self._agent
+        context = self._context
         check_goal(args.goal)
-        agent.check_known(args.goal)
+        check_known(self._context, args.goal)
         by = origin.name if origin else ""
-        entry = agent.ledger.add(args.goal, args.when, time.time(), agent.charge.term, by)
-        agent.say("goal", "info", f"{entry.id}: {_words(args.goal)}" + (f", by {by}" if by else ""), goal=entry.id)
-        agent.wake()
-        return {"goal": entry.id, "planner": agent.settings.name, "term": agent.charge.term}
+        entry = context.ledger.add(args.goal, args.when, time.time(), context.charge.term, by)
+        context.say("goal", "info", f"{entry.id}: {_words(args.goal)}" + (f", by {by}" if by else ""), goal=entry.id)
+        context.wake()
+        return {"goal": entry.id, "planner": context.settings.name, "term": context.charge.term}
 
     async def _preview(self, args: swarm.Preview, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_goal(args.goal)
-        self._agent.check_known(args.goal)
+        check_known(self._context, args.goal)
         if self._previews >= MOST_PREVIEWS:
             raise Refused(f"{MOST_PREVIEWS} previews are being made: ask again a little later")
         self._previews += 1
         try:
-            return await preview(self._agent, args.goal, report)
+            planner = Planner(self._context, "preview", await self._preview_solver())
+            return await preview(planner, args.goal, check_known(self._context, args.goal), report)
         finally:
             self._previews -= 1
 
     async def _pause(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        entries = self._agent.ledger.find(args.goal)
+        entries = self._context.ledger.find(args.goal)
         for entry in entries:
-            self._agent.pause(entry, _by(origin))
+            if entry.state not in (*ENDED, "paused"):
+                entry.state, entry.text = "paused", f"paused{_by(origin)}"
+                if run := self._context.runs.get(entry.id):
+                    run.pause()
+                self._context.say("goal", "notice", f"{entry.id}: paused{_by(origin)}", goal=entry.id)
         return {"goals": [entry.id for entry in entries]}
 
     async def _resume(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        entries = [entry for entry in self._agent.ledger.find(args.goal) if entry.state == "paused"]
+        entries = [entry for entry in self._context.ledger.find(args.goal) if entry.state == "paused"]
         for entry in entries:
-            self._agent.resume(entry)
+            run = self._context.runs.get(entry.id)
+            entry.state, entry.text = ("flying" if run else "queued"), "goes on"
+            if run:
+                run.resume()
+            self._context.say("goal", "notice", f"{entry.id}: goes on", goal=entry.id)
+            self._context.wake()
         return {"goals": [entry.id for entry in entries]}
 
     async def _cancel(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        agent = self._agent
-        entries = agent.ledger.find(args.goal)
+        context = self._context
+        entries = context.ledger.find(args.goal)
         for entry in entries:
-            agent.ledger.end(entry, "cancelled", f"cancelled{_by(origin)}")
+            context.ledger.end(entry, "cancelled", f"cancelled{_by(origin)}")
         if entries:
-            agent.say("goal", "notice", f"cancelled{_by(origin)}: {', '.join(entry.id for entry in entries)}")
-        agent.wake()
+            context.say("goal", "notice", f"cancelled{_by(origin)}: {', '.join(entry.id for entry in entries)}")
+        context.wake()
         return {"goals": [entry.id for entry in entries]}
 
     async def _cancel_one(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
@@ -132,21 +164,59 @@ class OrderHandlers:
 
     async def _obstacle(self, args: swarm.GiveObstacle, report: Report, origin: Origin | None) -> dict[str, Any]:
         check_obstacle(args.obstacle)
-        text = self._agent.take_obstacle(args.obstacle, _by(origin))
+        text = self._context.take_obstacle(args.obstacle, _by(origin))
         if text:
-            self._agent.say("world", "info", text)
-        return {"news": bool(text), "obstacles": len(self._agent.world.obstacles)}
+            self._context.say("world", "info", text)
+        return {"news": bool(text), "obstacles": len(self._context.world.obstacles)}
 
     async def _clear(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        count = self._agent.clear()
-        self._agent.ledger.clear()
-        self._agent.say("world", "notice", f"{count} obstacles forgotten{_by(origin)}")
+        count = self._context.clear()
+        self._context.ledger.clear()
+        self._context.say("world", "notice", f"{count} obstacles forgotten{_by(origin)}")
         return {"obstacles": count}
 
     # Looking.
 
     async def _status(self, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
-        return self._agent.status()
+        context = self._context
+        hearing = context.fleet.hearing()
+        return {
+            "planner": context.settings.name,
+            "instance": context.instance,
+            "state": context.state,
+            "in_charge": context.charge.in_charge,
+            "of": context.charge.of,
+            "term": context.charge.term or context.charge.highest,
+            "ready": context.solver.ready,
+            "book": msgspec.to_builtins(context.book()),
+            "vehicles": sorted(context.fleet.view().vehicles),
+            "unheard": sorted(hearing.unheard),
+            "silent": context.fleet.silent(),
+            "obstacles": len(context.world.obstacles),
+            "events": [msgspec.to_builtins(event, enc_hook=str) for event in context.events],
+        }
+
+
+def check_known(context: Context, goal: swarm.Goal) -> FleetView:
+    """Raises :class:`BadInput` for vehicles that are not heard, and for places that are not in the field."""
+    context.fleet.watch()
+    view = context.fleet.view(context.settings.margin)
+    silent = [name for name in goal.vehicles if name not in view.vehicles and name in context.fleet.silent()]
+    if silent:
+        text = f"{', '.join(silent)}: heard, but with no place in the fleet's frame: start 'zmav up' with --origin"
+        raise BadInput(text, field="vehicles", value=silent, expected="vehicles with a local position")
+    for seen in view.pick(goal.vehicles):
+        if not max(map(abs, seen.pos_ned)) <= FARTHEST:
+            away = math.hypot(*seen.pos_ned) / 1e3
+            text = f"{seen.name} is {away:.0f} km from the fleet's origin: is the --origin of its 'zmav up' right?"
+            raise BadInput(text, field="vehicles", value=seen.name, expected=f"within {FARTHEST / 1e3:.0f} km")
+
+    def ball(name: str) -> Vector | None:
+        found = context.world.ball(name, time.time())
+        return found[0] if found else None
+
+    check_field(goal, view, context.settings.field, context.settings.downwash, ball)
+    return view
 
 
 def _by(origin: Origin | None) -> str:

@@ -13,9 +13,8 @@ import numpy as np
 
 import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
-from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.frames import enu, ned
-from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.problem import Floats
 from agents.planner.solve.loiter import STEADY
@@ -54,7 +53,7 @@ async def carry_out(run: GoalUnderWay, leased: LeasedVehicles, step: Orders, gon
                 if not step.lands:
                     raise
                 failed[order.vehicle] = f"{order.vehicle}: {e.message}"
-                run.say("land", "warning", f"{failed[order.vehicle]}; the others land", goal=run.entry.id)
+                run.context.say("land", "warning", f"{failed[order.vehicle]}; the others land", goal=run.entry.id)
             else:
                 done.add(number)
         over[number].set()
@@ -98,16 +97,16 @@ async def hold_all(run: GoalUnderWay, leased: LeasedVehicles, names: list[str]) 
     results = await asyncio.gather(*(leased.vehicle(name).hold() for name in ours), return_exceptions=True)
     for name, result in zip(ours, results, strict=True):
         if isinstance(result, ZmavError):
-            run.say("hold", "warning", f"{name} was told to hold, and did not: {result}", goal=run.entry.id)
+            run.context.say("hold", "warning", f"{name} was told to hold, and did not: {result}", goal=run.entry.id)
 
 
 async def speak_for(run: GoalUnderWay, volumes: Mapping[str, list[Tube]]) -> None:
     """Wait until nobody else has spoken for that room, and do."""
-    agent = run.agent
-    while blocker := agent.airspace.blocker(agent.kin(run.entry.id), volumes, agent.settings.downwash):
+    context = run.context
+    while blocker := context.airspace.blocker(context.kin(run.entry.id), volumes, context.settings.downwash):
         run.text(f"waits for room beside {blocker}")
         await asyncio.sleep(SOON)
-    agent.airspace.hold(run.entry.id, volumes)
+    context.airspace.hold(run.entry.id, volumes)
 
 
 async def loiter(run: GoalUnderWay, leased: LeasedVehicles, step: Loiter) -> None:
@@ -158,7 +157,7 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
 def _around(run: GoalUnderWay, step: Loiter, number: int) -> list[Tube]:
     """All that it may be off its way over the ground, from where it is over its points to its circle."""
     name, wide = step.vehicles[number], CIRCLING * abs(float(step.radii[number]))
-    seen = run.agent.fleet.seen(name)
+    seen = run.context.fleet.seen(name)
     assert seen is not None
     x, y, z = enu(seen.view.pos_ned)
     centre = _point(step.centres[number])
@@ -174,7 +173,7 @@ def _point(place: Floats) -> Vector:
 
 def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
     """Where these orders lead it: straight up and down, and straight to places."""
-    seen = run.agent.fleet.seen(name)
+    seen = run.context.fleet.seen(name)
     assert seen is not None
     ground = -seen.view.floor
     way = [place]
@@ -191,7 +190,7 @@ def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], pla
 
 
 def _in_the_air(run: GoalUnderWay, name: str) -> bool:
-    seen = run.agent.fleet.seen(name)
+    seen = run.context.fleet.seen(name)
     return seen is not None and (seen.view.airborne or (not seen.view.flies and bool(seen.state.armed)))
 
 

@@ -53,17 +53,17 @@ class Planned:
 class Planner:
     """For one goal. ``view``: the fleet as it will be when the step begins, its radii with the margin in them."""
 
-    def __init__(self, agent: Context, goal: str, solver: Solver) -> None:
-        self._agent, self._goal, self._solver = agent, goal, solver
+    def __init__(self, context: Context, goal: str, solver: Solver) -> None:
+        self._context, self._goal, self._solver = context, goal, solver
 
     def room(self, vehicles: Sequence[str]) -> Room:
         """Everything that these are to keep clear of now."""
-        agent = self._agent
-        kin = agent.kin(self._goal)
-        walls = agent.airspace.walls(kin, agent.settings.downwash)
-        taken = agent.airspace.vehicles(kin)
-        pieces = agent.world.pieces(time.time())
-        return room_of(vehicles, agent.fleet.all(), pieces, walls, taken, agent.settings.downwash)
+        context = self._context
+        kin = context.kin(self._goal)
+        walls = context.airspace.walls(kin, context.settings.downwash)
+        taken = context.airspace.vehicles(kin)
+        pieces = context.world.pieces(time.time())
+        return room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
 
     async def resolve(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
         """What the goal comes down to; raises the typed error of one that cannot be."""
@@ -80,7 +80,7 @@ class Planner:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
         or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.
         """
-        own = self._agent.settings.margin
+        own = self._context.settings.margin
         tries = list(margins) or [(own, 1.0), (own / 2.0, 1.0)]
         while True:
             margin, share = tries.pop(0)
@@ -99,7 +99,7 @@ class Planner:
             return None
         around = Surroundings(room.obstacles, room.movers, room.downwash)
         places, flat = _array([enu(each.pos_ned) for each in views]), [each.kind in GROUND for each in views]
-        radii = np.array([each.body.radius for each in views]) - self._agent.settings.margin
+        radii = np.array([each.body.radius for each in views]) - self._context.settings.margin
         (margin, share), spare = margins[-1], await asyncio.to_thread(free, places, radii, around)
         if float(spare.min()) >= margin:
             return None
@@ -120,7 +120,7 @@ class Planner:
         room = self.room(step.vehicles)
         scene = scene_of(view.pick(step.vehicles), step.places, step.labelled, room)
         terrain = self._terrain(room, view, step.vehicles)
-        seconds = self._agent.settings.plan_seconds
+        seconds = self._context.settings.plan_seconds
         plan = await self._solver.solve(jobs.Solve(scene, room.movers, terrain, seconds), progress)
         if plan.error is not None:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
@@ -141,9 +141,9 @@ class Planner:
         scene = scene_of(moved(view, starts).pick(names), places, True, room, corners)
         judged = await self._judge(scene, trajectories, room, self._terrain(room, view, names))
         if not judged.ok:
-            self._agent.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
+            self._context.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
             return None, judged.faults[0]
-        margin = self._agent.settings.margin
+        margin = self._context.settings.margin
         return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
 
     async def _judge(

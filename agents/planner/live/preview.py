@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
-from agents.planner.live.context import Orderable
 from agents.planner.live.frames import ned
 from agents.planner.live.plan import Planned, Planner
 from agents.planner.live.publisher import thin
@@ -15,11 +14,8 @@ from zmav.services.orders.orders import Report
 from zmav.wire import Vector, swarm
 
 
-async def preview(agent: Orderable, goal: swarm.Goal, report: Report) -> dict[str, Any]:
+async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, report: Report) -> dict[str, Any]:
     """Steps with their makespan, clearance and tracks (NED); raises the typed error of what cannot be."""
-    solver = await agent.preview_solver()
-    planner = Planner(agent, "preview", solver)
-    view = agent.check_known(goal)
     report({"stage": "resolve", "share": 0.0})
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):

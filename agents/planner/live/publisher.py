@@ -32,30 +32,27 @@ POINTS = 60
 class StatusPublisher:
     """Lives on the event loop. A closed session hears nothing: no reason to stop."""
 
-    def __init__(self, agent: Context) -> None:
-        self._agent = agent
-        self._news = asyncio.Event()
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self.tasks: list[asyncio.Task[None]] = []
         self._plans: dict[str, swarm.PlanReport] = {}
         self._revision = -1
-        self._key = keys.FLEET.key(agent.settings.fleet, topic="goal")
+        self._key = keys.FLEET.key(context.settings.fleet, topic="goal")
         self._books: zenoh.Publisher | None = None
         self._beats: zenoh.Publisher | None = None
 
     def start(self) -> None:
         lane = keys.FLEET.publishing() | {"reliability": zenoh.Reliability.BEST_EFFORT}
-        declare = self._agent.z.session.declare_publisher
+        declare = self._context.z.session.declare_publisher
         self._books = declare(self._key, **lane)
-        self._beats = declare(keys.FLEET.key(self._agent.settings.fleet, topic="charge"), **lane)
-        self._agent.tasks += [asyncio.create_task(self._go_on()), asyncio.create_task(self._beat())]
-
-    def changed(self) -> None:
-        self._news.set()
+        self._beats = declare(keys.FLEET.key(self._context.settings.fleet, topic="charge"), **lane)
+        self.tasks += [asyncio.create_task(self._go_on()), asyncio.create_task(self._beat())]
 
     async def _beat(self) -> None:
-        agent, name = self._agent, self._agent.settings.name
+        context, name = self._context, self._context.settings.name
         while True:
-            if agent.charge.in_charge and self._beats is not None:
-                told = swarm.Charge(t=time.time(), planner=name, instance=agent.instance, term=agent.charge.term)
+            if context.charge.in_charge and self._beats is not None:
+                told = swarm.Charge(t=time.time(), planner=name, instance=context.instance, term=context.charge.term)
                 self._send(keys.FLEET, str(self._beats.key_expr), told, self._beats)
             await asyncio.sleep(BEAT)
 
@@ -64,9 +61,9 @@ class StatusPublisher:
         while True:
             now = time.monotonic()
             self.status()
-            if self._agent.charge.in_charge:
+            if self._context.charge.in_charge:
                 self.book()
-                if self._agent.world.revision != self._revision or now - seldom > SELDOM:
+                if self._context.world.revision != self._revision or now - seldom > SELDOM:
                     self.obstacles()
                 if now - seldom > SELDOM:
                     seldom = now
@@ -74,26 +71,26 @@ class StatusPublisher:
                         self._put("plan", report)
             await asyncio.sleep(LEAST)
             with contextlib.suppress(asyncio.TimeoutError):
-                await within(HEARTBEAT - LEAST, self._news.wait())
-            self._news.clear()
+                await within(HEARTBEAT - LEAST, self._context.untold.wait())
+            self._context.untold.clear()
 
     def book(self) -> None:
-        data = wire.encode(self._agent.book())
+        data = wire.encode(self._context.book())
         self._send(keys.FLEET, self._key, data, self._books if len(data) <= SMALL else None)
 
     def last_book(self) -> None:
         """What a standby goes on from: nobody says it again."""
-        self._send(keys.FLEET, self._key, wire.encode(self._agent.book()))
+        self._send(keys.FLEET, self._key, wire.encode(self._context.book()))
         for publisher in (self._books, self._beats):
             if publisher is not None:
                 publisher.undeclare()
         self._books = self._beats = None
 
     def obstacles(self) -> None:
-        agent = self._agent
-        self._revision = agent.world.revision
+        context = self._context
+        self._revision = context.world.revision
         told = swarm.ObstacleMap(
-            t=time.time(), planner=agent.settings.name, instance=agent.instance, obstacles=agent.world.obstacles
+            t=time.time(), planner=context.settings.name, instance=context.instance, obstacles=context.world.obstacles
         )
         self._put("obstacle", told)
 
@@ -103,7 +100,7 @@ class StatusPublisher:
         makespan = max((samples[-1][0] for samples in trajectories.values()), default=0.0)
         report = swarm.PlanReport(
             t=time.time(),
-            planner=self._agent.settings.name,
+            planner=self._context.settings.name,
             goal=goal,
             start=start,
             makespan=makespan,
@@ -117,26 +114,26 @@ class StatusPublisher:
         self._plans.pop(goal, None)
 
     def status(self) -> None:
-        agent = self._agent
-        last = agent.events[-1].text if agent.events else ""
+        context = self._context
+        last = context.events[-1].text if context.events else ""
         detail = {
-            "term": agent.charge.term,
-            "of": agent.charge.of,
-            "goals": len(agent.ledger.open),
-            "events": [msgspec.to_builtins(event, enc_hook=str) for event in list(agent.events)[-10:]],
+            "term": context.charge.term,
+            "of": context.charge.of,
+            "goals": len(context.ledger.open),
+            "events": [msgspec.to_builtins(event, enc_hook=str) for event in list(context.events)[-10:]],
         }
-        status = wire.AgentStatus(t=time.time(), agent=AGENT, state=agent.state, text=last, detail=detail)
-        key = keys.AGENT_STATUS.key(agent.settings.fleet, agent.settings.name, agent=AGENT)
+        status = wire.AgentStatus(t=time.time(), agent=AGENT, state=context.state, text=last, detail=detail)
+        key = keys.AGENT_STATUS.key(context.settings.fleet, context.settings.name, agent=AGENT)
         self._send(keys.AGENT_STATUS, key, status)
 
     def _put(self, topic: str, payload: msgspec.Struct) -> None:
-        self._send(keys.FLEET, keys.FLEET.key(self._agent.settings.fleet, topic=topic), payload)
+        self._send(keys.FLEET, keys.FLEET.key(self._context.settings.fleet, topic=topic), payload)
 
     def _send(
         self, channel: keys.Channel, key: str, payload: msgspec.Struct | bytes, publisher: zenoh.Publisher | None = None
     ) -> None:
         try:
-            self._agent.z.put(channel, key, payload, publisher=publisher)
+            self._context.z.put(channel, key, payload, publisher=publisher)
         except (zenoh.ZError, BadKey):
             return
 

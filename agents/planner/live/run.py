@@ -31,6 +31,7 @@ from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
+from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.reserved import tube
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
@@ -62,11 +63,11 @@ MANY_LAPS, MANY_SAMPLES = 20, 50_000
 class Run:
     """Begun by its making. Lives on the event loop; whatever happens ends in the book, in words."""
 
-    def __init__(self, agent: Context, entry: swarm.GoalEntry) -> None:
-        self.agent, self.entry = agent, entry
+    def __init__(self, context: Context, publisher: StatusPublisher, entry: swarm.GoalEntry) -> None:
+        self.context, self.publisher, self.entry = context, publisher, entry
         self.vehicles = tuple(entry.goal.vehicles)
         self.leader = entry.goal.leader if isinstance(entry.goal, swarm.Follow) else None
-        self.planner = Planner(agent, entry.id, agent.solver)
+        self.planner = Planner(context, entry.id, context.solver)
         self.tracks = False
         """it follows its leader just now"""
         self.stopping = ""
@@ -135,10 +136,7 @@ class Run:
     def text(self, text: str) -> None:
         if self.entry.state not in ENDED and self.entry.text != text:
             self.entry.text = text
-            self.agent.publisher.changed()
-
-    def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
-        self.agent.say(kind, severity, text, **detail)
+            self.context.untold.set()
 
     def progress(self, share: float) -> None:
         self.entry.progress = round(max(self.entry.progress, min(share, 1.0)), 3)
@@ -146,7 +144,7 @@ class Run:
     # Its life.
 
     async def _live(self) -> None:
-        entry, ledger = self.entry, self.agent.ledger
+        entry, ledger = self.entry, self.context.ledger
         try:
             missing = await self._fly()
             text = f"the others are there; without {', '.join(missing)}" if missing else "done"
@@ -162,12 +160,12 @@ class Run:
             ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
         finally:
             self._leave_room()
-            self.agent.publisher.plan_over(entry.id)
+            self.publisher.plan_over(entry.id)
         if self.stopping == "closed":
             return
         word = "failed: " if entry.state == "failed" else ""
-        self.say("goal", "error" if word else "info", f"{entry.id}: {word}{entry.text}", goal=entry.id)
-        self.agent.wake()
+        self.context.say("goal", "error" if word else "info", f"{entry.id}: {word}{entry.text}", goal=entry.id)
+        self.context.wake()
 
     async def _fly(self) -> list[str]:
         """Gives the vehicles that did not come to the end."""
@@ -180,7 +178,9 @@ class Run:
             if silent := leased.left:
                 self._go_without(silent)
                 lost |= silent
-                self.say("lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer")
+                self.context.say(
+                    "lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer"
+                )
             await self._settled()  # from now on nobody else moves them
             missing = await self._take_each(leased, steps, lost, (0.0, 1.0))
         return sorted(missing)
@@ -252,7 +252,7 @@ class Run:
                 refused += 1
                 if refused == MOST_TRIES:
                     raise
-                self.say("replan", "notice", f"{self.entry.id}: planned again: {e.message}", goal=self.entry.id)
+                self.context.say("replan", "notice", f"{self.entry.id}: planned again: {e.message}", goal=self.entry.id)
                 self._state("planning", f"planned again: {e.message}")
                 await self._settled(rest.vehicles)
                 continue
@@ -278,7 +278,9 @@ class Run:
             landed = await self._flown(leased, planned, step.text, share)
             self.check_stopped()
             if not landed.arrived:
-                self.say("replan", "notice", f"{self.entry.id}: planned again: {landed.why}", goal=self.entry.id)
+                self.context.say(
+                    "replan", "notice", f"{self.entry.id}: planned again: {landed.why}", goal=self.entry.id
+                )
                 await self._settled()
                 why = landed.why
                 break
@@ -301,7 +303,7 @@ class Run:
                 doing = await tracking.go_on()
             except Blocked as e:
                 self._flying, self.tracks = None, False
-                self.say("replan", "notice", f"{self.entry.id}: {e.message}: planned", goal=self.entry.id)
+                self.context.say("replan", "notice", f"{self.entry.id}: {e.message}: planned", goal=self.entry.id)
                 await self._beside(leased, tracking, share)
                 continue
             finally:
@@ -334,11 +336,11 @@ class Run:
             except PlanError as e:
                 if e.kind in CLOSE and (first := await self.planner.make_room(step, view, margins)):
                     text = f"{self.entry.id}: first they draw apart: {e.message}"
-                    self.say("room", "notice", text, goal=self.entry.id)
+                    self.context.say("room", "notice", text, goal=self.entry.id)
                     return first
-                others = sorted({goal for goal, _, _ in self.agent.airspace.others(self.agent.kin(self.entry.id))})
+                others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
-                silent = sorted(self.agent.fleet.hearing().unheard) if patient else []
+                silent = sorted(self.context.fleet.hearing().unheard) if patient else []
                 if not (others or silent) or e.kind == "invalid_scene":
                     raise
                 self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
@@ -372,24 +374,24 @@ class Run:
         airspace = {
             name: [tube(motion_of(samples)[:, 1:], radii[name])] for name, samples in planned.trajectories.items()
         }
-        self.agent.airspace.hold(self.entry.id, airspace)
+        self.context.airspace.hold(self.entry.id, airspace)
         self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
 
     def _leave_room(self) -> None:
         """Its room is free again, but for the ways of those that are not heard, who may still be flying them."""
-        agent, name = self.agent, f"{self.entry.id}/lost"
-        held = agent.airspace.drop(self.entry.id)
-        lost = {vehicle: volumes for vehicle, volumes in held.items() if vehicle in agent.fleet.hearing().unheard}
+        context, name = self.context, f"{self.entry.id}/lost"
+        held = context.airspace.drop(self.entry.id)
+        lost = {vehicle: volumes for vehicle, volumes in held.items() if vehicle in context.fleet.hearing().unheard}
         if lost:
-            agent.airspace.hold(name, lost)
-            agent.later(self._leave_more(name, set(lost)))
+            context.airspace.hold(name, lost)
+            context.later(self._leave_more(name, set(lost)))
 
     async def _leave_more(self, name: str, lost: set[str]) -> None:
         """Who is heard to rest flies none of it any more; after a while nobody does."""
         begun = time.monotonic()
         while time.monotonic() < begun + LASTING and any(self._unrest(vehicle, begun) for vehicle in lost):
             await asyncio.sleep(SOON)
-        self.agent.airspace.drop(name)
+        self.context.airspace.drop(name)
 
     # What it stands on.
 
@@ -405,7 +407,7 @@ class Run:
         """The fleet as known, with ``lost`` where they were heard last; raises :class:`Stale` where another one of
         ``names`` (all of ours) was not heard for long.
         """
-        fleet, margin = self.agent.fleet, self.agent.settings.margin
+        fleet, margin = self.context.fleet, self.context.settings.margin
         fleet.watch()
         view = fleet.view(margin, also=lost)
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
@@ -429,7 +431,7 @@ class Run:
             waited, silent = time.monotonic() - begun, {name for name in waits if not self._heard(name, begun)}
             if patient and waited > LASTING and silent == set(waits) != set(self.vehicles):
                 text = f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: not heard for {waited:.0f} s"
-                self.say("lost", "warning", text, goal=self.entry.id)
+                self.context.say("lost", "warning", text, goal=self.entry.id)
                 return silent
             reasons = [why for why in waits.values() if why != COMING]
             if time.monotonic() > deadline:
@@ -437,16 +439,16 @@ class Run:
             if reasons:
                 self.text(f"waits: {'; '.join(reasons[:3])}" + (" ..." if len(reasons) > 3 else ""))
             with contextlib.suppress(asyncio.TimeoutError):
-                await self.agent.z.news(0.5)
+                await self.context.z.news(0.5)
         return set()
 
     def _heard(self, name: str, since: float) -> bool:
-        seen = self.agent.fleet.seen(name)
+        seen = self.context.fleet.seen(name)
         return seen is not None and seen.age <= time.monotonic() - since
 
     def _unrest(self, name: str, since: float) -> str:
         """Why a vehicle cannot begin yet by what it said ``since`` (monotonic s); empty: it can."""
-        seen, settings = self.agent.fleet.seen(name), self.agent.settings
+        seen, settings = self.context.fleet.seen(name), self.context.settings
         if seen is None or not self._heard(name, since):
             return COMING if seen is not None and seen.age < FRESH else f"{name} is not heard"
         lease = seen.state.lease
@@ -461,7 +463,7 @@ class Run:
 
     def place(self, name: str) -> Vector:
         """ENU, as last heard."""
-        seen = self.agent.fleet.seen(name)
+        seen = self.context.fleet.seen(name)
         if seen is None:
             raise Stale(f"{name} is not heard any more", vehicle=name)
         return enu(seen.view.pos_ned)

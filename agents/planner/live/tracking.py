@@ -17,9 +17,8 @@ from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND
 from agents.planner.goals.steps import Track as Step
-from agents.planner.live.context import GoalUnderWay
 from agents.planner.live.frames import enu, enu_array, ned
-from agents.planner.live.leased_vehicles import LeasedVehicles
+from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
@@ -63,7 +62,7 @@ class Tracking:
                 doing = self._doing(now)
                 if doing in ("return", "land"):
                     return doing
-                hearing = self._run.agent.fleet.hearing()
+                hearing = self._run.context.fleet.hearing()
                 if doing != "hold" and self._run.goes and hearing.may_move(self._run.vehicles):
                     self._lead(now)
                     self._check_blocked(now)
@@ -100,15 +99,15 @@ class Tracking:
 
     def leader(self, now: float) -> tuple[follow.MovingTarget, float | None, float]:
         """Where it is (NED, our UTC), where it looks (rad), s since that was heard. Raises :class:`Stale`."""
-        goal, agent = self._goal, self._run.agent
+        goal, context = self._goal, self._run.context
         if goal.leader is None:
             assert goal.point is not None
             return follow.MovingTarget(self._run.entry.t, goal.point, goal.velocity).at(now), None, 0.0
-        seen = agent.fleet.seen(goal.leader)
+        seen = context.fleet.seen(goal.leader)
         if seen is not None:
             yaw = seen.state.attitude.yaw if seen.state.attitude else None
             return follow.MovingTarget(now - seen.age, seen.view.pos_ned, seen.view.vel_ned), yaw, seen.age
-        ball = agent.world.ball(goal.leader, time.time())
+        ball = context.world.ball(goal.leader, time.time())
         if ball is None:
             raise Stale(f"nobody has heard of {goal.leader}", vehicle=goal.leader)
         return follow.MovingTarget(now, *ball), None, 0.0
@@ -123,18 +122,18 @@ class Tracking:
             lost = f"{self._goal.leader} is not heard: {doing}" if doing != "follow" else ""
             if lost or self._said:
                 text = lost or f"{self._goal.leader} is heard again"
-                self._run.say("leader", "warning" if lost else "notice", f"{self._run.entry.id}: {text}")
+                self._run.context.say("leader", "warning" if lost else "notice", f"{self._run.entry.id}: {text}")
             self._run.text(lost or f"following {self._goal.leader or 'a point'}")
             self._said = doing
         return doing
 
     def _offsets_of(self) -> list[Vector]:
-        agent = self._run.agent
-        margin = agent.settings.margin
-        views = agent.fleet.view(margin).pick(self._goal.vehicles)
-        leader = agent.fleet.seen(self._goal.leader) if self._goal.leader else None
+        context = self._run.context
+        margin = context.settings.margin
+        views = context.fleet.view(margin).pick(self._goal.vehicles)
+        leader = context.fleet.seen(self._goal.leader) if self._goal.leader else None
         radius = leader.view.body.radius + margin if leader else margin
-        return follow.offsets_of(self._goal, [view.body for view in views], radius, agent.settings.downwash)
+        return follow.offsets_of(self._goal, [view.body for view in views], radius, context.settings.downwash)
 
     def targets(self, now: float) -> list[follow.MovingTarget]:
         """Everybody's place beside the leader (NED)."""
@@ -153,7 +152,7 @@ class Tracking:
 
     def _begin(self, now: float) -> None:
         for name in self._goal.vehicles:
-            seen = self._run.agent.fleet.seen(name)
+            seen = self._run.context.fleet.seen(name)
             if seen is None:
                 raise Stale(f"{name} is not heard any more", vehicle=name)
             command, body = self._commands[name], seen.view.body
@@ -165,7 +164,7 @@ class Tracking:
             part.entries.append(_standing(place, now))
             part.heard = now
             self._parts.append(part)
-        self._reserved = Reserved(self._parts, self._run.agent.settings.downwash)
+        self._reserved = Reserved(self._parts, self._run.context.settings.downwash)
 
     def _hear(self, now: float) -> None:
         for part in list(self._parts):
@@ -206,14 +205,14 @@ class Tracking:
             if blocker:
                 self._due[part.id] = now + 0.3
                 continue
-            self._run.agent.airspace.hold(
+            self._run.context.airspace.hold(
                 self._run.entry.id, {part.id: [tube(part.known.samples[::3, 1:], radius), way]}
             )
             self._put(part, entry, now)
 
     def _tubes_blocked(self, part: Part, way: Tube) -> str:
-        agent = self._run.agent
-        return agent.airspace.blocker(agent.kin(self._run.entry.id), {part.id: [way]}, agent.settings.downwash)
+        context = self._run.context
+        return context.airspace.blocker(context.kin(self._run.entry.id), {part.id: [way]}, context.settings.downwash)
 
     def _next(self, part: Part, target: follow.MovingTarget, now: float) -> Entry:
         """From where its trajectory has it soon, towards its place, and to rest."""
@@ -243,7 +242,7 @@ class Tracking:
             part.entries.append(entry)
             self._due[part.id] = now + EVERY
             self._told[part.id] = now
-            self._run.agent.told(self._run.entry.id)
+            self._run.context.told(self._run.entry.id)
 
     def _check_blocked(self, now: float) -> None:
         """Raise :class:`Blocked` where a follower cannot be led to its place like this: a plan brings it there."""
@@ -274,12 +273,12 @@ class Tracking:
         return [_three(state_at(part.known.rows, now)[0]) for part in self._parts]
 
     def _body(self, name: str) -> swarm.Body:
-        seen = self._run.agent.fleet.seen(name)
+        seen = self._run.context.fleet.seen(name)
         assert seen is not None
         return seen.view.body
 
     def _kind(self, name: str) -> str:
-        seen = self._run.agent.fleet.seen(name)
+        seen = self._run.context.fleet.seen(name)
         assert seen is not None
         return seen.view.kind
 

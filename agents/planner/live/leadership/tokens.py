@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
 
-from agents.planner.live.context import Hearer
+from agents.planner.live.context import Context
 from agents.planner.live.leadership.election import Token
 from zmav import keys
 from zmav.errors import BadKey, Forbidden
@@ -34,15 +34,19 @@ def plans(member: Member | None, name: str) -> bool:
 class Tokens:
     """Subscriptions and our own token. Lives on the event loop."""
 
-    def __init__(self, agent: Hearer) -> None:
-        self._agent = agent
+    def __init__(
+        self, context: Context, hears: Mapping[str, Callable[[bytes], None]], on_obstacle: Callable[[bytes], None]
+    ) -> None:
+        self._context = context
+        self._hears = {keys.FLEET.key(context.settings.fleet, topic=topic): take for topic, take in hears.items()}
+        self._hears[keys.OBSTACLE.key(context.settings.fleet, name="*")] = on_obstacle
         self._subscribers: list[Any] = []
         self._token: zenoh.LivelinessToken | None = None
         self._closed = False
 
     def start(self) -> None:
-        agent, loop = self._agent, asyncio.get_running_loop()
-        fleet, session, member = agent.settings.fleet, agent.z.session, agent.z.member
+        context, loop = self._context, asyncio.get_running_loop()
+        fleet, session, member = context.settings.fleet, context.z.session, context.z.member
         newest: dict[Place, float] = {}
 
         def put(take: Callable[[bytes], None]) -> Callable[..., None]:
@@ -55,7 +59,7 @@ class Tokens:
                         member.judge(str(sample.key_expr), data, attached(sample), newest)
                     except Forbidden as e:
                         if e.detail["reason"] not in ("unknown", BUSY):  # it introduces itself within a second
-                            agent.say_seldom("disbelieved", "warning", f"{sample.key_expr}: {e}")
+                            context.say_seldom("disbelieved", "warning", f"{sample.key_expr}: {e}")
                         return
                 take(data)
 
@@ -66,10 +70,7 @@ class Tokens:
             session.liveliness().declare_subscriber(
                 token_key(fleet, "*", "*", "*"), on_loop(loop, self._on_token), history=True
             ),
-            session.declare_subscriber(keys.FLEET.key(fleet, topic="goal"), put(agent.on_book)),
-            session.declare_subscriber(keys.FLEET.key(fleet, topic="charge"), put(agent.on_charge)),
-            session.declare_subscriber(keys.FLEET.key(fleet, topic="obstacle"), put(agent.on_map)),
-            session.declare_subscriber(keys.OBSTACLE.key(fleet, name="*"), put(agent.on_obstacle)),
+            *(session.declare_subscriber(key, put(take)) for key, take in self._hears.items()),
         ]
 
     def close(self) -> None:
@@ -81,10 +82,10 @@ class Tokens:
 
     def in_charge(self, yes: bool) -> None:
         """Say by the token whether we are."""
-        agent = self._agent
+        context = self._context
         before = self._token
-        key = token_key(agent.settings.fleet, agent.settings.name, CHIEF if yes else STANDBY, agent.instance)
-        self._token = agent.z.session.liveliness().declare_token(key)
+        key = token_key(context.settings.fleet, context.settings.name, CHIEF if yes else STANDBY, context.instance)
+        self._token = context.z.session.liveliness().declare_token(key)
         if before is not None:
             before.undeclare()
 
@@ -94,4 +95,4 @@ class Tokens:
         except BadKey:
             return
         present = sample.kind == zenoh.SampleKind.PUT
-        self._agent.charge.token(parts["vehicle"], Token(parts["instance"], parts["autopilot"] == CHIEF), present)
+        self._context.charge.token(parts["vehicle"], Token(parts["instance"], parts["autopilot"] == CHIEF), present)

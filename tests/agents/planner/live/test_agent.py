@@ -24,7 +24,7 @@ from agents.planner.live import run as running
 from agents.planner.live.agent import Agent
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.leased_vehicles import LeasedVehicles
-from agents.planner.live.order_handlers import MOST_PREVIEWS
+from agents.planner.live.order_handlers import MOST_PREVIEWS, check_known
 from agents.planner.live.run import Run
 from agents.planner.live.settings import Settings
 from agents.planner.model.errors import PlanError
@@ -88,7 +88,7 @@ async def field() -> AsyncIterator[Field]:
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        await agent.solver.until_ready(PATIENCE_S)
+        await agent.context.solver.until_ready(PATIENCE_S)
         field = Field(fleet, agent, me)
         watching = asyncio.create_task(field.watch())
         yield field
@@ -110,7 +110,7 @@ async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
     assert preview["clearance"] > 0.9
     (step,) = preview["steps"]
     assert step["tracks"]["quad1"][-1][1:] == [7.0, 7.0, -10.0]
-    assert field.agent.ledger.goals == []
+    assert field.agent.context.ledger.goals == []
 
     name = await field.submit(swap(10.0))
     entry = await field.until(name, lambda entry: entry.state == "done")
@@ -169,7 +169,7 @@ async def test_who_is_taken_in_the_midst_of_a_landing_keeps_nobody_in_the_air(fi
     names = ["quad1", "quad2"]
     places = {name: field.me.vehicle(name).local for name in names}
     goal = await field.submit(swarm.Land(vehicles=names))
-    entry = next(entry for entry in field.agent.ledger.goals if entry.id == goal)
+    entry = next(entry for entry in field.agent.context.ledger.goals if entry.id == goal)
     taken, other = (field.me.vehicle(name) for name in names)
     for vehicle in (taken, other):
         await vehicle.wait_until(lambda s: s.mode == "LAND", PATIENCE_S)
@@ -190,7 +190,7 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
         assert vehicle.local is not None
         places[vehicle.name] = vehicle.local
         await vehicle.goto(pos=(*vehicle.local[:2], -25.0))
-    seen = field.agent.fleet.seen("quad2")
+    seen = field.agent.context.fleet.seen("quad2")
     assert seen is not None and seen.view.home_ned is not None
     home = seen.view.home_ned  # where it took off last: tests before may have landed it elsewhere
     goal = await field.submit(swarm.Return(vehicles=names))
@@ -198,7 +198,7 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
     async with taken.lease("boss", priority=50):
         await taken.hold()
         await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
-        entry = next(entry for entry in field.agent.ledger.goals if entry.id == goal)
+        entry = next(entry for entry in field.agent.context.ledger.goals if entry.id == goal)
         assert entry.state == "failed" and "quad3" in entry.text, entry
         assert field.away("quad2", home) < 2.0
         await taken.goto(pos=places["quad3"])
@@ -251,7 +251,8 @@ async def test_clocks_are_learnt_one_after_another_and_the_gone_are_forgotten(fi
 
 async def test_where_it_is_tight_plans_have_less_margin_and_less_speed(field: Field) -> None:
     """The first margin for which there is a plan is taken."""
-    planner, view = planning.Planner(field.agent, "test", field.agent.solver), field.agent.fleet.view(0.5)
+    context = field.agent.context
+    planner, view = planning.Planner(context, "test", context.solver), context.fleet.view(0.5)
     n, e, d = view.vehicles["quad2"].pos_ned
     margins = ((0.9, 1.0), (0.5, 1.0), (0.1, 1.0 / 3.0))
 
@@ -291,9 +292,9 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     watching.cancel()
     assert 0.8 < nearest < 20.0
     assert field.away("quad3", (n - 32.0, e, -10.0)) < 1.0
-    assert any("wall" in event.text or "planned again" in event.text for event in field.agent.events)
+    assert any("wall" in event.text or "planned again" in event.text for event in field.agent.context.events)
     await planner.order("clear", swarm.GoalId())
-    assert field.agent.world.obstacles == []
+    assert field.agent.context.world.obstacles == []
 
 
 async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) -> None:
@@ -306,8 +307,8 @@ async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) 
     name = await field.submit(follow)
     settled, nearest, deadline = 0, math.inf, time.monotonic() + PATIENCE_S
     while settled < 20:
-        assert time.monotonic() < deadline, field.agent.ledger.find(name)
-        found = field.agent.world.ball("cart", time.time())
+        assert time.monotonic() < deadline, field.agent.context.ledger.find(name)
+        found = field.agent.context.world.ball("cart", time.time())
         assert found is not None
         place = field.fleet.places()["quad2"]
         nearest = min(nearest, math.dist(place, found[0]))
@@ -352,10 +353,10 @@ HOSTILE = {
 async def test_hostile_orders_are_answered_and_change_nothing(
     field: Field, verb: str, payload: bytes, word: str
 ) -> None:
-    before = (len(field.agent.ledger.open), field.agent.world.revision)
+    before = (len(field.agent.context.ledger.open), field.agent.context.world.revision)
     error = await _raw(field, verb, payload)
     assert word in str(error)
-    assert (len(field.agent.ledger.open), field.agent.world.revision) == before
+    assert (len(field.agent.context.ledger.open), field.agent.context.world.revision) == before
 
 
 async def test_obstacles_of_anybody_are_heard_and_noise_is_not(field: Field) -> None:
@@ -364,9 +365,9 @@ async def test_obstacles_of_anybody_are_heard_and_noise_is_not(field: Field) -> 
     for data in (b"{", b"[" * 10_000_000, b'{"name":"bird"}', wire.encode(good)):
         field.me.session.put(keys.OBSTACLE.key("demo", name="bird"), data)
 
-    await until(lambda: field.agent.world.find("bird") is not None, "no bird", PATIENCE_S)
-    assert any("refused" in event.kind for event in field.agent.events)
-    await until(lambda: field.agent.world.find("bird") is None, "the bird stays", PATIENCE_S)
+    await until(lambda: field.agent.context.world.find("bird") is not None, "no bird", PATIENCE_S)
+    assert any("refused" in event.kind for event in field.agent.context.events)
+    await until(lambda: field.agent.context.world.find("bird") is None, "the bird stays", PATIENCE_S)
 
 
 async def test_previews_are_so_many_at_a_time(field: Field) -> None:
@@ -384,8 +385,8 @@ async def test_a_flood_of_obstacles_leaves_the_log_short_and_none_is_for_ever(fi
         told = swarm.Obstacle(name=f"post{i}", t=9e10, what=post)
         field.me.session.put(keys.OBSTACLE.key("demo", name=told.name), wire.encode(told))
         field.me.session.put(keys.OBSTACLE.key("demo", name=told.name), b"{}")
-    await within(PATIENCE_S, _until(lambda: field.agent.world.find("post299") is not None))
-    assert sum(event.t > begun and event.kind in ("world", "refused") for event in field.agent.events) < 25
+    await within(PATIENCE_S, _until(lambda: field.agent.context.world.find("post299") is not None))
+    assert sum(event.t > begun and event.kind in ("world", "refused") for event in field.agent.context.events) < 25
     gone = swarm.GiveObstacle(obstacle=swarm.Obstacle(name="post7", t=time.time(), what=None))
     assert (await planner.order("obstacle", gone))["news"], "whatever time who put it there believed it to be"
     await planner.order("clear", swarm.GoalId())
@@ -417,8 +418,8 @@ async def test_a_fault_of_its_own_does_not_end_its_life(field: Field, monkeypatc
         monkeypatch.undo()
         raise LookupError("oops")
 
-    monkeypatch.setattr(field.agent.fleet, "watch", fault)
-    await within(PATIENCE_S, _until(lambda: any("oops" in event.text for event in field.agent.events)))
+    monkeypatch.setattr(field.agent.context.fleet, "watch", fault)
+    await within(PATIENCE_S, _until(lambda: any("oops" in event.text for event in field.agent.context.events)))
     name = await field.submit(swarm.Hold(vehicles=["quad1"]))
     await field.until(name, lambda entry: entry.state == "done")
 
@@ -427,19 +428,19 @@ async def test_a_namesake_is_told_of_once(field: Field) -> None:
     field.agent.on_book(b"{")
     for _ in range(2):
         field.agent.on_book(wire.encode(swarm.Book(t=0.0, planner="ground", instance="another", term=0)))
-    assert sum("is called ground, too" in event.text for event in field.agent.events) == 1
+    assert sum("is called ground, too" in event.text for event in field.agent.context.events) == 1
 
 
 async def test_the_fleet_files_fence_stays_and_a_wrong_origin_is_named(field: Field) -> None:
     fence = swarm.Geofence(polygon=[(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)], floor=0.0, ceiling=50.0)
     aside = Agent(field.me, Settings(name="aside", geofence=fence))
-    assert aside.clear() == 1
-    assert [each.name for each in aside.world.obstacles] == ["fleet-file"]
+    assert aside.context.clear() == 1
+    assert [each.name for each in aside.context.world.obstacles] == ["fleet-file"]
     state = field.me.vehicle("quad1").state
     far = msgspec.structs.replace(state, name="far", local=(2e5, 0.0, -10.0))
-    aside.fleet._last["far"] = (far, time.monotonic())
+    aside.context.fleet._last["far"] = (far, time.monotonic())
     with pytest.raises(BadInput, match="far is 200 km from the fleet's origin"):
-        aside.check_known(swarm.Hold(vehicles=["far"]))
+        check_known(aside.context, swarm.Hold(vehicles=["far"]))
 
 
 @pytest.mark.parametrize(("told", "known", "state"), [(True, 2, "queued"), (False, 0, "paused")])
@@ -459,10 +460,10 @@ async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     aside.on_book(wire.encode(swarm.Book(**mine, instance="before", term=1, obstacles=2, goals=[goal])))
     aside.on_map(wire.encode(swarm.ObstacleMap(**mine, instance="again", obstacles=[])))
     aside.on_book(wire.encode(swarm.Book(**mine, instance="again", term=1)))
-    book = aside.charge.take()
+    book = aside.context.charge.take()
     assert book is not None
-    aside._check_map(book, again := aside.ledger.take_over(book))
-    assert len(aside.world.obstacles) == known
+    aside._check_map(book, again := aside.context.ledger.take_over(book))
+    assert len(aside.context.world.obstacles) == known
     assert [entry.state for entry in again] == [state]
 
 
@@ -471,20 +472,20 @@ async def test_one_planner_commands_however_many_there_are(field: Field) -> None
     name = await field.submit(swap(12.0))
     await field.until(name, lambda entry: entry.state == "flying")
     async with zmav.open(connect=[field.fleet.endpoint]) as z, Agent(z, Settings(name="other", patience=1.0)) as other:
-        await within(PATIENCE_S, _until(lambda: other.charge.of == "ground"))
-        assert not other.charge.in_charge
-        assert any(entry.id == name for entry in other.book().goals), "a standby keeps the book"
+        await within(PATIENCE_S, _until(lambda: other.context.charge.of == "ground"))
+        assert not other.context.charge.in_charge
+        assert any(entry.id == name for entry in other.context.book().goals), "a standby keeps the book"
         with pytest.raises(Refused, match="ground is in charge"):
             await Planner(field.me, {"planner": "other"}).order("submit", swarm.Submit(goal=swap(10.0)))
         other._take_charge()  # as it would on the far side of a torn network
-        await within(PATIENCE_S, _until(lambda: not field.agent.charge.in_charge))
+        await within(PATIENCE_S, _until(lambda: not field.agent.context.charge.in_charge))
         assert field.agent.runs == {}
-        assert field.agent.charge.of == "other"
-        (entry,) = [entry for entry in other.ledger.goals if entry.id == name]
-        await within(PATIENCE_S, other.solver.until_ready())
+        assert field.agent.context.charge.of == "other"
+        (entry,) = [entry for entry in other.context.ledger.goals if entry.id == name]
+        await within(PATIENCE_S, other.context.solver.until_ready())
         await within(PATIENCE_S, _until(lambda: entry.state in ("done", "failed", "cancelled")))
         assert (entry.state, entry.text) == ("done", "done")
-    await within(PATIENCE_S, _until(lambda: field.agent.charge.in_charge))
+    await within(PATIENCE_S, _until(lambda: field.agent.context.charge.in_charge))
     for vehicle, place in zip(swap(12.0).vehicles, swap(12.0).to, strict=True):
         assert field.away(vehicle, place) < 1.0
 

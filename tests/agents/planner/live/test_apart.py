@@ -92,7 +92,7 @@ class Pair:
     async def submit(self, *to: wire.Vector) -> swarm.GoalEntry:
         goal = swarm.GoTo(vehicles=[f"quad{i + 1}" for i in range(len(to))], to=list(to))
         given = await (await find(self.me)).order("submit", swarm.Submit(goal=goal))
-        return self.agent.ledger.find(str(given["goal"]))[0]
+        return self.agent.context.ledger.find(str(given["goal"]))[0]
 
     async def done(self, entry: swarm.GoalEntry) -> None:
         async def ended() -> None:
@@ -103,7 +103,7 @@ class Pair:
         assert entry.state == "done", entry.text
 
     def said(self, kind: str) -> list[str]:
-        return [event.text for event in self.agent.events if event.kind == kind]
+        return [event.text for event in self.agent.context.events if event.kind == kind]
 
 
 @pytest_asyncio.fixture
@@ -112,7 +112,7 @@ async def pair() -> AsyncIterator[Pair]:
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne(PLACES, 10.0, separation=Separation(on=True)))
         agent = await stack.enter_async_context(Agent(fleet.z, Settings(name="ground", patience=1.0)))
-        await agent.solver.until_ready(PATIENCE_S)
+        await agent.context.solver.until_ready(PATIENCE_S)
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         yield Pair(fleet, agent, me)
 

@@ -10,7 +10,8 @@ import pytest
 
 import zmav
 from agents.planner.cli.asking import find
-from agents.planner.live.agent import EVENTS, Agent
+from agents.planner.live.agent import Agent
+from agents.planner.live.context import EVENTS
 from agents.planner.live.settings import Settings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
@@ -53,7 +54,7 @@ async def test_operators_give_goals_and_viewers_look(net: Net, tmp_path: Path) -
         with pytest.raises(Forbidden):
             await viewer.order("obstacle", told)
         assert (await operator.order("obstacle", told))["news"]
-        assert any("by ops" in event.text for event in agent.events)
+        assert any("by ops" in event.text for event in agent.context.events)
     async with zmav.open(fleet="alpha", connect=[endpoint]) as stranger:
         assert stranger.member is None  # and nobody is in charge of anything any more
 
@@ -71,15 +72,15 @@ async def test_a_flood_of_refused_orders_leaves_what_happened_in_sight(net: Net,
         gate, key = agent._handlers.gate, keys.SWARM.key("alpha", "ground", verb="abort")
         assert gate is not None
         await within(PATIENCE_S, find(eye))
-        agent.say("goal", "notice", "the true news")
+        agent.context.say("goal", "notice", "the true news")
         while gate.counts.total() < 2 * EVENTS:
             await asyncio.gather(*(eye.ask(key, wire.encode(swarm.GoalId()), channel=keys.SWARM) for _ in range(20)))
-        said = [event.text for event in agent.events if event.kind == "refused"]
-        assert "the true news" in [event.text for event in agent.events]
+        said = [event.text for event in agent.context.events if event.kind == "refused"]
+        assert "the true news" in [event.text for event in agent.context.events]
         assert 0 < len(said) <= EVENTS / 2
         while not any("more before" in text for text in said):
             await eye.ask(key, wire.encode(swarm.GoalId()), channel=keys.SWARM)
-            said = [event.text for event in agent.events if event.kind == "refused"]
+            said = [event.text for event in agent.context.events if event.kind == "refused"]
 
 
 async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> None:
@@ -109,7 +110,7 @@ async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> 
     async with member("ground") as z, member("eye") as eye, Agent(z, own) as agent:
         assert (z.member, eye.member) != (None, None)
         await within(PATIENCE_S, find(z))
-        term, counts = agent.charge.term, z.member.counts  # type: ignore[union-attr]
+        term, counts = agent.context.charge.term, z.member.counts  # type: ignore[union-attr]
         loopback = net.ground(endpoint).session
         key = {topic: keys.FLEET.key("alpha", topic=topic) for topic in forged}
         for topic, what in forged.items():
@@ -125,13 +126,13 @@ async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> 
             recorded = await within(PATIENCE_S, books.get())
         loopback.put(key["goal"], recorded.payload, attachment=recorded.attachment)
         await counted(counts, "replayed", 1)
-        assert (agent.charge.term, agent.charge.highest, agent.ledger.goals) == (term, term, [])
-        assert agent.world.obstacles == []
+        assert (agent.context.charge.term, agent.context.charge.highest, agent.context.ledger.goals) == (term, term, [])
+        assert agent.context.world.obstacles == []
         async with member("second") as other:  # who may plan is heard, and stands above by its term
             other.put(keys.FLEET, key["goal"], book)
-            while agent.charge.in_charge:
+            while agent.context.charge.in_charge:
                 await within(PATIENCE_S, asyncio.sleep(0.01))
-            assert agent.charge.of == "evil"
+            assert agent.context.charge.of == "evil"
 
 
 async def counted(counts: Mapping[str, int], reason: str, least: int) -> None:
