@@ -124,191 +124,131 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
     fly(make)
 
 
-@click.command("formation")
-@vehicles_argument
-@click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True)
-@click.option(
-    "--at", type=places.place, metavar=places.PLACE, required=True, help="The shape's centre, or its leader's place."
+several = functools.partial(click.option, multiple=True, callback=lambda context, option, values: list(values))
+degrees = functools.partial(
+    click.option,
+    type=float,
+    callback=lambda context, option, value: None if value is None else math.radians(value),
 )
-@click.option("--heading", type=float, default=0.0, show_default=True, help="Degrees clockwise from north it looks to.")
-@click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours.")
-@click.option(
-    "--via", type=places.place, metavar=places.PLACE, multiple=True, help="A place the centre passes, in shape."
+
+
+def goal_command(
+    name: str, kind: Callable[..., swarm.Goal], doc: str, *options: Callable[[Callable[..., None]], Callable[..., None]]
+) -> click.Command:
+    """A verb whose options are its goal's fields."""
+
+    @goal_options
+    def command(vehicles: tuple[str, ...], fly: Callable[[Make], None], **fields: Any) -> None:
+        if "alt" in fields:
+            fields["height"] = fields.pop("alt")
+        fly(lambda planner: kind(vehicles=planner.names(vehicles), **fields))
+
+    for option in reversed(options):
+        command = option(command)
+    return click.command(name, help=doc)(vehicles_argument(command))
+
+
+formation = goal_command(
+    "formation",
+    swarm.Formation,
+    "Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 6'.",
+    click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True),
+    click.option(
+        "--at",
+        type=places.place,
+        metavar=places.PLACE,
+        required=True,
+        help="The shape's centre, or its leader's place.",
+    ),
+    degrees("--heading", default=0.0, show_default=True, help="Degrees clockwise from north it looks to."),
+    click.option("--spacing", type=float, default=5.0, show_default=True, help="Metres between neighbours."),
+    several("--via", type=places.place, metavar=places.PLACE, help="A place the centre passes, in shape."),
+    several(
+        "--point",
+        "points",
+        type=places.offset,
+        metavar=places.OFFSET,
+        help="custom: forward, right and up of the centre.",
+    ),
+    click.option("--in-order", "labelled", is_flag=True, help="The first vehicle gets the first place."),
 )
-@click.option(
-    "--point",
-    type=places.offset,
-    metavar=places.OFFSET,
-    multiple=True,
-    help="custom: forward, right and up of the centre.",
+follow = goal_command(
+    "follow",
+    swarm.Follow,
+    "Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -5,0,10'.",
+    click.option("--leader", required=True, help="A vehicle, or an obstacle that moves."),
+    several(
+        "--offset",
+        "offsets",
+        type=places.offset,
+        metavar=places.OFFSET,
+        help="One a vehicle.  [default: staggered behind, at its height]",
+    ),
+    click.option(
+        "--frame",
+        type=click.Choice(["ned", "body"]),
+        default="ned",
+        show_default=True,
+        help="body: the offsets turn with the leader's course.",
+    ),
+    click.option("--chain", is_flag=True, help="Each follows the one before it."),
+    click.option(
+        "--on-lost", type=click.Choice(["hold", "continue", "return", "land"]), default="hold", show_default=True
+    ),
+    click.option(
+        "--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader."
+    ),
 )
-@click.option("--in-order", is_flag=True, help="The first vehicle gets the first place.")
-@goal_options
-def formation(
-    vehicles: tuple[str, ...],
-    shape: swarm.Shape,
-    at: Vector,
-    heading: float,
-    spacing: float,
-    via: tuple[Vector, ...],
-    point: tuple[Vector, ...],
-    in_order: bool,
-    fly: Callable[[Make], None],
-) -> None:
-    """Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 6'."""
-    fly(
-        lambda planner: swarm.Formation(
-            vehicles=planner.names(vehicles),
-            shape=shape,
-            at=at,
-            heading=math.radians(heading),
-            spacing=spacing,
-            via=list(via),
-            points=list(point),
-            labelled=in_order,
-        )
-    )
-
-
-@click.command("follow")
-@vehicles_argument
-@click.option("--leader", required=True, help="A vehicle, or an obstacle that moves.")
-@click.option(
-    "--offset",
-    type=places.offset,
-    metavar=places.OFFSET,
-    multiple=True,
-    help="One a vehicle.  [default: staggered behind, at its height]",
+search = goal_command(
+    "search",
+    swarm.Search,
+    "Sweep a polygon, split between the vehicles by what each can do.",
+    click.option(
+        "--polygon",
+        type=points.polygon,
+        metavar=points.POLYGON,
+        required=True,
+        help="What is to be seen: '0,0 100,0 100,80'.",
+    ),
+    click.option("--alt", type=float, required=True, help="Metres above the origin."),
+    renamed_option("--height", 1, UP),
+    degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
+    click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
+    click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before."),
 )
-@click.option(
-    "--frame",
-    type=click.Choice(["ned", "body"]),
-    default="ned",
-    show_default=True,
-    help="body: the offsets turn with the leader's course.",
+patrol = goal_command(
+    "patrol",
+    swarm.Patrol,
+    "Fly a closed route again and again, spread evenly along it.",
+    several(
+        "--to",
+        "route",
+        type=places.place,
+        metavar=places.PLACE,
+        required=True,
+        help="A corner of the route; three or more.",
+    ),
+    click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]"),
 )
-@click.option("--chain", is_flag=True, help="Each follows the one before it.")
-@click.option("--on-lost", type=click.Choice(["hold", "continue", "return", "land"]), default="hold", show_default=True)
-@click.option("--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader.")
-@goal_options
-def follow(
-    vehicles: tuple[str, ...],
-    leader: str,
-    offset: tuple[Vector, ...],
-    frame: Any,
-    chain: bool,
-    on_lost: Any,
-    lost_after: float,
-    fly: Callable[[Make], None],
-) -> None:
-    """Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -5,0,10'."""
-    fly(
-        lambda planner: swarm.Follow(
-            vehicles=planner.names(vehicles),
-            leader=leader,
-            offsets=list(offset),
-            frame=frame,
-            chain=chain,
-            on_lost=on_lost,
-            lost_after=lost_after,
-        )
-    )
-
-
-@click.command("search")
-@vehicles_argument
-@click.option(
-    "--polygon",
-    type=points.polygon,
-    metavar=points.POLYGON,
-    required=True,
-    help="What is to be seen: '0,0 100,0 100,80'.",
+takeoff = goal_command(
+    "takeoff",
+    swarm.TakeOff,
+    "Take off, in an order in which nobody meets: 'quad* --alt 12'.",
+    click.option("--alt", type=float, default=10.0, show_default=True, help="Metres above each one's home."),
+    renamed_option("--height", 1, UP),
 )
-@click.option("--alt", type=float, required=True, help="Metres above the origin.")
-@renamed_option("--height", 1, UP)
-@click.option("--angle", type=float, help="Degrees clockwise from north of the lanes.  [default: the fewest turns]")
-@click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True)
-@click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before.")
-@goal_options
-def search(
-    vehicles: tuple[str, ...],
-    polygon: list[swarm.Corner],
-    alt: float,
-    angle: float | None,
-    overlap: float,
-    layer: float,
-    fly: Callable[[Make], None],
-) -> None:
-    """Sweep a polygon, split between the vehicles by what each can do."""
-    fly(
-        lambda planner: swarm.Search(
-            vehicles=planner.names(vehicles),
-            polygon=polygon,
-            height=alt,
-            overlap=overlap,
-            layer=layer,
-            angle=None if angle is None else math.radians(angle),
-        )
-    )
-
-
-@click.command("patrol")
-@vehicles_argument
-@click.option(
-    "--to",
-    "route",
-    type=places.place,
-    metavar=places.PLACE,
-    multiple=True,
-    required=True,
-    help="A corner of the route; three or more.",
+land = goal_command(
+    "land",
+    swarm.Land,
+    "Land.",
+    several(
+        "--at",
+        type=points.ground,
+        metavar=points.GROUND,
+        help="One a vehicle.  [default: below each, or where there is room]",
+    ),
 )
-@click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]")
-@goal_options
-def patrol(vehicles: tuple[str, ...], route: tuple[Vector, ...], laps: int, fly: Callable[[Make], None]) -> None:
-    """Fly a closed route again and again, spread evenly along it."""
-    fly(lambda planner: swarm.Patrol(vehicles=planner.names(vehicles), route=list(route), laps=laps))
-
-
-@click.command("takeoff")
-@vehicles_argument
-@click.option("--alt", type=float, default=10.0, show_default=True, help="Metres above each one's home.")
-@renamed_option("--height", 1, UP)
-@goal_options
-def takeoff(vehicles: tuple[str, ...], alt: float, fly: Callable[[Make], None]) -> None:
-    """Take off, in an order in which nobody meets: 'quad* --alt 12'."""
-    fly(lambda planner: swarm.TakeOff(vehicles=planner.names(vehicles), height=alt))
-
-
-@click.command("land")
-@vehicles_argument
-@click.option(
-    "--at",
-    type=points.ground,
-    metavar=points.GROUND,
-    multiple=True,
-    help="One a vehicle.  [default: below each, or where there is room]",
-)
-@goal_options
-def land(vehicles: tuple[str, ...], at: tuple[swarm.Corner, ...], fly: Callable[[Make], None]) -> None:
-    """Land."""
-    fly(lambda planner: swarm.Land(vehicles=planner.names(vehicles), at=list(at)))
-
-
-@click.command("return")
-@vehicles_argument
-@goal_options
-def return_(vehicles: tuple[str, ...], fly: Callable[[Make], None]) -> None:
-    """Home, each to where it took off, and land there."""
-    fly(lambda planner: swarm.Return(vehicles=planner.names(vehicles)))
-
-
-@click.command("hold")
-@vehicles_argument
-@goal_options
-def hold(vehicles: tuple[str, ...], fly: Callable[[Make], None]) -> None:
-    """Stop along what is being flown, and stay."""
-    fly(lambda planner: swarm.Hold(vehicles=planner.names(vehicles)))
-
+return_ = goal_command("return", swarm.Return, "Home, each to where it took off, and land there.")
+hold = goal_command("hold", swarm.Hold, "Stop along what is being flown, and stay.")
 
 COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, patrol, takeoff, land, return_, hold)
