@@ -36,13 +36,13 @@ from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
 from zmav.services.files.store import Store, default_directory
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.port import FrameRefused, on_loop
 from zmav.services.link.quality import Quality
 from zmav.services.link.timesync import AutopilotRestarted, TimeSync
 from zmav.services.missions.flight import MissionFlight
 from zmav.services.missions.missions import Missions
+from zmav.services.orders.command import Commander
 from zmav.services.orders.flight import Flight
 from zmav.services.orders.orders import Guarded, Handler, Orders, Report
 from zmav.services.orders.payload import Payload

@@ -27,7 +27,6 @@ TELLS = (
 
 NEEDS_NONE = {
     "Adapter": "the link itself: what its services send, they are permitted to",
-    "Commander": "says what the orders' handlers were permitted to",
     "EventTexts": "asks for the report of the checks",
     "Flight": "handlers: reached by Orders alone, behind its Permit",
     "IntervalAsker": "asks for rates",

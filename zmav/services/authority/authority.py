@@ -26,9 +26,9 @@ from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
 from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
+from zmav.services.orders.command import Commander
 from zmav.services.status.events import Events
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin

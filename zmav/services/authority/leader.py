@@ -106,7 +106,7 @@ class PositionLeader:
 
     @property
     def leading(self) -> bool:
-        return self._task is not None and not self._task.done()
+        return self._control.claimed(Mover.TARGET)
 
     def stop(self) -> None:
         """Something else moves the vehicle now."""

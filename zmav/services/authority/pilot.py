@@ -17,9 +17,9 @@ from zmav.config import PilotSwitch
 from zmav.errors import Unsupported
 from zmav.mavlink import Frame, decode
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
+from zmav.services.orders.command import Commander
 
 GRACE = 3.0
 """s after an order in which its command may still change the mode or disarm"""

@@ -16,11 +16,11 @@ from zmav import wire
 from zmav.autopilots import Command, Message
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
 from zmav.services.missions.items import Raw, ends_at
 from zmav.services.missions.missions import Missions
+from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 
 SET_TIMEOUT = 4.0

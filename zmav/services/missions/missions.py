@@ -22,12 +22,12 @@ from zmav.autopilots import Target
 from zmav.errors import BadInput, Stale, ZmavError
 from zmav.mavlink import Frame, decode
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.missions.replace import Failed, Phase, Replacer
 from zmav.services.missions.transfer import Download, Pace, Step, Transfer, opaque_ids
+from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 from zmav.services.queries.questions import Questions, Reply
 from zmav.services.status.events import Events

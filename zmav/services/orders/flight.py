@@ -17,9 +17,9 @@ from zmav.errors import BadInput, Refused, TimedOut, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.targets import resolve
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Inbox, Port
+from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 from zmav.services.status.px4_events import with_reasons
 from zmav.services.status.state import StateService

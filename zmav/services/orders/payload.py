@@ -11,8 +11,8 @@ from zmav.autopilots.base import HERE
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.mavlink import command_type
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.command import Commander
 from zmav.services.link.port import Port
+from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 
 NAN = math.nan

@@ -17,8 +17,8 @@ from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
 from zmav.mavlink.event import Event
 from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
 from zmav.services.files.files import Files
-from zmav.services.link.command import Commander
 from zmav.services.link.identity import Identity
+from zmav.services.orders.command import Commander
 from zmav.services.status.events import Events, EventText
 
 EVERY = 1.0

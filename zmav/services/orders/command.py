@@ -45,8 +45,7 @@ class Commander:
     def __init__(self, port: Port, identity: Identity, events: Events, control: Control) -> None:
         self._port, self._identity, self._events, self._control = port, identity, events, control
         self._locks: dict[str, asyncio.Lock] = {}
-        self._mover: asyncio.Task[Any] | None = None
-        self._beside: set[asyncio.Task[Any] | None] = set()
+        self._tasks: set[asyncio.Task[Any] | None] = set()
         self.follows: frozenset[str] = frozenset()
         """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
         self.ordered: str | None = None
@@ -57,15 +56,15 @@ class Commander:
     @property
     def under_way(self) -> bool:
         """An order moves the vehicle, or one beside it may."""
-        return self._mover is not None or bool(self._beside)
+        return bool(self._tasks)
 
     def supersede(self) -> None:
         """End the order that moves the vehicle, if one is under way, and those beside it."""
-        for task in (self._mover, *self._beside):
+        for task in self._tasks:
+            self._control.leave(task)
             if task is not None and task is not asyncio.current_task():
                 task.cancel()
-        self._mover = None
-        self._control.leave(self)
+        self._tasks.clear()
 
     @contextlib.contextmanager
     def beside(self) -> Iterator[None]:
@@ -73,25 +72,23 @@ class Commander:
         next one, which it must not undo by being repeated, nor keep waiting for its acknowledgement.
         """
         me = asyncio.current_task()
-        self._beside.add(me)
+        self._tasks.add(me)
         try:
             yield
         finally:
-            self._beside.discard(me)
+            self._tasks.discard(me)
 
     @contextlib.asynccontextmanager
     async def move(self) -> AsyncIterator[None]:
         """One order at a time moves the vehicle: a later one ends an earlier one."""
         self.supersede()
-        self.follows = frozenset()
-        self._mover = me = asyncio.current_task()
-        self._control.take(self, Mover.ORDER)
+        self.follows, me = frozenset(), asyncio.current_task()
+        self._control.take(me, Mover.ORDER)
         try:
-            yield
+            with self.beside():
+                yield
         finally:
-            if self._mover is me:
-                self._mover = None
-                self._control.leave(self)
+            self._control.leave(me)
 
     # Who is commanded.
 

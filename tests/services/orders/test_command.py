@@ -9,7 +9,7 @@ import pytest
 
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.mavlink import encode
-from zmav.services.link import command
+from zmav.services.orders import command
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench, Told
