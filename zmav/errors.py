@@ -26,7 +26,9 @@ the wire in an error reply, so that a refusal on a vehicle becomes the same exce
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
+
+B = TypeVar("B", bound="BadInput")
 
 
 class ZmavError(Exception):
@@ -44,6 +46,11 @@ class BadInput(ZmavError):
     """Something given to zmav is wrong; ``detail`` names ``field``, ``value`` and ``expected`` where they are known."""
 
     code = "bad_input"
+
+    @classmethod
+    def wrong(cls: type[B], field: str, value: object, expected: str) -> B:
+        """The error for a field that has a value which it cannot have; ``expected`` says which it can."""
+        return cls(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
 
 
 class BadUrl(BadInput):

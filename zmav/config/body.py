@@ -45,8 +45,7 @@ def check_body(body: BodyConfig, field: str) -> None:
     for name in body.__struct_fields__:
         value = getattr(body, name)
         if value is not None and not (math.isfinite(value) and value >= 0.0):
-            text = f"{field}.{name} is {value}; expected a number, zero or more"
-            raise BadConfig(text, field=f"{field}.{name}", value=value, expected="0 or more")
+            raise BadConfig.wrong(f"{field}.{name}", value, "a number, zero or more")
     if body.speed is not None and body.min_speed is not None and body.min_speed > body.speed:
         text = f"{field}.min_speed is {body.min_speed}, more than its speed of {body.speed}"
         raise BadConfig(text, field=f"{field}.min_speed", value=body.min_speed, expected=f"{body.speed} at most")

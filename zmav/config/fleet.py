@@ -263,7 +263,7 @@ def load_fleet(path: str | Path) -> FleetConfig:
             keys.check_name(name)
         for name in fleet.stations:
             if name in fleet.vehicles:
-                raise _wrong(f"stations.{name}", name, "a name that no vehicle has")
+                raise BadConfig.wrong(f"stations.{name}", name, "a name that no vehicle has")
         if fleet.origin:
             _check_origin(fleet.origin)
         _check_tables("", fleet)
@@ -273,9 +273,9 @@ def load_fleet(path: str | Path) -> FleetConfig:
         check_hosts(fleet.mesh, fleet.hosts())
         for (one, a), (other, b) in itertools.combinations(fleet.vehicles.items(), 2):
             if a.sysid is not None and a.sysid == b.sysid:
-                raise _wrong(f"vehicles.{other}.sysid", b.sysid, f"a system id of its own: {one} has this one")
+                raise BadConfig.wrong(f"vehicles.{other}.sysid", b.sysid, f"a system id of its own: {one} has this one")
             if a.link == b.link and not _links_apart(a, b):
-                raise _wrong(f"vehicles.{other}.link", b.link, f"a link of its own: {one} has this one")
+                raise BadConfig.wrong(f"vehicles.{other}.link", b.link, f"a link of its own: {one} has this one")
     return fleet
 
 
@@ -301,13 +301,17 @@ def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
     if isinstance(tables, FleetConfig):
         check_fence(tables.geofence, tables.origin, "geofence")
     elif tables.pilot_switch and tables.pilot_switch.low >= tables.pilot_switch.high:
-        raise _wrong(f"{place}pilot_switch.low", tables.pilot_switch.low, f"less than {tables.pilot_switch.high}")
+        raise BadConfig.wrong(
+            f"{place}pilot_switch.low", tables.pilot_switch.low, f"less than {tables.pilot_switch.high}"
+        )
 
 
 def check_failsafe(failsafe: Failsafe, field: str = "failsafe") -> Failsafe:
     """``failsafe`` itself; raises :class:`BadConfig` where its steps are not in order."""
     if failsafe.land_after != "never" and failsafe.land_after <= failsafe.hold_after:
-        raise _wrong(f"{field}.land_after", failsafe.land_after, f"more than hold_after ({failsafe.hold_after} s)")
+        raise BadConfig.wrong(
+            f"{field}.land_after", failsafe.land_after, f"more than hold_after ({failsafe.hold_after} s)"
+        )
     return failsafe
 
 
@@ -316,23 +320,19 @@ def check_fence(fence: Geofence | None, origin: wire.Origin | None, field: str) 
     if fence is None:
         return
     if fence.polygon and len(fence.polygon) < 3:
-        raise _wrong(f"{field}.polygon", fence.polygon, "three corners or more")
+        raise BadConfig.wrong(f"{field}.polygon", fence.polygon, "three corners or more")
     for lat, lon in fence.polygon:
         if not (abs(lat) <= 89.0 and abs(lon) <= 180.0):
-            raise _wrong(f"{field}.polygon", [lat, lon], "latitude and longitude in degrees")
+            raise BadConfig.wrong(f"{field}.polygon", [lat, lon], "latitude and longitude in degrees")
     for name in _BOUNDLESS:
         value = getattr(fence, name)
         if value is not None and not (abs(value) <= 100_000.0 or value == _BOUNDLESS[name]):
-            raise _wrong(f"{field}.{name}", value, "a number of metres")
+            raise BadConfig.wrong(f"{field}.{name}", value, "a number of metres")
     if fence.floor is not None and fence.ceiling is not None and fence.floor >= fence.ceiling:
-        raise _wrong(f"{field}.floor", fence.floor, f"less than the ceiling ({fence.ceiling} m)")
+        raise BadConfig.wrong(f"{field}.floor", fence.floor, f"less than the ceiling ({fence.ceiling} m)")
     if fence.radius not in (None, math.inf) and origin is None:
         text = f"{field}.radius is about the fleet's origin, and none is declared"
         raise BadConfig(text, field=f"{field}.radius", value=fence.radius, expected="an origin")
-
-
-def _wrong(field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
 
 
 def origin_of(lat_deg: float, lon_deg: float, alt_amsl: float) -> wire.Origin:

@@ -129,7 +129,7 @@ def check_hosts(mesh: Mesh, hosts: Mapping[str, Member]) -> None:
             _check_neighbour(f"{place}.mesh.neighbours", neighbour, place.partition(".")[2], names)
     for endpoint in mesh.rendezvous:
         if "/" not in endpoint:
-            raise _wrong("mesh.rendezvous", endpoint, "a Zenoh endpoint like quic/rendezvous.example.org:7447")
+            raise BadConfig.wrong("mesh.rendezvous", endpoint, "a Zenoh endpoint like quic/rendezvous.example.org:7447")
     for name in mesh.thin:
         keys.check_message(name)
 
@@ -138,7 +138,7 @@ def _check_radio(place: str, radio: Radio, port: int, taken: dict[tuple[str, int
     for name in radio.thin:
         keys.check_message(name)
     if radio.interface is None and radio.address is None:
-        raise _wrong(place, "without interface and address", "one of the two at least")
+        raise BadConfig.wrong(place, "without interface and address", "one of the two at least")
     try:
         address = radio.ip()
     except BadConfig as e:
@@ -146,22 +146,20 @@ def _check_radio(place: str, radio: Radio, port: int, taken: dict[tuple[str, int
     if address is None:
         return
     if address.ip.is_unspecified or address.ip.is_multicast:
-        raise _wrong(f"{place}.address", radio.address, "one host's own address")
+        raise BadConfig.wrong(f"{place}.address", radio.address, "one host's own address")
     network = address.network
     if network.prefixlen < network.max_prefixlen - 1 and address.ip == network.network_address:
-        raise _wrong(f"{place}.address", radio.address, f"an address in {network}, not the network's own")
+        raise BadConfig.wrong(f"{place}.address", radio.address, f"an address in {network}, not the network's own")
     here = (str(address.ip), radio.port or port)
     if here in taken:
-        raise _wrong(f"{place}.address", radio.address, f"another one than {taken[here]}.address")
+        raise BadConfig.wrong(f"{place}.address", radio.address, f"another one than {taken[here]}.address")
     taken[here] = place
 
 
 def _check_neighbour(place: str, neighbour: str, own: str, names: set[str]) -> None:
     if neighbour == own:
-        raise _wrong(place, neighbour, "another host's name")
+        raise BadConfig.wrong(place, neighbour, "another host's name")
     if "/" not in neighbour and neighbour not in names:
-        raise _wrong(place, neighbour, f"a Zenoh endpoint or one of {', '.join(sorted(names - {own})) or 'none'}")
-
-
-def _wrong(field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadConfig.wrong(
+            place, neighbour, f"a Zenoh endpoint or one of {', '.join(sorted(names - {own})) or 'none'}"
+        )
