@@ -117,8 +117,9 @@ class Silent(Children):
         module: str = "zmav",
         may_end: bool = False,
         environment: Mapping[str, str] | None = None,
+        pipes: bool = False,
     ) -> subprocess.Popen[bytes]:
-        return super().start(name, module="keyword", may_end=may_end)
+        return super().start(name, module="keyword", may_end=may_end, pipes=pipes)
 
 
 async def test_a_doctor_that_says_nothing_lets_nothing_fly() -> None:
