@@ -72,8 +72,8 @@ def _pick(module: ModuleType, what: str, cls: str) -> type[Controller]:
     if len(wanted) != 1:
         names = ", ".join(here) or "none"
         called = f" called {cls}" if cls else ""
-        text = f"{what}: expected one Controller class{called}, with a level and an update; there are: {names}"
-        raise BadConfig(text, field="class", value=cls, expected=names)
+        one = f"one class derived from Controller{called}, with a level and an update"
+        raise BadConfig(f"{what}: expected {one}; there are: {names}", field="class", value=cls, expected=names)
     return wanted[0]
 
 

@@ -234,7 +234,7 @@ async def test_a_tune_of_its_own_that_fails_is_told_and_nothing_ends(bench: Benc
         (GOOD.replace("parameter(6.0", "parameter('six'"), "mine.py:8: ValueError"),
         ("import sys; sys.exit()", "SystemExit"),
         ("import os; os._exit(5)", "exit status 5"),
-        ("", "expected one Controller class"),
+        ("", "expected one class derived from Controller"),
         (GOOD + GOOD.replace("Mine", "Other"), "Mine, Other"),
         (GOOD.replace('level = "attitude"', "pass"), "with a level and an update; there are: Mine"),
         (GOOD.replace("def update", "def updates"), "with a level and an update; there are: Mine"),
