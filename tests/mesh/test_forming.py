@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import os
 import subprocess
 import sys
@@ -183,19 +182,20 @@ async def test_a_vehicle_that_was_away_is_a_vehicle_again(labs: Labs) -> None:
             await quad.wait_until(lambda state: state.mode == "HOLD" and state.lease is None, PATIENCE_S)
             async with quad.lease("far-again"):
                 await quad.set_mode("MANUAL")
-            said = [await events_until(events, "MANUAL", 2) for events in (here, there)]
-    # How much of the past each was told depends on when it subscribed; from the lease on both had all.
-    said = [list(itertools.dropwhile(lambda text: "far commands" not in text, texts)) for texts in said]
+            # How much of the past each was told depends on when it subscribed; from the lease on both had all.
+            said = [await events_between(events, "far commands", "MANUAL", 2) for events in (here, there)]
     assert said[0] == said[1]
     assert len(said[0]) >= 6
 
 
-async def events_until(events: zmav.Subscription[zenoh.Sample], mode: str, times: int) -> list[str]:
-    """The events' texts up to the one that says that mode for the last time."""
+async def events_between(events: zmav.Subscription[zenoh.Sample], first: str, mode: str, times: int) -> list[str]:
+    """The events' texts from the one that says ``first`` up to the one that says that mode so many times after it."""
     texts: list[str] = []
     while sum(mode in text for text in texts) < times:
         sample = await asyncio.wait_for(events.get(), PATIENCE_S)
-        texts.append(wire.decode(sample.payload.to_bytes(), wire.Event, "event").text)
+        text = wire.decode(sample.payload.to_bytes(), wire.Event, "event").text
+        if texts or first in text:
+            texts.append(text)
     return texts
 
 
