@@ -45,7 +45,8 @@ async def test_each_end_knows_loss_round_trip_and_speed_of_both_directions(route
     relay = routers.relay(await routers.open("quad1"))
     await routers.open("quad2", relay.endpoint)
     relay.drop[0] = every(4, source(routers.sessions["quad2"]))  # quad2 -> quad1
-    relay.delay, relay.rate = [0.02, 0.03], 100_000.0
+    rate = 100_000.0
+    relay.delay, relay.rate = [0.02, 0.03], rate
     one, two = await routers.measure("quad1"), await routers.measure("quad2")
 
     def told() -> bool:
@@ -61,12 +62,18 @@ async def test_each_end_knows_loss_round_trip_and_speed_of_both_directions(route
         return all(losses) and seen.loss_out == seen_back.loss_in == 0.0
 
     await until(a_quarter_one_way, "a loss of a quarter one way, and none the other")
+
+    def slow() -> bool:
+        """A train that came while this process stood still looks faster than it was, until the next ones came."""
+        speeds = [known(*each).throughput_in or 0.0 for each in ((one, "quad2"), (two, "quad1"))]
+        return all(0.0 < speed <= 10 * rate for speed in speeds)  # an open one: 70 times
+
+    await until(slow, "a speed like the relay's each way")
     seen, seen_back = known(one, "quad2"), known(two, "quad1")
     for quality in (seen, seen_back):
         assert quality.state == "up"
         assert quality.rtt_min is not None and quality.rtt is not None
         assert 0.05 <= quality.rtt_min <= quality.rtt  # no shorter than the way is
-        assert quality.throughput_in is not None and quality.throughput_in <= 10 * relay.rate  # an open one: 70 times
         assert quality.interface == "lo"
         assert quality.cost is not None and quality.cost > 2_500  # half the round trip alone
 
