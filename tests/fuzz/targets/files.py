@@ -213,7 +213,6 @@ URLS = (
     b"udpin:0.0.0.0:14550",
     b"tcp:[::1]:5760",
     b"udpout:10.0.0.2:14550?local=14551",
-    b"lossy:udpin:127.0.0.1:14550?loss=0.2&delay=0.2",
     b"serial:/dev/ttyUSB0:auto?rtscts",
 )
 
