@@ -21,6 +21,7 @@ from hypothesis import HealthCheck, settings
 from mesh.lab.network import LabError, Network, check_able
 from mesh.lab.scenario import Scenario
 from tests.imports import Sources
+from tests.lossy import open_lossy
 from zmav import keys, rundir, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
@@ -205,7 +206,7 @@ class StartOnboard:
         self.running: list[Onboard] = []
 
     async def __call__(self, session: zenoh.Session, link: str, name: str = "quad1", **more: Any) -> Onboard:
-        vehicle = Onboard(session, OnboardSettings(link=link, name=name, **more))
+        vehicle = Onboard(session, OnboardSettings(link=link, name=name, **more), open_lossy(link))
         self.running.append(await vehicle.__aenter__())
         return vehicle
 

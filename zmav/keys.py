@@ -279,11 +279,6 @@ CHANNELS: dict[str, Channel] = {
             (OPERATOR, PLANNER), recorded=True,
         ),
         Channel(
-            "group", "{fleet}/@group/{group}/states", "pub", wire.GroupStates, Qos.LATEST_WINS,
-            "a group's vehicles in short, by its gateway: what crosses between groups instead of every state",
-            (OPERATOR,), rate_hz=1.0, stale_after=5.0, recorded=True,
-        ),
-        Channel(
             "history", "{fleet}/{vehicle}/history/{of}/{what}", "query", wire.History, Qos.MUST_ARRIVE,
             "what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then",
             (ANYONE,),
@@ -304,7 +299,6 @@ FRAME, CAMERA, FRAME_REPORT = CHANNELS["camera_frame"], CHANNELS["camera"], CHAN
 DETECTION = CHANNELS["camera_detection"]
 BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
 BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
-GROUP = CHANNELS["group"]
 HISTORY = CHANNELS["history"]
 VEHICLES_OWN = tuple(c for c in CHANNELS.values() if c.kind == "pub" and c.writers == (VEHICLE,))
 """what vehicles alone publish: under any other name it is believed of nobody"""

@@ -34,7 +34,7 @@ from zmav.session import SessionSettings
 @click.option(
     "--sysid", type=click.IntRange(1, 255), help="Which MAVLink system is the vehicle.  [default: the first autopilot]"
 )
-@click.option("--dialect", help="common, development, or an XML file.  [default: ardupilotmega]")
+@click.option("--dialect", help="common, development, or a module of mavgen.  [default: ardupilotmega]")
 @click.option("--origin", type=float, nargs=3, metavar="LAT LON AMSL", help="The fleet's origin, for local frames.")
 @click.option("--signing-key", metavar="FILE", help="Sign, and take only what is signed, with the key in this file.")
 @click.option("--cache", metavar="DIR", help="Where fetched files and logs are kept.  [default: the user's cache]")

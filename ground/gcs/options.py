@@ -18,7 +18,7 @@ from typing import Literal
 
 import msgspec
 
-from mesh.bench.units import bits_per_second
+from mesh.units import bits_per_second
 from zmav import keys
 from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK

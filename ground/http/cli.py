@@ -41,7 +41,7 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
     show_default=True,
     help="Seconds after which a UDP stream ends that nobody receives.",
 )
-@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file.")
+@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
 @fleet_option
 @zenoh_options
 def command(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from ground.record.sources import END, Record, Source
-from zmav.links.base import LinkFinished, Transport
+from zmav.links.base import Link, LinkFinished
 
 LONGEST_STEP_S = 60.0
 """a longer step between two records, or one backwards, is a clock that was set, or a pause: it is played as no time"""
@@ -18,7 +18,7 @@ WAITING = 1000
 """frames that wait for a vehicle's agent, before all wait for it"""
 
 
-class FedLink(Transport):
+class FedLink(Link):
     """A link whose frames are given to it; it is down for good at the end. Nothing can be sent: nobody listens."""
 
     recorded = True

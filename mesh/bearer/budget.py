@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mesh.bench.units import bits_per_second
+from mesh.units import bits_per_second
 from zmav.errors import BadConfig, BadInput
 
 LEAST = 5000.0

@@ -1,8 +1,8 @@
 """Who asks: finds the two hosts, tells each its part, follows both, and puts together what they saw.
 
 async with zmav.open() as z:
-    result = await Bench(z).stream("quad1", "quad2", Stream(seconds=20.0, hz=125.0, size=1000))
-    print(result.flows[0].total.jitter)
+    flow = await Bench(z).stream("quad1", "quad2", Stream(seconds=20.0, hz=125.0, size=1000))
+    print(flow.total.jitter)
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from typing import NamedTuple
 import msgspec
 import zenoh
 
-from mesh.bench.flow import Flow, Stream, StreamResult
+from mesh.bench.flow import Flow, Stream
 from mesh.bench.follow import GIVE_UP, POLL, TRIES, Follow, OnInterval, OnOutage, pause
+from mesh.linkstate import trace
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused, SessionError, TimedOut, ZmavError
@@ -87,6 +88,16 @@ class Bench:
             raise BadInput(f"{a} and {b} are one host ({first.host})", field="host", value=b, expected="another host")
         return first, second
 
+    async def route(self, a: Pong, b: Pong) -> list[str]:
+        """The hosts on the way from ``a`` to ``b``, both included, as Zenoh's routers go; the id of one that takes no
+        part. Raises :class:`TimedOut` where ``a`` does not say how to go.
+        """
+        ways = await trace(self.client, a.zid)
+        if b.zid not in ways:
+            raise TimedOut(f"the router of {a.host} does not say how it reaches {b.host}", router=a.zid)
+        names = {pong.zid: pong.host for pong in await self.everyone()}
+        return [names.get(zid, zid) for zid in ways[b.zid]]
+
     # Measurements.
 
     async def stream(
@@ -95,38 +106,20 @@ class Bench:
         b: str,
         stream: Stream,
         *,
-        both: bool = False,
         until: asyncio.Event | None = None,
         on_interval: OnInterval | None = None,
         on_outage: OnOutage | None = None,
-    ) -> StreamResult:
-        """Have ``a`` send to ``b`` (and back). Ends early when ``until`` is set. Raises what a host refuses."""
+    ) -> Flow:
+        """Have ``a`` send to ``b``. Ends early when ``until`` is set. Raises what a host refuses."""
         first, second = (pong.host for pong in await self.pair(a, b))
         order = msgspec.structs.replace(self._order("receive", [first], stream), gap=stream.silence)
         send = msgspec.structs.replace(order, role="send", peers=[second], guard=stream.guard)
-        if both:
-            order.role = send.role = "both"
-        parts = [_Part(second, order), _Part(first, send)]
-        async with self._running(parts) as reports:
-            back, there = reports
-            flows = [Flow(source=first, target=second, sender=there, receiver=back)]
-            if both:
-                flows.append(Flow(source=second, target=first, sender=back, receiver=there))
-            follow = Follow(self.report, self._stop, stream, flows, on_interval, on_outage)
-            faults = await follow.to_the_end(until)
-        return StreamResult(stream=stream, flows=flows, faults=faults)
+        async with self._running([_Part(second, order), _Part(first, send)]) as (receiver, sender):
+            flow = Flow(stream=stream, source=first, target=second, sender=sender, receiver=receiver)
+            await Follow(self.report, self._stop, flow, on_interval, on_outage).to_the_end(until)
+        return flow
 
-    async def round_trips(self, a: str, b: str, stream: Stream, *, until: asyncio.Event | None = None) -> BenchReport:
-        """Round trips from ``a`` to ``b`` and back in a class: datagrams, or queries in the must-arrive class."""
-        first, second = (pong.host for pong in await self.pair(a, b))
-        if stream.qos == keys.Qos.MUST_ARRIVE.value:
-            return await self.queries(first, [second], stream, until=until)
-        order = self._order("echo", [first], stream)
-        parts = [_Part(second, order), _Part(first, msgspec.structs.replace(order, role="ping", peers=[second]))]
-        async with self._running(parts):
-            return await self._until_over(first, order.run, stream.seconds, until)
-
-    async def queries(
+    async def round_trips(
         self, a: str, peers: list[str], stream: Stream, *, until: asyncio.Event | None = None
     ) -> BenchReport:
         """Round trips by query from ``a`` to each of ``peers``, side by side."""
@@ -135,7 +128,6 @@ class Bench:
             return await self._until_over(a, order.run, stream.seconds, until)
 
     def _order(self, role: BenchRole, peers: list[str], stream: Stream) -> BenchOrder:
-        reliable = stream.reliable if stream.reliable is not None else stream.qos != keys.Qos.BULK.value
         return BenchOrder(
             run=secrets.token_hex(4),
             role=role,
@@ -144,7 +136,6 @@ class Bench:
             hz=stream.hz,
             size=stream.size,
             qos=stream.qos,
-            reliable=reliable,
             patience=stream.patience,
             asker=self._asker,
         )

@@ -14,17 +14,14 @@ class Stream(msgspec.Struct, kw_only=True, frozen=True):
     hz: float = 125.0
     size: int = 1000
     qos: BenchQos = "latest-wins"
-    reliable: bool | None = None
-    """None: as the class is: bulk is sent once and everything else is repeated by the link where it is lost"""
-    gap: float | None = None
-    """s of silence that are an outage; None: five datagrams' time, and 0.2 s at least"""
     guard: float = 2.0
     """Hz of realtime queries beside it, which also compare the clocks"""
     patience: float = 8.0
 
     @property
     def silence(self) -> float:
-        return self.gap if self.gap is not None else min(max(5.0 / self.hz, 0.2), 60.0)
+        """s without a datagram that are an outage: five datagrams' time, and 0.2 s at least."""
+        return min(max(5.0 / self.hz, 0.2), 60.0)
 
     @property
     def bits(self) -> float:
@@ -33,29 +30,28 @@ class Stream(msgspec.Struct, kw_only=True, frozen=True):
 
 
 class Flow(msgspec.Struct, kw_only=True):
-    """One direction of a stream, as far as it is known."""
+    """A stream as far as it is known."""
 
+    stream: Stream
     source: str
     target: str
     sender: BenchReport
     receiver: BenchReport
-    clock: BenchClock | None = None
-    """the target's clock less the source's"""
     intervals: list[BenchInterval] = []
     outages: list[BenchOutage] = []
+    faults: list[str] = []
+    """what went wrong, in words"""
+
+    @property
+    def clock(self) -> BenchClock | None:
+        """The target's clock less the source's."""
+        return self.sender.clock
 
     @property
     def total(self) -> BenchInterval:
         """The whole run; what was sent and never came is lost, the last datagrams too."""
         found = self.receiver.total or BenchInterval(
-            start=0.0,
-            end=self.sender.send_seconds,
-            bytes=0,
-            received=0,
-            expected=0,
-            jitter=0.0,
-            out_of_order=0,
-            duplicates=0,
+            start=0.0, end=self.sender.send_seconds, bytes=0, received=0, expected=0, jitter=0.0, out_of_order=0
         )
         return msgspec.structs.replace(found, expected=max(self.sender.sent, found.received))
 
@@ -77,16 +73,6 @@ class Flow(msgspec.Struct, kw_only=True):
             return None
         return transit.median - self.clock.offset, transit.p99 - self.clock.offset
 
-
-class StreamResult(msgspec.Struct, kw_only=True):
-    """What a stream came to."""
-
-    stream: Stream
-    flows: list[Flow]
-    """there, and back where both ways were asked for"""
-    faults: list[str] = []
-    """what went wrong, in words"""
-
     @property
     def idle(self) -> BenchTrip | None:
         """Round trips of the realtime class just before."""
@@ -98,5 +84,5 @@ class StreamResult(msgspec.Struct, kw_only=True):
         return self._trip(1)
 
     def _trip(self, place: int) -> BenchTrip | None:
-        trips = self.flows[0].sender.trips
+        trips = self.sender.trips
         return trips[place] if place < len(trips) else None

@@ -6,9 +6,9 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Protocol
 
-from mesh.bench.flow import Flow, Stream
+from mesh.bench.flow import Flow
 from zmav.errors import Refused, TimedOut
-from zmav.wire.bench import BenchClock, BenchInterval, BenchOutage, BenchReport
+from zmav.wire.bench import BenchInterval, BenchOutage, BenchReport
 
 POLL = 0.5
 """s between questions to a host that measures"""
@@ -32,95 +32,69 @@ class Ask(Protocol):
 
 
 class Follow:
-    """Keeps up with the hosts of a stream until it is over."""
+    """Keeps up with the hosts of a stream until it is over; what goes wrong is in the flow's ``faults``."""
 
     def __init__(
-        self,
-        ask: Ask,
-        stop: Stop,
-        stream: Stream,
-        flows: list[Flow],
-        on_interval: OnInterval | None,
-        on_outage: OnOutage | None,
+        self, ask: Ask, stop: Stop, flow: Flow, on_interval: OnInterval | None, on_outage: OnOutage | None
     ) -> None:
-        self._report, self._stop, self._stream, self._flows = ask, stop, stream, flows
+        self._report, self._stop, self._flow = ask, stop, flow
         self._on_interval, self._on_outage = on_interval, on_outage
-        self._silent: dict[str, int] = {}
-        self._faults: list[str] = []
+        self._silent = dict.fromkeys((flow.source, flow.target), 0)
+        """questions in a row that a host has not answered"""
 
-    async def to_the_end(self, until: asyncio.Event | None) -> list[str]:
-        """What went wrong, in words."""
-        loop, stopped = asyncio.get_running_loop(), False
-        deadline = loop.time() + self._stream.seconds + 2.0 * GIVE_UP
-        run = self._flows[0].sender.run
+    async def to_the_end(self, until: asyncio.Event | None) -> None:
+        flow, loop, stopped = self._flow, asyncio.get_running_loop(), False
+        seconds = flow.stream.seconds
+        deadline = loop.time() + seconds + 2.0 * GIVE_UP
         while loop.time() < deadline:
             await self._look()
             if until is not None and until.is_set() and not stopped:
                 stopped = True
-                for host in sorted({flow.source for flow in self._flows}):
-                    await self._stop(host, run)  # what is on its way is still counted
+                await self._stop(flow.source, flow.sender.run)  # what is on its way is still counted
                 deadline = min(deadline, loop.time() + GRACE)
-            if self._failed():
+            if "failed" in (flow.sender.state, flow.receiver.state):
                 break
-            if all(flow.sender.state not in ("waiting", "running") or self._sent_all(flow) for flow in self._flows):
-                if all(self._whole(flow, stopped) for flow in self._flows):
+            if flow.sender.state not in ("waiting", "running") or flow.sender.send_seconds >= seconds:
+                if self._is_whole(stopped):
                     break
                 deadline = min(deadline, loop.time() + GRACE)
             await pause(POLL if not stopped else 0.1, None if stopped else until)
         await self._look(tries=TRIES)
-        for flow in self._flows:
-            self._judge(flow)
-        return self._faults
+        self._judge()
 
-    def _hosts(self) -> list[str]:
-        return sorted({name for flow in self._flows for name in (flow.source, flow.target)})
-
-    def _sent_all(self, flow: Flow) -> bool:
-        return flow.sender.send_seconds >= self._stream.seconds
-
-    def _whole(self, flow: Flow, stopped: bool) -> bool:
-        told = stopped or len(flow.intervals) >= int(self._stream.seconds)
+    def _is_whole(self, stopped: bool) -> bool:
+        flow = self._flow
+        told = stopped or len(flow.intervals) >= int(flow.stream.seconds)
         return told and flow.receiver.total is not None and flow.receiver.total.received >= flow.sender.sent
 
-    def _failed(self) -> bool:
-        return any(report.state == "failed" for flow in self._flows for report in (flow.sender, flow.receiver))
-
     async def _look(self, tries: int = 1) -> None:
-        """Ask every host, side by side; one that does not answer is asked again the next time."""
-        found = await asyncio.gather(
-            *(self._ask(host, 1 if self._silent.get(host, 0) > 1 else tries) for host in self._hosts())
-        )
-        reports = dict(zip(self._hosts(), found, strict=True))
-        for flow in self._flows:
-            flow.sender = reports[flow.source] or flow.sender
-            if (report := reports[flow.target]) is not None:
-                flow.receiver = report
-                self._take(flow, report)
-        clock = self._flows[0].sender.clock
-        for flow, sign in zip(self._flows, (1.0, -1.0), strict=False):
-            flow.clock = clock and BenchClock(
-                offset=sign * clock.offset, within=clock.within, utc_offset=sign * clock.utc_offset
-            )
+        """Ask both hosts, side by side; one that does not answer is asked again the next time."""
+        flow = self._flow
+        sender, receiver = await asyncio.gather(self._ask(flow.source, tries), self._ask(flow.target, tries))
+        flow.sender = sender or flow.sender
+        if receiver is not None:
+            flow.receiver = receiver
+            self._take(receiver)
 
     async def _ask(self, host: str, tries: int) -> BenchReport | None:
-        flow = next((flow for flow in self._flows if flow.target == host), None)
-        since, outages = (len(flow.intervals), len(flow.outages)) if flow else (0, 0)
+        flow = self._flow
+        since, outages = (len(flow.intervals), len(flow.outages)) if host == flow.target else (0, 0)
         try:
-            report = await self._report(host, self._flows[0].sender.run, since=since, outages=outages, tries=tries)
-        except TimedOut:
-            self._silent[host] = self._silent.get(host, 0) + 1
-            return None
-        except Refused as e:
-            if str(e) not in self._faults:
-                self._faults.append(str(e))
-            self._silent[host] = self._silent.get(host, 0) + 1
+            report = await self._report(
+                host, flow.sender.run, since=since, outages=outages, tries=1 if self._silent[host] > 1 else tries
+            )
+        except (TimedOut, Refused) as e:
+            if isinstance(e, Refused):
+                self._say(str(e))
+            self._silent[host] += 1
             return None
         self._silent[host] = 0
         return report
 
-    def _take(self, flow: Flow, report: BenchReport) -> None:
+    def _take(self, report: BenchReport) -> None:
+        flow = self._flow
         for interval in report.intervals:
-            if interval.start != len(flow.intervals) or interval.start >= self._stream.seconds:
+            if interval.start != len(flow.intervals) or interval.start >= flow.stream.seconds:
                 continue  # told twice, or what trickled in after the end
             flow.intervals.append(interval)
             if self._on_interval:
@@ -130,11 +104,12 @@ class Follow:
             if self._on_outage:
                 self._on_outage(flow, outage)
 
-    def _judge(self, flow: Flow) -> None:
+    def _judge(self) -> None:
+        flow = self._flow
         for host, report in ((flow.source, flow.sender), (flow.target, flow.receiver)):
             if report.state == "failed":
                 self._say(f"{host}: {report.why}")
-            elif self._silent.get(host):
+            elif self._silent[host]:
                 self._say(f"{host} does not answer any more: what it saw last is shown")
             elif report.state == "stopped" and report.why != "asked to":
                 self._say(f"{host} stopped: {report.why}")
@@ -142,8 +117,8 @@ class Follow:
             self._say(f"{flow.source} could not keep up: {flow.sender.skipped} datagrams were not sent")
 
     def _say(self, text: str) -> None:
-        if text not in self._faults:
-            self._faults.append(text)
+        if text not in self._flow.faults:
+            self._flow.faults.append(text)
 
 
 async def pause(seconds: float, until: asyncio.Event | None) -> None:

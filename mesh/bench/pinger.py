@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 from zenoh import handlers
 
-from mesh.bench.statistics import SECOND, RoundTrips
+from mesh.bench.statistics import SECOND, Samples
 from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.wire.bench import BenchClock, BenchTrip, Pong
@@ -52,19 +52,26 @@ class Pinger:
     """Asks one host over and over. On the event loop; the times are taken on Zenoh's threads."""
 
     def __init__(
-        self, session: zenoh.Session, fleet: str, peer: str, qos: keys.Qos, clock: Clock | None = None
+        self,
+        session: zenoh.Session,
+        fleet: str,
+        peer: str,
+        qos: keys.Qos,
+        *,
+        clock: Clock | None = None,
+        payload: bytes | None = None,
     ) -> None:
         self._session, self._key, self._options = session, keys.BENCH_PING.key(fleet, peer), qos.options()
+        self._payload = payload
         self.peer, self.clock = peer, clock or Clock()
-        self._trips = RoundTrips(int(TIMEOUT * SECOND))
-        self._sent = 0
-        self._settled = 0
+        self._trips = Samples()
+        self._sent = self._settled = self._answered = 0
         self._news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
 
     def ask(self) -> None:
         """Send one."""
-        number, left = self._sent, time.monotonic_ns()
+        left = time.monotonic_ns()
         self._sent += 1
 
         def on_reply(reply: zenoh.Reply) -> None:
@@ -75,12 +82,12 @@ class Pinger:
                 pong = wire.decode(reply.ok.payload.to_bytes(), Pong, "pong")
             except BadInput:
                 return
-            trip = self.clock.add(left, pong, back, utc)
-            self._trips.take(number, back - int(trip * SECOND), back)
+            self._trips.add(int(self.clock.add(left, pong, back, utc) * SECOND))
+            self._answered += 1
 
         # Straight on Zenoh's thread: handing over to another would be part of the time.
         handler: Any = handlers.Callback(on_reply, self._on_end, indirect=False)
-        self._session.get(self._key, handler, timeout=TIMEOUT, **self._options)
+        self._session.get(self._key, handler, payload=self._payload, timeout=TIMEOUT, **self._options)
 
     def _on_end(self) -> None:
         """The query is over, answered or not."""
@@ -108,6 +115,5 @@ class Pinger:
             await self._news.wait()
 
     def trip(self) -> BenchTrip:
-        outstanding = self._sent - self._settled
-        lost = max(self._sent - outstanding - self._trips.answered, 0)
-        return BenchTrip(peer=self.peer, sent=self._sent, lost=lost, late=self._trips.late, rtt=self._trips.spread())
+        lost = max(self._settled - self._answered, 0)
+        return BenchTrip(peer=self.peer, sent=self._sent, lost=lost, rtt=self._trips.spread())

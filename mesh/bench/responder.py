@@ -1,7 +1,7 @@
 """Beside every router: answers pings, and takes its part in a measurement where an operator asks for it.
 
 One at a time a host. A run ends after its time, when it is told to, and when who asked for it says no more; what it
-measured can be asked for two minutes longer.
+measured can be asked for until the next one begins.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from collections.abc import AsyncIterator, Callable
 
 import zenoh
 
+from mesh.bearer.budget import parse_budget
 from mesh.bench.run import Run, check
-from mesh.bench.units import bits_per_second
 from mesh.plan import RouterPlan
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
@@ -25,8 +25,6 @@ from zmav.trust.gate import Gate, Origin, Prove, anybody
 from zmav.trust.roster import Roster
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
 
-KEPT, KEPT_FOR = 4, 120.0
-"""runs that are over whose reports can be had, and s for which they can"""
 MOST_WAITING = 64
 """questions that are looked at in 5 ms, the newest"""
 Work = Callable[[str, bytes], BenchReport]
@@ -51,8 +49,8 @@ class Responder:
     def __init__(self, session: zenoh.Session, plan: RouterPlan) -> None:
         self._session, self._plan = session, plan
         self._fleet, self._host, self._zid = plan.fleet, plan.name, str(session.info.zid())
-        self._runs: dict[str, Run] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._run: Run | None = None
+        self._task: asyncio.Task[None] | None = None
         self._questions = Questions(session, Answers(None, None), anybody)
         self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
@@ -90,14 +88,15 @@ class Responder:
         self._questions.close()
         if self._intake is not None:
             self._intake.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
 
     @property
     def busy(self) -> Run | None:
         """The run under way."""
-        return next((run for run in tuple(self._runs.values()) if not run.over), None)
+        run = self._run
+        return None if run is None or run.over else run
 
     def _pong(self, query: zenoh.Query, came: int) -> None:
         busy = self.busy
@@ -128,20 +127,17 @@ class Responder:
 
     def _begin(self, order: BenchOrder) -> BenchReport:
         check(order, self._host)
-        self._forget()
-        known = self._runs.get(order.run)
-        if known is None:
-            if (busy := self.busy) is not None:
-                text = f"{self._host} measures already: {busy.describe()}"
-                raise Refused(text, host=self._host, busy=busy.describe())
-            known = self._runs[order.run] = Run(self._session, self._fleet, self._host, order)
-            task = asyncio.get_running_loop().create_task(known.go())
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
-        elif known.order != order:
+        run = self._run
+        if run is None or run.order.run != order.run:
+            if run is not None and not run.over:
+                text = f"{self._host} measures already: {run.describe()}"
+                raise Refused(text, host=self._host, busy=run.describe())
+            run = self._run = Run(self._session, self._fleet, self._host, order)
+            self._task = asyncio.get_running_loop().create_task(run.go())
+        elif run.order != order:
             raise BadInput(f"the run {order.run!r} is another one", field="run", value=order.run)
-        known.word()
-        return known.report(BenchQuery())
+        run.word()
+        return run.report(BenchQuery())
 
     def _reported(self, name: str, payload: bytes) -> BenchReport:
         run = self._known(name)
@@ -149,16 +145,9 @@ class Responder:
         return run.report(wire.decode(payload, BenchQuery, "bench/report"))
 
     def _known(self, name: str) -> Run:
-        run = self._runs.get(name)
-        if run is None:
+        if self._run is None or self._run.order.run != name:
             raise Refused(f"{self._host} knows of no run {name!r}: it may have restarted", host=self._host)
-        return run
-
-    def _forget(self) -> None:
-        over = [name for name, run in self._runs.items() if run.over]
-        for number, name in enumerate(over):
-            if number < len(over) - KEPT or self._runs[name].age > KEPT_FOR:
-                del self._runs[name]
+        return self._run
 
 
 def _answer(query: zenoh.Query, prove: Prove, work: Work, loop: asyncio.AbstractEventLoop) -> Steps:
@@ -175,5 +164,5 @@ def _answer(query: zenoh.Query, prove: Prove, work: Work, loop: asyncio.Abstract
 
 def budget_of(plan: RouterPlan) -> float | None:
     """Bytes a second: the smallest budget among the host's radios; None where none has one."""
-    found = [bits_per_second(radio.budget, "budget") / 8.0 for radio in plan.host.radios if radio.budget]
+    found = [parse_budget(radio.budget) for radio in plan.host.radios if radio.budget]
     return min(found, default=None)

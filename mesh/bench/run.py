@@ -1,26 +1,27 @@
-"""One host's part in one run: it sends, receives, echoes or asks, for a time that was limited when it began."""
+"""One host's part in one run: it sends, receives or asks, for a time that was limited when it began."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import math
+import os
 import time
 from collections.abc import Iterator
 from typing import Any
 
 import zenoh
 
-from mesh.bench import datagram
-from mesh.bench.pinger import TIMEOUT, Pinger
+from mesh.bench import sender
+from mesh.bench.pinger import Pinger
 from mesh.bench.sender import Sender
-from mesh.bench.statistics import SECOND, RoundTrips, Tally
-from mesh.bench.streams import heard, open_receiver, open_sender
+from mesh.bench.statistics import SECOND, Tally
 from zmav import keys
 from zmav.errors import BadInput
+from zmav.services.link.port import on_loop
 from zmav.session import reason
 from zmav.waiting import within
-from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState, BenchTrip
+from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState
 
 LONGEST = 3600.0
 """s of a run"""
@@ -40,12 +41,11 @@ BEAT = 0.1
 _LIMITS = {
     "seconds": (0.1, LONGEST),
     "hz": (0.01, MOST_HZ),
-    "size": (datagram.LEAST, datagram.MOST),
+    "size": (sender.LEAST, sender.MOST),
     "gap": (0.001, 60.0),
     "guard": (0.0, 50.0),
     "patience": (1.0, 300.0),
 }
-_SENDS, _RECEIVES = ("send", "both", "ping"), ("receive", "both", "ping", "echo")
 
 
 def check(order: BenchOrder, host: str) -> None:
@@ -60,6 +60,8 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
     if order.role == "query" and order.hz * len(order.peers) > MOST_QUERIES:
         raise _wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
+    if order.role != "query" and order.qos == keys.Qos.MUST_ARRIVE.value:
+        raise _wrong("qos", order.qos, "a class that datagrams have: must-arrive is for round trips")
     keys.check_name(order.run, "run")
     if len(order.run) > 40:
         raise _wrong("run", order.run, "40 characters at most")
@@ -82,50 +84,41 @@ class Run:
 
     def __init__(self, session: zenoh.Session, fleet: str, host: str, order: BenchOrder) -> None:
         self._session, self._fleet, self._host, self.order = session, fleet, host, order
-        self.began = time.monotonic()
-        self._heard_of = self.began
+        self._began = self._asked = time.monotonic()
         self._state: BenchState = "waiting"
         self._why = ""
         self._ended: float | None = None
         self._stop = asyncio.Event()
-        total, period = self._total, int(SECOND / order.hz)
-        self._tally = Tally(total, period, int(order.gap * SECOND)) if order.role in ("receive", "both") else None
-        self._trips = RoundTrips(int(TIMEOUT * SECOND))
+        self._total = max(1, math.ceil(order.hz * order.seconds - 1e-9))
+        self._tally = Tally(self._total, int(SECOND / order.hz), int(order.gap * SECOND))
         self._sender: Sender | None = None
         self._pingers: list[Pinger] = []
-        self._tag = datagram.tag_of(order.run)
+        self._tag = sender.tag_of(order.run)
         self._qos = keys.Qos(order.qos)
-
-    @property
-    def _total(self) -> int:
-        return max(1, math.ceil(self.order.hz * self.order.seconds - 1e-9))
 
     @property
     def over(self) -> bool:
         return self._ended is not None
 
-    @property
-    def age(self) -> float:
-        """s since its end; 0 before."""
-        return time.monotonic() - self._ended if self._ended is not None else 0.0
-
     def word(self) -> None:
         """The asker is still there."""
-        self._heard_of = time.monotonic()
+        self._asked = time.monotonic()
 
     def stop(self) -> None:
         self._stop.set()
 
     def describe(self) -> str:
         """What goes on here, for somebody who would like to measure, too."""
-        order, since = self.order, time.monotonic() - self.began
+        order, since = self.order, time.monotonic() - self._began
         who = f" for {order.asker}" if order.asker else ""
         return f"{order.role} with {', '.join(order.peers)}{who} since {since:.0f} s, for {order.seconds:.0f} s"
 
     async def go(self) -> None:
         """Until done, stopped, or forgotten by who asked for it."""
         watch = asyncio.ensure_future(self._watch())
-        work = asyncio.ensure_future(self._work())
+        work = asyncio.ensure_future(
+            {"send": self._send, "receive": self._receive, "query": self._query}[self.order.role]()
+        )
         try:
             await asyncio.wait({watch, work}, return_when=asyncio.FIRST_COMPLETED)
             if work.done() and (error := work.exception()) is not None:
@@ -151,24 +144,13 @@ class Run:
         while not self._stop.is_set():
             with contextlib.suppress(asyncio.TimeoutError):
                 await within(BEAT, self._stop.wait())
-            if time.monotonic() - self._heard_of > self.order.patience:
+            if time.monotonic() - self._asked > self.order.patience:
                 return f"no word from who asked for it for {self.order.patience:g} s"
         return "asked to"
 
-    async def _work(self) -> None:
-        role = self.order.role
-        if role == "query":
-            await self._query()
-        elif role == "echo":
-            await self._echo()
-        else:
-            await self._stream()
-
-    # Asking.
-
     async def _query(self) -> None:
-        order = self.order
-        self._pingers = [Pinger(self._session, self._fleet, peer, self._qos) for peer in order.peers]
+        order, filling = self.order, os.urandom(self.order.size)
+        self._pingers = [Pinger(self._session, self._fleet, peer, self._qos, payload=filling) for peer in order.peers]
         self._state = "running"
         await asyncio.gather(*(pinger.ask_for(order.seconds, order.hz) for pinger in self._pingers))
         await asyncio.gather(*(pinger.settled() for pinger in self._pingers))
@@ -178,138 +160,92 @@ class Run:
     def _flow(self, host: str) -> str:
         return keys.BENCH_FLOW.key(self._fleet, host, run=self.order.run)
 
-    @contextlib.contextmanager
-    def _receiver(self, take: Any) -> Iterator[None]:
-        subscriber = open_receiver(self._session, self._flow(self.order.peers[0]), self._qos, take)
-        try:
-            yield
-        finally:
-            with contextlib.suppress(zenoh.ZError):  # the session may be gone before us
-                subscriber.undeclare()
-
-    @contextlib.contextmanager
-    def _publisher(self) -> Iterator[Any]:
-        publisher = open_sender(self._session, self._flow(self._host), self._qos, self.order.reliable)
-        try:
-            yield publisher
-        finally:
-            with contextlib.suppress(zenoh.ZError):
-                publisher.undeclare()
-
-    async def _echo(self) -> None:
-        with self._publisher() as publisher:
-            if not await self._is_heard():
-                return
-
-            def take(sample: zenoh.Sample) -> None:
-                with contextlib.suppress(zenoh.ZError):  # it has just ended
-                    publisher.put(sample.payload)
-
-            with self._receiver(take):
-                self._state = "running"
-                await asyncio.sleep(self.order.seconds + TAIL + FOUND_WITHIN)
-
-    async def _stream(self) -> None:
-        order = self.order
-        with contextlib.ExitStack() as stack:
-            if order.role in _RECEIVES:
-                stack.enter_context(self._receiver(self._take_trip if order.role == "ping" else self._take))
-            if order.role not in _SENDS:
-                self._state = "running"
-                await asyncio.sleep(order.seconds + TAIL + 2.0 * FOUND_WITHIN)
-                return
-            publisher = stack.enter_context(self._publisher())
-            if not await self._is_heard():
-                return
-            if order.guard:
-                idle = Pinger(self._session, self._fleet, order.peers[0], keys.Qos.REALTIME)
-                self._pingers = [idle]
-                await idle.ask_for(FIRST_LOOKS / FIRST_HZ, FIRST_HZ)
-                self._pingers.append(Pinger(self._session, self._fleet, order.peers[0], keys.Qos.REALTIME, idle.clock))
-            await self._send(publisher, stack)
-            await self._tail()
-
-    async def _send(self, publisher: Any, stack: contextlib.ExitStack) -> None:
-        order = self.order
-        sender = Sender(publisher.put, self._tag, hz=order.hz, size=order.size, total=self._total)
-        stack.callback(sender.stop)
-        self._sender, self._state = sender, "running"
-        sender.start()
-        guards = [asyncio.ensure_future(pinger.ask_for(order.seconds, order.guard)) for pinger in self._pingers[1:]]
-        try:
-            while sender.running:
-                await asyncio.sleep(BEAT)
-        finally:
-            for guard in guards:
-                guard.cancel()
-        if sender.error:
-            self._state, self._why = "failed", sender.error
-
-    async def _tail(self) -> None:
-        """Wait for what is on its way, and be there for what has to be sent again."""
-        end = time.monotonic() + TAIL
-        while time.monotonic() < end:
-            if self.order.role == "ping" and self._sender and self._trips.answered >= self._sender.sent:
-                return
-            await asyncio.sleep(BEAT)
-
-    async def _is_heard(self) -> bool:
-        if await heard(self._session, self._flow(self._host), FOUND_WITHIN):
-            return True
-        peer = self.order.peers[0]
-        self._state = "failed"
-        self._why = f"nothing of {peer} is known at {self._host}: no way between them, or {peer} does not take part"
-        return False
+    async def _receive(self) -> None:
+        with _undeclared(self._session.declare_subscriber(self._flow(self.order.peers[0]), self._take)):
+            self._state = "running"
+            await asyncio.sleep(self.order.seconds + TAIL + 2.0 * FOUND_WITHIN)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        now = time.monotonic_ns()
-        data = sample.payload.to_bytes()
-        found = datagram.read(data, self._tag)
-        assert self._tally is not None
-        if found is None:
-            self._tally.foreign += 1
-        else:
+        now, data = time.monotonic_ns(), sample.payload.to_bytes()
+        found = sender.read(data, self._tag)
+        if found is not None:
             self._tally.take(*found, len(data), now)
 
-    def _take_trip(self, sample: zenoh.Sample) -> None:
-        now = time.monotonic_ns()
-        found = datagram.read(sample.payload.to_bytes(), self._tag)
-        if found is not None and found[0] < self._total:
-            self._trips.take(*found, now)
+    async def _send(self) -> None:
+        """As the fleet's own traffic of that class travels: what the link loses is sent again but for ``bulk``."""
+        order, peer, session = self.order, self.order.peers[0], self._session
+        lane = zenoh.Reliability.BEST_EFFORT if self._qos is keys.Qos.BULK else zenoh.Reliability.RELIABLE
+        made = session.declare_publisher(
+            self._flow(self._host), encoding=keys.RAW, reliability=lane, **self._qos.options()
+        )
+        with _undeclared(made) as publisher:
+            if not await _is_matched(publisher):
+                self._state = "failed"
+                ways = f"no way between them, or {peer} does not take part"
+                self._why = f"nothing of {peer} is known at {self._host}: {ways}"
+                return
+            if order.guard:
+                idle = Pinger(session, self._fleet, peer, keys.Qos.REALTIME)
+                self._pingers = [idle]
+                await idle.ask_for(FIRST_LOOKS / FIRST_HZ, FIRST_HZ)
+                self._pingers.append(Pinger(session, self._fleet, peer, keys.Qos.REALTIME, clock=idle.clock))
+            await self._send_with(publisher)
+            await asyncio.sleep(TAIL)  # what is on its way may have to be sent again
+
+    async def _send_with(self, publisher: Any) -> None:
+        order = self.order
+        self._sender = Sender(publisher.put, self._tag, hz=order.hz, size=order.size, total=self._total)
+        self._state = "running"
+        self._sender.start()
+        guards = [asyncio.ensure_future(pinger.ask_for(order.seconds, order.guard)) for pinger in self._pingers[1:]]
+        try:
+            while self._sender.running:
+                await asyncio.sleep(BEAT)
+        finally:
+            self._sender.stop()
+            for guard in guards:
+                guard.cancel()
+        if self._sender.error:
+            self._state, self._why = "failed", self._sender.error
 
     # What there is to tell.
 
     def report(self, query: BenchQuery) -> BenchReport:
-        order, tally, sender, now = self.order, self._tally, self._sender, time.monotonic_ns()
-        spread = sender.lateness().spread() if sender else None
-        report = BenchReport(
+        order, sending, now = self.order, self._sender, time.monotonic_ns()
+        return BenchReport(
             run=order.run,
             host=self._host,
             role=order.role,
             state=self._state,
             why=self._why,
-            elapsed=(self._ended or time.monotonic()) - self.began,
-            sent=sender.sent if sender else 0,
-            send_seconds=sender.seconds if sender else 0.0,
-            skipped=sender.skipped if sender else 0,
-            lateness=spread,
+            elapsed=(self._ended or time.monotonic()) - self._began,
+            sent=sending.sent if sending else 0,
+            send_seconds=sending.seconds if sending else 0.0,
+            skipped=sending.skipped if sending else 0,
+            lateness=sending.lateness.spread() if sending else None,
+            total=self._tally.total(),
+            intervals=self._tally.intervals(now, max(query.since, 0)),
+            outages=self._tally.outages(max(query.outages, 0)),
             clock=next((pinger.clock.read() for pinger in self._pingers), None),
-            trips=self._trips_so_far(sender),
+            trips=[pinger.trip() for pinger in self._pingers],
         )
-        if tally is not None:
-            report.total, report.silent = tally.total(), tally.silent(now)
-            report.intervals = tally.intervals(now, max(query.since, 0))
-            report.outages, report.outage_count = tally.outages(max(query.outages, 0)), tally.outage_count
-            report.foreign = tally.foreign
-        return report
 
-    def _trips_so_far(self, sender: Sender | None) -> list[BenchTrip]:
-        if self.order.role != "ping":
-            return [pinger.trip() for pinger in self._pingers]
-        sent = sender.sent if sender else 0
-        trips, answered = self._trips, self._trips.answered
-        return [
-            BenchTrip(
-                peer=self.order.peers[0], sent=sent, lost=max(sent - answered, 0), late=trips.late, rtt=trips.spread()
-            )
-        ]
+
+@contextlib.contextmanager
+def _undeclared(declared: Any) -> Iterator[Any]:
+    try:
+        yield declared
+    finally:
+        with contextlib.suppress(zenoh.ZError):  # the session may be gone before us
+            declared.undeclare()
+
+
+async def _is_matched(publisher: Any) -> bool:
+    """Wait until somebody subscribes to what it publishes; False when nobody did within :data:`FOUND_WITHIN`."""
+    known = asyncio.Event()
+    found = on_loop(asyncio.get_running_loop(), known.set)
+    with _undeclared(publisher.declare_matching_listener(lambda status: status.matching and found())):
+        if not publisher.matching_status.matching:
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(FOUND_WITHIN, known.wait())
+        return bool(publisher.matching_status.matching)

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import msgspec
 
 from mesh.bench.asker import Bench
-from mesh.bench.flow import Stream, StreamResult
-from mesh.bench.units import duration, rate
+from mesh.bench.flow import Flow, Stream
+from mesh.units import duration, rate
 
 KEEPS_UP = 0.97
 """of the rate it was sent at, at which it has to come"""
@@ -86,8 +86,8 @@ async def search(
     ended = ""
     while not ended:
         for _ in range(TWICE):
-            result = await bench.stream(a, b, _at(stream, bits, limits.trial), until=until)
-            trial = judge(result, bits, limits.loss)
+            flow = await bench.stream(a, b, _at(stream, bits, limits.trial), until=until)
+            trial = judge(flow, bits, limits.loss)
             trials.append(trial)
             if on_trial:
                 on_trial(trial)
@@ -113,13 +113,13 @@ def _at(stream: Stream, bits: float, seconds: float) -> Stream:
     return msgspec.structs.replace(stream, hz=hz, seconds=max(seconds, 5.0 / hz), guard=GUARD_HZ)
 
 
-def judge(result: StreamResult, bits: float, most_lost: float) -> Trial:
+def judge(flow: Flow, bits: float, most_lost: float) -> Trial:
     """Whether a rate passed."""
-    flow, idle, loaded = result.flows[0], result.idle, result.loaded
+    idle, loaded = flow.idle, flow.loaded
     rtt = loaded.rtt.median if loaded and loaded.rtt else None
     why = ""
-    if result.faults:
-        why = result.faults[0]
+    if flow.faults:
+        why = flow.faults[0]
     elif flow.loss > most_lost and flow.total.lost > 1:  # one of few is no share
         why = f"{100.0 * flow.loss:.1f} % lost"
     elif flow.bandwidth < KEEPS_UP * bits:

@@ -1,20 +1,46 @@
-"""Datagrams at a steady rate, from a thread: the event loop's own timing would be what is measured."""
+"""Datagrams at a steady rate, from a thread: the event loop's own timing would be what is measured.
+
+    offset  size
+    0       4     tag of the run
+    4       4     number, from 0
+    8       8     the sender's monotonic clock in ns
+    16      ...   filling, random so that no compression flatters the link
+
+Little-endian. All of it is payload: what Zenoh, IP and the radio add comes on top.
+"""
 
 from __future__ import annotations
 
 import os
+import struct
 import threading
 import time
+import zlib
 from collections.abc import Callable
 
 import zenoh
 
-from mesh.bench import datagram
 from mesh.bench.statistics import SECOND, Samples
 from zmav.session import reason
 
+_HEAD = struct.Struct("<IIq")
+LEAST, MOST = _HEAD.size, 65_000
 BEHIND = SECOND // 10
 """ns behind its times after which the sender gives up datagrams instead of sending a burst"""
+
+head = _HEAD.pack
+
+
+def tag_of(run: str) -> int:
+    return zlib.crc32(run.encode())
+
+
+def read(data: bytes, tag: int) -> tuple[int, int] | None:
+    """A datagram's number and when it was sent; None where it is none of this run's."""
+    if len(data) < LEAST:
+        return None
+    its_tag, number, sent = _HEAD.unpack_from(data)
+    return (number, sent) if its_tag == tag else None
 
 
 class Sender:
@@ -22,8 +48,8 @@ class Sender:
 
     def __init__(self, put: Callable[[bytes], None], tag: int, *, hz: float, size: int, total: int) -> None:
         self._put, self._tag, self._period, self._total = put, tag, SECOND / hz, total
-        self._filling = os.urandom(size - datagram.LEAST)
-        self._lateness = Samples()
+        self._filling = os.urandom(size - LEAST)
+        self.lateness = Samples()
         self._stop = False
         self._began = self._ended = 0
         self.sent = 0
@@ -49,9 +75,6 @@ class Sender:
             return 0.0
         return ((self._ended or time.monotonic_ns()) - self._began) / SECOND
 
-    def lateness(self) -> Samples:
-        return self._lateness
-
     def _run(self) -> None:
         try:
             self._send_all()
@@ -62,7 +85,7 @@ class Sender:
             self._ended = max(time.monotonic_ns(), self._began + planned)
 
     def _send_all(self) -> None:
-        now, head, put, late = time.monotonic_ns, datagram.head, self._put, self._lateness.add
+        now, put, late = time.monotonic_ns, self._put, self.lateness.add
         tag, filling, period, start = self._tag, self._filling, self._period, float(self._began)
         slot = 0  # the datagram's place in time; its number counts those that were sent
         while slot < self._total and not self._stop:
@@ -77,6 +100,6 @@ class Sender:
                 slot += missed
                 continue
             late(int(t - due))
-            put(head(datagram.MAGIC, 0, tag, self.sent, t) + filling)
+            put(head(tag, self.sent, t) + filling)
             self.sent += 1
             slot += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from array import array
 
@@ -13,8 +12,6 @@ from zmav.wire.bench import BenchInterval, BenchOutage, Spread
 SECOND = 1_000_000_000
 MOST_SAMPLES = 200_000
 MOST_OUTAGES = 10_000
-BINS = 10
-"""of a histogram, a decade"""
 
 
 class Samples:
@@ -36,68 +33,33 @@ class Samples:
             self._values = self._values[::2]
             self._stride *= 2
 
-    def spread(self, *, bins: bool = False) -> Spread | None:
+    def spread(self) -> Spread | None:
         """In seconds; None of nothing."""
         found = self._values[:]  # a copy: numpy would hold on to the array while another thread appends
         if not found:
             return None
         values = np.array(found, dtype=np.float64) / SECOND
         low, median, p95, p99, high = np.percentile(values, [0, 50, 95, 99, 100]).tolist()
-        return Spread(
-            count=len(values),
-            min=low,
-            median=median,
-            p95=p95,
-            p99=p99,
-            max=high,
-            mean=float(values.mean()),
-            bins=_histogram(values) if bins else [],
-        )
-
-
-def _histogram(seconds: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[tuple[int, int]]:
-    places = np.floor(np.log10(np.maximum(seconds * 1e6, 1e-3)) * BINS).astype(int)
-    found, counts = np.unique(places, return_counts=True)
-    return list(zip(found.tolist(), counts.tolist(), strict=True))
-
-
-def bin_start(k: int) -> float:
-    """The least duration in bin ``k``, in seconds."""
-    return math.pow(10.0, k / BINS) / 1e6
-
-
-class _Seen:
-    """Which numbers have come: a bit each."""
-
-    def __init__(self) -> None:
-        self._bits = bytearray()
-
-    def add(self, number: int) -> bool:
-        """False where it came before."""
-        place, bit = number >> 3, 1 << (number & 7)
-        if place >= len(self._bits):
-            self._bits.extend(bytes(max(4096, place + 1 - len(self._bits))))
-        if self._bits[place] & bit:
-            return False
-        self._bits[place] |= bit
-        return True
+        return Spread(count=len(values), min=low, median=median, p95=p95, p99=p99, max=high)
 
 
 class _Count:
     """Of one interval, or of all."""
 
     def __init__(self) -> None:
-        self.bytes = self.received = self.out_of_order = self.duplicates = 0
+        self.bytes = self.received = self.out_of_order = 0
         self.transit = Samples()
 
 
 class Tally:
-    """What a receiver makes of the datagrams of one run. :meth:`take` from Zenoh's thread, the rest from any."""
+    """What a receiver makes of the datagrams of one run. :meth:`take` from Zenoh's thread, the rest from any.
+
+    None comes twice: QUIC leaves out a repeated packet, and routers take one way.
+    """
 
     def __init__(self, total: int, period_ns: int, gap_ns: int) -> None:
         self._total, self._period, self._gap = total, period_ns, gap_ns
         self._lock = threading.Lock()
-        self._seen = _Seen()
         self._now, self._all = _Count(), _Count()
         self._intervals: list[BenchInterval] = []
         self._outages: list[BenchOutage] = []
@@ -106,30 +68,21 @@ class Tally:
         self._highest, self._highest_before = -1, -1
         self._last_transit: int | None = None
         self._jitter = 0.0
-        self.outage_count = 0
-        self.foreign = 0
 
     def take(self, number: int, sent_ns: int, size: int, now_ns: int) -> None:
-        """One datagram, in the order of arrival."""
+        """One datagram, in the order of arrival; a number that the run does not have is left out."""
         with self._lock:
             if number >= self._total:
-                self.foreign += 1
                 return
             if self._first is None:
                 self._first = self._last = now_ns
             self._roll(now_ns)
-            if not self._seen.add(number):
-                self._now.duplicates += 1
-                self._all.duplicates += 1
-                return
-            if now_ns - self._last > self._gap:
-                self._note_outage(number, now_ns)
+            if now_ns - self._last > self._gap and len(self._outages) < MOST_OUTAGES:
+                start, length = (self._last - self._first) / SECOND, (now_ns - self._last) / SECOND
+                self._outages.append(BenchOutage(start=start, length=length, lost=max(number - self._highest - 1, 0)))
             self._last = max(self._last, now_ns)
-            if number > self._highest:
-                self._highest = number
-            else:
-                self._now.out_of_order += 1
-                self._all.out_of_order += 1
+            overtaken = number <= self._highest
+            self._highest = max(number, self._highest)
             transit = now_ns - sent_ns
             if self._last_transit is not None:
                 self._jitter += (abs(transit - self._last_transit) - self._jitter) / 16.0
@@ -137,14 +90,8 @@ class Tally:
             for count in (self._now, self._all):
                 count.received += 1
                 count.bytes += size
+                count.out_of_order += overtaken
                 count.transit.add(transit)
-
-    def _note_outage(self, number: int, now: int) -> None:
-        assert self._first is not None
-        self.outage_count += 1
-        if len(self._outages) < MOST_OUTAGES:
-            start, length = (self._last - self._first) / SECOND, (now - self._last) / SECOND
-            self._outages.append(BenchOutage(start=start, length=length, lost=max(number - self._highest - 1, 0)))
 
     def _roll(self, now: int) -> None:
         """Close the seconds that have passed."""
@@ -164,7 +111,6 @@ class Tally:
             expected=max(expected, count.received),
             jitter=self._jitter / SECOND,
             out_of_order=count.out_of_order,
-            duplicates=count.duplicates,
             transit=count.transit.spread(),
         )
 
@@ -186,38 +132,3 @@ class Tally:
                 return None
             end = (self._last - self._first + self._period) / SECOND
             return self._interval(self._all, 0.0, end, self._highest + 1)
-
-    def silent(self, now_ns: int) -> float | None:
-        """s since the last datagram; None before the first."""
-        with self._lock:
-            return None if self._first is None else (now_ns - self._last) / SECOND
-
-
-class RoundTrips:
-    """Round trips to one peer. :meth:`take` from any thread."""
-
-    def __init__(self, timeout_ns: int) -> None:
-        self._timeout, self._lock = timeout_ns, threading.Lock()
-        self._trips = Samples()
-        self._seen, self._count = _Seen(), 0
-        self.late = 0
-
-    def take(self, number: int, sent_ns: int, now_ns: int) -> None:
-        """An answer; a second one to the same number counts for nothing."""
-        with self._lock:
-            if not self._seen.add(number):
-                return
-            self._count += 1
-            if now_ns - sent_ns > self._timeout:
-                self.late += 1
-            elif now_ns >= sent_ns:
-                self._trips.add(now_ns - sent_ns)
-
-    @property
-    def answered(self) -> int:
-        with self._lock:
-            return self._count - self.late
-
-    def spread(self) -> Spread | None:
-        with self._lock:
-            return self._trips.spread(bins=True)

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator
-from pathlib import Path
 from typing import Any
 
 import click
@@ -16,12 +15,10 @@ import zmav
 from mesh.bench import table
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
-from mesh.bench.route import named, route
 from mesh.bench.search import Limits, Trial, search
-from mesh.bench.units import bits_per_second, duration, rate
+from mesh.units import bits_per_second, duration, rate
 from zmav import keys
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
-from zmav.client import Client
 from zmav.errors import BadInput, TimedOut
 from zmav.process import until_stopped
 from zmav.session import SessionSettings
@@ -34,30 +31,23 @@ RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
 HOPS = Stream(seconds=5.0, hz=10.0, size=64, qos="realtime")
 RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
 """it goes on unasked for a minute: the cut may part us from the hosts"""
-MAX = Stream(qos="bulk", size=1000)
-MAX_SECONDS = 60.0
-ONLY = {"both": ("stream", "recover"), "csv": ("stream", "recover"), "gap": ("stream", "recover"), "cuts": ("recover",)}
-"""options that belong to some kinds of measurement only"""
+MAX = Stream(seconds=60.0, qos="bulk", size=1000)
 
 
-class Options(msgspec.Struct, kw_only=True, frozen=True):
+class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     """What was asked for."""
 
     a: str
     b: str
     kind: str
-    seconds: float | None
-    qos: keys.Qos | None
-    rate: str | None
-    hz: float | None
-    size: int | None
-    both: bool
-    cuts: int | None
-    gap: float | None
-    limit: str
-    reliable: bool | None
-    as_json: bool
-    csv: Path | None
+    seconds: float | None = None
+    qos: keys.Qos | None = None
+    rate: str | None = None
+    hz: float | None = None
+    size: int | None = None
+    cuts: int | None = None
+    limit: str = "50Mbit/s"
+    as_json: bool = False
 
 
 @click.command("bench")
@@ -73,16 +63,12 @@ class Options(msgspec.Struct, kw_only=True, frozen=True):
 @click.option("--rate", help="Payload offered: 1Mbit/s, 60kB/s.  [default: 1Mbit/s]")
 @click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
-@click.option("--both", is_flag=True, help="Both ways at once.")
-@click.option("--rtt", "kind", flag_value="rtt", help="Round trips, with their histogram.")
+@click.option("--rtt", "kind", flag_value="rtt", help="Round trips by query.")
 @click.option("--hops", "kind", flag_value="hops", help="Round trips to each router on the way.")
 @click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C or --cuts of them.")
 @click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
 @click.option("--cuts", type=click.IntRange(1), help="With --recover: stop after so many outages.")
-@click.option("--gap", type=click.FloatRange(0.001, 60.0), help="Seconds of silence that are an outage.")
 @click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
-@click.option("--reliable/--best-effort", default=None, help="Repeated by the link or not.  [default: as the class]")
-@click.option("--csv", type=click.Path(dir_okay=False, path_type=Path), help="The seconds, to a file.")
 @fleet_option
 @json_option
 @zenoh_options
@@ -90,15 +76,15 @@ def command(fleet: str, settings: SessionSettings, **given: Any) -> None:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
-    Rates and transfers are of payload; order, twice: datagrams out of order, and repeated.
+    Rates and transfers are of payload; order: datagrams out of order.
     """
-    run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, Options), fleet, settings))
+    run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions), fleet, settings))
 
 
-async def measure(options: Options, fleet: str, settings: SessionSettings) -> None:
-    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _hops, "max": _max}[options.kind]
+async def measure(options: BenchOptions, fleet: str, settings: SessionSettings) -> None:
+    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _rtt, "max": _max}[options.kind]
     async with zmav.open(fleet=fleet, settings=settings) as z, _until_stopped() as until:
-        await work(z, options, until)
+        await work(Bench(z), options, until)
 
 
 @contextlib.asynccontextmanager
@@ -119,17 +105,14 @@ async def _until_stopped() -> AsyncIterator[asyncio.Event]:
             await task
 
 
-def wanted(options: Options, otherwise: Stream) -> Stream:
+def wanted(options: BenchOptions, otherwise: Stream) -> Stream:
     """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
-    for name, kinds in ONLY.items():
-        if getattr(options, name) and options.kind not in kinds:
-            text = f"--{name} does nothing with --{options.kind}"
-            if options.kind == "stream":
-                text = f"--{name} does nothing without --{kinds[0]}"
-            raise BadInput(text, field=name, value=str(getattr(options, name)), expected=f"--{name} left out")
+    if options.cuts and options.kind != "recover":
+        text = "--cuts does nothing without --recover"
+        raise BadInput(text, field="cuts", value=options.cuts, expected="--cuts left out")
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
-    for name in ("hz", "seconds", "gap"):
+    for name in ("hz", "seconds"):
         if (value := getattr(options, name)) is not None and not math.isfinite(value):
             raise BadInput(f"--{name} {value}: expected a number", field=name, value=value, expected="a number")
     size, hz = options.size or otherwise.size, options.hz or otherwise.hz
@@ -137,101 +120,67 @@ def wanted(options: Options, otherwise: Stream) -> Stream:
         hz = bits_per_second(options.rate) / 8.0 / size
     elif options.size and options.kind == "stream" and not options.hz:
         hz = RATE / 8.0 / size
-    return msgspec.structs.replace(
-        otherwise,
-        seconds=options.seconds or otherwise.seconds,
-        hz=hz,
-        size=size,
-        qos=(options.qos.value if options.qos else otherwise.qos),
-        gap=options.gap,
-        reliable=options.reliable,
-    )
+    qos = options.qos.value if options.qos else otherwise.qos
+    return msgspec.structs.replace(otherwise, seconds=options.seconds or otherwise.seconds, hz=hz, size=size, qos=qos)
 
 
-async def _announce(bench: Bench, options: Options, stream: Stream) -> None:
-    """Say what will be measured, once both hosts are found; raises what :meth:`Bench.pair` does."""
-    first, second = await bench.pair(options.a, options.b)
-    what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
-    click.echo(f"{first.host} > {second.host}: {what}, {stream.seconds:g} s")
-    silence = f"waiting for silences of {duration(stream.silence)} and more"
-    click.echo(silence if options.kind == "recover" else table.HEAD)
-
-
-async def _stream(z: Client, options: Options, until: asyncio.Event) -> None:
-    recover = options.kind == "recover"
+async def _stream(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
+    recover, say = options.kind == "recover", not options.as_json
     stream = wanted(options, RECOVER if recover else STREAM)
-    say = not options.as_json
-    seen: dict[str, int] = {}
+    seen = 0
 
     def on_interval(flow: Flow, interval: BenchInterval) -> None:
-        if say and not recover:
-            click.echo(table.interval_line(flow, interval, table.ways(flow) if options.both else ""))
-        elif not say:
-            row = {"source": flow.source, "target": flow.target, **msgspec.to_builtins(interval)}
-            click.echo(dump({"interval": row}, pretty=False))
+        if options.as_json:
+            click.echo(dump({"interval": msgspec.to_builtins(interval)}, pretty=False))
+        elif not recover:
+            click.echo(table.interval_line(flow, interval))
 
     def on_outage(flow: Flow, outage: BenchOutage) -> None:
-        seen[flow.source] = seen.get(flow.source, 0) + 1
+        nonlocal seen
+        seen += 1
         if recover and say:
-            label = table.ways(flow) if options.both else ""
-            click.echo(table.outage_line(seen[flow.source], outage) + label)
-        if recover and options.cuts and min(seen.values()) >= options.cuts:
+            click.echo(table.outage_line(seen, outage))
+        if options.cuts and seen >= options.cuts:
             until.set()
 
-    bench = Bench(z)
     if say:
-        await _announce(bench, options, stream)
-    result = await bench.stream(
-        options.a, options.b, stream, both=options.both, until=until, on_interval=on_interval, on_outage=on_outage
-    )
-    if options.csv:
-        table.write_csv(options.csv, result)
+        first, second = await bench.pair(options.a, options.b)
+        what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
+        click.echo(f"{first.host} > {second.host}: {what}, {stream.seconds:g} s")
+        click.echo(f"waiting for silences of {duration(stream.silence)} and more" if recover else table.HEAD)
+    flow = await bench.stream(options.a, options.b, stream, until=until, on_interval=on_interval, on_outage=on_outage)
     if options.as_json:
-        click.echo(dump(table.as_json(result), pretty=False))
+        click.echo(dump(table.document(flow), pretty=False))
         return
-    for line in (*(table.outages_summary(result) if recover else ()), *table.summary(result)):
+    for line in (*([table.outages_summary(flow)] if recover else ()), *table.summary(flow)):
         click.echo(line)
 
 
-async def _rtt(z: Client, options: Options, until: asyncio.Event) -> None:
-    stream = wanted(options, RTT)
-    report = await Bench(z).round_trips(options.a, options.b, stream, until=until)
-    if options.as_json:
-        click.echo(dump(msgspec.to_builtins(report), pretty=False))
-        return
-    (trip,) = report.trips
-    click.echo(f"{options.a} > {trip.peer} > {options.a}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
-    for line in table.histogram(trip.rtt) if trip.rtt else ():
-        click.echo(line)
-    click.echo(table.trip_words(trip))
-
-
-async def _hops(z: Client, options: Options, until: asyncio.Event) -> None:
-    bench = Bench(z)
+async def _rtt(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
+    """To the other host, or to each on the way."""
+    stream = wanted(options, HOPS if options.kind == "hops" else RTT)
     first, second = await bench.pair(options.a, options.b)
-    names = await named(bench, await route(z, first, second))
-    stream = wanted(options, HOPS)
+    way = await bench.route(first, second) if options.kind == "hops" else [first.host, second.host]
     known = {pong.host for pong in await bench.everyone()}
-    peers = [name for name in names[1:] if name in known]
+    peers = [name for name in way[1:] if name in known]
     if not peers:
-        raise TimedOut(f"nobody on the way to {second.host} answers", way=names)
-    report = await bench.queries(first.host, peers, stream, until=until)
+        raise TimedOut(f"nobody on the way to {second.host} answers", way=way)
+    report = await bench.round_trips(first.host, peers, stream, until=until)
     if options.as_json:
-        click.echo(dump({"way": names, "trips": msgspec.to_builtins(report.trips)}, pretty=False))
+        click.echo(dump({"way": way, "trips": msgspec.to_builtins(report.trips)}, pretty=False))
         return
-    click.echo(" > ".join(names))
-    for line in table.trips_table(report):
+    click.echo(f"{' > '.join(way)}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
+    for line in table.trips_table(report.trips):
         click.echo(line)
 
 
-async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
-    stream = wanted(options, MAX)
-    defaults = Limits()
+async def _max(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
+    stream, defaults = wanted(options, MAX), Limits()
     limits = Limits(
         start=stream.bits if options.hz or options.rate else defaults.start,
         most=bits_per_second(options.limit, "limit"),
-        seconds=options.seconds or MAX_SECONDS,
-        trial=min(defaults.trial, max((options.seconds or MAX_SECONDS) / 20.0, 0.5)),
+        seconds=stream.seconds,
+        trial=min(defaults.trial, max(stream.seconds / 20.0, 0.5)),
     )
 
     def on_trial(trial: Trial) -> None:
@@ -242,7 +191,7 @@ async def _max(z: Client, options: Options, until: asyncio.Event) -> None:
         words = "passes" if trial.passed else f"fails: {trial.why}"
         click.echo(f"{rate(trial.bits):>14}  {100.0 * trial.loss:5.2f} % lost{rtt}: {words}")
 
-    found = await search(Bench(z), options.a, options.b, stream, limits, until=until, on_trial=on_trial)
+    found = await search(bench, options.a, options.b, stream, limits, until=until, on_trial=on_trial)
     if options.as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=False))
         return

@@ -13,12 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 import zmav
-from mesh.dot import dot
 from mesh.graph import Graph, Link, Way, gather
-from mesh.words import duration, milliseconds, percent, rate
+from mesh.units import byte_rate, duration, milliseconds, percent
 from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.client import Client
-from zmav.errors import BadInput
 from zmav.session import SessionSettings
 
 STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", "unknown": "dim"}
@@ -28,7 +26,6 @@ PERIOD = 2.0
 
 @click.command("graph")
 @click.option("--from", "start", metavar="NODE", help="Whose ways to show.  [default: this computer's router's]")
-@click.option("--dot", "as_dot", is_flag=True, help="In Graphviz's language: | dot -Tsvg > fleet.svg")
 @click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option(
     "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
@@ -37,7 +34,7 @@ PERIOD = 2.0
 @json_option
 @zenoh_options
 def command(
-    start: str | None, as_dot: bool, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
+    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
     """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
 
@@ -45,22 +42,18 @@ def command(
     first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
     trip, the least throughput, in this order.
     """
-    if as_dot and (as_json or watch):
-        raise BadInput("--dot goes with neither --json nor --watch", field="--dot", expected="one of them")
-    run(_show(start, as_dot, watch, timeout, fleet, as_json, settings))
+    run(_show(start, watch, timeout, fleet, as_json, settings))
 
 
 async def _show(
-    start: str | None, as_dot: bool, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
+    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
 ) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         if watch and not as_json:
             await _watch(z, start, timeout)
         while True:
             graph = await gather(z, start, timeout)
-            if as_dot:
-                click.echo(dot(graph), nl=False)
-            elif as_json:
+            if as_json:
                 click.echo(dump(document(graph), pretty=False))
             else:
                 console().print(view(graph))
@@ -113,7 +106,7 @@ def _links(graph: Graph) -> Table:
             link.state,
             milliseconds(link.rtt),
             _both(percent(link.loss(link.a)), percent(link.loss(link.b))),
-            _both(rate(link.throughput(link.a)), rate(link.throughput(link.b))),
+            _both(byte_rate(link.throughput(link.a)), byte_rate(link.throughput(link.b))),
             _both(*("-" if (dbm := link.signal(end)) is None else f"{dbm:.0f} dBm" for end in (link.a, link.b))),
             "-" if link.cost is None else str(link.cost),
             duration(link.age),
@@ -138,7 +131,7 @@ def _ways(graph: Graph) -> Table | None:
             _weakest(way.weakest) if len(way.links) else "-",
             milliseconds(way.rtt),
             _both(percent(way.delivery()), percent(way.delivery(back=True))),
-            rate(way.throughput),
+            byte_rate(way.throughput),
             style=STYLES[way.weakest.grade] if way.weakest else STYLES["down"],
         )
     return table

@@ -17,7 +17,6 @@ import click
 import msgspec
 from rich.live import Live
 
-from mesh.cli.simulate import command as simulate
 from mesh.lab import kernel
 from mesh.lab.control import Control, Room
 from mesh.lab.lab import Lab
@@ -35,24 +34,14 @@ SHOW_S = 1.0
 lab_option = click.option("--lab", "name", metavar="NAME", help="Which lab.  [default: the only one that runs]")
 
 
-@click.group("lab", invoke_without_command=True)
-@click.option("--simulate", "vehicles", type=click.IntRange(1, 5000), help="As 'zmav lab simulate', which has options.")
-@click.pass_context
-def lab(ctx: click.Context, vehicles: int | None) -> None:
+@click.group("lab")
+def lab() -> None:
     """A laboratory of network namespaces: 'zmav lab up deploy/labs/line5.toml', then 'zmav lab cut 2-3'.
 
     Each host has a namespace of its own with its router in it, and vehicles are simulated. Links have delay, loss and
     a rate, set while they run. Needs root. A LINK is two hosts (quad2-quad3, or 2-3), one direction of it (2>3), of
     one medium (wifi:2-3), a medium's name for all in it, or 'all'.
     """
-    if ctx.invoked_subcommand is None:
-        if vehicles is None:
-            click.echo(ctx.get_help())
-        else:
-            ctx.invoke(simulate, vehicles=(vehicles,))
-
-
-lab.add_command(simulate)
 
 
 @lab.command("up")

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mesh.lab.status import HostStatus, LabStatus, WayStatus
-from mesh.words import rate
+from mesh.units import byte_rate, rate
 from zmav.errors import ZmavError
 from zmav.sim.remote import Remote as Simulator
 from zmav.sim.status import VehicleStatus
@@ -81,7 +81,7 @@ def _way(way: WayStatus) -> tuple[str, ...]:
         "up" if c.up else "[red]CUT[/]",
         f"{1e3 * c.delay:g}{jitter} ms",
         f"{100 * c.loss:.3g} %" + (f" in bursts of {c.burst:g}" if c.burst > 1 and c.loss else ""),
-        rate(None if c.rate is None else c.rate / 8),
+        rate(c.rate),
         str(n.frames),
         str(n.arrived),
         str(n.lost),
@@ -93,7 +93,7 @@ def _way(way: WayStatus) -> tuple[str, ...]:
 def _now(status: LabStatus, before: LabStatus | None, way: WayStatus, past: WayStatus | None) -> str:
     if before is None or past is None or status.t <= before.t:
         return "-"
-    return rate((way.counters.arrived_bytes - past.counters.arrived_bytes) / (status.t - before.t))
+    return byte_rate((way.counters.arrived_bytes - past.counters.arrived_bytes) / (status.t - before.t))
 
 
 def _relay(status: LabStatus, before: LabStatus | None) -> Text:

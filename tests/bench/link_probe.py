@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from mesh.lab.lab import Lab  # noqa: E402
 from mesh.lab.network import LabError  # noqa: E402
 from mesh.quality.publisher import LinkQualities  # noqa: E402
-from mesh.words import milliseconds, percent, rate  # noqa: E402
+from mesh.units import byte_rate, milliseconds, percent  # noqa: E402
 from tests.mesh.quality.relay import HEADERS, Relay  # noqa: E402
 from zmav.session import SessionSettings, open_session  # noqa: E402
 
@@ -92,7 +92,7 @@ def table(protocol: str, found: dict[str, Any]) -> Table:
             losses, rates = link["loss"], link["throughput"]
             row[2] = milliseconds(link["rtt"])
             row[4:6] = percent(losses[name]), percent(losses["hub"])
-            row[7:9] = rate(rates[name]), rate(rates["hub"])
+            row[7:9] = byte_rate(rates[name]), byte_rate(rates["hub"])
         made.add_row(*row)
     return made
 

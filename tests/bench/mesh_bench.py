@@ -92,7 +92,7 @@ async def _rate(table: Table, lab: Lab, bench: Bench, label: str) -> None:
     lab.set(LINK, rate="2 Mbit/s")
     before = lab.counters(LINK)[0]
     flood = Stream(seconds=5.0, hz=375.0, size=1000, qos="bulk")
-    flow = (await bench.stream("a", "b", flood)).flows[0]
+    flow = await bench.stream("a", "b", flood)
     after = lab.counters(LINK)[0]
     frame = (after.arrived_bytes - before.arrived_bytes) / max(after.arrived - before.arrived, 1)
     most = 2.0 * flow.total.bytes / max(after.arrived_bytes - before.arrived_bytes, 1)
@@ -111,31 +111,30 @@ async def _loss(table: Table, lab: Lab, bench: Bench, label: str) -> None:
     lab.set(LINK, loss=0.1)
     for qos, expected in (("bulk", 10.0), ("realtime", None)):
         stream = Stream(seconds=10.0, hz=200.0, size=500, qos=qos)  # type: ignore[arg-type]
-        flow = (await bench.stream("a", "b", stream)).flows[0]
+        flow = await bench.stream("a", "b", stream)
         table.add(f"{label}: {qos} over a link that loses 10 %", "% lost", expected, 100.0 * flow.loss)
     lab.set(LINK, loss=0.0)
 
 
 async def _delay(table: Table, lab: Lab, bench: Bench, label: str) -> None:
-    report = await bench.round_trips("a", "b", Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
+    report = await bench.round_trips("a", ["b"], Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
     idle = report.trips[0].rtt
     assert idle is not None
     table.add(f"{label}: round trip, bare link", "ms", None, 1e3 * idle.median)
     lab.set(LINK, delay="50 ms")
     await asyncio.sleep(1.0)
-    report = await bench.round_trips("a", "b", Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
+    report = await bench.round_trips("a", ["b"], Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
     found = report.trips[0].rtt
     assert found is not None
     table.add(f"{label}: round trip, 50 ms each way", "ms", 100.0 + 1e3 * idle.median, 1e3 * found.median)
-    result = await bench.stream("a", "b", Stream(seconds=5.0, hz=50.0, size=500))
-    flow = result.flows[0]
+    flow = await bench.stream("a", "b", Stream(seconds=5.0, hz=50.0, size=500))
     delay = flow.delay(flow.total.transit)
     assert delay is not None and flow.clock is not None and flow.total.transit is not None
     # Both hosts of the lab read one clock, so the true delay is known.
     true = 1e3 * flow.total.transit.median
     table.add(f"{label}: one way, ± {1e3 * flow.clock.within:.0f} ms stated", "ms", true, 1e3 * delay[0])
     lab.set(LINK, delay="20 ms", jitter="10 ms", ordered=False)
-    flow = (await bench.stream("a", "b", Stream(seconds=10.0, hz=50.0, size=500, qos="bulk"))).flows[0]
+    flow = await bench.stream("a", "b", Stream(seconds=10.0, hz=50.0, size=500, qos="bulk"))
     table.add(f"{label}: jitter, 20 ± 10 ms evenly spread", "ms", 20.0 / 3.0, 1e3 * flow.total.jitter)
     lab.set(LINK, delay=0.0, jitter=0.0, ordered=True)
 
@@ -143,14 +142,14 @@ async def _delay(table: Table, lab: Lab, bench: Bench, label: str) -> None:
 async def _cuts(table: Table, lab: Lab, bench: Bench, label: str) -> None:
     """The link is cut twice for 0.5 s, and what the stream saw of it."""
     seconds = 8.0
-    stream = Stream(seconds=seconds, hz=50.0, size=100, qos="realtime", guard=0.0, gap=0.2)
+    stream = Stream(seconds=seconds, hz=50.0, size=100, qos="realtime", guard=0.0)
     task = asyncio.ensure_future(bench.stream("a", "b", stream))
     for _ in range(2):
         await asyncio.sleep(2.0)
         lab.cut(LINK)
         await asyncio.sleep(0.5)
         lab.heal(LINK)
-    flow = (await task).flows[0]
+    flow = await task
     lengths = [outage.length for outage in flow.outages]
     table.add(f"{label}: outages of two cuts", "count", 2.0, float(len(lengths)))
     if lengths:
@@ -218,7 +217,7 @@ async def _throughput(table: Table, bench: Bench, a: Node, b: Node, size: int, r
         rates["Zenoh"].append(b.read()["per_second"] / 1e3)
         a.read()
         stream = Stream(seconds=2.0, hz=50_000.0, size=size, guard=0.0)
-        total = (await bench.stream("a", "b", stream)).flows[0].total
+        total = (await bench.stream("a", "b", stream)).total
         rates["bench"].append(total.received / total.end / 1e3)
     medians = {name: statistics.median(found) for name, found in rates.items()}
     table.add(f"{size} B as fast as it goes: bench against plain UDP", "k/s", medians["UDP"], medians["bench"])
@@ -230,7 +229,7 @@ async def _paced(table: Table, bench: Bench, a: Node, b: Node, hz: float, size: 
     sent, lost, late, jitter, cpu = [], [], [], [], [[], []]  # type: ignore[var-annotated]
     for _ in range(rounds):
         before, begun = [_cpu_ns(node.pid) for node in (a, b)], time.monotonic()
-        flow = (await bench.stream("a", "b", Stream(seconds=3.0, hz=hz, size=size, guard=0.0))).flows[0]
+        flow = await bench.stream("a", "b", Stream(seconds=3.0, hz=hz, size=size, guard=0.0))
         assert flow.sender.lateness is not None and time.monotonic() > begun
         sent.append(flow.sender.sent / flow.sender.send_seconds)
         lost.append(100.0 * flow.loss)
@@ -251,7 +250,7 @@ async def _paced(table: Table, bench: Bench, a: Node, b: Node, hz: float, size: 
 
 
 async def _trips(table: Table, bench: Bench, a: Node, b: Node, rounds: int) -> None:
-    medians: dict[str, list[float]] = {"UDP": [], "Zenoh": [], "bench": [], "query": []}
+    medians: dict[str, list[float]] = {"UDP": [], "Zenoh": [], "bench": []}
     for _ in range(rounds):
         b.do("uecho", 4.0)
         a.do("uping", int(b.read()["port"]), 150, 50.0)
@@ -262,15 +261,13 @@ async def _trips(table: Table, bench: Bench, a: Node, b: Node, rounds: int) -> N
         a.do("zping", 150, 50.0)
         medians["Zenoh"].append(1e6 * a.read()["median"])
         b.read()
-        for name, qos in (("bench", "realtime"), ("query", "must-arrive")):
-            stream = Stream(seconds=3.0, hz=50.0, size=64, qos=qos)  # type: ignore[arg-type]
-            found = (await bench.round_trips("a", "b", stream)).trips[0].rtt
-            assert found is not None
-            medians[name].append(1e6 * found.median)
+        stream = Stream(seconds=3.0, hz=50.0, size=64, qos="realtime")
+        found = (await bench.round_trips("a", ["b"], stream)).trips[0].rtt
+        assert found is not None
+        medians["bench"].append(1e6 * found.median)
     trips = {name: statistics.median(found) for name, found in medians.items()}
     table.add("round trip, 64 B at 50 Hz: bench against plain UDP", "µs", trips["UDP"], trips["bench"])
     table.add("round trip, 64 B at 50 Hz: bench against bare Zenoh", "µs", trips["Zenoh"], trips["bench"])
-    table.add("round trip, 64 B at 50 Hz: by query against bare Zenoh", "µs", trips["Zenoh"], trips["query"])
 
 
 async def measure(parts: list[str], rounds: int, quiet: bool) -> Table:

@@ -22,7 +22,7 @@ from zmav.hil.craft import craft
 from zmav.hil.json_fdm import JsonFdm
 from zmav.hil.plant import Plant
 from zmav.hil.stream import SENSOR_HZ, HilStream
-from zmav.mavlink.load import load_dialect
+from zmav.mavlink import load_dialect
 from zmav.sim.endpoints import Wiring
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Surroundings

@@ -14,8 +14,8 @@ from __future__ import annotations
 import sys
 import time
 
+from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer
-from zmav.mavlink.load import load_dialect
 from zmav.sim import World
 from zmav.sim.protocol.channel import Channel
 from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, VehicleSpec

@@ -136,7 +136,7 @@ NOT_RUN: dict[str, str] = {
     r"zmav sim --endpoint pty:.*|zmav up --link /tmp/quad1.*": (
         "terminals outside of the test's folder: tests/sim/test_endpoints.py"
     ),
-    r"zmav lab simulate .*": "minutes of many cores: tests/mesh/scale",
+    r"python -m tests.bench.scale .*": "minutes of many cores: tests/bench/scale",
     r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
 }
 

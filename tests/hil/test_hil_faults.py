@@ -17,7 +17,7 @@ from zmav.hil.json_fdm import compose
 from zmav.hil.plant import Plant
 from zmav.hil.px4 import Px4Vehicle
 from zmav.hil.stream import BARO, MAG, HilStream
-from zmav.mavlink.load import load_dialect
+from zmav.mavlink import load_dialect
 from zmav.sim import VehicleSpec, World
 from zmav.sim.spec import Stack
 

@@ -15,8 +15,8 @@ from tests.hil.px4_peer import Px4Peer, TcpPeer
 from tests.waiting import wait_until
 from zmav.hil.px4 import Px4Vehicle
 from zmav.hil.stream import BARO, IMU, MAG, HilStream
+from zmav.mavlink import load_dialect
 from zmav.mavlink.frames import Splitter
-from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec, World
 from zmav.sim.sensors.atmosphere import pressure_hpa
 from zmav.sim.spec import Stack

@@ -211,8 +211,9 @@ def _make_url(kind: str, tmp_path: Path) -> tuple[str, Callable[[], None]]:
         return (f"serial:{name}:57600" if kind == "serial" else f"serial:{name}"), close_pty
     if kind == "replay":
         file = tmp_path / "a.tlog"
-        file.write_bytes(bytes(8) + bytes([0xFE, 1, 0, 1, 1, 0, 7, 0, 0]))
-        return f"replay:{file}?loop=1", lambda: None
+        frame = bytes([0xFE, 1, 0, 1, 1, 0, 7, 0, 0])
+        file.write_bytes(bytes(8) + frame + (30_000_000).to_bytes(8, "big") + frame)  # the second half a minute later
+        return f"replay:{file}", lambda: None
     if kind == "tcp":
         server = socket.create_server(("127.0.0.1", 0), backlog=100)
         return f"tcp:127.0.0.1:{server.getsockname()[1]}", server.close

@@ -46,7 +46,7 @@ def play(url: ReplayUrl) -> list[tuple[float, bytes]]:
     link = ReplayLink(url, clock.now, clock.pause)
     delivered: list[tuple[float, bytes]] = []
     link.start(lambda data: delivered.append((clock.time, data)), lambda state, detail: None)
-    assert link.wait_finished(PATIENCE_S)
+    assert link.wait(LinkState.DOWN, PATIENCE_S)
     link.close()
     return [(round(at - delivered[0][0], 6), frame) for at, frame in delivered]
 
@@ -85,7 +85,7 @@ def test_a_slow_reader_does_not_shift_what_follows(tmp_path: Path, frames: Frame
             clock.time += 2.5  # this frame takes long to handle
 
     link.start(on_data, lambda state, detail: None)
-    assert link.wait_finished(PATIENCE_S)
+    assert link.wait(LinkState.DOWN, PATIENCE_S)
     link.close()
     assert seen == pytest.approx([0.0, 1.0, 3.5, 3.5, 4.0, 5.0])
 
@@ -95,8 +95,7 @@ def test_states_counters_and_end(watch: Watch, tmp_path: Path, frames: Frames) -
     watched = watch(f"replay:{log}")
     link = watched.link
     assert isinstance(link, ReplayLink)
-    assert link.wait_finished(PATIENCE_S)
-    assert link.finished
+    assert link.wait(LinkState.DOWN, PATIENCE_S)
     assert link.wait(LinkState.DOWN, PATIENCE_S)
     assert watched.pieces == frames(20)
     assert watched.states == [
@@ -132,30 +131,17 @@ def test_close_in_the_middle_of_a_wait(tmp_path: Path, frames: Frames) -> None:
     link.close()
     assert link.state is LinkState.CLOSED
     assert heard == frames(1)
-    assert isinstance(link, ReplayLink)
-    assert not link.finished
 
 
-def test_loop(watch: Watch, tmp_path: Path, frames: Frames) -> None:
-    log = write_log(tmp_path / "a.tlog", [(0.0, frame) for frame in frames(3)])
-    watched = watch(f"replay:{log}?speed=max&loop=1")
-    watched.until(lambda: len(watched.pieces) >= 10, "fourth round")
-    watched.link.close()
-    assert watched.pieces[:10] == (frames(3) * 4)[:10]
-    assert [state for state, _ in watched.states] == [LinkState.CONNECTING, LinkState.UP, LinkState.CLOSED]
-
-
-@pytest.mark.parametrize("options", ["", "?loop=1"])
-def test_a_file_without_records_ends_at_once(watch: Watch, tmp_path: Path, options: str) -> None:
+def test_a_file_without_records_ends_at_once(watch: Watch, tmp_path: Path) -> None:
     log = tmp_path / "a.tlog"
     log.write_bytes(b"no recording at all\n" * 40)
-    watched = watch(f"replay:{log}{options}")
+    watched = watch(f"replay:{log}")
     watched.expect_state(LinkState.DOWN, f"{log} holds no MAVLink records")
     assert watched.pieces == []
     assert watched.link.counters.skipped == 800
     assert watched.link.counters.last_error == f"{log} holds no MAVLink records"
-    assert isinstance(watched.link, ReplayLink)
-    assert watched.link.wait_finished(PATIENCE_S)
+    assert watched.link.wait(LinkState.DOWN, PATIENCE_S)
 
 
 def test_damage_is_skipped_and_told(watch: Watch, tmp_path: Path, frames: Frames) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import tty
 from collections.abc import Callable, Iterator
@@ -15,7 +14,6 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from zmav.links import LinkState, baud
 from zmav.links import serial as serial_link
-from zmav.links.ttyport import PortablePort
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch
@@ -260,21 +258,3 @@ def test_found_rate_is_tried_first_after_a_replug(watch: Watch, device: Device, 
     device.plug()
     after = watched.expect_state(LinkState.CONNECTING, after=after)
     assert watched.states[after - 1][1].endswith(f"listening for MAVLink at {found} baud")
-
-
-def test_portable_port(device: Device) -> None:
-    """What stands in where there is no POSIX terminal interface works on one, too."""
-    device.plug()
-    port = PortablePort(serial.Serial(str(device.path), 57600, timeout=0.1, write_timeout=0.1))
-    with contextlib.closing(port):
-        assert port.read() == b""
-        device.write(EVERY_BYTE)
-        data = b""
-        while len(data) < 256:
-            data += port.read()
-        assert data == EVERY_BYTE
-        assert port.write(EVERY_BYTE) == 256
-        assert device.read(256) == EVERY_BYTE
-        port.set_baud(115200)
-        device.write(b"more")
-        assert port.read()[:1] == b"m"

@@ -38,11 +38,6 @@ SERIAL: list[tuple[str, LinkUrl]] = [
     ("serial:/dev/ttyUSB0?baud=auto", SerialUrl("/dev/ttyUSB0")),
     ("/dev/ttyS1:57600?rtscts=1", SerialUrl("/dev/ttyS1", 57600, rtscts=True)),
     ("serial:///dev/ttyUSB0:57600", SerialUrl("/dev/ttyUSB0", 57600)),
-    ("serial_flowcontrol:///dev/ttyUSB0:57600", SerialUrl("/dev/ttyUSB0", 57600, rtscts=True)),
-    ("COM3", SerialUrl("COM3")),
-    ("COM3,57600", SerialUrl("COM3", 57600)),
-    ("serial:COM12:115200", SerialUrl("COM12", 115200)),
-    ("serial://COM3:57600", SerialUrl("COM3", 57600)),
     (BY_PATH, SerialUrl(BY_PATH)),
     (f"{BY_PATH},57600", SerialUrl(BY_PATH, 57600)),
     ("serial:/tmp/odd:12?baud=auto", SerialUrl("/tmp/odd:12")),
@@ -152,8 +147,7 @@ def test_recordings(tmp_path: Path) -> None:
         (f"replay:{file}", ReplayUrl(str(file))),
         (f"replay://{file}?speed=4", ReplayUrl(str(file), 4.0)),
         (f"replay:{file}?speed=0.5x", ReplayUrl(str(file), 0.5)),
-        (f"{file}?speed=max&loop=1", ReplayUrl(str(file), 0.0, loop=True)),
-        (f"{file}?speed=0&loop=no", ReplayUrl(str(file), 0.0)),
+        (f"{file}?speed=max", ReplayUrl(str(file), 0.0)),
     ]:
         assert parse_url(text) == meaning
         assert parse_url(str(meaning)) == meaning
@@ -161,9 +155,6 @@ def test_recordings(tmp_path: Path) -> None:
         with pytest.raises(BadUrl) as caught:
             parse_url(f"{file}?speed={speed}")
         assert caught.value.detail["field"] == "speed"
-    with pytest.raises(BadUrl) as caught:
-        parse_url(str(tmp_path / "fligth.tlog"))
-    assert caught.value.detail["hint"] == str(file)
     with pytest.raises(BadUrl):
         parse_url(f"replay:{tmp_path}")
 

@@ -85,8 +85,9 @@ def test_a_name_nearly_right_is_suggested() -> None:
 
 
 def test_commands_of_a_dialect_of_ones_own(tmp_path: Path) -> None:
-    file = tmp_path / "own.xml"
-    file.write_text(XML)
+    (tmp_path / "own.xml").write_text(XML)
+    file = tmp_path / "own.py"
+    file.write_text("from pymavlink.dialects.v20.common import *")
     dialect = load_dialect(str(file))
     winch: CommandType = command_type(dialect, "WINCH")
     assert (winch.id, winch.description) == (60001, "Let it down.")

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
-from zmav.mavlink.load import load_dialect
 from zmav.sim import SimVehicle, VehicleSpec, World
 
 GUIDED = 4

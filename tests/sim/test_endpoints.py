@@ -14,9 +14,9 @@ import pytest
 from pymavlink import mavutil
 
 from zmav.errors import BadUrl, PortInUse
+from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
-from zmav.mavlink.load import load_dialect
 from zmav.sim import SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, addresses, parse_endpoint
 

@@ -109,7 +109,6 @@ def test_names_and_ids_of_the_world_are_the_files(read: Read) -> None:
         ("arducopter", "udpout:127.0.0.1:14600", "udp-listen:127.0.0.1:14600"),
         ("arducopter", "/tmp/quad1,57600", "pty:/tmp/quad1@57600"),
         ("arducopter", "serial:/tmp/quad1", "pty:/tmp/quad1"),
-        ("arducopter", "lossy:tcp:127.0.0.1:5760?loss=0.2", "tcp:127.0.0.1:5760"),
         ("px4", "udpin:127.0.0.1:14541", "onboard:14581:127.0.0.1:14541"),
         ("px4", "udpin:127.0.0.1:15000", "onboard:0:127.0.0.1:15000"),
     ],

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pymavlink import mavftp, mavutil
 
+from tests.packed_params import unpack_params
 from zmav.mavlink.ftp import MOST_DATA, Entry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
-from zmav.mavlink.packed_params import PATH, PackedParam, pack_params, unpack_params
+from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim import World
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.storage import Storage

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from zmav.errors import BadConfig
+from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer
-from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec
 from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.ardupilot.telemetry import REPORTS

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from zmav.errors import BadConfig, BadInput, BadUrl, PortInUse, TimedOut
+from zmav.mavlink import load_dialect
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
-from zmav.mavlink.load import load_dialect
 from zmav.sim import Home, SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, parse_endpoint
 from zmav.sim.environment import Terrain

@@ -30,7 +30,7 @@ Work = Callable[[zmav.Vehicle, Callable[[dict[str, Any]], None]], Awaitable[list
 
 kind_option = click.option("--kind", type=click.Choice(KINDS), help="This kind alone.")
 dialect_option = click.option(
-    "--dialect", default="ardupilotmega", show_default=True, help="Dialect, by name or as an XML file."
+    "--dialect", default="ardupilotmega", show_default=True, help="Dialect, by name or as a mavgen module."
 )
 
 

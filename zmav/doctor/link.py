@@ -15,7 +15,7 @@ from zmav.doctor.rules import loss_level
 from zmav.doctor.serial import check_device
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
-from zmav.links.url import LossyUrl, SerialUrl, parse_url
+from zmav.links.url import SerialUrl, parse_url
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
 from zmav.services.link.identity import AUTOPILOT_INVALID, NOT_AUTOPILOTS
 
@@ -97,8 +97,7 @@ def examine_device(url: str, user: str | None = None) -> list[Finding]:
 def serial_of(url: str) -> SerialUrl | None:
     """What a link's URL says of a serial device; None where it is none. Raises :class:`~zmav.errors.BadUrl`."""
     parsed = parse_url(url)
-    inner = parsed.inner if isinstance(parsed, LossyUrl) else parsed
-    return inner if isinstance(inner, SerialUrl) else None
+    return parsed if isinstance(parsed, SerialUrl) else None
 
 
 def _find_baud(link: Link) -> None:

@@ -19,7 +19,7 @@ from zmav.hil.plant import Plant
 from zmav.hil.program import Program
 from zmav.hil.px4 import Px4Vehicle, px4_port
 from zmav.hil.vehicle import External
-from zmav.mavlink.load import load_dialect
+from zmav.mavlink import load_dialect
 from zmav.sim.endpoints import Address, Wiring
 from zmav.sim.environment import Environment
 from zmav.sim.external import Externals as NoExternals

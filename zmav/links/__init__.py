@@ -6,20 +6,17 @@
 from __future__ import annotations
 
 from zmav.links.base import Link, LinkCounters, LinkState
-from zmav.links.lossy import LossyLink
 from zmav.links.replay import ReplayLink
 from zmav.links.serial import SerialLink
 from zmav.links.tcp import TcpInLink, TcpLink
 from zmav.links.udp import UdpInLink, UdpOutLink
-from zmav.links.url import LinkUrl, LossyUrl, ReplayUrl, SerialUrl, SocketUrl, parse_url
+from zmav.links.url import LinkUrl, ReplayUrl, SerialUrl, SocketUrl, parse_url
 
 __all__ = [
     "Link",
     "LinkCounters",
     "LinkState",
     "LinkUrl",
-    "LossyLink",
-    "LossyUrl",
     "ReplayLink",
     "ReplayUrl",
     "SerialLink",
@@ -45,15 +42,13 @@ def open_link(url: str) -> Link:
     """The link of a URL, not started yet; its ``url`` is the canonical form.
 
     ======================================  ==========================================================================
-    ``serial:/dev/ttyUSB0:57600``           also ``/dev/ttyUSB0,57600``, ``/dev/ttyACM0``, ``COM3``, ``?baud=57600``,
+    ``serial:/dev/ttyUSB0:57600``           also ``/dev/ttyUSB0,57600``, ``/dev/ttyACM0``, ``?baud=57600``,
                                             ``?rtscts=1``; without a baud rate it is found by listening
     ``udpin:HOST:PORT``                     listen, answer whom was heard; also ``udp:HOST:PORT`` and ``HOST:PORT``
     ``udpout:HOST:PORT``                    speak first; ``?local=PORT`` sends from that port; also ``udp://HOST:PORT``
     ``tcp:HOST:PORT``                       connect; also ``tcpout:``
     ``tcpin:HOST:PORT``                     wait for one peer at a time; also ``tcp://:PORT``
-    ``replay:FILE.tlog``                    ``?speed=4``, ``?speed=max``, ``?loop=1``; also a bare path to a .tlog
-    ``lossy:URL?loss=0.2&delay=0.2``        another link made worse, for tests: share of frames lost and seconds late,
-                                            each way; ``&jitter=0.05`` seconds more at random, ``&seed=7``
+    ``replay:FILE.tlog``                    ``?speed=4``, ``?speed=max``; also a bare path to a .tlog
     ======================================  ==========================================================================
 
     **An empty HOST means loopback**, also where a link listens: write ``0.0.0.0`` (or ``[::]``) to be reached from
@@ -62,12 +57,7 @@ def open_link(url: str) -> Link:
     Raises BadUrl, whose detail has ``field``, ``value``, ``expected`` and perhaps ``hint``; also for a recording that
     does not exist. A device or peer that is not there yet is no error: the link waits for it.
     """
-    return _open(parse_url(url))
-
-
-def _open(target: LinkUrl) -> Link:
-    if isinstance(target, LossyUrl):
-        return LossyLink(target, _open(target.inner))
+    target = parse_url(url)
     if isinstance(target, SerialUrl):
         return SerialLink(target)
     if isinstance(target, ReplayUrl):

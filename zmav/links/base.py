@@ -1,8 +1,7 @@
 """What every link is: one reader thread that opens, reads and reopens for ever, a state, counters, a bounded send.
 
-:class:`Link` is what users see. A :class:`Transport` adds four methods (``_open``, ``_read``, ``_write``, ``_release``)
-and, where a blocked read can be woken, a fifth (``_wake``). Threads, backoff, states and counters are here and nowhere
-else.
+A transport adds four methods to :class:`Link` (``_open``, ``_read``, ``_write``, ``_release``) and, where a blocked
+read can be woken, a fifth (``_wake``). Threads, backoff, states and counters are here and nowhere else.
 """
 
 from __future__ import annotations
@@ -79,64 +78,8 @@ class Link(ABC):
     that reads: errors go to ``counters.last_error`` and to the state.
     """
 
-    url: str
     recorded: bool = False
     """what it brings is no vehicle's present word, and nothing can be sent"""
-
-    @property
-    @abstractmethod
-    def state(self) -> LinkState: ...
-
-    @property
-    @abstractmethod
-    def detail(self) -> str:
-        """The state in words: what is being tried, who is connected, why it is down and what to do."""
-
-    @property
-    @abstractmethod
-    def counters(self) -> LinkCounters: ...
-
-    @property
-    def capacity(self) -> float | None:
-        """Bytes a second it can carry each way; None: not limited by its kind, or not known."""
-        return None
-
-    @abstractmethod
-    def start(self, on_data: OnData, on_state: OnState) -> None:
-        """Start the one thread that calls both callbacks inline, so they must be quick.
-
-        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
-        ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
-        Raises LinkError when the link was started or closed before.
-        """
-
-    @abstractmethod
-    def send(self, data: bytes) -> bool:
-        """Send one whole frame; never blocks long. False, and ``tx_dropped`` is one more, when it is down or full."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """End the link for good and join its thread, within about a second; twice is harmless."""
-
-    @abstractmethod
-    def wait(self, state: LinkState, timeout: float | None) -> bool:
-        """Wait until the link is in ``state``; False after ``timeout`` seconds, or once it is closed and cannot be."""
-
-    def __enter__(self) -> Link:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url} {self.state.value}: {self.detail}>"
-
-
-class Transport(Link):
-    """A link with a transport of its own, read by one thread."""
-
     # Whether an open transport is UP at once, or only when the first bytes came (udpin: nobody is known before).
     _up_when_open = True
 
@@ -151,7 +94,6 @@ class Transport(Link):
         self._thread: threading.Thread | None = None
         self._ended = False
         self._complained: set[str] = set()  # callbacks whose failing was logged
-        self._finished = threading.Event()  # a normal end; only links that can end (recordings) set it
         self._on_data: OnData = lambda data: None
         self._on_state: OnState = lambda state, detail: None
 
@@ -163,13 +105,25 @@ class Transport(Link):
 
     @property
     def detail(self) -> str:
+        """The state in words: what is being tried, who is connected, why it is down and what to do."""
         return self._detail
 
     @property
     def counters(self) -> LinkCounters:
         return self._counters
 
+    @property
+    def capacity(self) -> float | None:
+        """Bytes a second it can carry each way; None: not limited by its kind, or not known."""
+        return None
+
     def start(self, on_data: OnData, on_state: OnState) -> None:
+        """Start the one thread that calls both callbacks inline, so they must be quick.
+
+        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
+        ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
+        Raises LinkError when the link was started or closed before.
+        """
         if self._thread is not None or self._closing.is_set():
             raise LinkError(f"{self.url} was started or closed before; open another link", url=self.url)
         self._on_data, self._on_state = on_data, on_state
@@ -178,6 +132,7 @@ class Transport(Link):
         self._thread.start()
 
     def send(self, data: bytes) -> bool:
+        """Send one whole frame; never blocks long. False, and ``tx_dropped`` is one more, when it is down or full."""
         with self._tx_lock:
             try:
                 sent = self._write(data)
@@ -190,6 +145,7 @@ class Transport(Link):
         return sent > 0
 
     def close(self) -> None:
+        """End the link for good and join its thread, within about a second; twice is harmless."""
         self._closing.set()
         self._wake()
         thread = self._thread
@@ -197,9 +153,21 @@ class Transport(Link):
             thread.join(JOIN_S)
 
     def wait(self, state: LinkState, timeout: float | None) -> bool:
+        """Wait until the link is in ``state``; False after ``timeout`` seconds, or once it is closed and cannot be."""
         with self._changed:
             self._changed.wait_for(lambda: self._state is state or self._ended, timeout)
             return self._state is state
+
+    def __enter__(self) -> Link:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url} {self.state.value}: {self.detail}>"
 
     # -- what a transport provides -----------------------------------------------------------------------------------
 
@@ -219,7 +187,7 @@ class Transport(Link):
     def _release(self) -> None:
         """Give back what ``_open`` took, also when it failed half way. Runs in the reader thread."""
 
-    def _wake(self) -> None:
+    def _wake(self) -> None:  # noqa: B027  # not every transport can
         """Make a blocked ``_open`` or ``_read`` return soon. Called by ``close()``, by any thread."""
 
     # -- the reader thread -------------------------------------------------------------------------------------------
@@ -235,7 +203,6 @@ class Transport(Link):
                 self._pump()
             except LinkFinished as end:
                 self._set_state(LinkState.DOWN, str(end))
-                self._finished.set()
                 self._closing.wait()
             except Exception as error:
                 self._failed(error)

@@ -6,6 +6,8 @@ Frames: https://mavlink.io/en/guide/serialization.html
 
 from __future__ import annotations
 
+from fastcrc import crc16
+
 CANDIDATES = (115200, 57600, 921600, 460800, 230400, 38400, 1500000, 500000, 1000000, 2000000, 3000000, 19200, 9600)
 CHAIN = 3  # so many whole frames in a row, and the beginning of the next if there is more
 NOISE = 1200  # bytes without MAVLink that settle it: at least four times the longest frame (280)
@@ -73,14 +75,5 @@ def _is_heartbeat(data: bytes | bytearray, at: int) -> bool:
     end = at + header + _HEARTBEAT_LENGTH
     if end + 2 > len(data) or data[at + 1] != _HEARTBEAT_LENGTH or any(msgid):
         return False
-    return _crc(bytes(data[at + 1 : end]) + bytes([_HEARTBEAT_EXTRA])) == int.from_bytes(data[end : end + 2], "little")
-
-
-def _crc(data: bytes) -> int:
-    """MAVLink's checksum (CRC-16/MCRF4XX); a few bytes now and then, so plain Python will do."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
-    return crc
+    body = bytes(data[at + 1 : end]) + bytes([_HEARTBEAT_EXTRA])
+    return crc16.mcrf4xx(body) == int.from_bytes(data[end : end + 2], "little")

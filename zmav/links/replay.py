@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from zmav.errors import LinkDown
-from zmav.links.base import LinkFinished, Transport
+from zmav.links.base import Link, LinkFinished
 from zmav.links.tlog import TlogReader
 from zmav.links.url import ReplayUrl
 
@@ -17,10 +17,10 @@ from zmav.links.url import ReplayUrl
 LONGEST_STEP_S = 60.0
 
 
-class ReplayLink(Transport):
+class ReplayLink(Link):
     """Plays a .tlog; ``on_data`` gets exactly one recorded frame a call.
 
-    At the end (unless it loops) the state is DOWN with "end of recording", nothing is retried, ``finished`` is True.
+    At the end the state is DOWN with "end of recording", and nothing is retried.
     A recording does not listen: ``send`` returns False and counts, so that nobody waits for an answer. Damage is
     skipped: ``counters.skipped`` has the bytes, ``last_error`` the place. ``now`` and ``pause`` are for tests: a clock
     in seconds, and a wait of so many seconds that returns True when the link is being closed.
@@ -41,36 +41,19 @@ class ReplayLink(Transport):
         self._file: BinaryIO | None = None
         self._reader: TlogReader | None = None
         self._records: Iterator[tuple[int, bytes]] = iter(())
-        self._skipped_before = 0
         self._last_us: int | None = None
         self._due = 0.0
-
-    @property
-    def finished(self) -> bool:
-        """Whether the recording was played to its end."""
-        return self._finished.is_set()
-
-    def wait_finished(self, timeout: float | None) -> bool:
-        """Wait for the end of the recording; False after ``timeout`` seconds."""
-        return self._finished.wait(timeout)
 
     def _open(self) -> str:
         try:
             self._file = Path(self._target.path).open("rb")  # noqa: SIM115 - closed by _release
         except OSError as error:
             raise LinkDown(f"cannot open {self._target.path}: {error.strerror or error}", url=self.url) from error
-        self._begin()
-        pace = f"{self._target.speed:g} times real time" if self._target.speed else "as fast as possible"
-        return f"playing {self._target.path}, {pace}"
-
-    def _begin(self) -> None:
-        if self._file is None:
-            raise LinkDown("not open", url=self.url)
-        self._file.seek(0)
-        self._skipped_before = self._counters.skipped
         self._reader = TlogReader(self._file, self._closing.is_set)
         self._records = iter(self._reader)
         self._last_us = None
+        pace = f"{self._target.speed:g} times real time" if self._target.speed else "as fast as possible"
+        return f"playing {self._target.path}, {pace}"
 
     def _read(self) -> bytes:
         record = next(self._records, None)
@@ -97,14 +80,11 @@ class ReplayLink(Transport):
         return delay <= 0 or not self._pause(delay)
 
     def _tell_damage(self) -> None:
-        if self._reader is not None and self._reader.skipped > self._counters.skipped - self._skipped_before:
-            self._counters.skipped = self._skipped_before + self._reader.skipped
+        if self._reader is not None and self._reader.skipped > self._counters.skipped:
+            self._counters.skipped = self._reader.skipped
             self._note(f"{self._target.path}: {self._reader.trouble}")
 
     def _end(self) -> None:
-        if self._reader is not None and self._reader.records and self._target.loop:
-            self._begin()
-            return
         empty = self._reader is None or not self._reader.records
         if empty:
             self._note(f"{self._target.path} holds no MAVLink records")

@@ -17,8 +17,8 @@ MAX_READ = 65535
 
 # Linux: lets a privileged process pass net.core.rmem_max (asm-generic/socket.h; Python has no name for it).
 SO_RCVBUFFORCE = 33
-# A send that never blocks, on a socket whose reads do. Absent on Windows, where a send may then block.
-DONTWAIT: int = getattr(socket, "MSG_DONTWAIT", 0)
+# A send that never blocks, on a socket whose reads do.
+DONTWAIT: int = socket.MSG_DONTWAIT
 
 Address = tuple[Any, ...]  # (host, port) or (host, port, flow, scope), as the socket module gives it
 
@@ -28,13 +28,9 @@ def set_read_wake(sock: socket.socket, seconds: float = READ_WAKE_S) -> None:
 
     Set in the kernel, because Python's own ``settimeout`` puts a poll before every read: one more system call each.
     """
-    if sys.platform == "win32":
-        value = struct.pack("@L", int(seconds * 1000))
-    else:
-        # 66 is SO_RCVTIMEO_NEW: a 32-bit machine with 64-bit time.
-        layout = "@qq" if socket.SO_RCVTIMEO == 66 else "@ll"
-        value = struct.pack(layout, int(seconds), int(seconds % 1 * 1e6))
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, value)
+    # 66 is SO_RCVTIMEO_NEW: a 32-bit machine with 64-bit time.
+    layout = "@qq" if socket.SO_RCVTIMEO == 66 else "@ll"
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack(layout, int(seconds), int(seconds % 1 * 1e6)))
 
 
 def grow_receive_buffer(sock: socket.socket, size: int = RECEIVE_BUFFER) -> int:

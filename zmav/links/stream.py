@@ -6,7 +6,7 @@ import contextlib
 from abc import abstractmethod
 from collections.abc import Callable
 
-from zmav.links.base import Transport
+from zmav.links.base import Link
 
 WriteSome = Callable[[bytes], int]  # bytes taken, 0 when the transport is full; raises OSError when it is gone
 
@@ -46,7 +46,7 @@ class Outbox:
         self._rest = b""
 
 
-class StreamLink(Transport):
+class StreamLink(Link):
     """A link over a byte stream; a transport says how to write some bytes without blocking."""
 
     def __init__(self, url: str, outbox_limit: int) -> None:

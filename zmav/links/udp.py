@@ -17,7 +17,7 @@ import time
 from abc import abstractmethod
 
 from zmav.errors import LinkDown
-from zmav.links.base import LinkCounters, Transport
+from zmav.links.base import Link, LinkCounters
 from zmav.links.sockets import (
     DONTWAIT,
     MAX_READ,
@@ -41,7 +41,7 @@ SO_MEMINFO, MEMINFO_DROPS = 55, 8  # Linux: include/uapi/asm-generic/socket.h an
 NO_ROUTE = frozenset({errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
 
 
-class UdpLink(Transport):
+class UdpLink(Link):
     """What both kinds share: one bound socket for life."""
 
     def __init__(self, target: SocketUrl) -> None:

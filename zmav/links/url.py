@@ -13,7 +13,7 @@ import ipaddress
 import math
 import re
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 
@@ -23,12 +23,11 @@ SocketScheme = Literal["udpin", "udpout", "tcp", "tcpin"]
 LOOPBACK = "127.0.0.1"
 EXPECTED = (
     "serial:/dev/ttyACM0, serial:/dev/ttyUSB0:57600, /dev/ttyUSB0,57600, udpin:HOST:PORT, udpout:HOST:PORT,"
-    " tcp:HOST:PORT, tcpin:HOST:PORT, replay:FILE.tlog?speed=4 or lossy:URL?loss=0.2&delay=0.2"
+    " tcp:HOST:PORT, tcpin:HOST:PORT or replay:FILE.tlog?speed=4"
 )
 # What is written -> what it means; udp and tcp followed by // are MAVSDK's and depend on the host.
 SCHEMES: dict[str, str] = {
     "serial": "serial",
-    "serial_flowcontrol": "serial",
     "udp": "udpin",
     "udpin": "udpin",
     "udpout": "udpout",
@@ -43,13 +42,10 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "udpout": ("local",),
     "tcp": (),
     "tcpin": (),
-    "replay": ("speed", "loop"),
+    "replay": ("speed",),
 }
-# What lossy: takes, and the most of each; the inner link's own options stand beside them.
-LOSSY_OPTIONS = {"loss": 1.0, "delay": 60.0, "jitter": 60.0, "seed": 2**31}
 BAUD_RANGE = range(300, 20_000_001)
 _EVERYWHERE = ("0.0.0.0", "::")
-_COM = re.compile(r"(\\\\\.\\)?COM\d+(?=$|[:,])", re.IGNORECASE)
 _NODE = re.compile(r"(tty(ACM|USB|AMA|THS|S|O)\d+|cu\..+|serial\d*)(?=$|[:,])")
 
 
@@ -80,27 +76,12 @@ class SocketUrl(msgspec.Struct, frozen=True):
 class ReplayUrl(msgspec.Struct, frozen=True):
     path: str
     speed: float = 1.0  # times real time; 0 = as fast as possible
-    loop: bool = False
 
     def __str__(self) -> str:
-        options = [] if self.speed == 1 else [f"speed={self.speed:.15g}"]
-        return f"replay:{self.path}{_query(options + (['loop=1'] if self.loop else []))}"
+        return f"replay:{self.path}{_query([] if self.speed == 1 else [f'speed={self.speed:.15g}'])}"
 
 
-class LossyUrl(msgspec.Struct, frozen=True):
-    inner: SerialUrl | SocketUrl | ReplayUrl
-    loss: float = 0.0  # share of the frames that are lost, each way
-    delay: float = 0.0  # seconds, each way
-    jitter: float = 0.0  # seconds more, at random; the order stays
-    seed: int = 0
-
-    def __str__(self) -> str:
-        worse = [f"{name}={getattr(self, name):.15g}" for name in LOSSY_OPTIONS if getattr(self, name)]
-        inner, mark, options = str(self.inner).partition("?")
-        return f"lossy:{inner}{_query(worse + ([options] if mark else []))}"
-
-
-LinkUrl = SerialUrl | SocketUrl | ReplayUrl | LossyUrl
+LinkUrl = SerialUrl | SocketUrl | ReplayUrl
 
 
 def parse_url(url: str) -> LinkUrl:
@@ -109,8 +90,6 @@ def parse_url(url: str) -> LinkUrl:
     if not url:
         raise _bad(url, "url", url, EXPECTED)
     body, options = _split_options(url)
-    if body.lower().startswith("lossy:"):
-        return _lossy(url, body.partition(":")[2], options)
     scheme, rest, slashes = _split_scheme(url, body)
     if scheme in ("udp", "tcp") and slashes and rest.rpartition(":")[0] not in ("", *_EVERYWHERE, "[::]"):
         scheme = "udpout" if scheme == "udp" else "tcp"
@@ -119,7 +98,7 @@ def parse_url(url: str) -> LinkUrl:
     kind = SCHEMES[scheme]
     _check_options(url, kind, options)
     if kind == "serial":
-        return _serial(url, rest, options, rtscts=scheme == "serial_flowcontrol")
+        return _serial(url, rest, options)
     if kind == "replay":
         return _replay(url, rest, options)
     return _socket(url, kind, rest, options)
@@ -142,7 +121,7 @@ def _split_scheme(url: str, body: str) -> tuple[str, str, bool]:
     """(scheme as written, the rest, whether // stood between them); bare paths and HOST:PORT imply one."""
     if body.lower().endswith(".tlog") and not re.match(r"[a-z]+:", body):
         return "replay", body, False
-    if body.startswith(("/", "./", "../", "~", "\\\\")) or _COM.match(body):
+    if body.startswith(("/", "./", "../", "~")):
         return "serial", body, False
     word, colon, rest = body.partition(":")
     name = word.lower()
@@ -173,7 +152,7 @@ def _check_options(url: str, kind: str, options: dict[str, str]) -> None:
             raise _bad(url, "option", name, expected, hint=close[0] if close else "")
 
 
-def _serial(url: str, rest: str, options: dict[str, str], *, rtscts: bool) -> SerialUrl:
+def _serial(url: str, rest: str, options: dict[str, str]) -> SerialUrl:
     path, baud_text = rest, options.get("baud", "")
     if "baud" not in options:
         found = re.fullmatch(r"(.*?)(?:,([^,/]*)|:(\w*))", rest)
@@ -183,11 +162,11 @@ def _serial(url: str, rest: str, options: dict[str, str], *, rtscts: bool) -> Se
                 raise _bad(url, "baud", baud_text, _baud_expected())
     path = _expand(path)
     if not path:
-        raise _bad(url, "path", path, "a serial device such as /dev/ttyACM0 or COM3")
-    if not (path.startswith(("/", "./", "../")) or _COM.fullmatch(path)):
+        raise _bad(url, "path", path, "a serial device such as /dev/ttyACM0")
+    if not path.startswith(("/", "./", "../")):
         hint = f"serial:/dev/{rest}" if _NODE.match(path) else ""
-        raise _bad(url, "path", path, "a serial device with its whole path, such as /dev/ttyACM0, or COM3", hint=hint)
-    return SerialUrl(path, _baud(url, baud_text), rtscts or _flag(url, "rtscts", options))
+        raise _bad(url, "path", path, "a serial device with its whole path, such as /dev/ttyACM0", hint=hint)
+    return SerialUrl(path, _baud(url, baud_text), _flag(url, options.get("rtscts", "0").lower()))
 
 
 def _baud(url: str, text: str) -> int | None:
@@ -214,14 +193,7 @@ def _socket(url: str, kind: str, rest: str, options: dict[str, str]) -> SocketUr
     if not listening and host in _EVERYWHERE:
         raise _bad(url, "host", host, "an address to send to", hint=f"{kind}:{LOOPBACK}:{port_text}")
     local = _port(url, "local", options["local"], 0) if "local" in options else 0
-    scheme: SocketScheme
-    if kind == "udpin":
-        scheme = "udpin"
-    elif kind == "udpout":
-        scheme = "udpout"
-    else:
-        scheme = "tcpin" if kind == "tcpin" else "tcp"
-    return SocketUrl(scheme, host, port, local)
+    return SocketUrl(cast(SocketScheme, kind), host, port, local)
 
 
 def _host(url: str, kind: str, text: str, port: str) -> str:
@@ -256,8 +228,7 @@ def _replay(url: str, rest: str, options: dict[str, str]) -> ReplayUrl:
         raise _bad(url, "file", rest, "a recording, as in replay:flight.tlog")
     path = Path(_expand(rest))
     if not _is_file(path):
-        hint = difflib.get_close_matches(path.name, _recordings_beside(path), 1, 0.6)
-        raise _bad(url, "file", rest, "an existing .tlog file", hint=str(path.with_name(hint[0])) if hint else "")
+        raise _bad(url, "file", rest, "an existing .tlog file")
     text = options.get("speed", "1")
     try:
         speed = 0.0 if text == "max" else float(text.removesuffix("x"))
@@ -265,25 +236,7 @@ def _replay(url: str, rest: str, options: dict[str, str]) -> ReplayUrl:
         speed = math.nan
     if not (math.isfinite(speed) and speed >= 0):
         raise _bad(url, "speed", text, "a number: 1 is real time, 4 four times as fast, 0 or max as fast as possible")
-    return ReplayUrl(str(path), speed, _flag(url, "loop", options))
-
-
-def _lossy(url: str, body: str, options: dict[str, str]) -> LossyUrl:
-    numbers = {}
-    for name, most in LOSSY_OPTIONS.items():
-        text = options.pop(name, "0")
-        try:
-            number = float(text)
-        except ValueError:
-            number = math.nan
-        if not 0 <= number <= most or (name == "seed" and not number.is_integer()):
-            whole = "a whole number" if name == "seed" else "a number"
-            raise _bad(url, name, text, f"{whole} from 0 to {most:g}")
-        numbers[name] = number
-    inner = parse_url(body + _query([f"{name}={value}" for name, value in options.items()]))
-    if isinstance(inner, LossyUrl):
-        raise _bad(url, "url", body, "one link inside lossy:")
-    return LossyUrl(inner, numbers["loss"], numbers["delay"], numbers["jitter"], int(numbers["seed"]))
+    return ReplayUrl(str(path), speed)
 
 
 def _expand(path: str) -> str:
@@ -301,17 +254,9 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _recordings_beside(path: Path) -> list[str]:
-    try:
-        return sorted(other.name for other in path.parent.glob("*.tlog"))
-    except (OSError, ValueError):
-        return []
-
-
-def _flag(url: str, name: str, options: dict[str, str]) -> bool:
-    text = options.get(name, "0").lower()
+def _flag(url: str, text: str) -> bool:
     if text not in ("0", "1", "false", "true", "no", "yes"):
-        raise _bad(url, name, text, "1 or 0")
+        raise _bad(url, "rtscts", text, "1 or 0")
     return text in ("1", "true", "yes")
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from zmav.mavlink.codec import MavMessage, Packer, decode, describe, encode, targets
 from zmav.mavlink.commands import CommandParam, CommandType, command_type
+from zmav.mavlink.definitions import load_dialect
 from zmav.mavlink.dialect import Dialect, Field, MessageType
 from zmav.mavlink.frames import Frame, SourceCounters, SplitCounters, Splitter, parse_frame
-from zmav.mavlink.load import load_dialect
 
 __all__ = [
     "CommandParam",

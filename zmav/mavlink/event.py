@@ -1,4 +1,4 @@
-"""EVENT (410): what PX4 says by number instead of in words, read without a dialect that knows it.
+"""EVENT (410): what PX4 says by number instead of in words. Every dialect has it (:mod:`zmav.mavlink.additions`).
 
 https://mavlink.io/en/services/events.html. The words belonging to an id are in a file of the very firmware
 (:mod:`zmav.mavlink.event_words`); id, severity, sequence and arguments are here.
@@ -10,15 +10,12 @@ import struct
 
 import msgspec
 
-from zmav.mavlink.checksum import checksum
-from zmav.mavlink.frame import CHECKSUM, HEADER_V2, MAGIC_V2, Frame
+from zmav.mavlink.frame import Frame
 
 MSGID = 410
 NAME = "EVENT"
-CRC_EXTRA = 160
-"""of its definition, whose fields are those of ``_PAYLOAD``: id, event_time_boot_ms, sequence, destination_component,
-destination_system, log_levels, arguments"""
-_PAYLOAD = struct.Struct("<IIHBBB40s")  # by size of the fields' types, as they lie on the wire
+_PAYLOAD = struct.Struct("<IIHBBB40s")
+"""id, event_time_boot_ms, sequence, destination_component, destination_system, log_levels, arguments"""
 PROTOCOL = 8
 """log levels from here on are not for people: 8 is for protocols, 9 is disabled"""
 
@@ -47,12 +44,8 @@ class Event(msgspec.Struct, frozen=True):
 
 
 def read_event(frame: Frame) -> Event | None:
-    """The event in a frame with the id of EVENT; None where its checksum is wrong: then it is no EVENT at all."""
-    data = frame.data
-    if frame.msgid != MSGID or data[0] != MAGIC_V2:
-        return None
-    end = HEADER_V2 + data[1]
-    if checksum(data[1:end], CRC_EXTRA) != int.from_bytes(data[end : end + CHECKSUM], "little"):
+    """The event in a frame; None where it is no EVENT, or its checksum was not looked at."""
+    if frame.msgid != MSGID or not frame.verified:
         return None
     payload = frame.payload[: _PAYLOAD.size].ljust(_PAYLOAD.size, b"\0")
     number, boot_ms, sequence, _component, _system, levels, arguments = _PAYLOAD.unpack(payload)

@@ -129,7 +129,7 @@ def _spec(name: str, table: VehicleConfig) -> VehicleSpec:
 
 def _endpoint(link: str, autopilot: str, field: str) -> str:
     """Where a vehicle has to be for an agent with that ``link`` to find it."""
-    plain = link.removeprefix("lossy:").partition("?")[0]
+    plain = link.partition("?")[0]
     found = _SOCKET.fullmatch(plain)
     if found:
         kind, host, port = found[1], found[2], int(found[3])

@@ -26,7 +26,6 @@ from zmav.wire.files import (
     StoredFile,
     Uploaded,
 )
-from zmav.wire.group import GroupMember, GroupStates
 from zmav.wire.history import History, HistoryEntry, HistoryQuery
 from zmav.wire.host import Disk, HostReport
 from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
@@ -120,8 +119,6 @@ __all__ = [
     "GlobalPosition",
     "GoTo",
     "Gps",
-    "GroupMember",
-    "GroupStates",
     "History",
     "HistoryEntry",
     "HistoryQuery",

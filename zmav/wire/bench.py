@@ -9,7 +9,7 @@ from typing import Literal
 
 from zmav.wire.base import Wire
 
-BenchRole = Literal["send", "receive", "both", "ping", "echo", "query"]
+BenchRole = Literal["send", "receive", "query"]
 BenchQos = Literal["realtime", "must-arrive", "latest-wins", "bulk"]
 BenchState = Literal["waiting", "running", "done", "stopped", "failed"]
 
@@ -19,16 +19,14 @@ class BenchOrder(Wire, kw_only=True):
 
     run: str
     role: BenchRole
-    """``ping`` sends datagrams that ``echo`` sends back; ``query`` asks each of ``peers`` for an answer"""
+    """``send`` and ``receive`` are the two ends of a stream; ``query`` asks each of ``peers`` for an answer"""
     peers: list[str]
     seconds: float
     hz: float
-    """datagrams a second"""
+    """datagrams or queries a second"""
     size: int
     """bytes of payload"""
     qos: BenchQos
-    reliable: bool
-    """False: the datagrams are not sent again by the link where it can do without (``mixed_rel``)"""
     gap: float = 0.5
     """s without a datagram that make an outage"""
     guard: float = 0.0
@@ -62,9 +60,6 @@ class Spread(Wire, kw_only=True):
     p95: float
     p99: float
     max: float
-    mean: float
-    bins: list[tuple[int, int]] = []
-    """(k, how many lie from 10^(k/10) µs to 10^((k+1)/10) µs), as in a histogram of ten bins a decade"""
 
 
 class BenchInterval(Wire, kw_only=True):
@@ -73,15 +68,13 @@ class BenchInterval(Wire, kw_only=True):
     start: float
     end: float
     bytes: int
-    """of payload, each datagram once"""
+    """of payload"""
     received: int
-    """datagrams, each once"""
     expected: int
-    """by the numbers they carry"""
+    """datagrams, by the numbers they carry"""
     jitter: float
     """s, at its end: the smoothed difference of transit times of RFC 3550, section 6.4.1"""
     out_of_order: int
-    duplicates: int
     transit: Spread | None = None
     """the receiver's clock less the sender's: :attr:`BenchClock.offset` makes it a delay"""
 
@@ -111,14 +104,12 @@ class BenchClock(Wire, kw_only=True):
 
 
 class BenchTrip(Wire, kw_only=True):
-    """Round trips to one host."""
+    """Round trips to one host, by query."""
 
     peer: str
     sent: int
     lost: int
     """without an answer in time"""
-    late: int = 0
-    """answers that came after their time"""
     rtt: Spread | None = None
 
 
@@ -141,11 +132,6 @@ class BenchReport(Wire, kw_only=True):
     total: BenchInterval | None = None
     intervals: list[BenchInterval] = []
     outages: list[BenchOutage] = []
-    outage_count: int = 0
-    silent: float | None = None
-    """s since the last datagram"""
-    foreign: int = 0
-    """datagrams that were none of this run's"""
     clock: BenchClock | None = None
     trips: list[BenchTrip] = []
     """of a stream with a guard: before it, and beside it"""

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from mesh.bench.units import bits_per_second
+from mesh.units import bits_per_second
 from zmav.errors import BadInput
 
 name_option = click.option(

@@ -180,16 +180,6 @@ MOTIONS = b"""{"status": "ok", "planning_time_s": 0.5, "trajectories": {"q1": [[
 "error": {"code": "invalid_scene", "ids": ["q1"], "message": "no"}}"""
 LEDGER_FILE = b"""{"fleet": "alpha", "number": 3, "t": 1.7e9, "entries": [{"name": "quad1", "role": "vehicle",
 "fingerprint": "00112233445566ff", "not_before": 1.7e9, "not_after": 1.8e9, "serial": "7"}]}"""
-DIALECT = b"""<?xml version="1.0"?>
-<mavlink><version>3</version><dialect>9</dialect><enums><enum name="SIDE" bitmask="true"><description>Of</description>
-<entry value="1" name="SIDE_LEFT"><description>Left</description><param index="1" label="Far" units="m"/></entry>
-<entry value="2" name="SIDE_RIGHT"/></enum></enums>
-<messages><message id="0" name="HEARTBEAT"><description>Beat</description><field type="uint8_t" name="type">T</field>
-<field type="uint8_t_mavlink_version" name="mavlink_version">V</field></message>
-<message id="20001" name="OWN"><description>Mine</description><field type="float[4]" name="q" units="rad">Q</field>
-<field type="uint16_t" name="sides" enum="SIDE">S</field><field type="char[20]" name="text">T</field>
-<extensions/><field type="uint64_t" name="more" print_format="0x%x">M</field></message></messages></mavlink>
-"""
 ROUTE = b"""rounding = 1.5
 [[waypoint]]
 pos = [0.0, 0.0, -5.0]
@@ -213,7 +203,6 @@ URLS = (
     b"udpin:0.0.0.0:14550",
     b"tcp:[::1]:5760",
     b"udpout:10.0.0.2:14550?local=14551",
-    b"lossy:udpin:127.0.0.1:14550?loss=0.2&delay=0.2",
     b"serial:/dev/ttyUSB0:auto?rtscts",
 )
 
@@ -229,7 +218,6 @@ TARGETS = (
     Target("plan_of_motion", filed("plan.json", read_plan), lambda: [MOTIONS], 700),
     Target("ledger", filed(LEDGER, lambda path: read_ledger(path.parent)), lambda: [LEDGER_FILE], 700),
     Target("tlog_played", filed("quad1.001.tlog", lambda path: list(Tlogs("quad1", [path]).records())), tlogs, 300),
-    Target("dialect", filed("own.xml", lambda path: load_dialect(str(path))), lambda: [DIALECT], 150),
     Target("dialect_name", pure(lambda data: load_dialect(data.decode("utf-8", "replace"))), lambda: [b"common"], 300),
     Target("stored", filed(f"a{META}", lambda path: Store(path.parent).files), lambda: [META_FILE], 700),
     Target("calibration", filed("a.toml", Calibration.load), lambda: [CALIBRATION], 700),

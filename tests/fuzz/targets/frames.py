@@ -16,13 +16,12 @@ import msgspec
 from tests.fuzz.engine import Target, pure
 from zmav import wire, zenoh_codec
 from zmav.errors import BadMessage
-from zmav.mavlink import Dialect, Frame, Packer, Splitter, describe, encode, load_dialect, packed_params, parse_frame
+from zmav.mavlink import Dialect, Frame, Packer, Splitter, describe, encode, load_dialect, parse_frame
 from zmav.mavlink import ftp as ftp_packets
 from zmav.mavlink.checksum import checksum
 from zmav.mavlink.event import Event, read_event
 from zmav.mavlink.event_words import EventWords
 from zmav.mavlink.ftp import Packet
-from zmav.mavlink.packed_params import PackedParam
 from zmav.mavlink.signing import Signing
 from zmav.mavlink.statustext import MSGID, TextJoiner
 
@@ -198,18 +197,6 @@ def ftp_payloads() -> list[bytes]:
     return [ftp_packets.pack(each) for each in (*answers, Packet(3, 1, 15, 239, offset=1 << 31))] + [listed]
 
 
-def packed(data: bytes) -> None:
-    for each in packed_params.unpack_params(data):
-        assert len(each.name) <= 16
-
-
-def packed_files() -> list[bytes]:
-    params = [PackedParam(f"SERVO{n}_MIN", 1000.0 + n, 4) for n in range(40)] + [
-        PackedParam("WPNAV_SPEED", 0.5, 9, 1.5)
-    ]
-    return [packed_params.pack_params(params), packed_params.pack_params(params, with_defaults=True)]
-
-
 def event_words(data: bytes) -> None:
     """A file as it comes: packed."""
     EventWords.unpack(data)
@@ -258,7 +245,6 @@ TARGETS = (
     Target("signed_frames", pure(signatures), signed_frames, 1000, stream),
     Target("statustext", pure(texts), text_pieces),
     Target("ftp", pure(ftp), ftp_payloads, 3000),
-    Target("packed_params", pure(packed), packed_files),
     Target("event_words", pure(event_words), packed_event_files, 300),
     Target("event_json", pure(event_json), event_files, 300),
     Target("frame_fields", pure(fields), field_objects),

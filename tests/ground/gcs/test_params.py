@@ -13,10 +13,11 @@ import pytest
 from ground.gcs import param_copy
 from ground.gcs.param_copy import read_value
 from tests.ground.gcs.fleet import Caller, Fleet
+from tests.packed_params import unpack_params
 from zmav import keys
 from zmav.mavlink import Frame
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
-from zmav.mavlink.packed_params import PATH, unpack_params
+from zmav.mavlink.packed_params import PATH
 from zmav.mavlink.paramvalue import type_name
 from zmav.sim import VehicleSpec
 

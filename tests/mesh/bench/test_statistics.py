@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mesh.bench.pinger import Clock
-from mesh.bench.statistics import SECOND, RoundTrips, Samples, Tally, bin_start
+from mesh.bench.statistics import SECOND, Samples, Tally
 from zmav.wire.bench import Pong
 
 MS = 1_000_000
@@ -64,13 +64,13 @@ def test_jitter_is_that_of_rfc_3550() -> None:
     assert expected > 1
 
 
-def test_lost_repeated_and_overtaken_are_told_apart() -> None:
+def test_lost_and_overtaken_are_told_apart() -> None:
     found = tally()
-    for number in (0, 1, 4, 2, 4, 4, 5):  # 3 is lost, 2 was overtaken, 4 came three times
+    for number in (0, 1, 4, 2, 5):  # 3 is lost, 2 was overtaken
         send(found, number, (9 - number) * PERIOD)  # whatever the order says, they come one after another
     whole = found.total()
     assert whole is not None
-    assert (whole.received, whole.expected, whole.lost, whole.out_of_order, whole.duplicates) == (5, 6, 1, 1, 2)
+    assert (whole.received, whole.expected, whole.lost, whole.out_of_order) == (5, 6, 1, 1)
     assert whole.bytes == 500
 
 
@@ -79,20 +79,17 @@ def test_what_cannot_be_of_the_run_costs_no_memory() -> None:
     send(found, 10)
     found.take(2**32 - 1, START, 100, START)
     assert found.total() is None
-    assert found.foreign == 2
 
 
 def test_outages_have_a_start_a_length_and_what_was_lost() -> None:
     found = tally()
     for number in (*range(100), *range(150, 200), 205, 206):
         send(found, number)
-    assert found.outage_count == 1
     (outage,) = found.outages(0)
     assert outage.start == pytest.approx(0.99)
     assert outage.length == pytest.approx(0.51)
     assert outage.lost == 50
     assert found.outages(1) == []
-    assert found.silent(START + 206 * PERIOD + 3 * MS + SECOND) == pytest.approx(1.0)
 
 
 def test_of_very_many_durations_some_are_kept_and_the_spread_is_theirs() -> None:
@@ -106,32 +103,6 @@ def test_of_very_many_durations_some_are_kept_and_the_spread_is_theirs() -> None
     assert spread.median == pytest.approx(50.0, rel=0.02)
     assert spread.p95 == pytest.approx(95.0, rel=0.02)
     assert Samples().spread() is None
-
-
-@settings(max_examples=40)
-@given(st.lists(st.integers(-SECOND, 100 * SECOND), min_size=1))
-def test_every_duration_is_in_a_bin_that_holds_it(values: list[int]) -> None:
-    samples = Samples()
-    for value in values:
-        samples.add(value)
-    spread = samples.spread(bins=True)
-    assert spread is not None
-    assert sum(count for _, count in spread.bins) == len(values)
-    assert spread.min <= spread.median <= spread.p95 <= spread.p99 <= spread.max
-    least = max(spread.min, 1e-9)
-    assert bin_start(spread.bins[0][0]) <= least * 1.0001
-    assert bin_start(spread.bins[-1][0] + 1) * 1.0001 >= max(spread.max, 1e-9)
-
-
-def test_a_round_trip_counts_once_and_in_time() -> None:
-    trips = RoundTrips(2 * SECOND)
-    trips.take(0, START, START + 4 * MS)
-    trips.take(0, START, START + 9 * MS)
-    trips.take(1, START, START + 3 * SECOND)
-    spread = trips.spread()
-    assert spread is not None
-    assert (trips.answered, trips.late, spread.count) == (1, 1, 1)
-    assert spread.max == pytest.approx(0.004)
 
 
 def pong(came: int, left: int, t: float = 0.0) -> Pong:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh.bench import datagram
-from mesh.bench.units import bits_per_second, duration, rate, size
+from mesh.bench import sender
+from mesh.units import bits_per_second, byte_rate, duration, milliseconds, percent, rate, size
 from zmav.errors import BadInput
 
 
@@ -29,20 +29,28 @@ def test_what_is_no_rate_is_said(text: str) -> None:
 def test_how_they_are_printed() -> None:
     assert (rate(1.5e6), rate(12_000), rate(3)) == ("1.50 Mbit/s", "12.00 kbit/s", "3 bit/s")
     assert (size(2.5e6), size(12)) == ("2.50 MB", "12 B")
-    assert (duration(2), duration(0.0015), duration(-0.00002)) == ("2.00 s", "1.50 ms", "-20 µs")
+    assert (duration(2), duration(0.0015), duration(-0.00002)) == ("2.00 s", "1.50 ms", "-20.00 µs")
+
+
+def test_figures_of_links() -> None:
+    assert [milliseconds(s) for s in (None, 0.00012, 0.0123, 1.5)] == ["-", "0.12", "12.3", "1500"]
+    assert [percent(s) for s in (None, 0.0, 0.0123, 0.5)] == ["-", "0%", "1.2%", "50%"]
+    assert [byte_rate(s) for s in (None, 10.0, 7500.0)] == ["-", "80 bit/s", "60.00 kbit/s"]
+    assert [duration(s) for s in (None, 0.0, 120.4)] == ["-", "0 s", "120.40 s"]
 
 
 @settings(max_examples=40)
-@given(st.integers(0, datagram.NUMBERS - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=100))
+@given(st.integers(0, 2**32 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=100))
 def test_a_datagram_says_its_number_and_time_to_its_own_run_only(number: int, sent: int, filling: bytes) -> None:
-    tag = datagram.tag_of("one")
-    data = datagram.head(datagram.MAGIC, 0, tag, number, sent) + filling
-    assert datagram.read(data, tag) == (number, sent)
-    assert datagram.read(data, datagram.tag_of("another")) is None
-    assert datagram.read(data[: datagram.LEAST - 1], tag) is None
+    tag = sender.tag_of("one")
+    data = sender.head(tag, number, sent) + filling
+    assert sender.read(data, tag) == (number, sent)
+    assert sender.read(data, sender.tag_of("another")) is None
+    assert sender.read(data[: sender.LEAST - 1], tag) is None
 
 
 @settings(max_examples=40)
 @given(st.binary(max_size=64))
 def test_garbage_is_no_datagram(data: bytes) -> None:
-    assert datagram.read(data, datagram.tag_of("one")) is None or data[:2] == b"\x42\x5a"
+    tag = sender.tag_of("one")
+    assert sender.read(data, tag) is None or data[:4] == tag.to_bytes(4, "little")

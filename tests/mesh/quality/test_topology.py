@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
-import shutil
-import subprocess
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mesh import linkstate
 from mesh.cli.graph import document, view, way_words
-from mesh.dot import dot, quoted
 from mesh.findings import Findings
 from mesh.topology import Graph, Link, Node, Way
-from mesh.words import duration, milliseconds, percent, rate
 from zmav import keys, wire
 from zmav.client import Answer
 
@@ -159,12 +152,6 @@ def test_hosts_of_several_fleets_are_told_apart() -> None:
 
 # As it is drawn.
 
-ID = r'(?:[A-Za-z_][A-Za-z_0-9]*|-?(?:\.\d+|\d+(?:\.\d*)?)|"(?:[^"\\]|\\.)*")'
-ATTRIBUTES = rf"\[\s*(?:{ID}\s*=\s*{ID}\s*[,;]?\s*)*\]"
-STATEMENT = rf"\s*{ID}(?:\s*--\s*{ID})*\s*(?:{ATTRIBUTES})?\s*;?"
-GRAPH = re.compile(rf"graph\s+{ID}\s*\{{(?:{STATEMENT})*\s*\}}\s*\Z")
-"""the part of DOT's grammar that undirected graphs without subgraphs need"""
-
 
 def graph_of(*names: str) -> Graph:
     nodes = {name: Node(name, None, "vehicle" if number else None, bool(number)) for number, name in enumerate(names)}
@@ -172,43 +159,7 @@ def graph_of(*names: str) -> Graph:
     return Graph(1.0, names[0], nodes, (*links, link("x", "y", state="down", loss_in=0.123)))
 
 
-@given(st.lists(st.text(max_size=12), min_size=1, max_size=4, unique=True))
-def test_any_name_makes_a_graph_in_dots_grammar(names: list[str]) -> None:
-    drawn = dot(graph_of(*names))
-    assert GRAPH.match(drawn), drawn
-
-
-def test_the_grammar_here_refuses_what_is_none() -> None:
-    assert GRAPH.match('graph fleet { "a" -- "b" [label="x\\"y", color=red]; }')
-    for wrong in ('graph fleet { "a" -- "b" [label="x"y"]; }', "graph fleet { a -> b }", 'graph fleet { "a" '):
-        assert not GRAPH.match(wrong)
-
-
-@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
-def test_graphviz_takes_it() -> None:
-    drawn = dot(graph_of('a"b', "c\\", "d\nf"))
-    done = subprocess.run(["dot", "-Tplain"], input=drawn, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("graph ")
-
-
-def test_quotes_and_backslashes_are_escaped() -> None:
-    assert quoted('a"b', "c\\") == r'"a\"b\nc\\"'
-
-
 def test_tables_and_documents_of_odd_graphs() -> None:
     for graph in (Graph(1.0, None), graph_of("a"), graph_of("a", "b", "c")):
         assert view(graph).renderables
         assert document(graph)["start"] == graph.start
-
-
-def test_words() -> None:
-    assert [milliseconds(s) for s in (None, 0.00012, 0.0123, 1.5)] == ["-", "0.12", "12.3", "1500"]
-    assert [percent(s) for s in (None, 0.0, 0.0123, 0.5)] == ["-", "0%", "1.2%", "50%"]
-    assert [rate(s) for s in (None, 10.0, 7500.0, 1.25e6, 1e9)] == [
-        "-",
-        "80 bit/s",
-        "60 kbit/s",
-        "10 Mbit/s",
-        "8 Gbit/s",
-    ]
-    assert [duration(s) for s in (None, 0.26, 120.4)] == ["-", "0.3 s", "120 s"]

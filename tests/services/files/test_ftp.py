@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.packed_params import unpack_params
 from tests.services.files.disk import PATIENCE_S, disk, noise
 from zmav.errors import BadInput, Refused, TimedOut
 from zmav.mavlink import ftp
 from zmav.mavlink.ftp import Nak, Op
-from zmav.mavlink.packed_params import PATH, unpack_params
+from zmav.mavlink.packed_params import PATH
 from zmav.services.files.ftp_requests import Talk
 
 if TYPE_CHECKING:

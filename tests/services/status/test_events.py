@@ -14,7 +14,6 @@ from zmav import keys
 from zmav.errors import Refused
 from zmav.mavlink import Packer
 from zmav.mavlink.checksum import checksum
-from zmav.mavlink.event import CRC_EXTRA
 from zmav.services.status.events import SEVERITIES
 
 if TYPE_CHECKING:
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 
 ARM, FAILED = 400, 4
+CRC_EXTRA = 160
+"""EVENT's"""
 NAMES = {4: "GUIDED", 9: "LAND", 77: "MODE_77"}
 
 

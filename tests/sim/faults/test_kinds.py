@@ -8,8 +8,8 @@ import socket
 import pytest
 
 from tests.sim.conftest import MakeDesk
+from zmav.mavlink import load_dialect
 from zmav.mavlink.frames import Frame, Splitter
-from zmav.mavlink.load import load_dialect
 from zmav.sim import VehicleSpec, World
 
 BODY = ("gps-loss", "gps-glitch", "compass", "baro", "rangefinder", "imu", "pitot", "motor", "battery", "rc-loss")

@@ -14,7 +14,7 @@ import pytest
 
 from tests.sim.yardstick.flights import ROVER_GUIDED, rover
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
-from zmav.mavlink.load import load_dialect
+from zmav.mavlink import load_dialect
 
 NOT_SENT = {"PARAM_VALUE": "what the real one learns and saves"}
 NOT_SAID = {"INS: alloc 6144 bytes for ISB (free=524288)": "there is no memory to speak of"}

@@ -15,7 +15,7 @@ from tests.sim.yardstick.explained import reason_for
 from tests.sim.yardstick.flights import YARDSTICKS
 from tests.sim.yardstick.measure import measure
 from tests.sim.yardstick.reading import Message
-from zmav.mavlink.load import load_dialect
+from zmav.mavlink import load_dialect
 
 
 @pytest.mark.parametrize("name", list(YARDSTICKS))

@@ -8,7 +8,7 @@ from collections import Counter
 
 import zenoh
 
-from mesh.scale.footprint import SAID_SELDOM, STREAMED, Copter
+from tests.bench.scale.footprint import SAID_SELDOM, STREAMED, Copter
 from tests.conftest import Net, StartOnboard
 from zmav import keys, wire
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from tests.bench.scale.group import GroupMember, GroupStates
 from zmav import wire
 
 MOST_BYTES = 8000
 """of a part: what Zenoh sends over UDP without cutting it up"""
 
 
-def shorten(state: wire.VehicleState, age: float) -> wire.GroupMember:
+def shorten(state: wire.VehicleState, age: float) -> GroupMember:
     """One vehicle for a map: positions to a centimetre, speeds to a centimetre a second."""
     p, v = state.position, state.velocity
-    return wire.GroupMember(
+    return GroupMember(
         name=state.name,
         age=round(age, 2),
         kind=state.kind,
@@ -29,9 +30,9 @@ def shorten(state: wire.VehicleState, age: float) -> wire.GroupMember:
     )
 
 
-def parts(group: str, t: float, members: list[wire.GroupMember]) -> Iterator[bytes]:
-    """The payloads of :class:`zmav.wire.GroupStates` that hold them all, in order; one of an empty group, too."""
-    held: list[list[wire.GroupMember]] = [[]]
+def parts(group: str, t: float, members: list[GroupMember]) -> Iterator[bytes]:
+    """The payloads of :class:`GroupStates` that hold them all, in order; one of an empty group, too."""
+    held: list[list[GroupMember]] = [[]]
     size = 0
     for member in members:
         length = len(wire.encode(member)) + 1
@@ -41,4 +42,4 @@ def parts(group: str, t: float, members: list[wire.GroupMember]) -> Iterator[byt
         held[-1].append(member)
         size += length
     for number, some in enumerate(held):
-        yield wire.encode(wire.GroupStates(t=t, group=group, part=number, parts=len(held), vehicles=some))
+        yield wire.encode(GroupStates(t=t, group=group, part=number, parts=len(held), vehicles=some))

@@ -6,13 +6,11 @@ import socket
 import threading
 import time
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zmav.errors import BadUrl
-from zmav.links import LinkState, LossyLink, open_link, parse_url
-from zmav.links.lossy import Cutter
+from tests.lossy import Cutter, open_lossy
+from zmav.links import LinkState
 from zmav.mavlink import Packer, Splitter, load_dialect
 
 PATIENCE_S = 30.0
@@ -55,8 +53,7 @@ def carried(url_options: str, sent: list[bytes], chunk: int) -> Heard:
     heard = Heard()
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        with open_link(f"lossy:tcp:127.0.0.1:{port}?{url_options}") as link:
-            assert isinstance(link, LossyLink)
+        with open_lossy(f"lossy:tcp:127.0.0.1:{port}?{url_options}") as link:
             link.start(heard.on_data, heard.on_state)
             peer, _ = server.accept()
             with peer:
@@ -100,7 +97,7 @@ def test_what_is_sent_is_lost_and_late_too() -> None:
         peer.bind(("127.0.0.1", 0))
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         peer.settimeout(1.0)
-        with open_link(f"lossy:udpout:127.0.0.1:{peer.getsockname()[1]}?loss=0.5&seed=1&delay=0.05") as link:
+        with open_lossy(f"lossy:udpout:127.0.0.1:{peer.getsockname()[1]}?loss=0.5&seed=1&delay=0.05") as link:
             heard = Heard()
             link.start(heard.on_data, heard.on_state)
             assert link.wait(LinkState.UP, PATIENCE_S)
@@ -126,7 +123,7 @@ def test_what_is_late_is_sent_before_it_closes() -> None:
         peer.bind(("127.0.0.1", 0))
         peer.settimeout(PATIENCE_S)
         heard = Heard()
-        with open_link(f"lossy:udpout:127.0.0.1:{peer.getsockname()[1]}?delay=30") as link:
+        with open_lossy(f"lossy:udpout:127.0.0.1:{peer.getsockname()[1]}?delay=30") as link:
             link.start(heard.on_data, heard.on_state)
             assert link.wait(LinkState.UP, PATIENCE_S)
             assert link.send(b"stop")
@@ -138,7 +135,7 @@ def test_states_pass_and_a_down_link_takes_nothing() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         heard = Heard()
-        with open_link(f"lossy:tcp:127.0.0.1:{port}?loss=1&delay=0.01") as link:
+        with open_lossy(f"lossy:tcp:127.0.0.1:{port}?loss=1&delay=0.01") as link:
             assert not link.send(b"x") and link.counters.tx_dropped == 1
             link.start(heard.on_data, heard.on_state)
             peer, _ = server.accept()
@@ -162,36 +159,3 @@ def test_a_stream_is_cut_as_it_was_joined(pieces: list[bytes], chunk: int) -> No
     assert b"".join(cut) == data
     whole = [piece for piece in pieces if piece[0] == 0xFD]
     assert [piece for piece in cut if piece[0] == 0xFD] == whole
-
-
-@pytest.mark.parametrize(
-    ("url", "canonical"),
-    [
-        ("lossy:tcp:127.0.0.1:5760?loss=0.2&delay=0.2", "lossy:tcp:127.0.0.1:5760?loss=0.2&delay=0.2"),
-        ("lossy:/dev/ttyUSB0,57600?rtscts=1&jitter=0.5", "lossy:serial:/dev/ttyUSB0:57600?jitter=0.5&rtscts=1"),
-        ("LOSSY:udpin::14550", "lossy:udpin:127.0.0.1:14550"),
-        ("lossy:udpout:127.0.0.1:1?seed=7&local=9", "lossy:udpout:127.0.0.1:1?seed=7&local=9"),
-    ],
-)
-def test_urls(url: str, canonical: str) -> None:
-    assert str(parse_url(url)) == canonical
-    assert str(parse_url(canonical)) == canonical
-
-
-@pytest.mark.parametrize(
-    ("url", "field"),
-    [
-        ("lossy:tcp:127.0.0.1:5760?loss=2", "loss"),
-        ("lossy:tcp:127.0.0.1:5760?loss=nan", "loss"),
-        ("lossy:tcp:127.0.0.1:5760?delay=-1", "delay"),
-        ("lossy:tcp:127.0.0.1:5760?seed=1.5", "seed"),
-        ("lossy:tcp:127.0.0.1:5760?lose=0.1", "option"),
-        ("lossy:lossy:tcp:127.0.0.1:5760", "url"),
-        ("lossy:", "url"),
-        ("lossy:nonsense", "url"),
-    ],
-)
-def test_what_is_no_lossy_url(url: str, field: str) -> None:
-    with pytest.raises(BadUrl) as caught:
-        parse_url(url)
-    assert caught.value.detail["field"] == field

@@ -1,6 +1,6 @@
 """The ground of a study: a client that reads what a ground station reads, and says how long it took.
 
-Its process is driven as :mod:`mesh.scale.node` is.
+Its process is driven as :mod:`tests.bench.scale.node` is.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import time
 from typing import Any
 
 import zmav
-from mesh.scale.footprint import STREAMED
-from mesh.scale.node import count_tokens, usage
+from tests.bench.scale.footprint import STREAMED
+from tests.bench.scale.group import GROUP, GroupMember, GroupStates
+from tests.bench.scale.node import count_tokens, usage
 from zmav import keys, wire
 from zmav.errors import BadInput, ZmavError
 
@@ -31,7 +32,7 @@ class Station:
     def __init__(self, z: zmav.Client, fleet: str, vehicles: int) -> None:
         self._z, self._fleet, self._vehicles = z, fleet, vehicles
         self._states = self._raw = self._bytes = self._groups = 0
-        self._members: dict[str, wire.GroupMember] = {}
+        self._members: dict[str, GroupMember] = {}
         self._wants: list[Any] = []
 
     async def watch(self) -> None:
@@ -55,7 +56,7 @@ class Station:
             self._groups += 1
             self._bytes += len(sample.payload.to_bytes())
             try:
-                states = wire.decode(sample.payload.to_bytes(), wire.GroupStates, "a group's states")
+                states = wire.decode(sample.payload.to_bytes(), GroupStates, "a group's states")
             except BadInput:
                 return
             self._members.update({each.name: each for each in states.vehicles})
@@ -64,7 +65,7 @@ class Station:
             self._raw += 1
 
         session = self._z.session
-        session.declare_subscriber(keys.GROUP.key(self._fleet, group="*"), heard)
+        session.declare_subscriber(GROUP.key(self._fleet, group="*"), heard)
         session.declare_subscriber(keys.RX.key(self._fleet, RAW, sys="*", comp="*", msg="*"), raw)
         for msg, (hz, _) in STREAMED.items():  # a gateway lets out what a token asks for
             want = keys.WANT.key(self._fleet, RAW, msg=msg, hz=f"{hz:g}", instance="station")

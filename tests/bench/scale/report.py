@@ -9,9 +9,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mesh.scale.fit import COSTS, LIMITS, STRAIGHT, SYSTEM_IDS, bend, fit
-from mesh.scale.footprint import STREAMED
-from mesh.scale.study import Run
+from tests.bench.scale.fit import COSTS, LIMITS, STRAIGHT, SYSTEM_IDS, bend, fit
+from tests.bench.scale.footprint import STREAMED
+from tests.bench.scale.study import Run
 
 
 def report(runs: Sequence[Run]) -> RenderableType:

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from mesh.scale.footprint import Copter
-from mesh.scale.gateway import Gateway
+from tests.bench.scale.footprint import Copter
+from tests.bench.scale.gateway import Gateway
+from tests.bench.scale.group import GROUP, GroupStates
 from tests.conftest import Ground, Net
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadKey
@@ -54,12 +55,12 @@ async def hierarchy(net: Net) -> AsyncIterator[Hierarchy]:
 
 
 async def test_states_come_out_together_and_in_no_other_way(hierarchy: Hierarchy) -> None:
-    groups = hierarchy.ground.samples(keys.GROUP.key("demo", group="*"))
+    groups = hierarchy.ground.samples(GROUP.key("demo", group="*"))
     everything = hierarchy.ground.samples("zmav/**")
-    states: list[wire.GroupStates] = []
+    states: list[GroupStates] = []
 
     def both() -> bool:
-        states[:] = [wire.decode(payload, wire.GroupStates, "states") for _, payload in groups.items]
+        states[:] = [wire.decode(payload, GroupStates, "states") for _, payload in groups.items]
         return any({m.name for m in said.vehicles} == {"quad1", "quad2"} for said in states)
 
     await hierarchy.until(both, "both vehicles in one aggregate")

@@ -17,8 +17,8 @@ from typing import Any
 
 import zenoh
 
-from mesh.scale.footprint import TICK_HZ, Copter
 from mesh.tokens import find_tokens
+from tests.bench.scale.footprint import TICK_HZ, Copter
 from zmav import keys
 from zmav.session import SessionSettings, open_session
 
@@ -95,7 +95,7 @@ class Node:
 
 
 def main() -> None:
-    """``python -m mesh.scale.node '{"fleet": ..., "listen": [...], "connect": [...]}'``."""
+    """``python -m tests.bench.scale.node '{"fleet": ..., "listen": [...], "connect": [...]}'``."""
     how = json.loads(sys.argv[1])
     settings = SessionSettings(
         mode="router", listen=how["listen"], connect=how["connect"], cfg=("scouting/delay:0", *how.get("cfg", ()))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mesh.scale.study import Run
+from tests.bench.scale.study import Run
 
 
 class Line(NamedTuple):

@@ -1,13 +1,14 @@
-"""``zmav lab simulate``: what a fleet of so many vehicles costs, by real routers on this machine."""
+"""``python -m tests.bench.scale``: what a fleet of so many vehicles costs, by real routers on this machine."""
 
 from __future__ import annotations
 
 import click
 import msgspec
 
-from mesh.scale.simulate import simulate
-from mesh.scale.study import Run, Shape
-from mesh.scale.topology import TOPOLOGIES, Topology
+from tests.bench.scale.report import report
+from tests.bench.scale.simulate import simulate
+from tests.bench.scale.study import Run, Shape
+from tests.bench.scale.topology import TOPOLOGIES, Topology
 from zmav.cli.common import console
 from zmav.errors import BadInput
 
@@ -16,7 +17,7 @@ MOST_ROUTERS = 10
 """by themselves: each is a process, and more of them than cores measure the machine and not the fleet"""
 
 
-@click.command("simulate")
+@click.command()
 @click.argument("vehicles", type=click.IntRange(1, 5000), nargs=-1, required=True)
 @click.option(
     "--routers", type=click.IntRange(1, 200), help="Processes with vehicles.  [default: 1 for 10, at most 10]"
@@ -28,7 +29,7 @@ MOST_ROUTERS = 10
 def command(
     vehicles: tuple[int, ...], routers: int | None, topology: Topology, groups: int, seconds: float, as_json: bool
 ) -> None:
-    """Measure a fleet that exists only in part: 'zmav lab simulate 10 30 100 --groups 5'.
+    """Measure a fleet that exists only in part: 'python -m tests.bench.scale 10 30 100 --groups 5'.
 
     Routers are real processes, linked over UDP on loopback; vehicles are what 'zmav up' declares and says, without an
     autopilot. One link, the ground station's, is counted byte by byte. Several numbers give costs a vehicle, fitted.
@@ -48,8 +49,6 @@ def command(
             else:
                 click.echo(said(run), err=True)
     if not as_json:
-        from mesh.scale.report import report  # numpy, which 'zmav lab cut' can do without
-
         out = console()
         out.width = max(out.width, 180)  # a table is read whole or not at all
         out.print(report(runs))
@@ -59,3 +58,7 @@ def said(run: Run) -> str:
     """A line while one waits for the next run."""
     groups = f" in {run.shape.groups} groups" if run.shape.groups else ""
     return f"{run.shape.vehicles} vehicles behind {run.shape.routers} routers{groups}: formed in {run.form:.1f} s"
+
+
+if __name__ == "__main__":
+    command()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import socket
 import time
 
-from mesh.scale.fleet import Child, ask_all, until
-from mesh.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
+from tests.bench.scale.fleet import Child, ask_all, until
+from tests.bench.scale.study import FLEET, GATEWAY, NODE, Network, Run, Shape, endpoint, know, measure
 from zmav.children import Children
 from zmav.process import free_port
 

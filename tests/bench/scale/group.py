@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from zmav import keys
 from zmav.wire.base import Vector, Wire
 
 
@@ -22,7 +23,7 @@ class GroupMember(Wire, kw_only=True, omit_defaults=True):
     battery: float | None = None
     """0 to 1"""
     fix: str | None = None
-    faults: list[str] = []
+    faults: list[str] = []  # noqa: RUF012  # msgspec copies it
     """what is wrong with it, in words: no autopilot, a clash, the pilot's switch"""
 
 
@@ -34,4 +35,16 @@ class GroupStates(Wire, kw_only=True):
     part: int = 0
     """from 0 to ``parts`` - 1"""
     parts: int = 1
-    vehicles: list[GroupMember] = []
+    vehicles: list[GroupMember] = []  # noqa: RUF012
+
+
+GROUP = keys.Channel(
+    "group",
+    "{fleet}/@group/{group}/states",
+    "pub",
+    GroupStates,
+    keys.Qos.LATEST_WINS,
+    "a group's vehicles in short, by its gateway: what crosses between groups instead of every state",
+    rate_hz=1.0,
+    stale_after=5.0,
+)

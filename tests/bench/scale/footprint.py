@@ -1,7 +1,7 @@
 """What one vehicle declares and says, without its autopilot: so that a thousand fit on one machine.
 
-Counted on a simulated copter behind ``zmav up``: ``tests/mesh/scale/test_footprint.py`` holds the two side by side, and
-fails when what ``zmav up`` declares is no longer what stands here.
+Counted on a simulated copter behind ``zmav up``: ``test_footprint.py`` holds the two side by side, and fails when what
+``zmav up`` declares is no longer what stands here.
 """
 
 from __future__ import annotations

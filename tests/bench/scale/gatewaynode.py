@@ -6,8 +6,8 @@ import asyncio
 import json
 import sys
 
-from mesh.scale.gateway import Gateway
-from mesh.scale.node import usage
+from tests.bench.scale.gateway import Gateway
+from tests.bench.scale.node import usage
 from zmav.session import SessionSettings, open_session
 
 

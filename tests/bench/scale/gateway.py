@@ -21,7 +21,8 @@ from typing import Any
 
 import zenoh
 
-from mesh.scale.shorten import parts, shorten
+from tests.bench.scale.group import GROUP
+from tests.bench.scale.shorten import parts, shorten
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey
 from zmav.services.link.port import on_loop
@@ -60,8 +61,8 @@ class Gateway:
         """states that cannot be read, or are of another vehicle"""
 
     async def __aenter__(self) -> Gateway:
-        loop, key = asyncio.get_running_loop(), keys.GROUP.key(self._fleet, group=self._group)
-        self._publisher = self._trunk.declare_publisher(key, **keys.GROUP.publishing())
+        loop, key = asyncio.get_running_loop(), GROUP.key(self._fleet, group=self._group)
+        self._publisher = self._trunk.declare_publisher(key, **GROUP.publishing())
         take = self._inside.declare_subscriber
         tokens = self._trunk.liveliness().declare_subscriber
         want = keys.WANT.key(self._fleet, "*", msg="*", hz="*", instance="*")

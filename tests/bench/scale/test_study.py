@@ -10,13 +10,14 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from mesh.cli.lab import lab
-from mesh.scale.fit import COSTS, Cost, fit
-from mesh.scale.meter import HEADERS, Meter
-from mesh.scale.report import report
-from mesh.scale.shorten import MOST_BYTES, parts
-from mesh.scale.study import Run, Shape
-from mesh.scale.topology import TOPOLOGIES, links
+from tests.bench.scale.__main__ import command
+from tests.bench.scale.fit import COSTS, Cost, fit
+from tests.bench.scale.group import GroupMember, GroupStates
+from tests.bench.scale.meter import HEADERS, Meter
+from tests.bench.scale.report import report
+from tests.bench.scale.shorten import MOST_BYTES, parts
+from tests.bench.scale.study import Run, Shape
+from tests.bench.scale.topology import TOPOLOGIES, links
 from zmav import wire
 from zmav.cli.common import console
 
@@ -74,18 +75,18 @@ def test_a_line_is_found_and_its_misses_are_said() -> None:
 
 
 def test_a_group_is_cut_where_a_datagram_ends() -> None:
-    members = [wire.GroupMember(name=f"v{i}", age=0.1, lat_deg=-35.3632612, lon_deg=149.165) for i in range(500)]
+    members = [GroupMember(name=f"v{i}", age=0.1, lat_deg=-35.3632612, lon_deg=149.165) for i in range(500)]
     said = list(parts("g", 1.0, members))
     assert max(map(len, said)) < MOST_BYTES + 200
-    read = [wire.decode(part, wire.GroupStates, "part") for part in said]
+    read = [wire.decode(part, GroupStates, "part") for part in said]
     assert [member for part in read for member in part.vehicles] == members
     assert [(part.part, part.parts) for part in read] == [(i, len(read)) for i in range(len(read))]
-    assert [wire.decode(part, wire.GroupStates, "part").vehicles for part in parts("g", 1.0, [])] == [[]]
+    assert [wire.decode(part, GroupStates, "part").vehicles for part in parts("g", 1.0, [])] == [[]]
 
 
 def test_a_small_fleet_is_measured_flat_and_in_groups() -> None:
     arguments = ["--routers", "2", "--seconds", "1", "--groups", "2", "--json"]
-    result = CliRunner().invoke(lab, ["simulate", "4", *arguments], catch_exceptions=False)
+    result = CliRunner().invoke(command, ["4", *arguments], catch_exceptions=False)
     flat, grouped = (msgspec.convert(json.loads(line), Run) for line in result.stdout.splitlines())
     assert (flat.shape.groups, grouped.shape.groups) == (0, 2)
     assert (flat.known, flat.ask_answers, flat.history_answers, flat.ping_lost) == (4, 4, 4, 0)

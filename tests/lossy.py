@@ -1,4 +1,4 @@
-"""A bad link on purpose: another link whose frames are lost and late, for tests and rehearsals.
+"""A bad link on purpose, ``lossy:URL?loss=0.2&delay=0.2&jitter=0.05&seed=7``: URL's frames are lost and late.
 
 Whole frames are lost, in both directions, as a radio loses them: a stream is cut into frames by their own length bytes,
 and what is no frame passes as it is. Delays keep the order. The same seed loses the same frames of the same traffic.
@@ -13,8 +13,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-from zmav.links.base import Link, LinkCounters, LinkState, OnData, OnState
-from zmav.links.url import LossyUrl
+from zmav.links import Link, LinkState, open_link
+from zmav.links.base import LinkCounters, OnData, OnState
 
 logger = logging.getLogger(__name__)
 
@@ -60,17 +60,17 @@ def _length(data: bytes, start: int) -> int:
 class Channel:
     """One direction: loses, delays, keeps the order."""
 
-    def __init__(self, target: LossyUrl, direction: str) -> None:
-        self._target = target
+    def __init__(self, loss: float, delay: float, jitter: float, seed: int, direction: str) -> None:
+        self._loss, self._delay, self._jitter = loss, delay, jitter
         # Each direction has its own numbers: what one sends does not change what the other loses.
-        self._chance = random.Random(f"{target.seed} {direction}")
+        self._chance = random.Random(f"{seed} {direction}")
         self._last_due = 0.0
         self.lost = 0
 
     def due(self, waiting: int) -> float | None:
         """When the next frame arrives (monotonic seconds); None: never."""
-        target, chance = self._target, self._chance
-        lost, late = chance.random() < target.loss, target.delay + chance.random() * target.jitter
+        chance = self._chance
+        lost, late = chance.random() < self._loss, self._delay + chance.random() * self._jitter
         if lost or waiting >= MOST_LATE:
             self.lost += 1
             return None
@@ -79,16 +79,16 @@ class Channel:
 
 
 class LossyLink(Link):
-    """``lossy:URL?loss=0.2&delay=0.2&jitter=0.05&seed=7``: the link of URL, made worse."""
+    """``inner``, made worse: share of frames lost, and seconds late, each way; ``jitter`` seconds more at random."""
 
-    def __init__(self, target: LossyUrl, inner: Link) -> None:
-        self.url = str(target)
+    def __init__(
+        self, inner: Link, *, loss: float = 0.0, delay: float = 0.0, jitter: float = 0.0, seed: int = 0
+    ) -> None:
+        super().__init__(f"lossy:{inner.url}")
         self.inner, self.recorded = inner, inner.recorded
-        self._on_data: OnData = lambda data: None
-        self._on_state: OnState = lambda state, detail: None
-        self._thread: threading.Thread | None = None
-        self._closing = False
-        self.incoming, self.outgoing = Channel(target, "in"), Channel(target, "out")
+        self._over = False
+        self.incoming = Channel(loss, delay, jitter, seed, "in")
+        self.outgoing = Channel(loss, delay, jitter, seed, "out")
         self._cutter = Cutter()
         self._late: dict[str, collections.deque[tuple[float, Callable[[], object]]]] = {
             "in": collections.deque(),
@@ -133,7 +133,7 @@ class LossyLink(Link):
     def close(self) -> None:
         """What is late is handed over at once, and then the inner link's last words."""
         with self._news:
-            self._closing = True
+            self._over = True
             self._news.notify()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(1.0)
@@ -168,7 +168,7 @@ class LossyLink(Link):
             with self._news:
                 ready = self._take()
                 if not ready:
-                    if self._closing:
+                    if self._over:
                         return
                     self._news.wait(self._until_next())
                     continue
@@ -184,10 +184,25 @@ class LossyLink(Link):
     def _take(self) -> list[Callable[[], object]]:
         now, ready = time.monotonic(), []
         for late in self._late.values():
-            while late and (late[0][0] <= now or self._closing):
+            while late and (late[0][0] <= now or self._over):
                 ready.append(late.popleft()[1])
         return ready
 
     def _until_next(self) -> float | None:
         dues = [late[0][0] for late in self._late.values() if late]
         return max(min(dues) - time.monotonic(), 0.0) if dues else None
+
+    def _open(self) -> str:
+        raise NotImplementedError  # the inner link's thread does all that
+
+    _read = _write = _release = _open  # type: ignore[assignment]
+
+
+def open_lossy(url: str) -> Link:
+    """The link of a URL, made worse where it begins with ``lossy:``."""
+    if not url.startswith("lossy:"):
+        return open_link(url)
+    body, _, options = url.removeprefix("lossy:").partition("?")
+    values = dict(part.split("=") for part in options.split("&") if part)
+    seed = int(values.pop("seed", "0"))
+    return LossyLink(open_link(body), seed=seed, **{name: float(value) for name, value in values.items()})

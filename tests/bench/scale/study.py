@@ -12,14 +12,14 @@ from typing import Any
 
 import msgspec
 
-from mesh.scale.fleet import LINK, Child, ask_all, until
-from mesh.scale.meter import Meter
-from mesh.scale.topology import Topology, links
+from tests.bench.scale.fleet import LINK, Child, ask_all, until
+from tests.bench.scale.meter import Meter
+from tests.bench.scale.topology import Topology, links
 from zmav.children import Children
 from zmav.process import free_port
 
 FLEET = "study"
-NODE, STATION, GATEWAY = "mesh.scale.node", "mesh.scale.station", "mesh.scale.gatewaynode"
+NODE, STATION, GATEWAY = "tests.bench.scale.node", "tests.bench.scale.station", "tests.bench.scale.gatewaynode"
 
 
 class Shape(msgspec.Struct, frozen=True, kw_only=True):
