@@ -22,7 +22,6 @@ CONFIGURES = {
     "log_erase",
     "revoke",
     "servo",
-    "relay",
     "mission_upload",
     "mission_clear",
 }

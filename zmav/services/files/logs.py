@@ -21,8 +21,7 @@ from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.sink import Meter, Sink
 from zmav.services.link.identity import Identity
-from zmav.services.link.mailbox import Mailbox
-from zmav.services.link.port import Port
+from zmav.services.link.port import Inbox, Port
 from zmav.services.orders.orders import Handler, Report
 
 ENTRY = struct.Struct("<IIHHH")
@@ -122,10 +121,10 @@ class Logs:
         total, last = -1, 0
         deadline = time.monotonic() + GIVE_UP
         ask, silence = (0, ALL), 0
-        with Mailbox(self._port, source, "LOG_ENTRY") as mail:
+        with Inbox(self._port, source, "LOG_ENTRY") as mail:
             while True:
                 _send(self._port, source, "LOG_REQUEST_LIST", start=ask[0], end=ask[1])
-                while (frame := await mail.get(PATIENCE)) is not None:
+                while (frame := await mail.frame(PATIENCE)) is not None:
                     entry, total, newest = _entry(frame)
                     last = total - 1 if self._by_place else max(last, newest)
                     deadline = time.monotonic() + GIVE_UP
@@ -190,7 +189,7 @@ class LogReader:
     async def run(self) -> None:
         """Returns when nothing is missing; raises :class:`TimedOut`. Ends the transfer on the autopilot, too."""
         fresh = time.monotonic()
-        with Mailbox(self._port, self._target, "LOG_DATA") as mail:
+        with Inbox(self._port, self._target, "LOG_DATA") as mail:
             try:
                 while self._sink.gaps:
                     if await self._stretch(mail, *self._next()):
@@ -208,13 +207,13 @@ class LogReader:
             start, end = self._sink.gaps.merged(CHUNK + int(self._rate * self._trip))[0]
         return start, min(end, start + WINDOW)
 
-    async def _stretch(self, mail: Mailbox, start: int, end: int) -> int:
+    async def _stretch(self, mail: Inbox, start: int, end: int) -> int:
         """Ask for it, and take what comes until its end or until nothing comes; gives how many new bytes came."""
         _send(self._port, self._target, "LOG_REQUEST_DATA", id=self._number, ofs=start, count=end - start)
         asked = at = time.monotonic()
         new = came = 0
         while self._sink.gaps:
-            frame = await mail.get(max(QUIET, 2.0 * self._trip) if came else 2.0 * self._trip)
+            frame = await mail.frame(max(QUIET, 2.0 * self._trip) if came else 2.0 * self._trip)
             if frame is None:
                 break
             offset, number, count, data = DATA.unpack(frame.payload[: DATA.size].ljust(DATA.size, b"\0"))
