@@ -200,6 +200,7 @@ class Onboard:
             commander,
             bounds,
             self.authority.leader,
+            self.timesync,
             param=self.params.value,
             rally=self.missions.rally,
         )
@@ -285,9 +286,6 @@ class Onboard:
             "reboot": flight.reboot,
             "command": payload.command,
             "servo": payload.servo,
-            "relay": payload.relay,
-            "gimbal": payload.gimbal,
-            "trigger": payload.trigger,
             "ping": _pong,
             **self.files.handlers,
             **self.logs.handlers,

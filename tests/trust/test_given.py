@@ -21,7 +21,6 @@ ORDERS: dict[str, Any] = {
     "mission_clear": wire.MissionClear(kind="fence"),
     "mission_upload": wire.MissionUpload(kind="fence", items=[]),
     "servo": wire.SetServo(output=9, pwm=1500),
-    "relay": wire.SetRelay(relay=0, on=True),
 }
 
 
@@ -55,13 +54,13 @@ def test_the_doors_are_made_from_the_same_table() -> None:
         assert (key in granted(role, "x1", "alpha", given=["servo"])["query"]) == gets
         assert (key in granted(role, "x1", "alpha")["query"]) == (role is Role.OPERATOR)
     own = granted(Role.VEHICLE, "quad1", "alpha", "quad1", ["servo"])["query"]
-    assert "zmav/alpha/quad1/do/servo" in own and "zmav/alpha/quad1/do/relay" not in own
+    assert "zmav/alpha/quad1/do/servo" in own and "zmav/alpha/quad1/do/mission_clear" not in own
 
 
 def test_nothing_else_can_be_given_away(tmp_path: Path) -> None:
     path = tmp_path / "fleet.toml"
-    path.write_text('[rights]\nplanner = ["servo", "relay"]\n')
-    assert load_fleet(path).rights.planner == ["servo", "relay"]
+    path.write_text('[rights]\nplanner = ["servo", "mission_clear"]\n')
+    assert load_fleet(path).rights.planner == ["servo", "mission_clear"]
     path.write_text('[rights]\nplanner = ["param_set"]\n')
     with pytest.raises(BadConfig, match="rights"):
         load_fleet(path)

@@ -19,15 +19,13 @@ CONFIGURES = {
     "file_remove",
     "file_mkdir",
     "file_rmdir",
-    "file_rename",
     "log_erase",
     "revoke",
     "servo",
-    "relay",
     "mission_upload",
     "mission_clear",
 }
-LOOKS = {"ping", "file_list", "file_crc", "log_list"}
+LOOKS = {"ping", "file_list", "log_list"}
 
 
 def allowed(who: Role, name: str, channel: keys.Channel, /, **parts: str) -> bool:

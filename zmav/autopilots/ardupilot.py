@@ -18,7 +18,6 @@ PREARM_CHECK = 0x10000000
 class ArduPilot(Autopilot):
     name = "ardupilot"
     log_suffix = ".bin"
-    log_directories: ClassVar[tuple[str, ...]] = ("/APM/LOGS", "/logs")
     logs_while_armed = False
     floor: ClassVar[Mapping[str, float]] = {
         "GLOBAL_POSITION_INT": 10.0,

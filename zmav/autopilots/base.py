@@ -167,8 +167,6 @@ class Autopilot(ABC):
     """messages that always flow, and their rate in Hz; what a VehicleState is made of"""
     log_suffix: ClassVar[str] = ""
     """of a flight log's file"""
-    log_directories: ClassVar[tuple[str, ...]] = ()
-    """where its flight logs may lie, for MAVFTP"""
     mode_message: ClassVar[str | None] = None
     """what tells the mode, and the one intended, sooner than HEARTBEAT does: CURRENT_MODE, or what has its fields"""
     unrated: ClassVar[frozenset[str]] = frozenset()

@@ -83,7 +83,6 @@ class Px4(Autopilot):
     log_suffix = ".ulg"
     command_frame: ClassVar[str] = "MAV_FRAME_GLOBAL"
     ignores_frames: ClassVar[bool] = True
-    log_directories: ClassVar[tuple[str, ...]] = ("/fs/microsd/log", "/log")  # of a board, and of SITL
     log_ids_are_places: ClassVar[bool] = True
     events_file: ClassVar[str] = "/etc/extras/all_events.json.xz"
     report_checks: ClassVar[Command | None] = Command("MAV_CMD_RUN_PREARM_CHECKS")

@@ -20,8 +20,6 @@ ACTIONS = {
     "rm": (1, 99),
     "mkdir": (1, 1),
     "rmdir": (1, 1),
-    "mv": (2, 2),
-    "crc": (1, 1),
     "cancel": (0, 0),
 }
 """action -> fewest and most paths"""
@@ -41,8 +39,7 @@ def command(
 
     \b
     ls [PATH]          get PATH [LOCAL]     put LOCAL PATH     rm PATH...
-    mkdir PATH         rmdir PATH           mv PATH NEW        crc PATH
-    cancel             ends the transfer that is under way
+    mkdir PATH         rmdir PATH           cancel: ends the transfer that is under way
 
     An interrupted get goes on where it stopped. The vehicle finishes by itself what it does on its own link.
     """
@@ -62,9 +59,6 @@ async def _do(
             await _get(vehicle, paths[0], paths[1] if len(paths) > 1 else None, as_json)
         elif action == "put":
             await _put(vehicle, paths[0], paths[1], as_json)
-        elif action == "crc":
-            crc = await vehicle.files.crc32(paths[0])
-            say(as_json, {"path": paths[0], "crc32": crc}, f"0x{crc:08x}  {paths[0]}")
         elif action == "cancel":
             what = await vehicle.files.cancel()
             say(as_json, {"cancelled": what}, f"cancelled: {what}" if what else "no transfer was under way")
@@ -102,10 +96,6 @@ async def _put(vehicle: zmav.Vehicle, local: str, path: str, as_json: bool) -> N
 
 async def _change(vehicle: zmav.Vehicle, action: str, paths: tuple[str, ...], as_json: bool) -> None:
     files = vehicle.files
-    if action == "mv":
-        await files.rename(paths[0], paths[1])
-        say(as_json, {"path": paths[0], "to": paths[1]}, f"{paths[0]} is now {paths[1]}")
-        return
     work = {"rm": files.remove, "mkdir": files.mkdir, "rmdir": files.rmdir}[action]
     failed = False
     for path in paths:

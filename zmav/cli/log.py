@@ -20,7 +20,6 @@ from zmav.session import SessionSettings
 @click.argument("action", type=click.Choice(["list", "get", "erase"]))
 @click.argument("which", nargs=-1, metavar="[ID | latest | all]...")
 @click.option("--to", metavar="PATH", help="File, or directory for several.  [default: the present directory]")
-@click.option("--by", type=click.Choice(["log", "ftp"]), help="The log protocol or MAVFTP.  [default: what works]")
 @click.option("--yes", is_flag=True, help="Erase without asking.")
 @fleet_option
 @json_option
@@ -30,7 +29,6 @@ def command(
     action: str,
     which: tuple[str, ...],
     to: str | None,
-    by: str | None,
     yes: bool,
     fleet: str,
     as_json: bool,
@@ -47,7 +45,7 @@ def command(
             raise click.UsageError(f"{each!r} is no log: give ids, 'latest' or 'all'")
     if action == "erase" and not yes:
         click.confirm(f"Erase all logs of {vehicle}?", abort=True, err=True)
-    run(_do(vehicle, action, which, to, by or "", fleet, as_json, settings))
+    run(_do(vehicle, action, which, to, fleet, as_json, settings))
 
 
 async def _do(
@@ -55,7 +53,6 @@ async def _do(
     action: str,
     which: tuple[str, ...],
     to: str | None,
-    by: str,
     fleet: str,
     as_json: bool,
     settings: SessionSettings,
@@ -76,13 +73,13 @@ async def _do(
         if to is not None and len(chosen) > 1:
             to = to.rstrip("/") + "/"
         for log in chosen:
-            await _get(vehicle, log, to, by, as_json)
+            await _get(vehicle, log, to, as_json)
 
 
-async def _get(vehicle: zmav.Vehicle, log: wire.LogEntry, to: str | None, by: str, as_json: bool) -> None:
+async def _get(vehicle: zmav.Vehicle, log: wire.LogEntry, to: str | None, as_json: bool) -> None:
     progress = shown(as_json)
     try:
-        target = await vehicle.logs.get(log, to, progress, by=by)
+        target = await vehicle.logs.get(log, to, progress)
     finally:
         finished(progress)
     count = target.stat().st_size

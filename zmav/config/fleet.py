@@ -31,7 +31,7 @@ speed = 5.0
 on = true
 
 [rights]                        # orders that are the operators' unless they are given away here
-planner = ["servo"]             # and relay, mission_upload, mission_clear
+planner = ["servo"]             # and mission_upload, mission_clear
 
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
@@ -147,7 +147,7 @@ class Separation(Table, frozen=True):
 class Rights(Table, frozen=True):
     """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
 
-    planner: list[Literal["servo", "relay", "mission_upload", "mission_clear"]] = []
+    planner: list[Literal["servo", "mission_upload", "mission_clear"]] = []
     """orders that planners, and programs on board for their own vehicle, may give besides their own"""
 
 

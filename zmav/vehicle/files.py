@@ -89,13 +89,6 @@ class Files:
         """Remove an empty directory of the autopilot."""
         await self._vehicle.order("file_rmdir", wire.FilePath(path=path))
 
-    async def rename(self, path: str, to: str) -> None:
-        await self._vehicle.order("file_rename", wire.FileRename(path=path, to=to))
-
-    async def crc32(self, path: str) -> int:
-        """The autopilot's checksum of a file: :func:`zmav.mavlink.ftp.crc32`."""
-        return int((await self._vehicle.order("file_crc", wire.FilePath(path=path)))["crc32"])
-
     async def cancel(self) -> str | None:
         """End the transfer of a file or log that is under way there; gives what it was."""
         cancelled: str | None = (await self._vehicle.order("file_cancel", wire.Order()))["cancelled"]
@@ -208,14 +201,11 @@ class Logs:
         return msgspec.convert(result["logs"], list[wire.LogEntry])
 
     async def get(
-        self, log: int | wire.LogEntry, to: str | Path | None = None, progress: Progress | None = None, *, by: str = ""
+        self, log: int | wire.LogEntry, to: str | Path | None = None, progress: Progress | None = None
     ) -> Path:
-        """Copy a log to ``to``, as :meth:`Files.get`; its name there is the entry's, or ``log_ID``.
-
-        ``by``: "ftp" or "log" (the protocol); empty for the better of what the autopilot has.
-        """
+        """Copy a log to ``to``, as :meth:`Files.get`; its name there is the entry's, or ``log_ID``."""
         number = log if isinstance(log, int) else log.id
-        args = wire.LogGet(log=number, by=by)
+        args = wire.LogGet(log=number)
         stored = _stored(await self._vehicle.order("log_get", args, _staged(progress, "autopilot")))
         suffix = Path(stored.path).suffix.lower()
         name = f"log_{number}{suffix}" if isinstance(log, int) else log.name

@@ -38,18 +38,9 @@ class LogEntry(Wire, kw_only=True):
 
 
 class FilePath(Order, kw_only=True):
-    """A path on the autopilot (MAVFTP): ``do/file_list``, ``file_remove``, ``file_mkdir``, ``file_rmdir``,
-    ``file_crc``.
-    """
+    """A path on the autopilot (MAVFTP): ``do/file_list``, ``file_remove``, ``file_mkdir``, ``file_rmdir``."""
 
     path: str = "/"
-
-
-class FileRename(Order, kw_only=True):
-    """``do/file_rename``."""
-
-    path: str
-    to: str
 
 
 class FileGet(Order, kw_only=True):
@@ -72,13 +63,9 @@ class LogList(Order, kw_only=True):
 
 
 class LogGet(Order, kw_only=True):
-    """``do/log_get``: fetch a log to the vehicle's computer. Its result is a :class:`StoredFile`.
-
-    ``by``: MAVFTP or the log protocol; empty: the better of what there is.
-    """
+    """``do/log_get``: fetch a log to the vehicle's computer. Its result is a :class:`StoredFile`."""
 
     log: int
-    by: str = ""
 
 
 class LogErase(Order, kw_only=True):

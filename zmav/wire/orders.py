@@ -118,37 +118,6 @@ class SetServo(Order, kw_only=True):
     pwm: int
 
 
-class SetRelay(Order, kw_only=True):
-    relay: int
-    on: bool
-
-
-class Gimbal(Order, kw_only=True):
-    """Point the gimbal: radians, pitch up and yaw clockwise positive; ``yaw_lock``: yaw is from north, not the nose."""
-
-    pitch: float
-    yaw: float = 0.0
-    yaw_lock: bool = False
-    gimbal: int = 0
-    """gimbal device id; 0: all"""
-
-
-class Trigger(Order, kw_only=True):
-    """Take ``count`` pictures ``interval`` seconds apart, or one every ``distance`` metres where that is given."""
-
-    count: int = 1
-    interval: float = 0.0
-    distance: float | None = None
-    camera: int = 0
-    """camera id; 0: all"""
-
-
-class Reboot(Order, kw_only=True):
-    """Restart the autopilot (refused while armed)."""
-
-    bootloader: bool = False
-
-
 class RevokeLease(Order, kw_only=True):
     """An operator takes the lease from anyone who holds it."""
 

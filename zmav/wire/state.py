@@ -45,7 +45,7 @@ class ClockInfo(Wire, kw_only=True):
     error_s: float
     """how far from the companion's UTC a time of the autopilot's can be"""
     drift_ppm: float = 0.0
-    """µs a second by which it falls behind the companion's clock; zero until half a minute tells"""
+    """µs a second by which a simulation's falls behind the companion's; zero of a real one"""
     gps_offset_s: float | None = None
     """s by which GPS time is ahead of the companion's UTC; None: no GPS time yet"""
 

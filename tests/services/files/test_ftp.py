@@ -29,16 +29,14 @@ async def test_a_file_there_and_back_and_all_that_can_be_done_with_it(
         result = await files.put_bytes(data, "/APM/new/a.bin")
         assert (result["size"], result["verified"]) == (len(data), True)
         assert d.there("/APM/new/a.bin") == data
-        assert await files.crc32("/APM/new/a.bin") == ftp.crc32(data)
         target = await files.get("/APM/new/a.bin", tmp_path / "here.bin")
         assert target == tmp_path / "here.bin"
         assert target.read_bytes() == data
-        await files.rename("/APM/new/a.bin", "/APM/new/b.bin")
         (entry,) = await files.list("/APM/new/")
-        assert (entry.name, entry.size, entry.directory) == ("b.bin", len(data), False)
+        assert (entry.name, entry.size, entry.directory) == ("a.bin", len(data), False)
         with pytest.raises(Refused, match="not empty"):
             await files.rmdir("/APM/new")
-        await files.remove("/APM/new/b.bin")
+        await files.remove("/APM/new/a.bin")
         await files.rmdir("/APM/new")
         assert [e.name for e in await files.list("/APM")] == ["LOGS", "scripts", "terrain"]
         assert d.idle
@@ -98,16 +96,6 @@ async def test_a_server_that_cannot_burst_is_read_piece_by_piece(
         assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
 
 
-async def test_a_link_that_swallows_large_packets_gets_smaller_ones(
-    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("zmav.services.files.ftp_requests.GIVE_UP", 2.0)
-    async with disk(net, onboard, tmp_path) as d:
-        data = d.put("/APM/f", noise(3_000))
-        d.storage.ftp.faults.largest = 110
-        assert (await d.v.files.get("/APM/f", tmp_path / "f")).read_bytes() == data
-
-
 async def test_without_a_checksum_a_file_comes_all_the_same(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path) as d:
         data = d.put("/APM/f", noise(2_000))
@@ -158,7 +146,7 @@ async def test_one_transfer_at_a_time_and_who_waits_is_told_for_what(
     async with disk(net, onboard, tmp_path) as d:
         data = d.put("/APM/f", noise(600_000))
         said: list[dict[str, Any]] = []
-        first = asyncio.ensure_future(d.onboard.files.ftp.get("/APM/f", said.append))
+        first = asyncio.ensure_future(d.onboard.files.small("/APM/f", len(data), said.append))
         while not any("bytes" in news for news in said):
             await asyncio.sleep(0.01)
         waited: list[dict[str, Any]] = []
@@ -201,4 +189,4 @@ async def test_a_server_that_never_answers_is_given_up(
     async with disk(net, onboard, tmp_path) as d:
         d.storage.ftp.faults.mute.update(Op)
         with pytest.raises(TimedOut, match="has no MAVFTP"):
-            await d.onboard.files.ftp.list("/")
+            await d.onboard.files.ftp.list("/", lambda news: None)

@@ -1,4 +1,4 @@
-"""Logs beside the autopilot: listed, fetched both ways over good links and bad ones, erased, refused while armed."""
+"""Logs beside the autopilot: listed, fetched over good links and bad ones, erased, refused while armed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
 from zmav import wire
 from zmav.errors import BadInput, Refused, TimedOut
-from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.mavlink.ftp import crc32
 from zmav.services.files.store import Store
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ def _stored(result: dict[str, Any]) -> wire.StoredFile:
     return wire.StoredFile(**result)
 
 
-async def get(d: Disk, log: int, by: str = "") -> wire.StoredFile:
-    return _stored(await d.onboard.logs.get(wire.LogGet(log=log, by=by), lambda news: None))
+async def get(d: Disk, log: int) -> wire.StoredFile:
+    return _stored(await d.onboard.logs.get(wire.LogGet(log=log), lambda news: None))
 
 
 async def test_logs_are_listed_with_their_size_and_time(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -41,26 +41,25 @@ async def test_logs_are_listed_with_their_size_and_time(net: Net, onboard: Start
             assert log.name.endswith(".bin")
 
 
-@pytest.mark.parametrize("by", ["", "log", "ftp"])
-async def test_a_log_comes_whole_either_way(net: Net, onboard: StartOnboard, tmp_path: Path, by: str) -> None:
+async def test_a_log_comes_whole(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path) as d:
         d.log(noise(100))
         data = d.log(noise(200_003))
         (_, entry) = await d.v.logs.list()
         said: list[dict[str, Any]] = []
-        target = await d.v.logs.get(entry, tmp_path, said.append, by=by)
+        target = await d.v.logs.get(entry, tmp_path, said.append)
         assert target == tmp_path / entry.name
         assert target.read_bytes() == data
         assert {news["stage"] for news in said} <= {"autopilot", "network"}
-        stored = await get(d, 2, by)
-        assert (stored.verified, stored.by, stored.crc32) == (True, "store", crc32(data))
+        stored = await get(d, 2)
+        assert (stored.by, stored.crc32) == ("store", crc32(data))
 
 
 @pytest.mark.parametrize("size", [0, 1, 89, 90, 91, 90 * 8, 90 * 9])
 async def test_sizes_at_the_edges(net: Net, onboard: StartOnboard, tmp_path: Path, size: int) -> None:
     async with disk(net, onboard, tmp_path) as d:
         data = d.log(noise(size))
-        assert (await d.v.logs.get(1, tmp_path / "log", by="log")).read_bytes() == data
+        assert (await d.v.logs.get(1, tmp_path / "log")).read_bytes() == data
 
 
 async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -68,7 +67,7 @@ async def test_a_bad_link_costs_time_and_nothing_else(net: Net, onboard: StartOn
         d.log(noise(10))
         data = d.log(noise(40_000))
         assert len(await d.v.logs.list()) == 2
-        assert (await d.v.logs.get(2, tmp_path / "log", by="log")).read_bytes() == data
+        assert (await d.v.logs.get(2, tmp_path / "log")).read_bytes() == data
 
 
 async def test_an_interrupted_log_is_gone_on_with(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -80,25 +79,15 @@ async def test_an_interrupted_log_is_gone_on_with(net: Net, onboard: StartOnboar
             if news.get("bytes", 0) > 10_000:
                 under_way.set()
 
-        task = asyncio.ensure_future(d.onboard.logs.get(wire.LogGet(log=1, by="log"), report))
+        task = asyncio.ensure_future(d.onboard.logs.get(wire.LogGet(log=1), report))
         await asyncio.wait_for(under_way.wait(), PATIENCE_S)
         await d.v.files.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         d.onboard.files.store = Store(d.onboard.files.store.directory)
-        stored = await get(d, 1, "log")
-        assert 10_000 < stored.resumed < len(data)
-        assert (stored.verified, stored.crc32) == (True, crc32(data))
-
-
-async def test_without_mavftp_a_log_comes_unverified(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
-    async with disk(net, onboard, tmp_path) as d:
-        data = d.log(noise(5_000))
-        d.storage.ftp.faults.refuse[Op.LIST_DIRECTORY] = Nak.UNKNOWN_COMMAND
         stored = await get(d, 1)
-        assert (stored.by, stored.verified, stored.crc32) == ("log", False, crc32(data))
-        with pytest.raises(Refused, match="can be told to be log 1"):
-            await get(d, 1, "ftp")
+        assert 10_000 < stored.resumed < len(data)
+        assert stored.crc32 == crc32(data)
 
 
 async def test_an_armed_ardupilot_gives_out_no_logs(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
@@ -127,8 +116,6 @@ async def test_what_is_no_log_is_said(net: Net, onboard: StartOnboard, tmp_path:
         d.log(noise(100))
         with pytest.raises(BadInput, match="there is no log 7"):
             await d.v.logs.get(7, tmp_path)
-        with pytest.raises(BadInput, match="no way 'mail'"):
-            await d.v.logs.get(1, tmp_path, by="mail")
 
 
 async def test_an_autopilot_without_logs_is_given_up(

@@ -77,16 +77,6 @@ def test_short_round_trips_count_and_long_ones_do_no_harm(random: object) -> Non
     assert twin.check(0.0) < 0.0025
 
 
-def test_a_drift_is_learnt_and_makes_old_times_surer() -> None:
-    for drift in (-80e-6, 0.0, 80e-6):
-        twin = Twin(drift)
-        for _ in range(300):
-            twin.ask(0.001, 0.001)
-            twin.now += 1.0
-        assert twin.clock.drift == pytest.approx(-drift, abs=10e-6)
-        assert twin.check(200.0) < 0.006  # without the drift, 200 s would add 40 ms
-
-
 def test_nothing_is_said_before_it_has_settled() -> None:
     twin = Twin()
     assert twin.clock.at(1.0) is None

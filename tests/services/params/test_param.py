@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from zmav.services.params import fill, params, requests
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
-    from tests.services.conftest import StartBench
+    from tests.services.conftest import StartBench, Told
     from tests.services.params.param_peer import StartScene
 
 BYTEWISE, C_CAST, FLOAT = 16, 1 << 17, 2
@@ -278,10 +279,17 @@ async def test_silence_alone_is_no_reason_to_read_again(scene: StartScene, monke
 
 async def test_after_a_restart_it_is_read_again(scene: StartScene) -> None:
     s = await (await scene()).read()
-    s.peer.send("ATTITUDE", time_boot_ms=50_000)
-    await s.until(lambda: s.b.vehicle.params._uptime._last is not None, "uptime noticed")
+    answer, begun = s.peer.on_told, time.monotonic_ns() - 50_000_000_000
+
+    def with_time(told: Told) -> None:
+        if told.name == "TIMESYNC" and told.fields["tc1"] == 0:
+            s.peer.send("TIMESYNC", tc1=time.monotonic_ns() - begun, ts1=told.fields["ts1"])
+        answer(told)
+
+    s.peer.on_told = with_time
+    await s.b.state(lambda state: state["clock"], "its clock")
     s.peer.params["RTL_ALT"] = (1700.0, INT32)
-    s.peer.send("ATTITUDE", time_boot_ms=900)
+    begun = time.monotonic_ns() - 900_000_000
     await s.until(lambda: s.peer.lists() == 2 and s.known.complete, "second reading")
     assert (await s.get("RTL_ALT")).value == 1700
 

@@ -117,14 +117,6 @@ class TestLogs:
             assert await p.v.logs.erase() == 1
             assert await p.v.logs.list() == []
 
-    async def test_its_log_is_found_as_a_file_and_so_verified(
-        self, net: Net, onboard: StartOnboard, tmp_path: Path
-    ) -> None:
-        async with px4(net, onboard, tmp_path) as p:
-            p.log(noise(5000), time.time())
-            stored = await p.onboard.logs.get(wire.LogGet(log=0), lambda news: None)
-            assert (stored["by"], stored["verified"]) == ("log", True)
-
 
 class TestMissions:
     async def test_a_file_of_mission_planner_is_taken_and_flown(

@@ -16,6 +16,7 @@ from zmav import geo, wire
 from zmav.autopilots import Target
 from zmav.config import Limits
 from zmav.errors import BadInput
+from zmav.rotation import wrap
 from zmav.services.authority.limits import Fence, check_motion
 from zmav.services.authority.targets import MAX_ANGLE, MAX_DISTANCE, MAX_MOTION, number, to_global, vector
 
@@ -104,7 +105,7 @@ class Segment:
         if first is None or second is None:
             return None
         piece = self.pieces[index]
-        turn = (second - first + math.pi) % math.tau - math.pi
+        turn = wrap(second - first)
         return first + turn * min(max((t - piece.start) / piece.step, 0.0), 1.0)
 
     def check(

@@ -12,7 +12,7 @@ import contextlib
 import re
 import threading
 import time
-from collections.abc import Awaitable, Coroutine, Iterator
+from collections.abc import Coroutine, Iterator
 from typing import Any, TypeVar
 
 import msgspec
@@ -20,10 +20,9 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
-from zmav.mavlink.ftp import Nak, crc32
-from zmav.services.files.ftp import Ftp, generated
-from zmav.services.files.ftp_read import Memory, Sink
-from zmav.services.files.gaps import UNKNOWN
+from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.services.files.ftp import Ftp
+from zmav.services.files.sink import Gaps
 from zmav.services.files.store import Meta, Part, Store
 from zmav.services.link.port import Port
 from zmav.services.orders.orders import Handler, Report
@@ -39,12 +38,20 @@ UPLOAD_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
 ATTEMPTS = 2
 
 
-class Upload(Memory):
+class Upload:
     """Bytes on their way to the autopilot."""
 
     def __init__(self) -> None:
-        super().__init__(MOST_UPLOADED)
-        self.touched = 0.0
+        self.gaps, self.data, self.touched = Gaps([(0, MOST_UPLOADED)]), bytearray(), 0.0
+
+    def put(self, offset: int, data: bytes) -> None:
+        """Take a chunk; raises :class:`Refused` for one beyond all bounds."""
+        end = offset + len(data)
+        if end > MOST_UPLOADED:
+            raise Refused(f"the file is larger than {MOST_UPLOADED} bytes", size=end)
+        self.data.extend(bytes(max(end - len(self.data), 0)))
+        self.data[offset:end] = data
+        self.gaps.fill(offset, end)
 
 
 class Files:
@@ -73,11 +80,9 @@ class Files:
             "file_list": self.listing,
             "file_get": self.get,
             "file_put": self.put,
-            "file_remove": lambda args, report: self._done(self.ftp.remove(args.path, report)),
-            "file_mkdir": lambda args, report: self._done(self.ftp.mkdir(args.path, report)),
-            "file_rmdir": lambda args, report: self._done(self.ftp.rmdir(args.path, report)),
-            "file_rename": lambda args, report: self._done(self.ftp.rename(args.path, args.to, report)),
-            "file_crc": self.crc,
+            "file_remove": lambda args, report: self._change(Op.REMOVE_FILE, args, report),
+            "file_mkdir": lambda args, report: self._change(Op.CREATE_DIRECTORY, args, report),
+            "file_rmdir": lambda args, report: self._change(Op.REMOVE_DIRECTORY, args, report),
             "file_cancel": self.cancel,
         }
 
@@ -86,9 +91,6 @@ class Files:
     async def listing(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
         """The entries of a directory: ``{"entries": [FileEntry, ...]}``."""
         return {"entries": msgspec.to_builtins(await self.ftp.list(args.path, report))}
-
-    async def crc(self, args: wire.FilePath, report: Report) -> dict[str, Any]:
-        return {"crc32": await self.ftp.crc32(args.path, report=report)}
 
     async def get(self, args: wire.FileGet, report: Report) -> dict[str, Any]:
         """Fetch a file; its result is a :class:`zmav.wire.StoredFile`. Goes on where an earlier attempt was cut off,
@@ -102,16 +104,13 @@ class Files:
         """Write an upload to the autopilot, and see by its checksum that it is there."""
         data = self._uploaded(args)
         meter = await self.transfer(self.ftp.put(args.path, data, report))
-        verified = False
-        if not generated(args.path):
-            found = await self._crc(args.path, len(data), report)
-            if found not in (None, args.crc32):
-                why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
-                raise Refused(why, path=args.path)
-            verified = found is not None
+        found = await self._crc(args.path, report)
+        if found not in (None, args.crc32):
+            why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
+            raise Refused(why, path=args.path)
         with self._uploading:
             self.uploads.pop(args.file, None)
-        return {"path": args.path, "size": len(data), "verified": verified, "rate": round(meter.rate)}
+        return {"path": args.path, "size": len(data), "verified": found is not None, "rate": round(meter.rate)}
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
@@ -121,8 +120,8 @@ class Files:
         self._under_way.cancel()
         return {"cancelled": what or "a transfer"}
 
-    async def _done(self, work: Awaitable[None]) -> dict[str, Any]:
-        await work
+    async def _change(self, op: Op, args: wire.FilePath, report: Report) -> dict[str, Any]:
+        await self.ftp.change(op, args.path, report)
         return {}
 
     # Fetching.
@@ -140,14 +139,14 @@ class Files:
                 self._under_way = None
 
     async def fetch(self, path: str, report: Report) -> wire.StoredFile:
-        """Bring a file of the autopilot into the store."""
+        """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with."""
         for attempt in range(ATTEMPTS):
-            expected = None if generated(path) else await self._crc(path, 0, report)
+            expected = await self._crc(path, report)
             identity = "" if expected is None else f"{expected:08x}"
             kept = self.store.find(path, identity)
             if kept is not None and not kept.missing and kept.verified:
                 return self.stored(kept, by="store", resumed=kept.size)
-            resume = attempt == 0 and not generated(path) and not (kept and not kept.missing)
+            resume = attempt == 0 and expected is not None
             part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
             if same:
                 break  # else it came out of two versions, or it grows as it is read
@@ -155,46 +154,30 @@ class Files:
 
     async def small(self, path: str, most: int, report: Report) -> bytes:
         """A file of at most that many bytes: the one in the store, where the autopilot's has the same checksum."""
-        expected = await self._crc(path, 0, report)
-        identity = "" if expected is None else f"{expected:08x}"
-        kept = self.store.find(path, identity)
-        if expected is not None and kept is not None and not kept.missing and kept.size <= most:
-            with contextlib.suppress(BadInput):
-                data = self.store.read(self.store.name_of(path), 0, kept.size)
-                if crc32(data) == expected:
-                    return data
-        data = await self.ftp.get(path, report, most)
-        with contextlib.suppress(Refused, OSError):  # what cannot be kept is fetched again another time
-            async with self.store.open(path, identity, len(data), resume=False) as part:
-                part.put(0, data)
-                await part.finish(expected)
-        return data
+        stored = await self.fetch(path, report)
+        if stored.size > most:
+            raise Refused(f"{path} is larger than {most} bytes", size=stored.size)
+        return self.store.read(stored.file, 0, stored.size)
 
     async def _fetch_once(
         self, path: str, identity: str, expected: int | None, resume: bool, report: Report
     ) -> tuple[Part, float, bool]:
         async with contextlib.AsyncExitStack() as stack:
-            parts: list[Part] = []
 
-            def begin(size: int) -> Sink:
-                if parts:  # another attempt of the same transfer
-                    if generated(path):
-                        parts[0].restart()
-                    return parts[0]
-                part = self.store.open(path, identity, None if generated(path) else size, resume=resume)
+            def begin(size: int) -> Part:
+                part = self.store.open(path, identity, size, resume=resume)
                 stack.push_async_exit(part)
-                parts.append(part)
                 return part
 
-            meter = await self.ftp.fetch(path, begin, report)
-            same = await parts[0].finish(expected)
-        return parts[0], meter.rate, same
+            part, meter = await self.ftp.fetch(path, begin, report)
+            same = await part.finish(expected)
+        return part, meter.rate, same
 
-    async def _crc(self, path: str, size: int, report: Report) -> int | None:
+    async def _crc(self, path: str, report: Report) -> int | None:
         """The autopilot's checksum; None where it cannot give one."""
         report({"checking": True})
         try:
-            return await self.ftp.crc32(path, size, report)
+            return await self.ftp.crc32(path, report)
         except Refused as e:
             if e.detail.get("nak") not in (Nak.UNKNOWN_COMMAND.name, Nak.FAIL.name):
                 raise
@@ -252,7 +235,7 @@ class Files:
         data = query.payload.to_bytes() if query.payload else b""
         self._prove(key, data, attached(query))
         with self._uploading:
-            there = UNKNOWN - self._take(name, _offset(offset), data).gaps.total
+            there = MOST_UPLOADED - self._take(name, _offset(offset), data).gaps.total
         yield Reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
 
     def _take(self, name: str, offset: int, data: bytes) -> Upload:

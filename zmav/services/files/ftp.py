@@ -10,19 +10,19 @@ import contextlib
 import random
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from typing import TypeVar
 
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, unpack_entries
-from zmav.services.files.ftp_read import Memory, NothingCame, Reader, Sink
+from zmav.services.files.ftp_read import Reader
 from zmav.services.files.ftp_requests import GIVE_UP, Job, Talk
-from zmav.services.files.progress import Meter
+from zmav.services.files.sink import Meter, Sink
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
 from zmav.services.orders.orders import Report
 
-CHUNKS = (MOST_DATA, 110, 64)
-"""bytes of data a packet; a smaller one where nothing comes by the larger"""
+S = TypeVar("S", bound=Sink)
 BUSY_WAIT = 8.0
 """s to wait for a file server that another client uses"""
 ABANDONED = 3.3
@@ -30,18 +30,12 @@ ABANDONED = 3.3
 AGAIN = 0.5
 HEARTBEAT_WAIT = 4.0
 """s to wait for an autopilot that has just fallen silent"""
-CRC_RATE = 100_000.0
-"""bytes/s at which a slow autopilot reads its card for a checksum"""
-LONGEST_CRC = 120.0
+CRC_GIVE_UP = 30.0
+"""s for a checksum: a slow autopilot reads its card at 100 kB/s"""
 BUSY = (Nak.INVALID_SESSION, Nak.NO_SESSIONS_AVAILABLE)
 
 
-def generated(path: str) -> bool:
-    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``): its size and checksum are not known."""
-    return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")
-
-
-def check_path(path: str, field: str = "path") -> bytes:
+def check_path(path: str) -> bytes:
     """``path`` as the protocol carries it; raises :class:`BadInput`."""
     try:
         raw = path.encode()
@@ -49,7 +43,7 @@ def check_path(path: str, field: str = "path") -> bytes:
         raw = b""
     if not 0 < len(raw) < MOST_DATA or b"\0" in raw:
         expected = f"1 to {MOST_DATA - 1} bytes of UTF-8 without NUL"
-        raise BadInput(f"{path!r} cannot be a path: give {expected}", field=field, value=path, expected=expected)
+        raise BadInput(f"{path!r} cannot be a path: give {expected}", field="path", value=path, expected=expected)
     return raw
 
 
@@ -74,7 +68,7 @@ class Ftp:
         """What is being done, in words; empty: nothing."""
         return self._what if self._turn.locked() else ""
 
-    async def list(self, path: str, report: Report | None = None) -> list[wire.FileEntry]:
+    async def list(self, path: str, report: Report) -> list[wire.FileEntry]:
         """The entries of a directory, as the server orders them, without ``.`` and ``..``."""
         raw, found = check_path(path), list[wire.FileEntry]()
         async with self._talk(f"listing {path}", report) as talk:
@@ -93,88 +87,52 @@ class Ftp:
                     for e in entries
                     if e is not None and e.name not in (".", "..")
                 ]
-                if report is not None:
-                    report({"entries": len(found)})
+                report({"entries": len(found)})
 
-    async def crc32(self, path: str, size: int = 0, report: Report | None = None) -> int:
-        """The server's :func:`zmav.mavlink.ftp.crc32` of a file; ``size``, where known, tells how long to wait."""
+    async def crc32(self, path: str, report: Report) -> int:
+        """The server's :func:`zmav.mavlink.ftp.crc32` of a file."""
         raw = check_path(path)
         async with self._talk(f"checking {path}", report) as talk:
-            give_up = GIVE_UP + min(size / CRC_RATE, LONGEST_CRC)
-            answer = await self._ask(talk, Op.CALC_FILE_CRC32, raw, give_up=give_up)
+            answer = await self._ask(talk, Op.CALC_FILE_CRC32, raw, give_up=CRC_GIVE_UP)
         _check(answer, f"no checksum of {path}", path)
         return int.from_bytes(answer.data[:4], "little")
 
-    async def remove(self, path: str, report: Report | None = None) -> None:
-        await self._simple(Op.REMOVE_FILE, check_path(path), f"cannot remove {path}", path, report)
-
-    async def rmdir(self, path: str, report: Report | None = None) -> None:
-        """Remove an empty directory."""
-        await self._simple(Op.REMOVE_DIRECTORY, check_path(path), f"cannot remove {path}", path, report)
-
-    async def mkdir(self, path: str, report: Report | None = None) -> None:
-        await self._simple(Op.CREATE_DIRECTORY, check_path(path), f"cannot make {path}", path, report)
-
-    async def rename(self, path: str, to: str, report: Report | None = None) -> None:
-        both = check_path(path) + b"\0" + check_path(to, "to")
-        if len(both) >= MOST_DATA:
-            why = f"the two paths together are longer than {MOST_DATA - 2} bytes"
-            raise BadInput(why, field="to", value=to, expected="shorter paths")
-        await self._simple(Op.RENAME, both, f"cannot rename {path}", path, report)
-
-    async def _simple(self, op: Op, data: bytes, words: str, path: str, report: Report | None) -> None:
-        async with self._talk(f"{op.name.lower().replace('_', ' ')} {path}", report) as talk:
-            _check(await self._ask(talk, op, data), words, path)
+    async def change(self, op: Op, path: str, report: Report) -> None:
+        """Remove a file or an empty directory, or make a directory, as ``op`` says."""
+        raw, words = check_path(path), op.name.lower().replace("_", " ")
+        async with self._talk(f"{words} {path}", report) as talk:
+            _check(await self._ask(talk, op, raw), f"cannot {words} {path}", path)
 
     # Transfers.
 
-    async def get(self, path: str, report: Report | None = None, limit: int = 1 << 24) -> bytes:
-        """A whole file in memory, of ``limit`` bytes at most; for what other services need of the autopilot."""
-        sink = Memory(limit)
-
-        def begin(size: int) -> Sink:
-            if not generated(path):
-                sink.gaps.cut(size)
-            return sink
-
-        await self.fetch(path, begin, report)
-        return bytes(sink.data)
-
-    async def fetch(self, path: str, begin: Callable[[int], Sink], report: Report | None = None) -> Meter:
-        """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for.
-
-        ``begin`` is called again with every attempt. ``size`` is the server's word, and a guess for a generated file.
+    async def fetch(self, path: str, begin: Callable[[int], S], report: Report) -> tuple[S, Meter]:
+        """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for. ``size`` is the
+        server's word, and more than there is of a file that is made as it is read.
         """
         raw = check_path(path)
         async with self._talk(f"getting {path}", report) as talk:
-            for chunk in CHUNKS:
-                answer = await self._open(talk, Op.OPEN_FILE_RO, raw, f"cannot read {path}", path)
-                try:
-                    size = int.from_bytes(answer.data[:4], "little")
-                    sink = begin(size)
-                    missing = min(sink.gaps.total, size)
-                    meter = Meter(report or _nobody, None if generated(path) else size, max(size - missing, 0))
-                    await Reader(talk, sink, chunk, meter).run()
-                    return meter
-                except NothingCame:
-                    if chunk == CHUNKS[-1]:
-                        raise
-                finally:
-                    await self._terminate(talk)
-        raise AssertionError("unreachable: the last chunk size returns or raises")
+            answer = await self._open(talk, Op.OPEN_FILE_RO, raw, f"cannot read {path}", path)
+            try:
+                size = int.from_bytes(answer.data[:4], "little")
+                sink = begin(size)
+                meter = Meter(report, size, max(size - sink.gaps.total, 0))
+                await Reader(talk, sink, meter).run()
+                return sink, meter
+            finally:
+                await self._terminate(talk)
 
-    async def put(self, path: str, data: bytes, report: Report | None = None) -> Meter:
+    async def put(self, path: str, data: bytes, report: Report) -> Meter:
         """Write a whole file; an existing one is replaced. What is written in part is removed again."""
         raw = check_path(path)
         async with self._talk(f"putting {path}", report) as talk:
             await self._open(talk, Op.CREATE_FILE, raw, f"cannot write {path}", path)
-            meter, whole = Meter(report or _nobody, len(data)), False
+            meter, whole = Meter(report, len(data)), False
             try:
                 await talk.pipeline(Op.WRITE_FILE, _parts(data), _written(path, meter))
                 whole = True
             finally:
                 await self._terminate(talk)
-                if not whole and not generated(path):
+                if not whole:
                     with contextlib.suppress(TimedOut):
                         await talk.ask(Op.REMOVE_FILE, raw, give_up=2.0)
             return meter
@@ -182,14 +140,13 @@ class Ftp:
     # Sessions.
 
     @contextlib.asynccontextmanager
-    async def turn(self, what: str, report: Report | None) -> AsyncIterator[tuple[int, int]]:
+    async def turn(self, what: str, report: Report) -> AsyncIterator[tuple[int, int]]:
         """Wait until no other transfer is under way, ``what`` in words; gives the autopilot's address."""
-        if self._turn.locked() and report is not None:
+        if self._turn.locked():
             report({"waiting_for": self._what})
         async with self._turn:
             self._what = what
-            if report is not None:
-                report({"waiting_for": None})
+            report({"waiting_for": None})
             yield await self._heard()
 
     async def _heard(self) -> tuple[int, int]:
@@ -202,7 +159,7 @@ class Ftp:
         return self._identity.source
 
     @contextlib.asynccontextmanager
-    async def _talk(self, what: str, report: Report | None) -> AsyncIterator[Talk]:
+    async def _talk(self, what: str, report: Report) -> AsyncIterator[Talk]:
         """A conversation, when it is our turn."""
         async with self.turn(what, report) as source:
             with Talk(self._port, source, session=self._port.address[1], seq=self._seq) as talk:
@@ -263,7 +220,3 @@ def _written(path: str, meter: Meter) -> Callable[[Job, Packet], None]:
         meter.add(job.size)
 
     return written
-
-
-def _nobody(news: object) -> None:
-    """A report that nobody reads."""

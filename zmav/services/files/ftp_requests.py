@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from zmav.errors import TimedOut
 from zmav.mavlink.ftp import Op, Packet, pack, unpack
-from zmav.services.link.mailbox import Mailbox
-from zmav.services.link.port import Port
+from zmav.services.link.port import Inbox, Port
 
 MESSAGE = "FILE_TRANSFER_PROTOCOL"
 GIVE_UP = 15.0
@@ -64,7 +63,7 @@ class Talk:
         self._rto = 1.0
         self.trip: float | None = None
         """s that a request and its answer take, smoothed; None: not known yet"""
-        self._mail = Mailbox(port, target, MESSAGE)
+        self._mail = Inbox(port, target, MESSAGE)
 
     def __enter__(self) -> Talk:
         self._mail.__enter__()
@@ -87,7 +86,7 @@ class Talk:
     async def receive(self, timeout: float) -> Packet | None:
         """The next packet that is for us; None when none came within ``timeout`` seconds."""
         until = time.monotonic() + timeout
-        while (frame := await self._mail.get(until - time.monotonic())) is not None:
+        while (frame := await self._mail.frame(until - time.monotonic())) is not None:
             payload = frame.payload
             to = payload[1:3].ljust(2, b"\0")
             if (to[0], to[1]) in ((0, 0), self._port.address):

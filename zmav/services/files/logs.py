@@ -1,8 +1,7 @@
-"""The autopilot's flight logs: listed and erased by the log protocol, fetched by it or as files.
+"""The autopilot's flight logs by the log protocol: https://mavlink.io/en/services/log.html
 
-https://mavlink.io/en/services/log.html. A log's bytes come in LOG_DATA of 90 each, streamed from where they were asked
-for; what is lost is asked for again. MAVFTP carries 239 a packet, but ArduPilot paces it: its SITL sent 40 kB/s by
-MAVFTP and 5 MB/s by the log protocol, which therefore comes first, while MAVFTP gives the checksum that it lacks.
+A log's bytes come in LOG_DATA of 90 each, streamed from where they were asked for; what is lost is asked for again.
+MAVFTP carries 239 a packet, but ArduPilot paces it: its SITL sent 40 kB/s by MAVFTP and 5 MB/s by the log protocol.
 """
 
 from __future__ import annotations
@@ -20,17 +19,25 @@ from zmav.errors import BadInput, Refused, Stale, TimedOut
 from zmav.mavlink import Frame
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
-from zmav.services.files.log_read import LogReader, send
-from zmav.services.files.progress import Meter
+from zmav.services.files.sink import Meter, Sink
 from zmav.services.link.identity import Identity
-from zmav.services.link.mailbox import Mailbox
-from zmav.services.link.port import Port
+from zmav.services.link.port import Inbox, Port
 from zmav.services.orders.orders import Handler, Report
 
 ENTRY = struct.Struct("<IIHHH")
 """LOG_ENTRY: time_utc, size, id, num_logs, last_log_num"""
+DATA = struct.Struct("<IHB90s")
+"""LOG_DATA: ofs, id, count, data"""
+CHUNK = 90
+WINDOW = 1 << 21
+"""bytes asked for at once"""
+BULK = 8 * CHUNK
+"""a last gap above this is the untouched rest of the log, and no hole"""
+QUIET = 0.5
+"""s without data after which a stream is over"""
 PATIENCE = 1.0
 GIVE_UP = 15.0
+"""s without anything new"""
 ERASE = 90.0
 """s that an erasure may take: a full flash chip is slow"""
 ALL = 0xFFFF
@@ -68,26 +75,9 @@ class Logs:
         return {"logs": [msgspec.to_builtins(self._described(each)) for each in found]}
 
     async def get(self, args: wire.LogGet, report: Report) -> dict[str, Any]:
-        """Fetch a log; its result is a :class:`zmav.wire.StoredFile`. An interrupted one is gone on with.
-
-        By the log protocol, else as a file; ``by`` ("log" or "ftp") insists on one of them.
-        """
-        if args.by not in ("", "ftp", "log"):
-            raise BadInput(f"no way {args.by!r} to get a log", field="by", value=args.by, expected="ftp or log")
+        """Fetch a log; its result is a :class:`zmav.wire.StoredFile`. An interrupted one is gone on with."""
         entry = await self._entry(args.log, report)
-        try:
-            if args.by == "ftp":
-                raise TimedOut("not asked for")
-            stored = await self._files.transfer(self._by_protocol(entry, report))
-        except TimedOut:
-            path = None if args.by == "log" else await self._path_of(entry, report)
-            if path is None and args.by == "ftp":
-                why = f"no file of the autopilot can be told to be log {entry.id}: get it by the log protocol"
-                raise Refused(why, vehicle=self._port.name) from None
-            if path is None:
-                raise
-            stored = await self._files.transfer(self._files.fetch(path, report))
-        result: dict[str, Any] = msgspec.to_builtins(stored)
+        result: dict[str, Any] = msgspec.to_builtins(await self._files.transfer(self._fetch(entry, report)))
         return result
 
     async def erase(self, args: wire.LogErase, report: Report) -> dict[str, Any]:
@@ -99,7 +89,7 @@ class Logs:
             before = await self._entries(source, report)
             deadline = time.monotonic() + ERASE
             while True:
-                send(self._port, source, "LOG_ERASE")
+                _send(self._port, source, "LOG_ERASE")
                 with contextlib.suppress(TimedOut):  # it is busy
                     after = await self._entries(source, report)
                     if not {*before} & {*after}:
@@ -131,10 +121,10 @@ class Logs:
         total, last = -1, 0
         deadline = time.monotonic() + GIVE_UP
         ask, silence = (0, ALL), 0
-        with Mailbox(self._port, source, "LOG_ENTRY") as mail:
+        with Inbox(self._port, source, "LOG_ENTRY") as mail:
             while True:
-                send(self._port, source, "LOG_REQUEST_LIST", start=ask[0], end=ask[1])
-                while (frame := await mail.get(PATIENCE)) is not None:
+                _send(self._port, source, "LOG_REQUEST_LIST", start=ask[0], end=ask[1])
+                while (frame := await mail.frame(PATIENCE)) is not None:
                     entry, total, newest = _entry(frame)
                     last = total - 1 if self._by_place else max(last, newest)
                     deadline = time.monotonic() + GIVE_UP
@@ -168,51 +158,91 @@ class Logs:
         suffix = autopilot.log_suffix if autopilot else ""
         return wire.LogEntry(id=entry.id, size=entry.size, t=t, name=f"log_{entry.id}{day}{suffix}")
 
-    # The two ways.
-
-    async def _path_of(self, entry: Listed, report: Report) -> str | None:
-        """The one file of that size in the autopilot's directories of logs."""
-        autopilot = self._identity.autopilot
-        found: list[str] = []
-        places = list(autopilot.log_directories) if autopilot else []
-        while places:
-            place = places.pop(0)
-            try:
-                entries = await self._ftp.list(place, report)
-            except Refused:
-                continue  # not on this board
-            for each in entries:
-                path = f"{place}/{each.name}"
-                if each.directory:
-                    places.append(path)
-                elif each.size == entry.size:
-                    found.append(path)
-        return found[0] if len(found) == 1 else None
-
-    async def _by_protocol(self, entry: Listed, report: Report) -> wire.StoredFile:
-        """The log protocol has no checksum: the file's is asked for, where it can be told which that is."""
+    async def _fetch(self, entry: Listed, report: Report) -> wire.StoredFile:
+        """The log protocol has no checksum; each frame has one."""
         origin, identity = f"log/{self._described(entry).name}", f"{entry.size} {entry.time_utc}"
         store = self._files.store
-        kept = store.find(origin, identity)
-        if kept is not None and not kept.missing and kept.verified:
+        kept, dated = store.find(origin, identity), bool(entry.time_utc)
+        if kept is not None and not kept.missing and dated:
             return self._files.stored(kept, by="store", resumed=kept.size)
-        expected = await self._checksum(entry, report)
-        for resume in (bool(entry.time_utc) and not (kept and not kept.missing), False):
-            async with store.open(origin, identity, entry.size, resume=resume) as part:
-                async with self._turn(f"getting log {entry.id}", report) as source:
-                    meter = Meter(report, entry.size, part.resumed)
-                    await LogReader(self._port, source, entry.id, part, meter).run()
-                if await part.finish(expected):
-                    break
+        async with store.open(origin, identity, entry.size, resume=dated) as part:
+            async with self._turn(f"getting log {entry.id}", report) as source:
+                meter = Meter(report, entry.size, part.resumed)
+                await LogReader(self._port, source, entry.id, part, meter).run()
+            await part.finish(None)
         return self._files.stored(part.meta, by="log", rate=meter.rate, resumed=part.resumed)
 
-    async def _checksum(self, entry: Listed, report: Report) -> int | None:
-        """Of the file that this log is; None where that cannot be told."""
-        try:
-            path = await self._path_of(entry, report)
-            return None if path is None else await self._ftp.crc32(path, entry.size, report)
-        except (Refused, TimedOut):
-            return None
+
+class LogReader:
+    """Fills a sink's gaps with log ``number``.
+
+    An autopilot that is sending ignores requests, so there is one at a time; holes near each other are asked for
+    together, because to ask takes a round trip, in which much can be sent.
+    """
+
+    def __init__(self, port: Port, target: tuple[int, int], number: int, sink: Sink, meter: Meter) -> None:
+        self._port, self._target, self._number = port, target, number
+        self._sink, self._meter = sink, meter
+        self._rate = 0.0
+        self._trip = PATIENCE
+
+    async def run(self) -> None:
+        """Returns when nothing is missing; raises :class:`TimedOut`. Ends the transfer on the autopilot, too."""
+        fresh = time.monotonic()
+        with Inbox(self._port, self._target, "LOG_DATA") as mail:
+            try:
+                while self._sink.gaps:
+                    if await self._stretch(mail, *self._next()):
+                        fresh = time.monotonic()
+                    elif time.monotonic() - fresh > GIVE_UP:
+                        words = f"no data of log {self._number} within {GIVE_UP:.0f} s"
+                        raise TimedOut(words, vehicle=self._port.name)
+            finally:
+                _send(self._port, self._target, "LOG_REQUEST_END")
+
+    def _next(self) -> tuple[int, int]:
+        """The stretch to ask for next: the untouched rest first, holes last."""
+        *_, (start, end) = self._sink.gaps
+        if end - start <= BULK:
+            start, end = self._sink.gaps.merged(CHUNK + int(self._rate * self._trip))[0]
+        return start, min(end, start + WINDOW)
+
+    async def _stretch(self, mail: Inbox, start: int, end: int) -> int:
+        """Ask for it, and take what comes until its end or until nothing comes; gives how many new bytes came."""
+        _send(self._port, self._target, "LOG_REQUEST_DATA", id=self._number, ofs=start, count=end - start)
+        asked = at = time.monotonic()
+        new = came = 0
+        while self._sink.gaps:
+            frame = await mail.frame(max(QUIET, 2.0 * self._trip) if came else 2.0 * self._trip)
+            if frame is None:
+                break
+            offset, number, count, data = DATA.unpack(frame.payload[: DATA.size].ljust(DATA.size, b"\0"))
+            if number != self._number:
+                continue
+            at = time.monotonic()
+            if not came:
+                self._trip = min(max(at - asked, 0.1), PATIENCE)
+            came += count
+            fresh = self._sink.put(offset, data[: min(count, CHUNK)])
+            self._meter.add(fresh)
+            new += fresh
+            if count < CHUNK and start <= offset < end:
+                if offset + count < end:
+                    self._sink.cut(offset + count)  # it is shorter than it was listed
+                break
+            if start < offset + count and offset + count >= end:
+                break
+        if came:
+            self._rate = came / max(at - asked, 1e-3)
+        else:
+            self._trip = min(self._trip * 1.5, PATIENCE)
+            _send(self._port, self._target, "LOG_REQUEST_END")  # or what it takes for under way holds ours up
+        return new
+
+
+def _send(port: Port, target: tuple[int, int], name: str, **fields: Any) -> None:
+    """A message of the log protocol."""
+    port.send(name, target_system=target[0], target_component=target[1], **fields)
 
 
 def _entry(frame: Frame) -> tuple[Listed, int, int]:

@@ -17,13 +17,11 @@ import msgspec
 
 from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import crc32_of_file
-from zmav.services.files.gaps import UNKNOWN, Gaps
+from zmav.services.files.sink import Gaps
 
 META = ".meta"
 MOST = 1 << 30
 """bytes that are kept"""
-SAVE_EVERY = 2.0
-"""s between two notes of what has come: what a power cut costs"""
 
 
 def default_directory() -> Path:
@@ -60,9 +58,7 @@ class Part:
     def __init__(self, store: Store, name: str, meta: Meta) -> None:
         self._store, self.name, self.meta = store, name, meta
         self.gaps = Gaps(meta.missing)
-        self.resumed = 0 if meta.size >= UNKNOWN else meta.size - self.gaps.total
-        self._saved = time.monotonic()
-        self._saving: asyncio.Future[None] | None = None
+        self.resumed = meta.size - self.gaps.total
         self._file = os.open(store.directory / name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
 
     async def __aenter__(self) -> Part:
@@ -73,49 +69,29 @@ class Part:
     ) -> None:
         try:
             with contextlib.suppress(OSError):  # a full disk must not hide what went wrong before
-                if self._saving is not None:
-                    await self._saving
-                await asyncio.to_thread(self._save, list(self.gaps))
+                await asyncio.to_thread(self._save)
         finally:
             os.close(self._file)
 
     def put(self, offset: int, data: bytes) -> int:
-        """As ``Sink.put``; raises :class:`Refused` where the disk is full or the file beyond all bounds."""
+        """As ``Sink.put``; raises :class:`Refused` where the disk is full."""
         data = data[: max(self.meta.size - offset, 0)]
-        if offset + len(data) > self._store.most:
-            raise _too_large(offset + len(data), self._store.most)
         new = self.gaps.fill(offset, offset + len(data))
         if new:
             try:
                 os.pwrite(self._file, data, offset)
-                self._save_now_and_then()
             except OSError as e:
                 raise Refused(f"cannot keep the file: {e.strerror}", path=str(self._store.directory)) from e
         return new
-
-    def restart(self) -> None:
-        """Nothing of it is worth anything."""
-        self.meta.size = UNKNOWN
-        self.gaps = Gaps([(0, UNKNOWN)])
 
     def cut(self, size: int) -> None:
         self.gaps.cut(size)
         self.meta.size = min(self.meta.size, size)
 
-    def _save_now_and_then(self) -> None:
-        if time.monotonic() - self._saved < SAVE_EVERY:
-            return
-        if self._saving is not None and self._saving.done():
-            self._saving.result()
-            self._saving = None
-        if self._saving is None:
-            self._saved = time.monotonic()
-            self._saving = asyncio.ensure_future(asyncio.to_thread(self._save, list(self.gaps)))
-
-    def _save(self, missing: list[tuple[int, int]]) -> None:
+    def _save(self) -> None:
         """Note what has come, after it has reached the disk."""
         os.fdatasync(self._file)
-        self._store.note(self.name, msgspec.structs.replace(self.meta, missing=missing))
+        self._store.note(self.name, msgspec.structs.replace(self.meta, missing=list(self.gaps)))
 
     async def finish(self, expected: int | None) -> bool:
         """The file is whole: take its checksum. False where that is not the ``expected`` one."""
@@ -170,18 +146,17 @@ class Store:
         meta = self.files.get(self.name_of(origin))
         return meta if meta is not None and meta.identity == identity else None
 
-    def open(self, origin: str, identity: str, size: int | None, *, resume: bool = True) -> Part:
-        """Begin to keep a file, or go on where the same one was left. ``size`` None: not known.
+    def open(self, origin: str, identity: str, size: int, *, resume: bool = True) -> Part:
+        """Begin to keep a file, or go on where the same one was left.
 
         Makes room by removing what is oldest. Raises :class:`Refused` where there cannot be enough.
         """
         name = self.name_of(origin)
         meta = self.find(origin, identity) if resume else None
-        if meta is None or (size is not None and meta.size != size):
+        if meta is None or meta.size != size:
             self.remove(name)
-            end = UNKNOWN if size is None else size
-            meta = Meta(origin=origin, identity=identity, size=end, missing=[(0, end)] if end else [], t=time.time())
-        self._make_room(name, 0 if size is None else size)
+            meta = Meta(origin=origin, identity=identity, size=size, missing=[(0, size)] if size else [], t=time.time())
+        self._make_room(name, size)
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             part = Part(self, name, meta)
@@ -192,7 +167,8 @@ class Store:
 
     def _make_room(self, name: str, size: int) -> None:
         if size > self.most:
-            raise _too_large(size, self.most)
+            why = f"{size} bytes are more than the vehicle's computer keeps ({self.most})"
+            raise Refused(why, size=size, most=self.most)
         others = sorted((meta.t, each) for each, meta in self.files.items() if each != name)
         used = sum(self._size(each) for _, each in others)
         for _, each in others:
@@ -247,7 +223,3 @@ def _existing(path: Path) -> Path:
     while not path.exists() and path != path.parent:
         path = path.parent
     return path
-
-
-def _too_large(size: int, most: int) -> Refused:
-    return Refused(f"{size} bytes are more than the vehicle's computer keeps ({most})", size=size, most=most)

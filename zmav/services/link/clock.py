@@ -22,12 +22,6 @@ import msgspec
 
 MAX_DRIFT = 200e-6
 """s a second two clocks may drift apart before anything is known of them: quartzes are within 100e-6 of the truth"""
-WANDER = 5e-6
-"""s a second by which a drift that was measured may change with temperature"""
-LEARN_AFTER = 30.0
-"""s between the first good offset and one that tells the drift"""
-ANCHORS = 10
-"""offsets kept to tell the drift from, a minute apart"""
 JUMP = 0.1
 """s that two offsets must contradict each other by to be a restart or a step, and not an unsteady clock"""
 UNSTEADY = 0.1
@@ -87,7 +81,6 @@ class Clock:
         self._offset: Offset | None = None
         self._boot = 0.0
         self._count = 0
-        self._anchors: collections.deque[Offset] = collections.deque(maxlen=ANCHORS)
         self._last: tuple[float, float] | None = None  # our time and the autopilot's, at its last answer
         self._paces: collections.deque[float] = collections.deque(maxlen=2)
 
@@ -102,7 +95,7 @@ class Clock:
 
     @property
     def drift(self) -> float:
-        """s a second by which the autopilot's clock falls behind ours, as far as it is known."""
+        """s a second by which a simulation's clock falls behind ours."""
         return self._offset.slope if self._offset else 0.0
 
     @property
@@ -118,7 +111,6 @@ class Clock:
 
     def _start_over(self) -> None:
         self._offset, self._boot, self._count = None, 0.0, 0
-        self._anchors.clear()
 
     def sample(self, sent: float, received: float, boot: float) -> Verdict:
         """One answer: asked and received at these of our seconds, stamped ``boot`` seconds after the boot."""
@@ -142,10 +134,7 @@ class Clock:
         if meet[0] > meet[1]:  # an unsteady clock, or one that stamps early: both may be true
             meet = min(low, found.low), max(high, found.high)
         self._count += 1
-        if self.simulated:
-            self._offset = Offset(received, *meet, before.slope, before.wander)
-        else:
-            self._offset = self._learn(Offset(received, *meet))
+        self._offset = Offset(received, *meet, before.slope, before.wander)
         return "good"
 
     def _note_pace(self, ours: float, boot: float) -> None:
@@ -169,20 +158,6 @@ class Clock:
         self._offset, self._count = found, 1
         self._boot = found.at - found.high  # received - (received - boot)
         return verdict
-
-    def _learn(self, now: Offset) -> Offset:
-        """Add what is known of the drift: the slopes possible between the oldest offset kept and this one."""
-        if self.settled and (not self._anchors or now.at - self._anchors[-1].at > 60.0):
-            self._anchors.append(now)
-        if not self._anchors or now.at - self._anchors[0].at < LEARN_AFTER:
-            return now
-        first = self._anchors[0]
-        span = now.at - first.at
-        least, most = (now.low - first.high) / span, (now.high - first.low) / span
-        wander = (most - least) / 2 + WANDER
-        if wander >= MAX_DRIFT:
-            return now
-        return Offset(now.at, now.low, now.high, (least + most) / 2, wander)
 
     def at(self, boot: float, error: float = 0.0) -> Stamp | None:
         """UTC of ``boot`` seconds after the boot, known to ``error``; None before the clock has settled, and for a

@@ -7,12 +7,14 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from zmav.autopilots import Autopilot, autopilot_for, kind_of
+from zmav.autopilots import Autopilot, Command, autopilot_for, kind_of
 from zmav.mavlink import Frame, decode
 from zmav.services.link.port import Port, on_loop
 from zmav.services.link.reported import INTENTION_LASTS, in_the_air
 from zmav.services.status.events import Events
 
+VERSION = Command("MAV_CMD_REQUEST_MESSAGE", (148.0,))
+"""AUTOPILOT_VERSION"""
 HEARTBEAT_TIMEOUT = 3.0
 UID_MEMORY = 15.0
 ASK_EVERY = 5.0
@@ -188,13 +190,8 @@ class Identity:
             self._port.bus.tell(VehicleChanged())
         if self.connected and self.source and now - self._asked > (ASK_EVERY if self.uid else 1.0):
             self._asked = now
-            self._port.send(
-                "COMMAND_LONG",
-                target_system=self.source[0],
-                target_component=self.source[1],
-                command=512,
-                param1=148.0,
-            )
+            asked = VERSION.message(self._port.dialect)
+            self._port.send(asked.name, **asked.addressed(*self.source))
         self._judge_uids(now)
 
     def _judge_uids(self, now: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import collections
 from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, NamedTuple, Protocol
@@ -106,30 +107,64 @@ def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Cal
     return relay
 
 
+BREATH = 64
+"""frames taken before others on the event loop have their turn"""
+
+
 class Inbox:
-    """Messages of the given names from one system, in order, while the ``with`` lasts."""
+    """Messages of the given names from one system, in order, while the ``with`` lasts. Read it on the event loop.
+
+    Frames are many at times (a file's), so the link's reader thread wakes the loop once for many of them.
+    """
 
     def __init__(self, port: Port, source: tuple[int, int], *names: str) -> None:
         self._port, self._source, self._names = port, source, names
-        self._queue: asyncio.Queue[tuple[str, Mapping[str, Any]]] = asyncio.Queue()
+        self._frames: collections.deque[Frame] = collections.deque()
+        self._news, self._woken = asyncio.Event(), False
+        self._taken = 0
         self._stops: list[Callable[[], None]] = []
 
     def __enter__(self) -> Inbox:
-        arrived = on_loop(asyncio.get_running_loop(), self._arrived)
-        self._stops = [self._port.listen(name, arrived) for name in self._names]
+        wake = on_loop(asyncio.get_running_loop(), self._wake)
+
+        def on_frame(frame: Frame) -> None:
+            if (frame.sysid, frame.compid) == self._source:
+                self._frames.append(frame)
+                if not self._woken:
+                    self._woken = True
+                    wake()
+
+        self._stops = [self._port.listen(name, on_frame) for name in self._names]
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         for stop in self._stops:
             stop()
 
-    def _arrived(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) == self._source:
-            self._queue.put_nowait((self._port.dialect.name_of(frame.msgid), decode(frame, self._port.dialect)))
+    def _wake(self) -> None:
+        self._woken = False
+        self._news.set()
+
+    async def frame(self, timeout: float) -> Frame | None:
+        """The next frame as it came; None when none came within ``timeout`` seconds."""
+        self._taken += 1
+        if self._taken % BREATH == 0:
+            await asyncio.sleep(0)
+        while not self._frames:
+            self._news.clear()
+            if self._frames:
+                break
+            try:
+                await within(timeout, self._news.wait())
+            except asyncio.TimeoutError:
+                return None
+        return self._frames.popleft()
 
     async def get(self, timeout: float) -> tuple[str, Mapping[str, Any]] | None:
         """The next message's name and fields; None when none came within ``timeout`` seconds."""
-        try:
-            return await within(timeout, self._queue.get())
-        except asyncio.TimeoutError:
-            return None
+        frame = await self.frame(timeout)
+        return None if frame is None else (self._port.dialect.name_of(frame.msgid), self.decoded(frame))
+
+    def decoded(self, frame: Frame) -> Mapping[str, Any]:
+        """A message's fields."""
+        return decode(frame, self._port.dialect)

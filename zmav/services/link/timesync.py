@@ -40,6 +40,8 @@ class TimeSync:
         self.clock = Clock()
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
+        self.restarts = 0
+        """times that the autopilot was seen to begin again"""
         self._wrong = False
         self._source: tuple[int, int] | None = None
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
@@ -94,6 +96,7 @@ class TimeSync:
         if verdict in ("restarted", "behind"):
             self.gps_offset = None
             if verdict == "restarted":
+                self.restarts += 1
                 text = f"the autopilot has restarted: its time went from {before:.1f} s to {now:.1f} s"
                 self._events.emit("autopilot", "warning", text, limit="restart")
             else:

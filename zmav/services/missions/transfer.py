@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 from zmav.errors import Refused, TimedOut, Unsupported
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.mavlink.results import MissionResult
 from zmav.services.link.port import Inbox, Port, is_ours
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
@@ -77,13 +77,9 @@ def opaque_ids(frame: Frame, name: str) -> tuple[int | None, ...]:
 class MissionInbox(Inbox):
     """Also reads the opaque ids, as ``opaque_id``."""
 
-    def _arrived(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) == self._source:
-            name = self._port.dialect.name_of(frame.msgid)
-            fields: Mapping[str, Any] = decode(frame, self._port.dialect)
-            if name in OPAQUE_ID:
-                fields = {**fields, "opaque_id": opaque_ids(frame, name)[0]}
-            self._queue.put_nowait((name, fields))
+    def decoded(self, frame: Frame) -> Mapping[str, Any]:
+        fields, name = super().decoded(frame), self._port.dialect.name_of(frame.msgid)
+        return {**fields, "opaque_id": opaque_ids(frame, name)[0]} if name in OPAQUE_ID else fields
 
 
 class Transfer:

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot, Command, Message
-from zmav.autopilots.base import HERE
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.mavlink.results import CommandResult
 from zmav.services.authority.control import Control, Mover
@@ -122,9 +120,6 @@ class Commander:
             with self.inbox("COMMAND_ACK", "STATUSTEXT") as inbox:
                 since = time.monotonic()
                 ack = await self._acknowledged(command, inbox, report)
-                other = _other_form(command, ack.result, self.autopilot().command_frame)
-                if other is not None:
-                    command, ack = other, await self._acknowledged(other, inbox, report)
                 if ack.result != CommandResult.ACCEPTED:
                     raise await self._refusal(command, ack.result, since, inbox)
                 return ack
@@ -231,16 +226,3 @@ class Commander:
                 continue
             if fields["result"] not in (CommandResult.ACCEPTED, CommandResult.IN_PROGRESS):
                 raise await self._refusal(command, int(fields["result"]), since, inbox)
-
-
-def _other_form(command: Command, result: int, frame: str) -> Command | None:
-    """The same command as the autopilot will have it: COMMAND_INT or COMMAND_LONG; None: it is as it should be, or
-    another form would mean something else. ``frame``: what the autopilot takes a COMMAND_LONG's place in.
-    """
-    p = command.padded()
-    if result == CommandResult.COMMAND_INT_ONLY and command.frame is None:
-        place = (HERE if math.isnan(degrees) else round(degrees * 1e7) for degrees in p[4:6])
-        return Command(command.name, (*p[:4], *place, p[6]), frame)
-    if result == CommandResult.COMMAND_LONG_ONLY and command.frame in (frame, f"{frame}_INT"):
-        return Command(command.name, (*p[:4], p[4] / 1e7, p[5] / 1e7, p[6]))
-    return None

@@ -18,7 +18,8 @@ from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.targets import resolve
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Inbox, Port
+from zmav.services.link.port import Port
+from zmav.services.link.timesync import TimeSync
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 from zmav.services.status.px4_events import with_reasons
@@ -39,7 +40,7 @@ ON_GROUND = 1
 """MAV_LANDED_STATE"""
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
-REBOOT_TIMEOUT = 60.0
+REBOOT_TIMEOUT, REBOOT_LOOK = 60.0, 0.2
 RALLY_TIMEOUT = 20.0
 """s for the rally points to be read, where they are not known"""
 RESTS, LONGER = 0.3, 3.0
@@ -66,12 +67,13 @@ class Flight:
         commander: Commander,
         bounds: Bounds,
         leader: PositionLeader,
+        timesync: TimeSync,
         *,
         param: Callable[[str], float | None],
         rally: Callable[[], Coroutine[Any, Any, list[Target]]],
     ) -> None:
         self._port, self._identity, self._state, self._do, self._bounds = port, identity, state, commander, bounds
-        self._leader, self.param, self._known_rally = leader, param, rally
+        self._leader, self._timesync, self.param, self._known_rally = leader, timesync, param, rally
 
     # Whether an order can be done: raises before anything is changed for it, a landing under way included.
 
@@ -233,22 +235,19 @@ class Flight:
                 home = await self._until_home(mode, report)
         return {"mode": self._identity.mode, "armed": bool(self._identity.armed), **home}
 
-    async def reboot(self, args: wire.Reboot, report: Report) -> dict[str, Any]:
-        """Restart a disarmed autopilot; done when it is heard again (at once where it stays in its bootloader)."""
+    async def reboot(self, args: wire.Order, report: Report) -> dict[str, Any]:
+        """Restart a disarmed autopilot; done when its time is seen to have begun again."""
         if self._identity.armed:
             raise Refused("it is armed: it would fall; land and disarm it first", vehicle=self._port.name)
         async with self._do.move():
-            with self._do.inbox("TIMESYNC") as inbox:
-                before, since = await self._uptime(inbox, 2.0), time.monotonic()
-                await self._do.command(Command("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", (3.0 if args.bootloader else 1.0,)))
-                while not args.bootloader:
-                    now = await self._uptime(inbox, 1.0)
-                    if now is not None and (before is None or now < before):
-                        break
-                    if time.monotonic() - since > REBOOT_TIMEOUT:
-                        late = f"it acknowledged the reboot {REBOOT_TIMEOUT:.0f} s ago, and has not come back"
-                        raise TimedOut(late, vehicle=self._port.name)
-                    report({"connected": self._identity.connected})
+            before, since = self._timesync.restarts, time.monotonic()
+            await self._do.command(Command("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", (1.0,)))
+            while self._timesync.restarts == before:
+                if time.monotonic() - since > REBOOT_TIMEOUT:
+                    late = f"it acknowledged the reboot {REBOOT_TIMEOUT:.0f} s ago, and has not come back"
+                    raise TimedOut(late, vehicle=self._port.name)
+                report({"connected": self._identity.connected})
+                await asyncio.sleep(REBOOT_LOOK)
         return {"took": time.monotonic() - since}
 
     # How it is done.
@@ -292,14 +291,6 @@ class Flight:
     def _check_flying(self) -> None:
         if not self._identity.armed:
             raise Refused("it is disarmed: arm it and take off first", vehicle=self._port.name)
-
-    async def _uptime(self, inbox: Inbox, timeout: float) -> float | None:
-        """Seconds since the autopilot's boot, from its next TIMESYNC; None where none comes."""
-        heard = await inbox.get(timeout)
-        if heard is None:
-            return None
-        fields = heard[1]
-        return int(fields["tc1"] or fields["ts1"]) / 1e9  # an answer has its time in tc1, a question of its own in ts1
 
     def _arming_mode(self) -> str | None:
         """What to enter before arming, by the mode that is shown or intended; None: as it is."""

@@ -1,10 +1,10 @@
 """Parameters: the whole set, cached beside the autopilot and served from there; set, load, refresh.
 
 The set is read once for each autopilot, in the background. It is read again when the autopilot was exchanged (another
-address, uid or firmware), when it has restarted (its uptime says so: nothing else tells whether a value changed
-meanwhile), and when it announces another count, which is what enabling a group of parameters does. That a link was
-silent for a while is no reason: the links that are silent often are just those that a reading would load. Every
-PARAM_VALUE renews the cache, no matter who asked for it. https://mavlink.io/en/services/parameter.html
+address, uid or firmware), when it has restarted (nothing else tells whether a value changed meanwhile), and when it
+announces another count, which is what enabling a group of parameters does. That a link was silent for a while is no
+reason: the links that are silent often are just those that a reading would load. Every PARAM_VALUE renews the cache, no
+matter who asked for it. https://mavlink.io/en/services/parameter.html
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from zmav.mavlink import Frame, decode
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop
-from zmav.services.link.restart import Uptime
+from zmav.services.link.timesync import AutopilotRestarted
 from zmav.services.orders.orders import Report
 from zmav.services.params.fill import ParamFill
 from zmav.services.params.load import ParamLoader
@@ -51,7 +51,6 @@ class Params:
         self.talk = ParamTalk(port, identity, events, self.known)
         self._queries = ParamQueries(questions, port, self.known, self.talk, self.table, self.find)
         self._loader = ParamLoader(self.talk)
-        self._uptime = Uptime(port)
         self._who: tuple[Any, ...] | None = None
         self._told: dict[str, str | None] = {"uid": None, "firmware": None}
         self._connected_at: float | None = None
@@ -65,6 +64,7 @@ class Params:
     def start(self) -> None:
         self.talk.start()
         self._queries.start()
+        self._port.bus.on(AutopilotRestarted, lambda told: self.known.doubt())
         loop = asyncio.get_running_loop()
         self._stop_version = self._port.listen("AUTOPILOT_VERSION", on_loop(loop, self._on_version))
 
@@ -155,7 +155,7 @@ class Params:
             self._read()
 
     def _look(self) -> None:
-        """Drop what was known of an autopilot that is no longer there; doubt what is known of one that restarted."""
+        """Drop what was known of an autopilot that is no longer there."""
         identity = self._identity
         if identity.source is None or identity.autopilot is None:
             return
@@ -171,13 +171,10 @@ class Params:
         if exchanged:
             self._told = {"uid": identity.uid, "firmware": identity.firmware}
             self._drop()
-        elif self._uptime.restarted(identity.source):
-            self.known.doubt()
 
     def _drop(self) -> None:
         self.known.clear()
         self.talk.forget()
-        self._uptime.forget()
         self._due = time.monotonic()
         if self._reading is not None:
             self._reading.cancel()

@@ -15,7 +15,7 @@ from zmav.errors import Refused, Stale, TimedOut
 from zmav.mavlink import Frame, decode, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.link.port import Port, is_ours, on_loop
 from zmav.services.params.values import Entry, ParamSet, ParamValue
 from zmav.services.status.events import Events
 from zmav.waiting import within
@@ -152,9 +152,7 @@ class ParamTalk:
 
     def _on_error(self, frame: Frame) -> None:
         fields = decode(frame, self._port.dialect)
-        to = (fields["target_system"], fields["target_component"])
-        ours = all(said in (0, own) for said, own in zip(to, self._port.address, strict=True))
-        if (frame.sysid, frame.compid) == self._identity.source and ours:
+        if (frame.sysid, frame.compid) == self._identity.source and is_ours(fields, self._port):
             self._tell(Failed(fields["param_id"], fields["param_index"], fields["error"]))
 
     def _tell(self, answer: Answer) -> None:

@@ -9,10 +9,11 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
 from zmav.services.link.port import Inbox, Port, is_ours
 
-SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL = 511, 510
+SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL = "MAV_CMD_SET_MESSAGE_INTERVAL", "MAV_CMD_GET_MESSAGE_INTERVAL"
 TIMEOUT = 0.5
 """s for an acknowledgement"""
 AFTER = 0.1
@@ -63,15 +64,9 @@ class IntervalAsker:
         self.silent += 1
         return None
 
-    def _send(self, source: tuple[int, int], command: int, msgid: int, interval: float) -> None:
-        self._port.send(
-            "COMMAND_LONG",
-            target_system=source[0],
-            target_component=source[1],
-            command=command,
-            param1=float(msgid),
-            param2=interval,
-        )
+    def _send(self, source: tuple[int, int], command: str, msgid: int, interval: float) -> None:
+        message = Command(command, (float(msgid), interval)).message(self._port.dialect)
+        self._port.send(message.name, **message.addressed(*source))
 
-    def _answers(self, fields: Mapping[str, Any], command: int) -> bool:
-        return fields.get("command") == command and is_ours(fields, self._port)
+    def _answers(self, fields: Mapping[str, Any], command: str) -> bool:
+        return fields.get("command") == self._port.dialect.value("MAV_CMD", command) and is_ours(fields, self._port)
