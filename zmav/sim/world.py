@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink import load_dialect
 from zmav.sim.build import Squad, build
-from zmav.sim.camera.cameras import Cameras, SimCamera
-from zmav.sim.camera.cast import cast, equip
+from zmav.sim.camera.cameras import Cameras, SimCamera, actors
 from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
@@ -24,7 +23,7 @@ from zmav.sim.endpoints import Address, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
 from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
-from zmav.sim.lineup import gather, line_up
+from zmav.sim.lineup import equip, gather, line_up
 from zmav.sim.listener import Listener, Offer
 from zmav.sim.lockstep import Lockstep
 from zmav.sim.loop import Loop
@@ -153,9 +152,8 @@ class World:
         self._listener: Listener | None = None
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
-            actors = cast(specs, self.vehicles, self.externals.vehicles)
-            inside = self._loop.inside
-            self.cameras = Cameras(actors, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
+            seen, inside = actors(specs, self.vehicles, self.externals.vehicles), self._loop.inside
+            self.cameras = Cameras(seen, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
 
     def _build(self, specs: Sequence[VehicleSpec], reached: Sequence[list[Address]], **options: Any) -> None:
         """Make the vehicles that have an autopilot of the simulator's own."""
