@@ -9,7 +9,6 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from pathlib import Path
 from typing import Any, TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
@@ -24,7 +23,6 @@ from zmav.sim.environment import Environment, Terrain, Vector
 from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
 from zmav.sim.lineup import equip, gather, line_up
-from zmav.sim.listener import Listener, Offer
 from zmav.sim.lockstep import Lockstep
 from zmav.sim.loop import Loop
 from zmav.sim.spec import Home, VehicleSpec, usual
@@ -149,7 +147,6 @@ class World:
         self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
         self._loop = Loop(self._tick, lambda: self.time_s, self.status, self.pacer, self.externals, self.lockstep)
         self._faults = Faults(self, seed)
-        self._listener: Listener | None = None
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
             seen, inside = actors(specs, self.vehicles, self.externals.vehicles), self._loop.inside
@@ -199,14 +196,6 @@ class World:
             self._close_endpoints()
             raise
 
-    def listen(self, control: Path, offers: Mapping[str, Offer]) -> None:
-        """Take requests on the control socket at ``control`` (:mod:`zmav.sim.remote`), such as those of
-        :mod:`zmav.sim.requests`. Raises :class:`PortInUse`, and :class:`BadInput` where it does so already.
-        """
-        if self._listener is not None:
-            raise BadInput("requests are taken already", field="control", value=str(control), expected="one socket")
-        self._listener = Listener(control, self._loop.selector, offers)
-
     def start(self) -> None:
         """Open and run in a thread of its own."""
         self.open()
@@ -236,9 +225,6 @@ class World:
     def _close_endpoints(self) -> None:
         if self.cameras is not None:
             self.cameras.close()
-        if self._listener is not None:
-            self._listener.close()
-            self._listener = None
         self.externals.close()
         for vehicle in self.vehicles:
             for endpoint in vehicle.endpoints:
@@ -376,16 +362,15 @@ class World:
     # ---- the pilots
 
     def take(self, name: str, mode: str | None, channels: Mapping[int, int]) -> None:
-        """The hands of a vehicle's pilot: see :meth:`SimVehicle.hands`. In the world's thread. :class:`BadInput` for a
-        vehicle that is none of ours, or that a stack of its own flies: its radio is its own.
+        """The hands of a vehicle's pilot: see :meth:`SimVehicle.hands`. Any thread may. :class:`BadInput` for a vehicle
+        that is none of ours, or that a stack of its own flies: its radio is its own.
         """
-        for vehicle in self.vehicles:
-            if vehicle.name == name:
-                vehicle.hands(mode, channels)
-                return
-        expected = ", ".join(vehicle.name for vehicle in self.vehicles) or "none"
-        text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
-        raise BadInput(text, field="vehicle", value=name, expected=expected)
+        named = {vehicle.name: vehicle for vehicle in self.vehicles}
+        if name not in named:
+            expected = ", ".join(named) or "none"
+            text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
+            raise BadInput(text, field="vehicle", value=name, expected=expected)
+        self._loop.inside(lambda: named[name].hands(mode, channels))
 
     # ---- faults
 
