@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 LENS = CameraSpec(rate_hz=12.0)
-FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal)
+FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal_px)
 DECK, PATIENCE_S = 0.31, 60.0
 
 

@@ -45,16 +45,13 @@ GROWTH = 0.10
 FAULTS: dict[str, dict[str, float]] = {
     "link-cut": {},
     "link-loss": {"percent": 30.0},
-    "link-delay": {"ms": 400.0},
-    "link-duplication": {},
-    "link-corruption": {},
     "gps-loss": {},
     "gps-glitch": {"north": 20.0},
     "compass": {},
     "baro": {"metres": 3.0},
     "imu": {"vibration": 20.0},
     "rc-loss": {},
-    "frozen": {"watchdog_s": 5.0},
+    "frozen": {},
     "reboot": {},
     "battery": {"left_percent": 40.0},
 }

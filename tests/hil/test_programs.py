@@ -88,15 +88,6 @@ class TestFlight:
         world.close()
         assert not directory.exists()
 
-    def test_own_physics_are_only_started(self, make_world: MakeWorld, tree: Path, tmp_path: Path) -> None:
-        world = make_world(flown(tree, directory=tmp_path, own_physics=True), speed=4.0)
-        file = tmp_path / "copter1/started.json"
-        wait_until(lambda: file.exists() and file.read_text())
-        argv = started(tmp_path / "copter1")["argv"]
-        assert argv[argv.index("--model") + 1] == "+"
-        assert argv[argv.index("--speedup") + 1] == "4"
-        assert world.status().vehicles[0].mode == "external"
-
 
 class TestEnds:
     def test_one_that_dies_is_said_and_the_others_fly_on(
@@ -205,7 +196,6 @@ class TestFinding:
             sysid=4,
             home=Position(47.0, 8.0, 400.0),
             heading_deg=-90.0,
-            own_physics=False,
             speed=2.0,
         )
 
@@ -279,20 +269,11 @@ class TestFinding:
                 sysid=1,
                 home=Position(0.0, 0.0, 0.0),
                 heading_deg=0.0,
-                own_physics=False,
                 speed=1.0,
             )
 
 
-NOTHING: dict[str, Any] = {
-    "px4": (),
-    "ardupilot": None,
-    "stacks": (),
-    "devices": (),
-    "own_physics": False,
-    "instance": None,
-    "keep": None,
-}
+NOTHING: dict[str, Any] = {"px4": (), "ardupilot": None, "devices": (), "keep": None}
 
 
 class TestOptions:
@@ -308,11 +289,11 @@ class TestOptions:
         assert len(self.vehicles({"px4": ("/px4",)})[0]) == 1
 
     def test_an_ardupilot_flies_what_is_counted_and_else_what_it_is_for(self) -> None:
-        specs, counts = self.vehicles({"ardupilot": "/a", "instance": 5}, copter=2, rover=1)
-        assert [(s.autopilot, s.stack and s.stack.instance) for s in specs] == [
-            ("arducopter", 5),
-            ("arducopter", 6),
-            ("ardurover", 7),
+        specs, counts = self.vehicles({"ardupilot": "/a", "keep": "/k"}, copter=2, rover=1)
+        assert [(s.autopilot, s.stack and s.stack.program, s.stack and s.stack.directory) for s in specs] == [
+            ("arducopter", "/a", "/k"),
+            ("arducopter", "/a", "/k"),
+            ("ardurover", "/a", "/k"),
         ]
         assert not any(counts.values())
         assert [s.autopilot for s in self.vehicles({"ardupilot": "/a/ardurover"})[0]] == ["ardurover"]
@@ -342,26 +323,15 @@ class TestOptions:
             finally:
                 world.close()
 
-    def test_instances_of_px4_go_with_their_system_ids(self) -> None:
-        specs, _ = self.vehicles({"ardupilot": "/a", "px4": ("/px4",), "instance": 5}, copter=1)
-        assert [(s.autopilot, s.stack and s.stack.instance, s.sysid) for s in specs] == [
-            ("arducopter", 5, None),
-            ("px4", 5, 6),
-        ]
-
-    def test_others_may_connect_by_themselves_or_by_a_serial_line(self) -> None:
-        specs, _ = self.vehicles({"stacks": ("ardupilot:hexa", "px4"), "devices": ("/dev/ttyACM0",)})
-        assert [(s.autopilot, s.airframe) for s in specs] == [("arducopter", "hexa"), ("px4", None), ("px4", None)]
-        assert [s.stack and s.stack.device for s in specs] == [None, None, "/dev/ttyACM0"]
+    def test_others_connect_by_a_serial_line(self) -> None:
+        (spec,), _ = self.vehicles({"devices": ("/dev/ttyACM0",)})
+        assert (spec.autopilot, spec.stack and spec.stack.device) == ("px4", "/dev/ttyACM0")
 
     @pytest.mark.parametrize(
         ("given", "message"),
         [
             ({"px4": ("/a", "/b")}, "one path"),
             ({"px4": ("900",)}, "at most"),
-            ({"stacks": ("betaflight",)}, "ardupilot or px4"),
-            ({"stacks": ("ardupilot:boat",)}, "hexa"),
-            ({"own_physics": True}, "--ardupilot PATH"),
         ],
     )
     def test_what_makes_no_sense_is_said(self, given: dict[str, Any], message: str) -> None:

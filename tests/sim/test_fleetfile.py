@@ -65,7 +65,7 @@ link = "/dev/ttyACM0"
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
     def read(text: str) -> FleetFile:
-        (tmp_path / "field.toml").write_text('ground = "sand"\n')
+        (tmp_path / "field.toml").write_text('ground = "asphalt"\n')
         (tmp_path / "fleet.toml").write_text(text)
         return load_simulated(tmp_path / "fleet.toml")
 
@@ -79,7 +79,7 @@ def test_everything_it_says(read: Read, tmp_path: Path) -> None:
     assert speed_of(file.world) == math.inf
     assert file.world.terrain == Terrain(slope_north=0.02)
     assert file.scene is not None
-    assert file.scene.ground == "sand"
+    assert file.scene.ground == "asphalt"
     quad, rover = file.vehicles
     assert (quad.name, quad.sysid, quad.airframe, quad.yaw_deg) == ("quad1", 7, "hexa", 90.0)
     assert (quad.start_ned_m, quad.params, quad.endpoints) == (

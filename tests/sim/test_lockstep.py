@@ -212,8 +212,6 @@ def test_one_that_answers_late_does_not_join(make_desk: MakeDesk) -> None:
     ("kind", "parameters", "asked"),
     [
         ("link-loss", {"percent": 100.0}, 50),
-        ("link-delay", {"ms": 500.0}, 50),
-        ("link-corruption", {"percent": 100.0}, 50),
         ("link-cut", {}, 0),
         ("link-cut", {"direction": "up"}, 0),
         ("frozen", {}, 0),

@@ -16,8 +16,8 @@ import pytest
 
 from zmav.errors import BadConfig, BadInput, LinkDown, PortInUse, TimedOut, ZmavError
 from zmav.sim import VehicleSpec, World
+from zmav.sim.listener import Listener
 from zmav.sim.remote import Remote, control_directory, control_path, running
-from zmav.sim.requests import offers
 
 PATIENCE_S = 30.0
 
@@ -33,7 +33,7 @@ class Started(World):
     """A world that runs as ``zmav sim`` runs it, in a thread of the test's."""
 
     def begin(self, name: str) -> None:
-        self.listen(control_path(name), offers(self))
+        self.listener = Listener(control_path(name), self)
         self._running = threading.Thread(target=self.run)
         self._running.start()
 
@@ -55,6 +55,7 @@ def start(runtime: Path) -> Iterator[Any]:
     for world in ran:
         world.stop()
         world.join()
+        world.listener.close()
         world.close()
 
 
@@ -147,7 +148,7 @@ class TestWords:
                 pass
             sim.stop()
             world.join()
-            world.close()  # hangs up on everybody
+            world.listener.close()  # hangs up on everybody
             waiting.join(PATIENCE_S)
         assert isinstance(errors[0], TimedOut | LinkDown)
         with pytest.raises(LinkDown, match="no simulator runs"):
@@ -241,10 +242,9 @@ class TestPlace:
         assert [stat.S_IMODE(p.stat().st_mode) for p in (runtime, runtime / "one.sock")] == [0o700, 0o600]
 
     def test_it_goes_with_the_world(self, runtime: Path) -> None:
-        world = World(endpoint="tcp:0")
-        world.listen(control_path("one"), offers(world))
+        listener = Listener(control_path("one"), World(endpoint="tcp:0"))
         assert running() == [runtime / "one.sock"]
-        world.close()
+        listener.close()
         assert list(runtime.iterdir()) == []
 
     def test_without_a_name_it_is_called_after_the_process(self, runtime: Path) -> None:
@@ -263,8 +263,7 @@ class TestPlace:
         start("one")
         world = World(endpoint="tcp:0")
         with pytest.raises(PortInUse, match=r"another simulator has the control socket .*one\.sock"):
-            world.listen(control_path("one"), offers(world))
-        assert world.vehicles[0].endpoints == []
+            Listener(control_path("one"), world)
         world.close()
         assert [path.stem for path in running()] == ["one"]  # the first one's is left alone
 
@@ -283,25 +282,26 @@ class TestPlace:
         control_directory()
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(runtime / "one.sock"))
-        worlds = [World(endpoint="tcp:0") for _ in range(8)]
+        world = World(endpoint="tcp:0")
+        listeners: list[Listener] = []
         refused: list[PortInUse] = []
-        together = threading.Barrier(len(worlds))
+        together = threading.Barrier(8)
 
-        def begin(world: World) -> None:
+        def begin() -> None:
             together.wait()
             try:
-                world.listen(control_path("one"), offers(world))
+                listeners.append(Listener(control_path("one"), world))
             except PortInUse as e:
                 refused.append(e)
 
-        threads = [threading.Thread(target=begin, args=(world,)) for world in worlds]
+        threads = [threading.Thread(target=begin) for _ in range(8)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
-        assert len(refused) == len(worlds) - 1
-        for world in worlds:
-            world.close()
+        assert (len(listeners), len(refused)) == (1, 7)
+        listeners[0].close()
+        world.close()
         assert not (runtime / "one.sock").exists()
 
     def test_other_things_are_left_alone(self, tmp_path: Path, runtime: Path) -> None:
@@ -309,7 +309,7 @@ class TestPlace:
         for path, words in ((tmp_path / "notes", "is no socket"), (tmp_path / "no" / "x", "No such file")):
             world = World(endpoint="tcp:0")
             with pytest.raises(BadConfig, match=words):
-                world.listen(path, offers(world))
+                Listener(path, world)
             world.close()
         with pytest.raises(BadConfig, match="too long"):
             control_path("/tmp/" + "x" * 120)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,11 +73,6 @@ def _above(binary: Path, folder: str) -> Path | None:
     return next((each for each in binary.resolve().parents if (each / folder).is_dir()), None)
 
 
-def frame_params(craft: Craft) -> str:
-    """ArduPilot parameters that tell it the frame, as the text of a defaults file."""
-    return "".join(f"{name} {value:g}\n" for name, value in craft.params.items())
-
-
 def ardupilot_job(
     binary: Path,
     craft: Craft,
@@ -87,22 +82,21 @@ def ardupilot_job(
     home: Position,
     heading_deg: float,
     directory: Path,
-    port: int | None,
+    port: int,
     speed: float,
 ) -> Job:
     """Start it as instance ``-I``: MAVLink at TCP 5760+10*i, parameters from the tree's defaults where they are found,
-    then from the file ``frame.parm`` in ``directory``, which is written here. ``port``: where our physics answer; None:
-    it is to take its own.
+    then from the file ``frame.parm`` in ``directory``, which is written here. ``port``: where our physics answer.
     """
     tree = _above(binary, "Tools/autotest")
     found = [tree / "Tools/autotest" / name for name in craft.defaults] if tree else []
     own = directory / OWN_PARAMS
     directory.mkdir(parents=True, exist_ok=True)
-    own.write_text(frame_params(craft), encoding="ascii")
+    own.write_text("".join(f"{name} {value:g}\n" for name, value in craft.params.items()), encoding="ascii")
     defaults = [*(each for each in found if each.is_file()), own]
     command = [
         str(binary),
-        *(("--model", craft.model) if port is None else ("--model", "JSON:127.0.0.1", "--sim-port-out", str(port))),
+        *("--model", "JSON:127.0.0.1", "--sim-port-out", str(port)),
         *("--speedup", f"{speed:g}"),
         *("--home", f"{home.lat_deg:.7f},{home.lon_deg:.7f},{home.alt_amsl_m:.2f},{heading_deg % 360.0:g}"),
         *("--sysid", str(sysid)),
@@ -121,7 +115,6 @@ def px4_job(
     sysid: int,
     home: Position,
     heading_deg: float,
-    own_physics: bool,
     speed: float,
 ) -> Job:
     """Start it as instance ``-i``: MAVLink at UDP 14540+i and 14550. As a daemon (``-d``) it wants no terminal; it
@@ -139,20 +132,13 @@ def px4_job(
         )
         raise BadConfig(text, field="sysid", value=sysid, expected=str(instance + 1))
     command = [str(binary.resolve()), "-i", str(instance), "-d", str(_px4_etc(binary))]
-    physics: Mapping[str, str] = (
-        {"PX4_SIM_MODEL": "sihsim_quadx", "PX4_SYS_AUTOSTART": "10040", "PX4_SIMULATOR": "sihsim"}
-        if own_physics
-        else {
-            "PX4_SIM_MODEL": "none_iris",
-            "PX4_SYS_AUTOSTART": str(craft.px4_airframe),
-            "PX4_SIMULATOR": "",
-            "PX4_SIM_HOSTNAME": "",
-            "PX4_SIM_HOST_ADDR": "127.0.0.1",
-            **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in craft.px4_params.items()},
-        }
-    )
     environment = {
-        **physics,
+        "PX4_SIM_MODEL": "none_iris",
+        "PX4_SYS_AUTOSTART": str(craft.px4_airframe),
+        "PX4_SIMULATOR": "",
+        "PX4_SIM_HOSTNAME": "",
+        "PX4_SIM_HOST_ADDR": "127.0.0.1",
+        **{f"PX4_PARAM_{name}": f"{value:g}" for name, value in craft.px4_params.items()},
         "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
         "PX4_HOME_LAT": f"{home.lat_deg:.7f}",
         "PX4_HOME_LON": f"{home.lon_deg:.7f}",

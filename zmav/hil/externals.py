@@ -8,9 +8,9 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from zmav.errors import BadConfig
-from zmav.hil.alone import Alone
 from zmav.hil.ardupilot import JsonVehicle, json_port
 from zmav.hil.binaries import Job, ardupilot_job, find_ardupilot, find_px4, px4_job
 from zmav.hil.craft import Craft, craft
@@ -38,7 +38,7 @@ class Externals(NoExternals):
     """``specs``: all of the world's vehicles, of which those with a ``stack`` are made here; ``addresses``: of the
     endpoints of each. The instance number of a stack, unless it is given, is its place among the world's vehicles with
     such an autopilot; of a PX4 that is started here, whose system id follows from it, one less than that. ``speed``:
-    the world's, for stacks with physics of their own.
+    the world's.
 
     What a person should know goes to :attr:`say`; what is said before anybody listens is kept.
     """
@@ -119,8 +119,6 @@ class Externals(NoExternals):
             vehicle = HardwareVehicle(
                 name, sysid, plant, self.say, self._dialect, self._epoch_us, stack.device, addresses
             )
-        elif stack.own_physics:
-            vehicle = Alone(name, sysid, plant, self.say, spec.autopilot)
         elif spec.autopilot == PX4:
             port = px4_port(i) if stack.port is None else stack.port
             vehicle = Px4Vehicle(name, sysid, plant, self.say, self._dialect, self._epoch_us, port)
@@ -144,28 +142,11 @@ class Externals(NoExternals):
         binary = find_px4(path) if spec.autopilot == PX4 else find_ardupilot(path, frame.program)
 
         def job(directory: Path) -> Job:
-            if spec.autopilot == PX4:
-                return px4_job(
-                    binary,
-                    frame,
-                    instance=i,
-                    sysid=vehicle.sysid,
-                    home=home,
-                    heading_deg=heading,
-                    own_physics=stack.own_physics,
-                    speed=self._speed,
-                )
-            return ardupilot_job(
-                binary,
-                frame,
-                instance=i,
-                sysid=vehicle.sysid,
-                home=home,
-                heading_deg=heading,
-                directory=directory,
-                port=vehicle.port if isinstance(vehicle, JsonVehicle) else None,
-                speed=self._speed,
-            )
+            given: dict[str, Any] = {"instance": i, "sysid": vehicle.sysid, "home": home, "heading_deg": heading}
+            given["speed"] = self._speed
+            if isinstance(vehicle, JsonVehicle):
+                return ardupilot_job(binary, frame, directory=directory, port=vehicle.port, **given)
+            return px4_job(binary, frame, **given)
 
         self._jobs.append((vehicle, Path(stack.directory) if stack.directory else Path(), job))
 

@@ -1,9 +1,8 @@
 """A vehicle that a real flight controller flies, on its own hardware, over a serial line (HIL).
 
 PX4 with SYS_HITL 1 takes HIL_SENSOR and HIL_GPS from the line and answers with HIL_ACTUATOR_CONTROLS. There is no lock
-step: everything goes in real time, readings evenly spaced. It gets no HIL_STATE_QUATERNION, which it would take for its
-own estimate, and for readings of its IMU. The line carries the controller's other MAVLink too, which is passed on to
-ground stations.
+step: everything goes in real time, readings evenly spaced. The line carries the controller's other MAVLink too, which
+is passed on to ground stations.
 Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_MODE_FLAG_HIL_ENABLED.
 """
 
@@ -70,7 +69,7 @@ class HardwareVehicle(External):
         super().__init__(name, sysid, plant, say)
         self.path, self.baud = parse_device(device)
         rate = fitting_hz(self.path, self.baud)
-        self.stream = HilStream(plant, dialect, sysid, epoch_us, rate, state_every_s=0.0)
+        self.stream = HilStream(plant, dialect, sysid, epoch_us, rate)
         self.relay = Relay(dialect, self._to_autopilot)
         self.bad = self.dropped = self.readings = self.controls = 0
         self._controlled: float | None = None  # wall time of the last controls

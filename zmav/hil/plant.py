@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from zmav.hil.craft import Craft
+from zmav.hil.craft import Craft, drive, settle
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
 from zmav.sim.geo import from_ned
@@ -81,7 +81,8 @@ class Plant(Fleet):
     def _stand(self, dt: float, around: Surroundings) -> None:
         """Put it at the start, at rest, with sensors just switched on."""
         start = np.array([self.start], dtype=float).T
-        super().__init__(self.craft.make(start, np.array([self._yaw]), dt, around.environment), around, self.craft.pack)
+        body, pack = self.craft.make(start, np.array([self._yaw]), dt, around.environment)
+        super().__init__(body, around, pack)
         self.time_s = 0.0
         self.values: list[float] = [0.0] * len(self.craft.channels)
         self._since_air = 0.0
@@ -101,7 +102,7 @@ class Plant(Fleet):
     def drive(self, values: Sequence[float]) -> None:
         """Set the actuators: rotors and throttles 0 to 1, surfaces and steering -1 to 1, in the craft's order."""
         self.values = list(values)
-        self.craft.drive(self.dynamics, values)
+        drive(self.dynamics, values)
 
     def run(self, seconds: float) -> None:
         """One step of the physics, this long."""
@@ -115,7 +116,7 @@ class Plant(Fleet):
             self._since_air -= AIR_EVERY_S
             self.blow(AIR_EVERY_S)
             self.battery.step(body.current(), AIR_EVERY_S)
-            self.craft.settle(self)
+            settle(self)
 
     def truth(self) -> Truth:
         return Truth(self)
@@ -132,34 +133,12 @@ class Plant(Fleet):
 
     def senses(self) -> list[Sense]:
         """The truth: what its flight stack makes of the sensors is not known here."""
-        now = self.truth()
-        roll, pitch, yaw = now.euler
+        now, battery = self.truth(), self.battery
         u, v, w = now.air_velocity
         throttle = sum(self.values) / len(self.values)
         impact = float(self.dynamics.impact[0])
         self.dynamics.impact[:] = 0.0
-        return [
-            Sense._make(
-                [
-                    *now.pos,
-                    *now.vel,
-                    roll,
-                    pitch,
-                    yaw,
-                    *now.rate,
-                    *now.specific_force,
-                    *now.q,
-                    0.0,
-                    0.0,
-                    *now.q,
-                    yaw,
-                    throttle,
-                    float(self.battery.current[0]),
-                    float(now.contact),
-                    impact,
-                    math.sqrt(u * u + v * v + w * w),
-                    float(self.battery.volts[0]),
-                    *now.pos,
-                ]
-            )
-        ]
+        state = (*now.pos, *now.vel, *now.euler, *now.rate, *now.specific_force, *now.q)
+        wanted = (0.0, 0.0, *now.q, now.euler[2], throttle)  # nothing but what there is
+        felt = (float(battery.current[0]), float(now.contact), impact, math.sqrt(u * u + v * v + w * w))
+        return [Sense._make((*state, *wanted, *felt, float(battery.volts[0]), *now.pos))]

@@ -134,13 +134,11 @@ class Px4Vehicle(External):
             if not frame.verified:
                 continue
             try:
-                answer = self.stream.take(frame)
+                self.stream.take(frame)
             except BadMessage:
                 self.bad += 1
                 continue
             self.heard()
-            if answer and self._line is not None:
-                self._line.put(answer)
         if self.stream.controls != before and self._answered():
             self._awaiting = False
             self.proceed()

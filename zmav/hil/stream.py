@@ -1,21 +1,19 @@
-"""The messages of PX4's simulator interface, for any line: sensors and truth out, actuator controls in.
+"""The messages of PX4's simulator interface, for any line: sensors out, actuator controls in.
 
 Source: docs.px4.io, "Simulation", sections "Simulator MAVLink API" and "Lockstep Simulation"; mavlink.io, HIL_SENSOR,
-HIL_GPS, HIL_STATE_QUATERNION, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS. What PX4 makes of each: its simulator_mavlink
-(on a computer) and mavlink_receiver (on a flight controller).
+HIL_GPS, HIL_ACTUATOR_CONTROLS. What PX4 makes of each: its simulator_mavlink (on a computer) and mavlink_receiver (on a
+flight controller).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from zmav.hil.plant import Plant
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
-from zmav.mavlink.results import CommandResult
 from zmav.sim.geo import from_ned
 from zmav.sim.sensors.readings import GpsFix, Readings
 
@@ -23,12 +21,10 @@ SENSOR_HZ = 250.0
 SIMULATOR = 200  # component id, in the vehicle's own system
 # Bits of HIL_SENSOR.fields_updated, for the sensors that PX4 takes one by one.
 IMU, MAG, BARO, PITOT = 0x3F, 0x1C0, 0x1A00, 0x400
-MAG_EVERY_S, BARO_EVERY_S, STATE_EVERY_S, RC_EVERY_S, BEAT_EVERY_S = 0.01, 0.02, 0.02, 0.02, 1.0
+MAG_EVERY_S, BARO_EVERY_S, BEAT_EVERY_S = 0.01, 0.02, 1.0
 FAULTS = frozenset({"motor", "battery", "gps-loss", "gps-glitch", "compass", "baro", "imu"})
 """what of a body and its sensors can fail and be seen in these messages"""
 ARMED, LOCKSTEP = 128, 1
-SET_MESSAGE_INTERVAL, STATE_ID = 511, 115
-MILLI_G = 1000.0 / 9.80665
 GENERIC, INVALID, ACTIVE = 0, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE: no ground station, whose loss PX4 watches for
 _HIL_MESSAGES = ("HIL_ACTUATOR_CONTROLS", "HIL_CONTROLS")
 
@@ -37,9 +33,8 @@ class HilStream:
     """One vehicle's exchange. :meth:`step` moves the plant on by one reading of the IMU and gives the frames to send;
     :meth:`take` hears a frame of the autopilot.
 
-    ``sensor_hz``: readings a second. ``rc``: what the pilot's receiver gives (up to 12 pulse widths, us); None: there
-    is no receiver. ``state_every_s``: between two HIL_STATE_QUATERNION; 0: none. ``controls``: how often actuators were
-    told; ``armed``, ``lockstep`` and ``answered_us``, the autopilot's own time: as the last of them said.
+    ``sensor_hz``: readings a second. ``controls``: how often actuators were told; ``armed``, ``lockstep`` and
+    ``answered_us``, the autopilot's own time: as the last of them said.
     """
 
     def __init__(
@@ -49,13 +44,10 @@ class HilStream:
         sysid: int,
         epoch_us: int,
         sensor_hz: float = SENSOR_HZ,
-        state_every_s: float = STATE_EVERY_S,
     ) -> None:
         self.plant = plant
         self.dialect = dialect
         self.sensor_hz = sensor_hz
-        self.rc: Sequence[int] | None = None
-        self.state_every_s = state_every_s
         self.packer = Packer(dialect, sysid, SIMULATOR)
         self._epoch_us = epoch_us
         self._ids = {dialect.message(name).id for name in _HIL_MESSAGES}
@@ -65,7 +57,7 @@ class HilStream:
         """Begin again with another autopilot, or the same after its boot."""
         self.controls = self.answered_us = 0
         self.armed = self.lockstep = False
-        self._due = dict.fromkeys(("mag", "baro", "state", "rc", "beat"), 0.0)
+        self._due = dict.fromkeys(("mag", "baro", "beat"), 0.0)
         self._fix_time = -1.0
 
     @property
@@ -93,10 +85,6 @@ class HilStream:
             frames.append(self.heartbeat())
             unix_us = self._epoch_us + self.time_us
             frames.append(self._pack("SYSTEM_TIME", time_unix_usec=unix_us, time_boot_ms=self.time_us // 1000))
-        if self.state_every_s > 0.0 and self._is_due("state", self.state_every_s):
-            frames.append(self._state())
-        if self.rc is not None and self._is_due("rc", RC_EVERY_S):
-            frames += self._receiver(self.rc)
         if readings.gps is not None and readings.gps.time_s != self._fix_time:
             self._fix_time = readings.gps.time_s
             frames.append(self._gps(readings.gps))
@@ -167,55 +155,16 @@ class HilStream:
             yaw=0,
         )
 
-    def _state(self) -> bytes:
-        now = self.plant.truth()
-        place = from_ned(now.pos[0], now.pos[1], now.pos[2], self.plant.around.place)
-        force = now.specific_force
-        flow = now.air_velocity
-        airspeed = min(round(math.sqrt(sum(v * v for v in flow)) * 100.0), 65535)
-        xacc, yacc, zacc = (min(max(round(f * MILLI_G), -32768), 32767) for f in force)
-        return self._pack(
-            "HIL_STATE_QUATERNION",
-            time_usec=self.time_us,
-            attitude_quaternion=now.q,
-            rollspeed=now.rate[0],
-            pitchspeed=now.rate[1],
-            yawspeed=now.rate[2],
-            lat=round(place.lat_deg * 1e7),
-            lon=round(place.lon_deg * 1e7),
-            alt=round(place.alt_amsl_m * 1e3),
-            vx=_centi(now.vel[0]),
-            vy=_centi(now.vel[1]),
-            vz=_centi(now.vel[2]),
-            ind_airspeed=airspeed,
-            true_airspeed=airspeed,
-            xacc=xacc,
-            yacc=yacc,
-            zacc=zacc,
-        )
-
-    def _receiver(self, pulses: Sequence[int]) -> list[bytes]:
-        """As the interface has it (HIL_RC_INPUTS_RAW), and as newer PX4 takes it (RC_CHANNELS)."""
-        named = {f"chan{i}_raw": width for i, width in enumerate(pulses[:12], start=1)}
-        return [
-            self._pack("HIL_RC_INPUTS_RAW", time_usec=self.time_us, rssi=255, **named),
-            self._pack("RC_CHANNELS", time_boot_ms=self.time_us // 1000, chancount=len(named), rssi=255, **named),
-        ]
-
     # ---- in
 
     def is_hil(self, frame: Frame) -> bool:
         """A message of this exchange, of no interest to ground stations."""
         return frame.msgid in self._ids
 
-    def take(self, frame: Frame) -> bytes:
-        """Hear a checked frame; gives the answer to it, which may be empty. Raises :class:`BadMessage`."""
-        name = self.dialect.name_of(frame.msgid)
-        if name == "HIL_ACTUATOR_CONTROLS":
+    def take(self, frame: Frame) -> None:
+        """Hear a checked frame. Raises :class:`BadMessage`."""
+        if self.dialect.name_of(frame.msgid) == "HIL_ACTUATOR_CONTROLS":
             self._drive(decode(frame, self.dialect))
-        elif name == "COMMAND_LONG":
-            return self._command(decode(frame, self.dialect), (frame.sysid, frame.compid))
-        return b""
 
     def _drive(self, message: dict[str, Any]) -> None:
         self.controls += 1
@@ -225,21 +174,6 @@ class HilStream:
         craft = self.plant.craft
         values = craft.from_px4(message["controls"])
         self.plant.drive(values if self.armed else [0.0] * len(values))
-
-    def _command(self, message: dict[str, Any], sender: tuple[int, int]) -> bytes:
-        """The rate of HIL_STATE_QUATERNION can be asked for; nothing else is for the simulator to do."""
-        result = CommandResult.UNSUPPORTED
-        if message["command"] == SET_MESSAGE_INTERVAL and int(message["param1"]) == STATE_ID:
-            interval = message["param2"]
-            self.state_every_s = {0.0: STATE_EVERY_S, -1.0: 0.0}.get(interval, max(interval * 1e-6, self.interval_s))
-            result = CommandResult.ACCEPTED
-        return self._pack(
-            "COMMAND_ACK",
-            command=message["command"],
-            result=result,
-            target_system=sender[0],
-            target_component=sender[1],
-        )
 
 
 def _centi(value: float) -> int:

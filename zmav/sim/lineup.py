@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from zmav.errors import BadConfig
+from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.environment import Terrain, Vector
 from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, Home, VehicleSpec, check, kind_of
 
@@ -124,3 +125,21 @@ def _starts(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain:
         ground = float(terrain.down(np.array([north]), np.array([east]))[0])
         starts.append(spec.start_ned_m or (north, east, ground))
     return starts
+
+
+def equip(
+    specs: Sequence[VehicleSpec], cameras: Mapping[str, CameraSpec], pads: Mapping[str, PadSpec]
+) -> list[VehicleSpec]:
+    """``specs``, which have names, with these cameras and pads, by vehicles' names. :class:`BadConfig` names a vehicle
+    that is not there, or what is wrong with its camera or pad.
+    """
+    found = {spec.name or "": spec for spec in specs}
+    for field, given in (("camera", cameras), ("pad", pads)):
+        for name, each in given.items():
+            if name not in found:
+                expected = ", ".join(found)
+                text = f"{field} for {name!r}, but there is no such vehicle; expected one of {expected}"
+                raise BadConfig(text, field=field, value=name, expected=expected)
+            found[name] = msgspec.structs.replace(found[name], **{field: each})
+            check(found[name], name)
+    return list(found.values())

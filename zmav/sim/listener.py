@@ -1,62 +1,116 @@
-"""The simulator's end of its control socket: takes requests in the world's thread and answers them; see
-:mod:`zmav.sim.remote`.
+"""The simulator's end of its control socket: what it can be asked, and who answers; see :mod:`zmav.sim.remote`.
+
+Every connection has a thread of its own, in which requests are answered in turn. All that a world is asked here any
+thread may.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import inspect
+import math
 import os
-import selectors
 import socket
 import stat
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, NamedTuple
+from socketserver import StreamRequestHandler, ThreadingMixIn, UnixStreamServer
+from typing import Any, get_type_hints
 
 import msgspec
 
 from zmav.errors import BadConfig, BadInput, PortInUse, ZmavError
+from zmav.sim.faults import FaultStatus, make_fault
 from zmav.sim.remote import Failure, Reply, Request, answers
+from zmav.sim.status import WorldStatus
+from zmav.sim.world import World
 
 LONGEST_LINE = 1 << 20
-MOST_UNREAD = 1 << 20  # bytes of answers that nobody has read: no more is done for such a caller
 
 
-class Offer(NamedTuple):
-    """What a simulator can be asked: the type of its arguments and the function that takes them. A function that
-    needs time gives a future, which is set in the world's thread.
+class Requests:
+    """What a simulator can be asked: each public method by its name, with its parameters as arguments. One that needs
+    time gives a future.
     """
 
-    args: type[msgspec.Struct]
-    do: Callable[[Any], Any]
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def status(self) -> WorldStatus:
+        return self._world.status()
+
+    def pause(self) -> WorldStatus:
+        self._world.pause()
+        return self._world.status()
+
+    def resume(self) -> WorldStatus:
+        self._world.resume()
+        return self._world.status()
+
+    def speed(self, times: float) -> WorldStatus:
+        """``times`` real time; 0: as fast as it goes."""
+        self._world.set_speed(times if times != 0.0 else math.inf)
+        return self._world.status()
+
+    def step(self, seconds: float) -> Future[WorldStatus]:
+        return self._world.advance(seconds)
+
+    def stop(self) -> None:
+        self._world.stop()
+
+    def fault(
+        self, vehicle: str, kind: str, for_s: float | None = None, parameters: dict[str, Any] | None = None
+    ) -> list[FaultStatus]:
+        return self._world.put_fault(vehicle, make_fault(kind, parameters or {}), for_s)
+
+    def clear(self, vehicle: str | None = None, kind: str | None = None) -> int:
+        return self._world.clear(vehicle, kind)
+
+    def faults(self) -> list[FaultStatus]:
+        return self._world.faults()
+
+    def pilot(self, vehicle: str, mode: str | None = None, channels: dict[int, int] | None = None) -> WorldStatus:
+        self._world.take(vehicle, mode, channels or {})
+        return self._world.status()
+
+
+VERBS = tuple(name for name in vars(Requests) if not name.startswith("_"))
+
+
+def _arguments(method: Callable[..., Any]) -> type[msgspec.Struct]:
+    """What a request has to give, strictly."""
+    hints, empty = get_type_hints(method), inspect.Parameter.empty
+    fields = [
+        (p.name, hints[p.name]) if p.default is empty else (p.name, hints[p.name], p.default)
+        for p in inspect.signature(method).parameters.values()
+    ]
+    return msgspec.defstruct(method.__name__, fields, forbid_unknown_fields=True)
 
 
 class Listener:
-    """Listens at ``path`` for its owner alone; ``selector`` calls it in the world's thread.
+    """Listens at ``path`` for its owner alone, until :meth:`close`.
 
     What an ended simulator left at ``path`` is replaced. Raises :class:`PortInUse` where another one listens there,
     :class:`BadConfig` where something else stands, or nothing can be made.
     """
 
-    def __init__(self, path: Path, selector: selectors.BaseSelector, offers: Mapping[str, Offer]) -> None:
+    def __init__(self, path: Path, world: World) -> None:
         self.path = path
-        self._selector = selector
-        self._offers = offers
-        self._callers: list[Caller] = []
-        self._socket = socket.socket(socket.AF_UNIX)
+        self._server = _Server(str(path), _Caller, bind_and_activate=False)
+        self._server.requests = Requests(world)
         try:
-            self._socket.setblocking(False)
             # The mode of the socket's file: set before there is one, so that there is no moment when others may.
-            os.fchmod(self._socket.fileno(), 0o600)
+            os.fchmod(self._server.fileno(), 0o600)
             with _alone_in(path.parent):
                 _make_room(path)
-                self._socket.bind(str(path))
-                self._socket.listen()
+                self._server.server_bind()
+                self._server.server_activate()
                 self._made = _identity(path)
         except OSError as e:
-            self._socket.close()
+            self._server.server_close()
             raise BadConfig(
                 f"no control socket at {path}: {e.strerror or e}",
                 field="control",
@@ -64,146 +118,77 @@ class Listener:
                 expected="a path in a directory that is there and may be written to",
             ) from e
         except ZmavError:
-            self._socket.close()
+            self._server.server_close()
             raise
-        selector.register(self._socket, selectors.EVENT_READ, self._accept)
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):  # it left before it was let in
-            connection, _ = self._socket.accept()
-            self._callers.append(Caller(connection, self._selector, self._offers, self._callers.remove))
+        self._thread = threading.Thread(target=self._server.serve_forever, name="zmav-sim-control", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """End all connections and remove the socket's file, unless it is another's by now."""
-        for caller in list(self._callers):
-            caller.close()
-        self._selector.unregister(self._socket)
+        self._server.shutdown()
+        self._thread.join()
         with contextlib.suppress(OSError), _alone_in(self.path.parent):
             if _identity(self.path) == self._made:
                 self.path.unlink()
-        self._socket.close()
+        self._server.server_close()
+        for connection in list(self._server.connections):
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
 
 
-class Caller:
-    """One connection: requests are answered in turn."""
+class _Server(ThreadingMixIn, UnixStreamServer):
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = 128  # who cannot connect takes the simulator for dead
+    requests: Requests
 
-    def __init__(
-        self,
-        connection: socket.socket,
-        selector: selectors.BaseSelector,
-        offers: Mapping[str, Offer],
-        gone: Callable[[Caller], None],
-    ) -> None:
-        self._socket = connection
-        self._selector = selector
-        self._offers = offers
-        self._gone = gone
-        self._in, self._out = bytearray(), b""
-        self._busy = False
-        self._open = True
-        connection.setblocking(False)
-        selector.register(connection, selectors.EVENT_READ, self._ready)
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.connections: set[socket.socket] = set()
 
-    @property
-    def _deaf(self) -> bool:
-        return len(self._out) >= MOST_UNREAD
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A caller that vanishes is nobody's error."""
 
-    def _ready(self) -> None:
-        self._flush()
-        if not self._open or self._deaf:
-            return
+
+class _Caller(StreamRequestHandler):
+    server: _Server
+
+    def handle(self) -> None:
+        self.server.connections.add(self.connection)
         try:
-            data = self._socket.recv(65536)
-        except BlockingIOError:
-            data = None
-        except OSError:
-            data = b""
-        if data == b"" or len(self._in) > LONGEST_LINE:
-            self.close()
-            return
-        self._in += data or b""
-        self._next()
+            while line := self.rfile.readline(LONGEST_LINE):
+                if not line.endswith(b"\n"):
+                    return  # too long, or cut off
+                if line.strip():
+                    self.wfile.write(msgspec.json.encode(self._answer(line)) + b"\n")
+        finally:
+            self.server.connections.discard(self.connection)
 
-    def _next(self) -> None:
-        while self._open and not self._busy and not self._deaf:
-            end = self._in.find(b"\n")
-            if end < 0:
-                return
-            line = bytes(self._in[:end])
-            del self._in[: end + 1]  # which moves nothing, however much waits behind it
-            if line.strip():
-                self._take(line)
-
-    def _take(self, line: bytes) -> None:
+    def _answer(self, line: bytes) -> Reply:
+        """A defect in doing a request is an answer, too, and no end of the world."""
         try:
             result = self._do(line)
+            return Reply(result.result() if isinstance(result, Future) else result)
         except ZmavError as e:
-            self._answer(_refusal(e))
-            return
-        if isinstance(result, Future):
-            self._busy = True
-            result.add_done_callback(self._later)
-        else:
-            self._answer(Reply(result))
+            error = e
+        except Exception as e:
+            error = ZmavError(f"a defect of the simulator: {e!r}")
+        return Reply(error=Failure(error.code, error.message, {k: str(v) for k, v in error.detail.items()}))
 
     def _do(self, line: bytes) -> Any:
-        """Do one request; a defect in doing it is an answer, too, and no end of the world."""
         try:
             request = msgspec.json.decode(line, type=Request)
-            offer = self._offers.get(request.verb)
-            if offer is None:
-                known = ", ".join(sorted(self._offers))
+            if request.verb not in VERBS:
+                known = ", ".join(VERBS)
                 text = f"no request {request.verb!r}; there are {known}"
                 raise BadInput(text, field="verb", value=request.verb, expected=known)
-            return offer.do(msgspec.convert(request.args, offer.args, str_keys=True))
+            method = getattr(self.server.requests, request.verb)
+            found = msgspec.convert(request.args, _arguments(method), str_keys=True)
         except msgspec.ValidationError as e:
             raise BadInput(str(e), field="args", value=line.decode(errors="replace")[:200], expected=str(e)) from e
         except msgspec.DecodeError as e:
             raise BadInput(f"not a JSON request: {e}", field="request", expected="one JSON object a line") from e
-        except ZmavError:
-            raise
-        except Exception as e:
-            raise ZmavError(f"a defect of the simulator: {e!r}") from e
-
-    def _later(self, future: Future[Any]) -> None:
-        error = future.exception()
-        refused = error if isinstance(error, ZmavError) else ZmavError(f"a defect of the simulator: {error!r}")
-        self._busy = False
-        self._answer(Reply(future.result()) if error is None else _refusal(refused))
-        self._next()
-
-    def _answer(self, reply: Reply) -> None:
-        if self._open:
-            self._out += msgspec.json.encode(reply) + b"\n"
-            self._flush()
-
-    def _flush(self) -> None:
-        """Send what the other end takes; the rest when it reads again."""
-        try:
-            while self._open and self._out:
-                self._out = self._out[self._socket.send(self._out) :]
-        except BlockingIOError:
-            self._watch(selectors.EVENT_WRITE | (0 if self._deaf else selectors.EVENT_READ))
-        except OSError:
-            self.close()
-        else:
-            if self._open:
-                self._watch(selectors.EVENT_READ)
-
-    def _watch(self, events: int) -> None:
-        if self._selector.get_key(self._socket).events != events:
-            self._selector.modify(self._socket, events, self._ready)
-
-    def close(self) -> None:
-        if self._open:
-            self._open = False
-            self._selector.unregister(self._socket)
-            self._socket.close()
-            self._gone(self)
-
-
-def _refusal(error: ZmavError) -> Reply:
-    return Reply(error=Failure(error.code, error.message, {k: str(v) for k, v in error.detail.items()}))
+        return method(**msgspec.structs.asdict(found))
 
 
 @contextlib.contextmanager

@@ -42,14 +42,13 @@ class Stack(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     ``program``: a user's own SITL binary or build tree, to be started (None: it is started by somebody else, and
     connects to ``port``; None: the one that the stack looks for by itself). ``instance``: its number, which its ports
-    follow (None: its place among the world's vehicles with such an autopilot). ``own_physics``: it is only started.
+    follow (None: its place among the world's vehicles with such an autopilot).
     ``directory``: where its files are kept (None: nowhere). ``device``: PATH[:BAUD] of a real flight controller.
     """
 
     program: str | None = None
     port: int | None = None
     instance: int | None = None
-    own_physics: bool = False
     directory: str | None = None
     device: str | None = None
 

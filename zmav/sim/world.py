@@ -9,14 +9,12 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from pathlib import Path
 from typing import Any, TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink import load_dialect
 from zmav.sim.build import Squad, build
-from zmav.sim.camera.cameras import Cameras, SimCamera
-from zmav.sim.camera.cast import cast, equip
+from zmav.sim.camera.cameras import Cameras, SimCamera, actors
 from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
@@ -24,8 +22,7 @@ from zmav.sim.endpoints import Address, addresses, open_endpoint
 from zmav.sim.environment import Environment, Terrain, Vector
 from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
-from zmav.sim.lineup import gather, line_up
-from zmav.sim.listener import Listener, Offer
+from zmav.sim.lineup import equip, gather, line_up
 from zmav.sim.lockstep import Lockstep
 from zmav.sim.loop import Loop
 from zmav.sim.spec import Home, VehicleSpec, usual
@@ -150,12 +147,10 @@ class World:
         self.lockstep = Lockstep(self.vehicles, lambda text: self.say(text)) if lockstep else None
         self._loop = Loop(self._tick, lambda: self.time_s, self.status, self.pacer, self.externals, self.lockstep)
         self._faults = Faults(self, seed)
-        self._listener: Listener | None = None
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
-            actors = cast(specs, self.vehicles, self.externals.vehicles)
-            inside = self._loop.inside
-            self.cameras = Cameras(actors, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
+            seen, inside = actors(specs, self.vehicles, self.externals.vehicles), self._loop.inside
+            self.cameras = Cameras(seen, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
 
     def _build(self, specs: Sequence[VehicleSpec], reached: Sequence[list[Address]], **options: Any) -> None:
         """Make the vehicles that have an autopilot of the simulator's own."""
@@ -201,14 +196,6 @@ class World:
             self._close_endpoints()
             raise
 
-    def listen(self, control: Path, offers: Mapping[str, Offer]) -> None:
-        """Take requests on the control socket at ``control`` (:mod:`zmav.sim.remote`), such as those of
-        :mod:`zmav.sim.requests`. Raises :class:`PortInUse`, and :class:`BadInput` where it does so already.
-        """
-        if self._listener is not None:
-            raise BadInput("requests are taken already", field="control", value=str(control), expected="one socket")
-        self._listener = Listener(control, self._loop.selector, offers)
-
     def start(self) -> None:
         """Open and run in a thread of its own."""
         self.open()
@@ -238,9 +225,6 @@ class World:
     def _close_endpoints(self) -> None:
         if self.cameras is not None:
             self.cameras.close()
-        if self._listener is not None:
-            self._listener.close()
-            self._listener = None
         self.externals.close()
         for vehicle in self.vehicles:
             for endpoint in vehicle.endpoints:
@@ -378,16 +362,15 @@ class World:
     # ---- the pilots
 
     def take(self, name: str, mode: str | None, channels: Mapping[int, int]) -> None:
-        """The hands of a vehicle's pilot: see :meth:`SimVehicle.hands`. In the world's thread. :class:`BadInput` for a
-        vehicle that is none of ours, or that a stack of its own flies: its radio is its own.
+        """The hands of a vehicle's pilot: see :meth:`SimVehicle.hands`. Any thread may. :class:`BadInput` for a vehicle
+        that is none of ours, or that a stack of its own flies: its radio is its own.
         """
-        for vehicle in self.vehicles:
-            if vehicle.name == name:
-                vehicle.hands(mode, channels)
-                return
-        expected = ", ".join(vehicle.name for vehicle in self.vehicles) or "none"
-        text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
-        raise BadInput(text, field="vehicle", value=name, expected=expected)
+        named = {vehicle.name: vehicle for vehicle in self.vehicles}
+        if name not in named:
+            expected = ", ".join(named) or "none"
+            text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
+            raise BadInput(text, field="vehicle", value=name, expected=expected)
+        self._loop.inside(lambda: named[name].hands(mode, channels))
 
     # ---- faults
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from agents.camera.calibrate import FEWEST, Views
 from agents.camera.cli import camera
 from agents.camera.settings import Calibration
-from tests.sim.camera.conftest import PLAIN, Studio
+from tests.sim.camera.conftest import Studio
 from zmav.errors import BadConfig, BadInput
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Scene
@@ -50,7 +50,7 @@ def place(roll: float, pitch: float, yaw: float, shift: float, height: float = 3
 
 @pytest.fixture(scope="module")
 def views() -> Iterator[list[Image]]:
-    scene = Scene(ground="asphalt", light=PLAIN.light, pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
+    scene = Scene(ground="asphalt", pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
     world = World([VehicleSpec(name="copter1", camera=SPEC)], scene=scene, epoch_s=1000.0)
     studio = Studio(world)
     yield [studio.take(place(*angles, shift=0.35 * (i % 3 - 1))).image for i, angles in enumerate(TILTED)]

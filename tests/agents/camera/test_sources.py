@@ -21,7 +21,7 @@ from tests.agents.camera.conftest import scene, write_video
 from tests.conftest import PATIENCE_S
 from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec, World
-from zmav.sim.camera import CameraSpec, Light, Scene
+from zmav.sim.camera import CameraSpec
 from zmav.sim.camera.serve import serve_cameras
 from zmav.vision.opencv import decode, encode
 
@@ -266,7 +266,7 @@ def test_the_latest_picture_wins(tmp_path: Path) -> None:
 
 def test_the_simulators_camera() -> None:
     spec = CameraSpec(width=160, height=120, focal_px=130.0, rate_hz=20.0, mount_deg=(0.0, 30.0, 0.0), gimbal=True)
-    world = World([VehicleSpec(name="quad1", camera=spec)], scene=Scene(light=Light(shadows=0.0)), epoch_s=1000.0)
+    world = World([VehicleSpec(name="quad1", camera=spec)], epoch_s=1000.0)
     assert world.cameras is not None
     url = serve_cameras(world.cameras, 0)["quad1"]
     heard = Heard()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate
 from zmav.sim.arrays import quat_from_euler
 from zmav.sim.camera import CameraSpec
-from zmav.sim.camera.projection import camera_matrix, camera_rotation, distort, quat_matrix
+from zmav.sim.camera.projection import camera_matrix, camera_rotation, quat_matrix
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose
 from zmav.wire import CameraInfo
@@ -66,9 +67,9 @@ def test_it_undoes_the_simulators_camera(seed: int) -> None:
     point = np.array([where.pos[0] + rng.uniform(-1, 1), 3.0 + rng.uniform(-1, 1), -0.4])
     turned = quat_from_euler(*(np.array([angle]) for angle in (where.roll, where.pitch, where.yaw)))
     centre = np.array(where.pos) + quat_matrix(turned[:, 0]) @ offset
-    x, y, z = camera_rotation(spec, turned[:, 0]).T @ (point - centre)
-    x, y = distort(spec, np.array(x / z), np.array(y / z))
-    u, v, _ = camera_matrix(spec) @ (float(x), float(y), 1.0)
+    seen = camera_rotation(spec, turned[:, 0]).T @ (point - centre)
+    projected, _ = cv2.projectPoints(seen[None], np.zeros(3), np.zeros(3), camera_matrix(spec), np.array(BENT))
+    u, v = projected.ravel().tolist()
     assert locate(optics, where, (u, v), -0.4) == pytest.approx(tuple(point[:2]), abs=1e-4)
 
 

@@ -11,24 +11,19 @@ import pytest
 
 from zmav.sim import VehicleSpec, World
 from zmav.sim.arrays import Array, quat_from_euler
-from zmav.sim.camera import CameraSpec, Light, Scene
-from zmav.sim.camera.cameras import Frame, SimCamera
-from zmav.sim.camera.poses import Poses
+from zmav.sim.camera import CameraSpec, Scene
+from zmav.sim.camera.cameras import Frame, Poses, SimCamera
 
 Place = tuple[float, ...]
 """north, east, down (m), and roll, pitch, yaw (degrees) where they are not 0"""
 
-PLAIN = Scene(ground="asphalt", light=Light(shadows=0.0))
+PLAIN = Scene(ground="asphalt")
 
 
-def poses(*places: Place, time_s: float = 0.0, vel: Place = (0.0, 0.0, 0.0), rate: Place = (0.0, 0.0, 0.0)) -> Poses:
-    """Vehicles at ``places``; the first moves."""
-    n = len(places)
+def poses(*places: Place, time_s: float = 0.0) -> Poses:
+    """Vehicles at ``places``."""
     table = np.array([[*place, *[0.0] * (6 - len(place))] for place in places]).T
-    moving, turning = np.zeros((3, n)), np.zeros((3, n))
-    moving[:, 0], turning[:, 0] = vel, rate
-    q = quat_from_euler(*np.radians(table[3:6]))
-    return Poses(time_s, table[:3], moving, q, turning, np.zeros(n, dtype=bool))
+    return Poses(time_s, table[:3], quat_from_euler(*np.radians(table[3:6])))
 
 
 class Studio:
@@ -38,11 +33,11 @@ class Studio:
         self.world = world
         self.camera: SimCamera = world.camera("copter1")
 
-    def take(self, *places: Place, **motion: Any) -> Frame:
+    def take(self, *places: Place, time_s: float = 0.0) -> Frame:
         """A picture with the vehicles at ``places``; those that are not named are far away."""
         missing = len(self.world.vehicles) - len(places)
         far = [(-5000.0 - 100.0 * i, 0.0, 0.0) for i in range(missing)]
-        return self.camera.capture(poses(*places, *far, **motion))
+        return self.camera.capture(poses(*places, *far, time_s=time_s))
 
 
 def pinhole(frame: Frame, camera: SimCamera, points: Array) -> Array:

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.sim.camera.conftest import PLAIN, pinhole, turned
+from tests.sim.camera.conftest import pinhole, turned
 from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec
 from zmav.sim.arrays import Array
-from zmav.sim.camera import Area, CameraSpec, PadSpec, PlacedPad, Scene
+from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Scene
 from zmav.sim.camera.cameras import Frame, SimCamera
 from zmav.sim.camera.spec import bgr
 from zmav.sim.environment import Terrain
@@ -81,7 +81,7 @@ class TestGround:
 
     def test_on_a_slope(self, make_studio: MakeStudio) -> None:
         terrain = Terrain(down_m=2.0, slope_north=0.2, slope_east=-0.1)
-        scene = Scene(ground="sand", pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
+        scene = Scene(ground="grass", pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
         studio = make_studio(AT_FEET, scene=scene, terrain=terrain)
         north, east = board_corners()
         frame = studio.take((0.0, 0.0, -2.5, 4.0, -6.0, 30.0))
@@ -99,28 +99,15 @@ class TestGround:
         camera = CameraSpec(
             width=800,
             height=600,
-            fov_deg=80.0,
+            focal_px=480.0,
             center_px=(391.3, 310.8),
             mount_deg=(4.0, 12.0, 90.0),
             offset_m=(0.1, -0.05, -0.2),
         )
-        studio = make_studio(camera, scene=Scene(ground="concrete", pads=(PlacedPad(position=(0, 0), pad=BOARD),)))
+        studio = make_studio(camera, scene=Scene(ground="asphalt", pads=(PlacedPad(position=(0, 0), pad=BOARD),)))
         north, east = board_corners()
         frame = studio.take((-0.8, 0.0, -3.0, 2.0, -3.0, 5.0))
-        assert studio.camera.matrix[0, 0] == pytest.approx(400 / np.tan(np.radians(40)))
         check_corners(frame, studio.camera, np.array([north, east, np.zeros_like(north)]))
-
-    @pytest.mark.parametrize("height", [3.0, 7.0, 20.0])
-    def test_what_is_drawn_into_the_ground_is_at_its_place(self, make_studio: MakeStudio, height: float) -> None:
-        """A bright rectangle of 0.4 by 0.6 of the height."""
-        area = Area(center=(0.05 * height, -0.1 * height), size=(0.4 * height, 0.6 * height), ground="sand")
-        scene = Scene(ground="asphalt", light=PLAIN.light, areas=(area,))
-        studio = make_studio(AT_FEET, scene=scene)
-        smooth = cv2.GaussianBlur(_grey(studio.take((0.0, 0.0, -height)).image), (0, 0), 2.0)
-        halfway = (smooth[:100].mean() + smooth[150:280, 150:380].mean()) / 2
-        bright = smooth > halfway
-        assert centroid(bright.astype(float)) == pytest.approx([319.5 - 52.0, 239.5 - 26.0], abs=WITHIN_PX)
-        assert bright.sum() == pytest.approx(0.4 * 520.0 * 0.6 * 520.0, rel=0.005)
 
     def test_the_texture_itself_moves_as_the_camera_does(self, make_studio: MakeStudio) -> None:
         """Two pictures of bare ground, from two places: the one warped to the other falls on it."""
@@ -150,13 +137,11 @@ class TestRover:
             size_m=1.2,
             background="white",
             deck_m=0.6,
-            forward_m=0.1,
-            right_m=-0.2,
         )
         studio = make_studio(AT_FEET, VehicleSpec(name="carrier", pad=board))
         frame = studio.take(place, (0.4, 0.2, 0.0, 0.0, 0.0, 40.0))
         ahead, right = (np.array(each) / 2.0 for each in board_corners())
-        north, east = turned(40.0, ahead + 0.1, right - 0.2)
+        north, east = turned(40.0, ahead, right)
         check_corners(frame, studio.camera, np.array([north + 0.4, east + 0.2, np.full_like(north, -0.6)]))
 
     def test_a_leaning_deck(self, make_studio: MakeStudio) -> None:
@@ -174,7 +159,7 @@ def letter(frame: Frame, camera: SimCamera, pad: PadSpec) -> tuple[Array, Array,
     much it does in the picture; and the first pixel (u, v).
     """
     middle = pinhole(frame, camera, np.zeros((3, 1)))[:, 0]
-    reach = int(0.4 * pad.size_m * camera.spec.focal / -frame.position[2])
+    reach = int(0.35 * pad.size_m * camera.spec.focal_px / -frame.position[2])
     first = np.maximum(np.rint(middle).astype(int) - reach, 0)
     shown = np.asarray(frame.image[first[1] :, first[0] :, 1][: 2 * reach + 1, : 2 * reach + 1], dtype=float)
     height, width = shown.shape
@@ -207,7 +192,7 @@ class TestLetter:
     @pytest.mark.parametrize("tilt", [0.0, 15.0])
     def test_its_place_and_its_area(self, make_studio: MakeStudio, height: float, tilt: float) -> None:
         pads = (PlacedPad(position=(0.0, 0.0), pad=PAD),)
-        studio = make_studio(AT_FEET, scene=Scene(light=PLAIN.light, pads=pads))
+        studio = make_studio(AT_FEET, scene=Scene(pads=pads))
         lean = height * np.tan(np.radians(tilt)) * 0.7
         frame = studio.take((-lean + 0.011, lean + 0.017, -height, tilt, tilt, 0.0))
         expected, shown, _ = letter(frame, studio.camera, PAD)
@@ -229,18 +214,16 @@ class TestLetter:
             assert centroid(white) == pytest.approx([u, v], abs=0.3)
 
     @pytest.mark.parametrize("color", ["white", "yellow"])
-    @pytest.mark.parametrize("shape", ["disc", "ring", "square", "none"])
+    @pytest.mark.parametrize("shape", ["disc", "square"])
     def test_every_kind_of_pad(self, make_studio: MakeStudio, color: str, shape: str) -> None:
         pad = PadSpec(symbol_m=0.5, shape=shape, size_m=1.0, color=color, background="blue")  # type: ignore[arg-type]
-        studio = make_studio(AT_FEET, scene=Scene(pads=(PlacedPad(position=(0.0, 0.0), pad=pad),), light=PLAIN.light))
+        studio = make_studio(AT_FEET, scene=Scene(pads=(PlacedPad(position=(0.0, 0.0), pad=pad),)))
         image = studio.take((0.0, 0.0, -2.6)).image.astype(int)  # 200 px a metre
         paint, blue = np.array(bgr(color)), np.array(bgr("blue"))
         assert image[239, 319] == pytest.approx(paint, abs=2)  # the letter's bar
         assert image[239 - 45, 319 - 30] == pytest.approx(paint, abs=2)  # an upright
-        ground = shape == "none"
-        assert bool(np.abs(image[239 - 30, 319] - blue).max() < 3) is not ground  # between the uprights
-        rim = image[239, 319 - 97]
-        assert np.abs(rim - (paint if shape == "ring" else blue)).max() < 3 or ground
+        assert np.abs(image[239 - 30, 319] - blue).max() < 3  # between the uprights
+        assert np.abs(image[239, 319 - 97] - blue).max() < 3  # the rim
         corner = bool(np.abs(image[239 - 95, 319 - 95] - blue).max() < 3)
         assert corner is (shape == "square")
 
@@ -252,7 +235,6 @@ class TestMount:
         leaning, level = studio.take((0, 0, -5, 20, -10, 70)), studio.take((0, 0, -5, 0, 0, 70))
         assert leaning.rotation == pytest.approx(level.rotation, abs=1e-12)
         assert (leaning.image == level.image).all()
-        assert leaning.attitude != level.attitude
 
     def test_its_pitch_looks_ahead_and_its_roll_to_the_left(self, make_studio: MakeStudio) -> None:
         ahead = make_studio(CameraSpec(mount_deg=(0.0, 30.0, 0.0))).take((0.0, 0.0, -5.0, 0.0, 0.0, 90.0))

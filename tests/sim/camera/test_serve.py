@@ -40,7 +40,7 @@ class Studio:
     @property
     def server(self) -> CameraServer:
         assert self.world.cameras is not None
-        server = self.world.cameras._server
+        server = self.world.cameras.server
         assert isinstance(server, CameraServer)
         return server
 
@@ -87,18 +87,15 @@ def test_a_stream(studio: Studio) -> None:
     stream = studio.get("/copter1.mjpeg")
     assert stream.getheader("Content-Type") == "multipart/x-mixed-replace; boundary=zmav-frame"
     feed = studio.server.feeds["copter1"]
-    times, sequences = [], []
+    times = []
     for _ in range(3):
         rendered = feed.rendered
         studio.step_until(lambda before=rendered: feed.rendered > before)  # type: ignore[misc]
         headers, data = part(stream)
         assert shape(data) == (120, 160, 3)
         times.append(float(headers["X-Time"]))
-        sequences.append(int(headers["X-Sequence"]))
         assert float(headers["X-Timestamp"]) == pytest.approx(1000.0 + times[-1])
-        assert [float(c) for c in headers["X-Position"].split()] == pytest.approx([0.0, 0.0, -0.1], abs=0.01)
-        assert len(headers["X-Attitude"].split()) == 4
-    assert sequences == sorted(set(sequences))
+    assert times == sorted(set(times))
     # Pictures are taken every 50 ms of simulated time, whatever the clock does.
     assert np.diff(times) / 0.05 == pytest.approx(np.rint(np.diff(times) / 0.05), abs=1e-6)
     stream.close()
@@ -118,7 +115,7 @@ def test_each_camera_has_its_own_rate() -> None:
 
 def test_nobody_watches_nothing_is_rendered(studio: Studio) -> None:
     studio.world.step(1.0)
-    assert all(feed.rendered == 0 and feed.picture is None for feed in studio.server.feeds.values())
+    assert all(feed.rendered == 0 and not feed.part for feed in studio.server.feeds.values())
 
 
 def test_a_client_that_leaves_is_forgotten(studio: Studio) -> None:
@@ -131,23 +128,6 @@ def test_a_client_that_leaves_is_forgotten(studio: Studio) -> None:
     rendered = feed.rendered
     studio.world.step(0.5)
     assert feed.rendered <= rendered + 1  # one may have been begun
-
-
-def test_a_client_that_leaves_a_world_that_stands_still(studio: Studio) -> None:
-    feed = studio.server.feeds["copter1"]
-    stream = studio.get("/copter1.mjpeg")
-    changed = threading.Event()
-    watch = feed.watch
-
-    def watched(more: int) -> None:
-        watch(more)
-        if more < 0:
-            changed.set()
-
-    feed.watch = watched  # type: ignore[method-assign]
-    stream.close()
-    assert changed.wait(PATIENCE_S)
-    assert feed.viewers == 0
 
 
 def test_a_slow_client_gets_the_latest_and_delays_nobody(studio: Studio) -> None:
@@ -166,15 +146,6 @@ def test_a_slow_client_gets_the_latest_and_delays_nobody(studio: Studio) -> None
     quick.close()
 
 
-def test_one_picture(studio: Studio) -> None:
-    studio.world.step(0.3)
-    answer = studio.get("/copter2.jpg")
-    data = answer.read()
-    assert shape(data) == (480, 640, 3)
-    assert float(answer.getheader("X-Time") or "nan") == pytest.approx(0.2)  # the latest that was due at 5 Hz
-    assert answer.getheader("Content-Type") == "image/jpeg"
-
-
 def test_the_numbers(studio: Studio) -> None:
     studio.world.step(0.3)
     told = json.loads(studio.get("/copter1.json").read())
@@ -182,18 +153,10 @@ def test_the_numbers(studio: Studio) -> None:
     assert told["camera_matrix"] == camera.matrix.tolist()
     assert told["distortion"] == [0.0] * 5
     assert (told["width"], told["height"]) == (160, 120)
-    pose = told["pose"]
-    assert (pose["time_s"], pose["unix_s"]) == pytest.approx((0.3, 1000.3), abs=0.051)
-    assert pose["position_ned_m"] == pytest.approx([0.0, 0.0, -0.1], abs=0.01)
-    assert np.array(pose["camera_to_world"]) == pytest.approx(camera.frame().rotation, abs=1e-3)
+    assert (told["mount_deg"], told["offset_m"], told["gimbal"]) == ([0.0] * 3, [0.0, 0.0, -0.1], False)
 
 
-def test_a_page_for_people(studio: Studio) -> None:
-    page = studio.get("/").read().decode()
-    assert 'src="/copter1.mjpeg"' in page
-
-
-@pytest.mark.parametrize("path", ["/copter3.mjpeg", "/copter1.png", "/copter1", "/../etc"])
+@pytest.mark.parametrize("path", ["/copter3.mjpeg", "/copter1.png", "/copter1", "/../etc", "/"])
 def test_what_is_not_there(studio: Studio, path: str) -> None:
     answer = studio.get(path)
     assert answer.status == 404

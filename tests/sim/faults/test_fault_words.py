@@ -16,11 +16,11 @@ from zmav.cli.sim.fault import fault
 from zmav.errors import BadInput
 from zmav.sim import VehicleSpec, World
 from zmav.sim.faults import KINDS, describe, fault_from_words, make_fault
-from zmav.sim.faults.body import MotorFailure
-from zmav.sim.faults.links import LinkDelay
+from zmav.sim.faults.body import BatteryCollapse, MotorFailure
+from zmav.sim.faults.links import LinkLoss
 from zmav.sim.faults.sensors import CompassError, GpsGlitch
+from zmav.sim.listener import Listener
 from zmav.sim.remote import Remote, control_path
-from zmav.sim.requests import offers
 
 PATIENCE_S = 30.0
 
@@ -42,9 +42,8 @@ class TestTable:
         assert fault_from_words("gps-glitch", ["north=-20.5", "up=3"]) == GpsGlitch(north=-20.5, up=3.0)
         assert fault_from_words("compass", ["lost=yes"]) == CompassError(lost=True)
         assert fault_from_words("motor", ["number=3", "efficiency=0.5"]) == MotorFailure(number=3, efficiency=0.5)
-        assert fault_from_words("link-delay", ["jitter-ms=5", "direction=up"]) == LinkDelay(
-            jitter_ms=5.0, direction="up"
-        )
+        assert fault_from_words("battery", ["left-percent=5"]) == BatteryCollapse(left_percent=5.0)
+        assert fault_from_words("link-loss", ["percent=5", "direction=up"]) == LinkLoss(percent=5.0, direction="up")
 
     @pytest.mark.parametrize(
         ("kind", "words", "field", "said"),
@@ -117,27 +116,19 @@ class TestWorld:
         assert [(f.vehicle, f.parameters["number"]) for f in world.faults()] == [("copter1", 4)]
         assert world.vehicles[0].node.seat.fleet.efficiency[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0]
 
-    def test_links_are_called_by_their_endpoints(self, make_desk: MakeDesk) -> None:
-        world = make_desk([VehicleSpec(endpoints=("serial0:0", "udp:127.0.0.1:14999"))]).world
-        world.open()
-        for link in ("tcp", "serial0", "udp", "all"):
-            world.fault("copter1", "link-cut", link=link)
-        with pytest.raises(BadInput, match="copter1 has no link 'pty'; there are all, serial0, udp"):
-            world.fault("copter1", "link-cut", link="pty")
-        assert [f.parameters["link"] for f in world.faults()] == ["all"]
-
 
 @pytest.fixture
 def running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """Two copters that run as ``zmav sim`` has them."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     world = World([VehicleSpec(endpoints=()), VehicleSpec(endpoints=())], ready_s=0.5, speed=10.0)
-    world.listen(control_path("faults"), offers(world))
+    listener = Listener(control_path("faults"), world)
     thread = threading.Thread(target=world.run)
     thread.start()
     yield world
     world.stop()
     thread.join(PATIENCE_S)
+    listener.close()
     world.close()
 
 

@@ -88,10 +88,11 @@ def test_sensors_show_in_highres_imu(aloft: Companion) -> None:
 
 
 def test_it_hangs_and_is_reset(aloft: Companion) -> None:
-    aloft.world.fault("p", "frozen", watchdog_s=2.0)
+    aloft.world.fault("p", "frozen")
     aloft.clear()
     aloft.world.step(1.9)
     assert aloft.heard == []
+    aloft.world.fault("p", "reboot")
     aloft.world.step(0.5)
     assert aloft.heard[0][1].seq == 0
     assert not aloft.vehicle.px4.armed

@@ -1,66 +1,17 @@
-"""``zmav sim``: simulated vehicles to fly; ``zmav sim VERB`` talks to a simulator that runs.
-
-Each verb is a file of this folder with a ``command``, named in :data:`VERBS`.
-"""
+"""``zmav sim``: simulated vehicles to fly; ``zmav sim VERB`` talks to a simulator that runs."""
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import click
 
+from zmav.cli.sim.fault import fault
 from zmav.cli.sim.run import run_options, run_world
-
-# Verbs that talk to a running simulator, and the files that hold them.
-VERBS = {
-    "status": "talk",
-    "pause": "talk",
-    "resume": "talk",
-    "speed": "talk",
-    "step": "talk",
-    "stop": "talk",
-    "fault": "fault",
-    "pilot": "pilot",
-}
-HOME_WORDS = 4
+from zmav.cli.sim.talk import pause, pilot, resume, speed, status, step, stop
 
 
-class Sim(click.Group):
-    """Runs a world where no verb is given."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(VERBS)
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in VERBS:
-            return None
-        found = getattr(importlib.import_module(f"zmav.cli.sim.{VERBS[name]}"), name)
-        assert isinstance(found, click.Command)
-        return found
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, _join_home(args))
-
-
-def _join_home(args: list[str]) -> list[str]:
-    """``--home LAT LON AMSL HEADING`` in four words as in one with commas."""
-    for i, word in enumerate(args):
-        words = args[i + 1 : i + 1 + HOME_WORDS]
-        if word == "--home" and len(words) == HOME_WORDS and all(map(_is_number, words)):
-            return [*args[: i + 1], ",".join(words), *args[i + 1 + HOME_WORDS :]]
-    return args
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-@click.group("sim", cls=Sim, invoke_without_command=True)
+@click.group("sim", invoke_without_command=True)
 @click.pass_context
 @run_options
 def command(ctx: click.Context, /, **options: Any) -> None:
@@ -76,3 +27,7 @@ def command(ctx: click.Context, /, **options: Any) -> None:
     if given and given != ["control"]:
         raise click.UsageError(f"--{given[0].replace('_', '-')} is for a world that begins, not for a verb")
     ctx.obj = options["control"]
+
+
+for verb in (status, pause, resume, speed, step, stop, fault, pilot):
+    command.add_command(verb)

@@ -23,8 +23,8 @@ from zmav.sim.camera import PadSpec, load_scene
 from zmav.sim.external import External
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
 from zmav.sim.lineup import KINDS, field_of
+from zmav.sim.listener import Listener
 from zmav.sim.remote import control_path
-from zmav.sim.requests import offers
 from zmav.sim.sensors.noise import PROFILES
 from zmav.sim.values import parse_home, parse_speed, parse_wind
 
@@ -93,10 +93,11 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
     world = make_world(**options)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: world.stop())
+    listener = None
     try:
         _allow_files()
         world.open()
-        world.listen(path, offers(world))
+        listener = Listener(path, world)
         serve_cameras(world, camera_port)
         announce(world)
         line = StatusLine(world.status, Console(stderr=True))
@@ -109,6 +110,8 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
             world.failures.clear()
             sys.exit(1)
     finally:
+        if listener is not None:
+            listener.close()
         world.close()
 
 

@@ -12,15 +12,9 @@ import msgspec
 from zmav.errors import BadConfig
 from zmav.hil.binaries import ARDUPILOT_PROGRAMS
 from zmav.sim.lineup import KINDS
-from zmav.sim.spec import AIRFRAMES, ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, Stack, VehicleSpec
+from zmav.sim.spec import ARDUCOPTER, PX4, Stack, VehicleSpec
 
 MOST = 250
-# What an external ArduPilot can be asked to fly, and which vehicle that is.
-_BY_AIRFRAME = {
-    airframe: VehicleSpec(autopilot=autopilot, airframe=airframe)
-    for autopilot in (ARDUCOPTER, ARDUROVER, ARDUPLANE)
-    for airframe in AIRFRAMES[autopilot]
-}
 _KIND_OF_PROGRAM = dict(zip(ARDUPILOT_PROGRAMS, ("copter", "rover", "plane"), strict=True))
 
 STACK_OPTIONS = (
@@ -36,23 +30,11 @@ STACK_OPTIONS = (
         help="Have a real ArduPilot fly the copters, rovers and planes: a source or build tree, or one SITL program.",
     ),
     click.option(
-        "--stack",
-        "stacks",
-        multiple=True,
-        metavar="ardupilot|px4[:AIRFRAME]",
-        help="A vehicle for a flight stack that you start yourself (ArduPilot's JSON on UDP 9002+10·i, PX4 on TCP "
-        "4560+i); repeatable.",
-    ),
-    click.option(
         "--hil",
         "devices",
         multiple=True,
         metavar="DEVICE[:BAUD]",
         help="A vehicle for a real PX4 in HITL mode on a serial line; its MAVLink is passed on; repeatable.",
-    ),
-    click.option("--own-physics", is_flag=True, help="Start those programs on their own physics instead of ours."),
-    click.option(
-        "--instance", type=click.IntRange(0, 250), help="Number of the first of those programs, which its ports follow."
     ),
     click.option("--keep", metavar="DIR", help="Keep their files (parameters, logs, output) in DIR/NAME."),
 )
@@ -68,40 +50,29 @@ def flown_by(vehicles: Sequence[VehicleSpec], options: dict[str, Any]) -> tuple[
         return list(vehicles), options
     if path is not None and not any(spec.autopilot == PX4 for spec in vehicles):
         vehicles = [_as_px4(spec) if spec.autopilot == ARDUCOPTER else spec for spec in vehicles]
-    ours = {"own_physics": options["own_physics"], "directory": options["keep"]}
     found = []
     for spec in vehicles:
         kind = "px4" if spec.autopilot == PX4 else "ardupilot"
         program = programs[kind]
         if program is not None and spec.stack is None:
-            spec = _with(spec, program=program, **ours)
+            spec = _with(spec, program=program, directory=options["keep"])
         found.append(spec)
     for kind, program in programs.items():
         if program and not any((spec.autopilot == PX4) == (kind == "px4") for spec in vehicles):
             raise _bad(kind, program, "a vehicle of that autopilot in the fleet file")
-    return found, {**options, "ardupilot": None, "px4": (str(count),) if count else (), "own_physics": False}
+    return found, {**options, "ardupilot": None, "px4": (str(count),) if count else ()}
 
 
 def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[VehicleSpec]:
     """The vehicles of :data:`STACK_OPTIONS`; ``counts``, by kind, loses those that a program flies. Gives its px4."""
     px4_path, counts["px4"] = _px4(options["px4"])
-    ours = {"own_physics": options["own_physics"], "directory": options["keep"]}
     found: list[VehicleSpec] = []
     if options["ardupilot"] is not None:
-        found += _flown(counts, options["ardupilot"], ours)
+        found += _flown(counts, options["ardupilot"], options["keep"])
     if px4_path is not None:
         number = counts["px4"] or 1
         counts["px4"] = 0
-        found += [_with(KINDS["px4"], program=px4_path, **ours)] * number
-    if options["own_physics"] and not found:
-        raise BadConfig(
-            "--own-physics is for a program that is started; expected --ardupilot PATH or --px4 PATH beside it",
-            field="own_physics",
-            value=True,
-            expected="--ardupilot PATH or --px4 PATH",
-        )
-    found = _numbered(found, options["instance"])
-    found += [_waiting(text) for text in options["stacks"]]
+        found += [_with(KINDS["px4"], program=px4_path, directory=options["keep"])] * number
     found += [_with(KINDS["px4"], device=device) for device in options["devices"]]
     return found
 
@@ -130,41 +101,15 @@ def _px4(words: Sequence[str]) -> tuple[str | None, int]:
     return path, count
 
 
-def _flown(counts: dict[str, int], path: str, ours: dict[str, Any]) -> list[VehicleSpec]:
+def _flown(counts: dict[str, int], path: str, directory: str | None) -> list[VehicleSpec]:
     """ArduPilots as counted; where nothing is, one of what the program is for."""
     kinds = ("copter", "hexa", "rover", "plane")
     if not any(counts[kind] for kind in kinds):
         counts[_KIND_OF_PROGRAM.get(Path(path).name, "copter")] = 1
-    found = [_with(KINDS[kind], program=path, **ours) for kind in kinds for _ in range(counts[kind])]
+    found = [_with(KINDS[kind], program=path, directory=directory) for kind in kinds for _ in range(counts[kind])]
     for kind in kinds:
         counts[kind] = 0
     return found
-
-
-def _numbered(specs: list[VehicleSpec], first: int | None) -> list[VehicleSpec]:
-    """Instance numbers from ``first`` on, of each kind of stack; a PX4's system id follows from it."""
-    if first is None:
-        return specs
-    seen = {True: first, False: first}
-    numbered = []
-    for spec in specs:
-        assert spec.stack is not None
-        px4 = spec.autopilot == PX4
-        stack = msgspec.structs.replace(spec.stack, instance=seen[px4])
-        sysid = seen[px4] + 1 if px4 else spec.sysid
-        numbered.append(msgspec.structs.replace(spec, stack=stack, sysid=sysid))
-        seen[px4] += 1
-    return numbered
-
-
-def _waiting(text: str) -> VehicleSpec:
-    """``ardupilot[:AIRFRAME]`` or ``px4[:AIRFRAME]``."""
-    kind, colon, airframe = text.partition(":")
-    if kind == "px4" and (not colon or airframe in AIRFRAMES[PX4]):
-        return VehicleSpec(autopilot=PX4, airframe=airframe or None, stack=Stack())
-    if kind == "ardupilot" and (not colon or airframe in _BY_AIRFRAME):
-        return _with(_BY_AIRFRAME[airframe or "quad"])
-    raise _bad("stack", text, f"ardupilot or px4, and with a colon one of {', '.join(_BY_AIRFRAME)} or sih")
 
 
 def _bad(option: str, value: str, expected: str) -> BadConfig:

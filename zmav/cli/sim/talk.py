@@ -1,4 +1,4 @@
-"""``zmav sim status|pause|resume|speed|step|stop``: words to a simulator that runs."""
+"""``zmav sim status|pause|resume|speed|step|stop|pilot``: words to a simulator that runs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from rich.table import Table
 
 from zmav.cli.common import console, dump, json_option
 from zmav.cli.sim.line import clock_words
+from zmav.errors import BadInput
 from zmav.sim.remote import Remote
-from zmav.sim.status import VehicleStatus, WorldStatus
+from zmav.sim.status import VehicleStatus
 from zmav.sim.values import parse_speed
+
+COLUMNS = ("vehicle", "sysid", "autopilot", "mode", "armed", "height", "speed", "battery", "faults", "reached at")
 
 
 def control_option(command: Any) -> Any:
@@ -40,18 +43,7 @@ def status(control: str | None, as_json: bool) -> None:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
         return
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for column in (
-        "vehicle",
-        "sysid",
-        "autopilot",
-        "mode",
-        "armed",
-        "height",
-        "speed",
-        "battery",
-        "faults",
-        "reached at",
-    ):
+    for column in COLUMNS:
         table.add_column(column, justify="right" if column in ("sysid", "height", "speed", "battery") else "left")
     for vehicle in found.vehicles:
         table.add_row(*_row(vehicle))
@@ -76,16 +68,12 @@ def _row(v: VehicleStatus) -> tuple[str, ...]:
     )
 
 
-def _tell(found: WorldStatus) -> None:
-    click.echo(clock_words(found))
-
-
 @click.command("pause")
 @control_option
 def pause(control: str | None) -> None:
     """Stop simulated time."""
     with remote(control) as sim:
-        _tell(sim.pause())
+        click.echo(clock_words(sim.pause()))
 
 
 @click.command("resume")
@@ -93,7 +81,7 @@ def pause(control: str | None) -> None:
 def resume(control: str | None) -> None:
     """Go on after a pause."""
     with remote(control) as sim:
-        _tell(sim.resume())
+        click.echo(clock_words(sim.resume()))
 
 
 @click.command("speed")
@@ -103,7 +91,7 @@ def speed(times: str, control: str | None) -> None:
     """Go on at TIMES real time; 'max' or 0: as fast as it goes."""
     with remote(control) as sim:
         asked = parse_speed(times)
-        _tell(sim.speed(asked if math.isfinite(asked) else 0.0))
+        click.echo(clock_words(sim.speed(asked if math.isfinite(asked) else 0.0)))
 
 
 @click.command("step")
@@ -112,7 +100,7 @@ def speed(times: str, control: str | None) -> None:
 def step(seconds: float, control: str | None) -> None:
     """Go on for SECONDS of simulated time, and pause."""
     with remote(control) as sim:
-        _tell(sim.step(seconds))
+        click.echo(clock_words(sim.step(seconds)))
 
 
 @click.command("stop")
@@ -121,3 +109,30 @@ def stop(control: str | None) -> None:
     """End the simulator."""
     with remote(control) as sim:
         sim.stop()
+
+
+@click.command("pilot")
+@click.argument("vehicle")
+@click.argument("channels", nargs=-1, metavar="[CHANNEL=PWM]...")
+@click.option("--mode", help="What the mode switch is turned to: one of the modes on it.")
+@control_option
+def pilot(vehicle: str, channels: tuple[str, ...], mode: str | None, control: str | None) -> None:
+    """Turn the pilot's switches: 'zmav sim pilot hex1 7=1900', 'zmav sim pilot quad1 --mode LOITER'.
+
+    Channels (1 to 8) are pulse widths in us. Where nothing is said, a PX4's radio is off: the first use turns it on.
+    """
+    set_to = dict(map(_channel, channels))
+    if not set_to and mode is None:
+        expected = "--mode MODE or CHANNEL=PWM"
+        raise BadInput(f"what does the pilot do? {expected}", field="channels", value=None, expected=expected)
+    with remote(control) as sim:
+        sim.pilot(vehicle, mode, set_to)
+
+
+def _channel(text: str) -> tuple[int, int]:
+    number, _, pwm = text.partition("=")
+    try:
+        return int(number), int(pwm)
+    except ValueError:
+        expected = "CHANNEL=PWM, as in 7=1900"
+        raise BadInput(f"{text!r}; expected {expected}", field="channels", value=text, expected=expected) from None

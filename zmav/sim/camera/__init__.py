@@ -5,7 +5,7 @@ What renders needs OpenCV (the extra "vision") and is imported with the first ca
 
 from __future__ import annotations
 
-from zmav.sim.camera.scene import Area, Light, PlacedPad, Road, Roof, Scene, load_scene
+from zmav.sim.camera.scene import PlacedPad, Road, Roof, Scene, load_scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
 
-__all__ = ["Area", "CameraSpec", "Light", "PadSpec", "PlacedPad", "Road", "Roof", "Scene", "load_scene"]
+__all__ = ["CameraSpec", "PadSpec", "PlacedPad", "Road", "Roof", "Scene", "load_scene"]

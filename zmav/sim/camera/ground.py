@@ -1,138 +1,196 @@
-"""The ground's texture as square tiles at powers of two of the texel's size, made when they are first looked at.
+"""The ground as a view sees it, out to the horizon, and the sky above.
 
-Roads and areas are drawn into the tiles; a bounded number of tiles is kept.
+Its texture is noise whose strength falls with the spatial frequency, as that of natural surfaces does (Field,
+"Relations between the statistics of natural images", JOSA A 4(12), 1987). It is made once, repeats every
+:data:`PERIOD_M`, and is kept at falling sizes, each half the last one's, of which the one that fits the distance is
+warped to the picture.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
+from collections.abc import Sequence
 from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.sim.camera.coverage import Grid, box, dashes, disc, over, span, turned
-from zmav.sim.camera.materials import mean_color, paint, texel_m
-from zmav.sim.camera.scene import Area, Road, Scene
+from zmav.sim.arrays import Array
+from zmav.sim.camera.projection import View
+from zmav.sim.camera.scene import Scene
+from zmav.sim.camera.sprites import fill
+from zmav.sim.environment import Terrain
 
 Image = NDArray[np.uint8]
 
-TILE = 256  # texels
-TOP = 15  # the coarsest level: 33 m a texel
-MOST_TILES = 384  # 100 MB
+SIDE = 1024  # texels
+FINEST_M = 0.01  # one texel's side
+PERIOD_M = SIDE * FINEST_M
+TOP = 10  # the last level: one texel, the mean colour
+SHARPNESS = 0.85  # texels per pixel, at the middle of a level's range
+GRAZING = 0.06  # sine of the angle below which texels grow no longer for the slant
+ONE_LEVEL = 0.85  # powers of two that a level may be off, so that a picture needs only one
+SKY = (206.0, 188.0, 164.0)
 PAINT = (222.0, 226.0, 226.0)  # of lines on roads
-LINE_M = 0.12
-DASH_M, DASH_PERIOD_M = 3.0, 9.0
-EDGE_INSET_M = 0.15
+LINE_M, DASH_M, DASH_PERIOD_M, EDGE_INSET_M = 0.12, 3.0, 9.0, 0.15
+# Of each ground, BGR: the mean, and what one standard deviation of brightness and of hue adds.
+COLOURS = {
+    "grass": ((52.0, 104.0, 88.0), (16.0, 27.0, 23.0), (-1.0, 2.0, 6.0)),
+    "asphalt": ((88.0, 86.0, 85.0), (18.0, 18.0, 18.0), (-1.0, 0.0, 1.0)),
+}
 
 
 class Ground:
-    """Tiles of one scene, for any number of cameras in any thread."""
+    """The textures of one scene, for any number of cameras. ``terrain``: the plane it lies on."""
 
-    def __init__(self, scene: Scene, seed: int, most: int = MOST_TILES) -> None:
+    def __init__(self, scene: Scene, terrain: Terrain, seed: int) -> None:
         self.scene = scene
-        self.seed = seed
-        self._most = most
-        self._tiles: OrderedDict[tuple[int, int, int], Image] = OrderedDict()
-        self._lock = threading.Lock()
-        self.made = 0
-        """tiles made so far"""
-
-    @property
-    def color(self) -> tuple[float, float, float]:
-        """BGR of the ground from afar."""
-        return mean_color(self.scene.ground)
-
-    def block(self, level: int, x: int, y: int, columns: int, rows: int) -> Image:
-        """(rows * TILE, columns * TILE, 4): tiles ``x`` and on to the east, ``y`` and on to the south."""
-        out = np.empty((rows * TILE, columns * TILE, 4), dtype=np.uint8)
-        for j in range(rows):
-            for i in range(columns):
-                out[j * TILE : (j + 1) * TILE, i * TILE : (i + 1) * TILE] = self.tile(level, x + i, y + j)
-        return out
-
-    def tile(self, level: int, x: int, y: int) -> Image:
-        """(TILE, TILE, 4) BGR and a byte that is not used: OpenCV warps four bytes in half the time that three take."""
-        key = (level, x, y)
-        with self._lock:
-            found = self._tiles.get(key)
-            if found is not None:
-                self._tiles.move_to_end(key)
-                return found
-        made = self._make(level, x * TILE, y * TILE)
-        with self._lock:
-            self.made += 1
-            self._tiles[key] = made
-            while len(self._tiles) > self._most:
-                self._tiles.popitem(last=False)
-        return made
-
-    def _make(self, level: int, x: int, y: int) -> Image:
-        scene, s = self.scene, texel_m(level)
-        picture = paint(scene.ground, self.seed, level, x, y, TILE, TILE)
-        north0, east0 = -(y + 0.5 * TILE) * s, (x + 0.5 * TILE) * s  # the tile's middle
-        near = 0.5 * TILE * s * math.sqrt(2.0)
-        # Coordinates about the tile's middle: single precision holds there.
-        offset = (np.arange(TILE, dtype=np.float32) + np.float32(0.5 - 0.5 * TILE)) * np.float32(s)
-        north, east = np.repeat(-offset[:, None], TILE, 1), np.repeat(offset[None, :], TILE, 0)
-
-        def place(point: tuple[float, float]) -> tuple[float, float]:
-            return point[0] - north0, point[1] - east0
-
-        for area in scene.areas:
-            center = place(area.center)
-            if math.hypot(*center) < near + math.hypot(*area.size):
-                cover = _area(area, center, north, east, s)
-                over(picture, cover, paint(area.ground, self.seed, level, x, y, TILE, TILE))
-        for road in scene.roads:
-            points = [place(point) for point in road.points]
-            if min(_distance(a, b) for a, b in pairwise(points)) < near + road.width_m:
-                surface = paint(road.ground, self.seed, level, x, y, TILE, TILE)
-                _draw_road(road, points, picture, north, east, s, surface)
-        np.clip(picture, 0.0, 255.0, out=picture)
-        tile: Image = cv2.cvtColor(np.rint(picture).astype(np.uint8), cv2.COLOR_BGR2BGRA).astype(np.uint8, copy=False)
-        return tile
+        self.terrain = terrain
+        self.levels = _texture(scene.ground, seed)
 
 
-def _area(area: Area, center: tuple[float, float], north: Grid, east: Grid, s: float) -> Grid:
-    along, across = turned(north, east, center, math.radians(area.heading_deg))
-    return box(along, across, area.size[0] / 2.0, area.size[1] / 2.0, s)
+def _texture(name: str, seed: int) -> list[Image]:
+    """(SIDE, SIDE, 4) BGR and a byte that is not used (OpenCV warps four bytes in half the time that three take), and
+    its halves.
+    """
+    rng = np.random.default_rng([seed, *name.encode()])
+    frequency = np.hypot(np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None, :])
+    frequency[0, 0] = np.inf  # no mean
+    noises = []
+    for _ in range(2):
+        spectrum = np.fft.rfft2(rng.standard_normal((SIDE, SIDE))) / frequency**0.8
+        noise = np.fft.irfft2(spectrum, (SIDE, SIDE))
+        noises.append(noise / noise.std())
+    mean, light, hue = (np.array(each) for each in COLOURS[name])
+    picture = mean + noises[0][..., None] * light + noises[1][..., None] * hue
+    level = cv2.cvtColor(np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8), cv2.COLOR_BGR2BGRA)
+    levels = [np.asarray(level, dtype=np.uint8)]
+    for _ in range(TOP):
+        side = len(levels[-1]) // 2
+        levels.append(np.asarray(cv2.resize(levels[-1], (side, side), interpolation=cv2.INTER_AREA), dtype=np.uint8))
+    return levels
 
 
-def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """From the origin to the segment between two points."""
-    n, e = b[0] - a[0], b[1] - a[1]
-    share = min(max(-(a[0] * n + a[1] * e) / max(n * n + e * e, 1e-12), 0.0), 1.0)
-    return math.hypot(a[0] + share * n, a[1] + share * e)
+class Backdrop:
+    """Draws the ground of one scene for one camera."""
+
+    def __init__(self, ground: Ground) -> None:
+        self._ground = ground
+        terrain = ground.terrain
+        self.origin = np.array([0.0, 0.0, terrain.down_m])
+        # The plane's two directions go one metre to the north and to the east, over its slope.
+        self.north = np.array([1.0, 0.0, -terrain.slope_north])
+        self.east = np.array([0.0, 1.0, -terrain.slope_east])
+        self.down: Array = -np.array(terrain.normal)
+        """unit vector into the ground"""
+
+    def height(self, point: Array) -> float:
+        """Of a point (3,) NED above the plane, along its normal."""
+        return float(self.down @ (self.origin - point))
+
+    def plane(self, view: View) -> Array:
+        """(3, 3): (north, east, 1) on the ground -> (u w, v w, w)."""
+        return view.plane(self.origin, self.north, self.east)
+
+    def draw(self, image: Image, view: View) -> None:
+        """Fill ``image`` (h, w, 3) BGR."""
+        width, rows = view.size
+        row = view.ray_row(self.down)
+        scale = SHARPNESS * self.height(view.center) / float(view.k[0, 0])
+        corners = row @ np.array([[0, width, width, 0], [0, 0, rows, rows], [1, 1, 1, 1]])
+        farthest = _dip(scale, FINEST_M * 2.0**TOP)
+        low, high = max(float(corners.min()), farthest), float(corners.max())
+        if high <= 0.0:
+            image[:] = np.rint(SKY)
+            return
+        image[:] = self._ground.levels[TOP][0, 0, :3]
+        plane = self.plane(view)
+        if high > farthest:
+            nearest, last = _level(scale, high), _level(scale, low)
+            if corners.min() > farthest and last - nearest <= 2.0 * ONE_LEVEL:
+                image[:] = self._warped(plane, view, _whole((nearest + last) / 2.0))
+            else:
+                self._draw_levels(image, plane, view, scale, (_whole(nearest), _whole(last)))
+        if self._ground.scene.roads:
+            self._draw_roads(image, plane)
+        if corners.min() <= 0.0:
+            image[_dips(row, view.size) <= 0.0] = np.rint(SKY)
+
+    def _draw_levels(self, image: Image, plane: Array, view: View, scale: float, levels: tuple[int, int]) -> None:
+        """Each level where its texels are about as large as the pixels."""
+        dips = _dips(view.ray_row(self.down), view.size)
+        for level in range(levels[0], levels[1] + 1):
+            near = math.inf if level == levels[0] else _dip(scale, FINEST_M * 2.0 ** (level - 0.5))
+            far = _dip(scale, FINEST_M * 2.0 ** (level + 0.5))
+            mask = ((dips > far) & (dips <= near)).astype(np.uint8)
+            if mask.any():
+                cv2.copyTo(self._warped(plane, view, level), mask, image)
+
+    def _warped(self, plane: Array, view: View, level: int) -> Image:
+        """(h, w, 3): one level over the whole picture."""
+        s = FINEST_M * 2.0**level
+        # Texture columns go east and rows south. It begins anew near the camera: OpenCV reckons in 16 bits.
+        north, east = (math.floor(c / PERIOD_M) * PERIOD_M for c in view.center[:2])
+        to_ground = np.array([[0.0, -s, north - 0.5 * s], [s, 0.0, east + 0.5 * s], [0.0, 0.0, 1.0]])
+        matrix = np.linalg.inv(plane @ to_ground)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        warped = cv2.warpPerspective(
+            self._ground.levels[level], matrix, view.size, flags=flags, borderMode=cv2.BORDER_WRAP
+        )
+        return np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
+
+    def _draw_roads(self, image: Image, plane: Array) -> None:
+        """The carriageways first, as grey as asphalt, then the lines on them."""
+        grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+        for road in self._ground.scene.roads:
+            half, edge = road.width_m / 2.0, road.width_m / 2.0 - EDGE_INSET_M
+            ways = [_way(a, b) for a, b in pairwise(road.points)]
+            mask = np.zeros(image.shape[:2], dtype=np.uint8)
+            for way, length in ways:
+                fill(mask, plane @ way @ _rectangle(0.0, length, 0.0, half), (255.0,))
+            cv2.copyTo(grey, mask, image)
+            for way, length in ways:
+                for side in (-edge, edge):
+                    fill(image, plane @ way @ _rectangle(0.0, length, side, LINE_M / 2.0), PAINT)
+                for start in np.arange(0.0, length, DASH_PERIOD_M):
+                    end = min(start + DASH_M, length)
+                    fill(image, plane @ way @ _rectangle(float(start), end, 0.0, LINE_M / 2.0), PAINT)
 
 
-def _draw_road(
-    road: Road, points: list[tuple[float, float]], picture: Grid, north: Grid, east: Grid, s: float, surface: Grid
-) -> None:
-    """The carriageway first, then the lines on it: those at its edges keep their distance from the middle line."""
-    half = road.width_m / 2.0
-    covers, lines = np.zeros_like(north), np.zeros_like(north)
-    away = np.full_like(north, np.inf)  # from the middle line
-    for a, b in pairwise(points):
-        length = math.hypot(b[0] - a[0], b[1] - a[1])
-        along, across = turned(north, east, a, math.atan2(b[1] - a[1], b[0] - a[0]))
-        np.maximum(covers, box(along - length / 2.0, across, length / 2.0, half, s), out=covers)
-        beside = (along >= -s) & (along <= length + s)
-        np.minimum(away, np.where(beside, np.abs(across), np.inf), out=away)
-        if road.center_line != "none":
-            marks = span(across, -LINE_M / 2.0, LINE_M / 2.0, s)
-            if road.center_line == "dashed":
-                marks = marks * dashes(along, DASH_PERIOD_M, DASH_M, s)
-            np.maximum(lines, marks * span(along, 0.0, length, s), out=lines)
-    for point in points[1:-1]:  # bends are round
-        dn, de = north - point[0], east - point[1]
-        np.maximum(covers, disc(dn, de, half, s), out=covers)
-        np.minimum(away, np.hypot(dn, de), out=away)
-    if road.edge_lines:
-        edge = half - EDGE_INSET_M
-        np.maximum(lines, span(away, edge - LINE_M / 2.0, edge + LINE_M / 2.0, s), out=lines)
-    over(picture, covers, surface)
-    over(picture, lines * covers, PAINT)
+def _way(a: Sequence[float], b: Sequence[float]) -> tuple[Array, float]:
+    """(3, 3): (along, to the right, 1) from one point to another -> (north, east, 1); and how far it is, m."""
+    length = max(math.dist(a, b), 1e-9)
+    c, s = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+    return np.array([[c, -s, a[0]], [s, c, a[1]], [0.0, 0.0, 1.0]]), length
+
+
+def _rectangle(start: float, end: float, middle: float, half: float) -> Array:
+    """(3, 4): corners (along, to the right, 1)."""
+    low, high = middle - half, middle + half
+    return np.array([[start, start, end, end], [low, high, high, low], [1.0, 1.0, 1.0, 1.0]])
+
+
+def _dips(row: Array, size: tuple[int, int]) -> NDArray[np.float32]:
+    """(h, w): of each pixel's ray the part along the ground's normal."""
+    u, v = (np.arange(n, dtype=np.float32) for n in size)
+    return np.asarray((row[1] * v + row[2])[:, None] + row[0] * u, dtype=np.float32)
+
+
+def _level(scale: float, dip: float) -> float:
+    """The level, as a real number, of ground seen at that ``dip``."""
+    texel = scale / dip / math.sqrt(min(max(dip, GRAZING), 1.0))
+    return math.log2(texel / FINEST_M)
+
+
+def _whole(level: float) -> int:
+    return min(max(round(level), 0), TOP)
+
+
+def _dip(scale: float, texel: float) -> float:
+    """The dip at which ground is drawn with that texel: the inverse of :func:`_level`."""
+    ratio = scale / texel
+    if ratio >= 1.0:
+        return ratio
+    dip = float(ratio ** (2.0 / 3.0))
+    return dip if dip >= GRAZING else ratio / math.sqrt(GRAZING)

@@ -9,7 +9,6 @@ import msgspec
 
 from zmav.errors import BadConfig
 
-Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
@@ -17,16 +16,7 @@ Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Pixels = Annotated[int, msgspec.Meta(ge=16, le=4096)]
 Coefficient = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
 
-COLOURS = {
-    "white": "#f2f2f0",
-    "yellow": "#f5c518",
-    "black": "#1c1c1e",
-    "grey": "#77777a",
-    "blue": "#1d4e9e",
-    "red": "#b3261e",
-    "green": "#1f7a3d",
-    "orange": "#e8751a",
-}
+COLOURS = {"white": "#f2f2f0", "yellow": "#f5c518", "black": "#1c1c1e", "blue": "#1d4e9e"}
 
 
 class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -39,8 +29,6 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     width: Pixels = 640
     height: Pixels = 480
     focal_px: Annotated[float, msgspec.Meta(ge=10.0, le=1e5)] = 520.0
-    fov_deg: Annotated[float, msgspec.Meta(ge=5.0, le=150.0)] | None = None
-    """horizontal field of view; in place of ``focal_px``"""
     center_px: tuple[float, float] | None = None
     """principal point; None: the middle of the picture, ((width - 1) / 2, (height - 1) / 2)"""
     distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -53,25 +41,6 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """levelled: of the vehicle's attitude only the heading counts"""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 20.0
     """of the served pictures, in simulated time"""
-    exposure_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.0
-    """how long the shutter is open, centred on the frame's time: blurs what moves; 0: nothing does"""
-    gain: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 1.0
-    noise: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
-    """standard deviation of the read-out, in steps of 8 bits"""
-    shot_noise: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
-    """standard deviation of photon noise at a value of 1; it grows with the root of the value"""
-    defocus_px: Annotated[float, msgspec.Meta(ge=0.0, le=50.0)] = 0.0
-    """standard deviation of the blur"""
-    vignetting: Fraction = 0.0
-    """how much darker the corners are than the middle"""
-    jpeg_quality: Annotated[int, msgspec.Meta(ge=1, le=100)] = 85
-
-    @property
-    def focal(self) -> float:
-        """Focal length, pixels."""
-        if self.fov_deg is None:
-            return self.focal_px
-        return 0.5 * self.width / math.tan(math.radians(self.fov_deg) / 2.0)
 
     @property
     def center(self) -> tuple[float, float]:
@@ -88,7 +57,7 @@ class PadSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     a small pad's is bolder.
     """
 
-    symbol: Literal["H", "chessboard", "none"] = "H"
+    symbol: Literal["H", "chessboard"] = "H"
     symbol_m: Positive = 0.25
     """height of the letter; of a chessboard, the length of its longer side"""
     width_ratio: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75
@@ -96,18 +65,13 @@ class PadSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     squares: tuple[Annotated[int, msgspec.Meta(ge=2, le=50)], Annotated[int, msgspec.Meta(ge=2, le=50)]] = (7, 10)
     """of a chessboard, across and along"""
     color: str = "white"
-    shape: Literal["disc", "ring", "square", "none"] = "disc"
-    """what the symbol lies on; the ring is of the symbol's colour and lies on a disc"""
+    shape: Literal["disc", "square"] = "disc"
+    """what the symbol lies on"""
     size_m: Positive = 0.5
     """diameter or side"""
-    ring_ratio: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.06
-    """width of the ring, of ``size_m``"""
     background: str = "blue"
     deck_m: Annotated[float, msgspec.Meta(ge=0.0, le=20.0)] | None = None
     """on a vehicle: height above its reference point (a rover's: the ground); None: on its top"""
-    forward_m: Metres = 0.0
-    """on a vehicle: of the pad's middle, ahead of the reference point"""
-    right_m: Metres = 0.0
 
 
 def bgr(color: str, where: str = "color") -> tuple[float, float, float]:
@@ -124,21 +88,22 @@ def bgr(color: str, where: str = "color") -> tuple[float, float, float]:
 
 def check_camera(spec: CameraSpec, where: str) -> None:
     """:class:`BadConfig` names what in ``spec`` cannot be: msgspec looks at types and bounds only where it decodes."""
-    _check(spec, where)
+    check_bounds(spec, where)
     if spec.center_px is not None and not all(math.isfinite(c) and abs(c) < 1e5 for c in spec.center_px):
         raise _bad(f"{where}.center_px", spec.center_px, "two numbers of pixels")
 
 
 def check_pad(spec: PadSpec, where: str) -> None:
     """:class:`BadConfig` names what in ``spec`` cannot be."""
-    _check(spec, where)
+    check_bounds(spec, where)
     bgr(spec.color, f"{where}.color")
     bgr(spec.background, f"{where}.background")
     if 2.0 * spec.stroke_ratio >= spec.width_ratio:
         raise _bad(f"{where}.stroke_ratio", spec.stroke_ratio, f"less than half the width_ratio, {spec.width_ratio:g}")
 
 
-def _check(spec: CameraSpec | PadSpec, where: str) -> None:
+def check_bounds(spec: msgspec.Struct, where: str) -> None:
+    """:class:`BadConfig` names the field of ``spec`` that is out of its bounds."""
     try:
         msgspec.convert(msgspec.to_builtins(spec), type(spec))
     except msgspec.ValidationError as error:

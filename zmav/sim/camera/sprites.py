@@ -1,4 +1,4 @@
-"""Flat pictures with transparency that lie anywhere in the world: pads, silhouettes, roofs; and how they are drawn.
+"""Flat pictures with transparency that lie anywhere in the world, the pads, and how they and plain polygons are drawn.
 
 A sprite is kept at falling sizes (a pyramid; Williams, "Pyramidal Parametrics", SIGGRAPH 1983), each the last one's
 by the root of 2, so that it can be drawn from any distance: with texels larger than a pixel it would be blurred, with
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zmav.sim.arrays import Array
-from zmav.sim.camera.coverage import Grid
 
 Image = NDArray[np.uint8]
 NEAR_M = 0.02  # nothing nearer than that to the lens is drawn
@@ -67,28 +66,6 @@ def _resized(picture: Image, rows: float, columns: float) -> Image:
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
-def sprite_of(color: Grid, alpha: Grid, texel: float) -> Sprite:
-    """From (h, w, 3) BGR 0 to 255 and (h, w) alpha 0 to 1."""
-    picture = np.empty((*alpha.shape, 4), dtype=np.float32)
-    np.multiply(color, alpha[..., None], out=picture[..., :3])
-    picture[..., 3] = 255.0 * alpha
-    return Sprite(cv2.convertScaleAbs(picture).astype(np.uint8, copy=False), texel)  # rounds, and cuts off at 255
-
-
-def grid_of(half_ahead: float, half_right: float, texel: float) -> tuple[Grid, Grid]:
-    """(h, 1) metres ahead and (1, w) to the right of the texels' middles, of a picture that reaches so far."""
-    rows, columns = max(round(2.0 * half_ahead / texel), 1), max(round(2.0 * half_right / texel), 1)
-    ahead = ((rows - 1) / 2.0 - np.arange(rows, dtype=np.float64)) * texel
-    right = (np.arange(columns, dtype=np.float64) - (columns - 1) / 2.0) * texel
-    return ahead.astype(np.float32)[:, None], right.astype(np.float32)[None, :]
-
-
-def blank(ahead: Grid, right: Grid) -> tuple[Grid, Grid]:
-    """Colours (h, w, 3) and alpha (h, w) of nothing yet, for the grid's texels."""
-    size = len(ahead), right.shape[1]
-    return np.zeros((*size, 3), dtype=np.float32), np.zeros(size, dtype=np.float32)
-
-
 def clip_near(points: Array, near: float = NEAR_M) -> Array:
     """A convex polygon of (3, N) homogeneous picture points, cut off where w is below ``near`` (Sutherland and Hodgman,
     CACM 17(1), 1974).
@@ -117,11 +94,9 @@ def region(points: Array, size: tuple[int, int]) -> tuple[int, int, int, int] | 
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
-def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = None, blur_m: float = 0.0) -> None:
-    """Put ``sprite`` on ``image`` (h, w, 3) BGR, in place.
-
-    ``plane``: (3, 3) (ahead, right, 1) in metres -> (u w, v w, w). ``shadow``: only darken, by that share; a shadow's
-    edge is ``blur_m`` wide.
+def draw(image: Image, sprite: Sprite, plane: Array) -> None:
+    """Put ``sprite`` on ``image`` (h, w, 3) BGR, in place. ``plane``: (3, 3) (ahead, right, 1) in metres -> (u w, v w,
+    w).
     """
     a, r = sprite.half
     corners = plane @ np.array([[a, a, -a, -a], [-r, r, r, -r], [1.0, 1.0, 1.0, 1.0]])
@@ -132,62 +107,31 @@ def draw(image: Image, sprite: Sprite, plane: Array, *, shadow: float | None = N
     x0, y0, x1, y1 = where
     # What is small in the picture is drawn at twice its size and averaged: its edges are then within a hundredth.
     fine = 2 if (x1 - x0) * (y1 - y0) < SMALL * image.shape[0] * image.shape[1] else 1
-    level = sprite.level(max(_footprint(plane, seen) / fine, blur_m / 2.0))
+    level = sprite.level(_footprint(plane, seen) / fine)
     first = 0.5 * (fine - 1)  # of the finer pixels whose middle is the first pixel's
     window = np.array([[fine, 0.0, first - fine * x0], [0.0, fine, first - fine * y0], [0.0, 0.0, 1.0]])
     to_picture = window @ plane @ sprite.placements[level]
-    source = sprite.levels[level]
-    if shadow is not None:
-        source = cv2.extractChannel(source, 3).astype(np.uint8, copy=False)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    patch = cv2.warpPerspective(source, np.linalg.inv(to_picture), (fine * (x1 - x0), fine * (y1 - y0)), flags=flags)
+    size = (fine * (x1 - x0), fine * (y1 - y0))
+    patch = cv2.warpPerspective(sprite.levels[level], np.linalg.inv(to_picture), size, flags=flags)
     if fine > 1:
         patch = cv2.resize(patch, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
-    if seen.shape[1] != 4 or seen is not corners:
-        patch = cv2.bitwise_and(patch, patch, mask=_mask(seen, where))
+    if seen is not corners:
+        mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
+        polygon = _fixed(seen - np.outer([x0, y0, 0.0], seen[2]))
+        cv2.fillConvexPoly(mask, polygon, (255.0,), cv2.LINE_AA, SHIFT)
+        patch = cv2.bitwise_and(patch, patch, mask=mask)
     target = image[y0:y1, x0:x1]
-    if shadow is not None:
-        darken(target, patch.astype(np.uint8, copy=False), shadow)
-        return
     alpha = cv2.cvtColor(255 - cv2.extractChannel(patch, 3), cv2.COLOR_GRAY2BGR)
     cv2.multiply(target, alpha, dst=target, scale=1.0 / 255.0)
     cv2.add(target, cv2.cvtColor(patch, cv2.COLOR_BGRA2BGR), dst=target)
 
 
-def darken(target: Image, cover: Image, share: float) -> None:
-    """Multiply ``target`` (h, w, 3) by 1 - share where ``cover`` (h, w) is 255, in place."""
-    dark = cv2.convertScaleAbs(cover, alpha=share)
-    cv2.multiply(target, cv2.cvtColor(255 - dark, cv2.COLOR_GRAY2BGR), dst=target, scale=1.0 / 255.0)
-
-
-def fill(image: Image, points: Array, color: tuple[float, float, float]) -> None:
+def fill(image: Image, points: Array, color: tuple[float, ...]) -> None:
     """A filled convex polygon of (3, N) homogeneous picture points, in place; edges are smooth."""
     seen = clip_near(points)
     if region(seen, (image.shape[1], image.shape[0])) is not None:
         cv2.fillConvexPoly(image, _fixed(seen), color, cv2.LINE_AA, SHIFT)
-
-
-def shade(image: Image, points: Array, share: float, blur_px: float = 0.0) -> None:
-    """Darken a convex polygon of (3, N) homogeneous picture points, in place."""
-    seen = clip_near(points)
-    where = region(seen, (image.shape[1], image.shape[0]))
-    if where is None:
-        return
-    x0, y0, x1, y1 = where
-    m = math.ceil(2.0 * blur_px)
-    x0, y0 = max(x0 - m, 0), max(y0 - m, 0)
-    x1, y1 = min(x1 + m, image.shape[1]), min(y1 + m, image.shape[0])
-    mask = _mask(seen, (x0, y0, x1, y1))
-    if blur_px > 0.5:
-        mask = cv2.GaussianBlur(mask, (0, 0), blur_px).astype(np.uint8, copy=False)
-    darken(image[y0:y1, x0:x1], mask, share)
-
-
-def _mask(points: Array, where: tuple[int, int, int, int]) -> Image:
-    x0, y0, x1, y1 = where
-    mask = np.zeros((y1 - y0, x1 - x0), dtype=np.uint8)
-    cv2.fillConvexPoly(mask, _fixed(points - np.outer([x0, y0, 0.0], points[2])), (255.0,), cv2.LINE_AA, SHIFT)
-    return mask
 
 
 def _fixed(points: Array) -> NDArray[np.int32]:

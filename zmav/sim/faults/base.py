@@ -72,5 +72,8 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         """Let it happen to one that can have it; gives what ends it."""
 
 
-def nothing() -> None:
-    """The end of a fault that leaves nothing to be undone."""
+class AutopilotFault(Fault, frozen=True):
+    """Base of what only an autopilot of the simulator's own can have."""
+
+    def check(self, victim: Victim) -> None:
+        _ = victim.vehicle  # refused where there is none

@@ -10,7 +10,7 @@ from msgspec import Meta
 from zmav.errors import BadInput
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.dynamics.battery import open_circuit_share
-from zmav.sim.faults.base import Fault, Undo, Victim, nothing
+from zmav.sim.faults.base import AutopilotFault, Fault, Undo, Victim
 
 
 class MotorFailure(Fault, frozen=True):
@@ -67,13 +67,6 @@ class BatteryCollapse(Fault, frozen=True):
         return mend
 
 
-class AutopilotFault(Fault, frozen=True):
-    """Base of what only an autopilot of the simulator's own can have."""
-
-    def check(self, victim: Victim) -> None:
-        _ = victim.vehicle  # refused where there is none
-
-
 class RcLoss(AutopilotFault, frozen=True):
     """The receiver hears the pilot's transmitter no more."""
 
@@ -95,12 +88,9 @@ class RcLoss(AutopilotFault, frozen=True):
 
 
 class Frozen(AutopilotFault, frozen=True):
-    """The autopilot hangs: it says nothing and hears nothing, and the actuators stay where they are. A watchdog resets
-    it after watchdog_s seconds; 0: it has none.
-    """
+    """The autopilot hangs: it says nothing and hears nothing, and the actuators stay where they are."""
 
     KIND: ClassVar[str] = "frozen"
-    watchdog_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 0.0
 
     def begin(self, victim: Victim) -> Undo:
         vehicle, seat = victim.vehicle, victim.seat
@@ -113,11 +103,6 @@ class Frozen(AutopilotFault, frozen=True):
 
         return go_on
 
-    def watch(self, victim: Victim, since_s: float) -> None:
-        """Let the watchdog reset it where it is time, ``since_s`` seconds after it froze."""
-        if 0.0 < self.watchdog_s <= since_s:
-            _reset(victim)
-
 
 class Reboot(AutopilotFault, frozen=True):
     """The autopilot starts again, wherever it is: its outputs stop, its clock and its sequence numbers begin again. One
@@ -128,14 +113,10 @@ class Reboot(AutopilotFault, frozen=True):
     ONCE: ClassVar[bool] = True
 
     def begin(self, victim: Victim) -> Undo:
-        _reset(victim)
-        return nothing
-
-
-def _reset(victim: Victim) -> None:
-    victim.end(Frozen.KIND)
-    victim.vehicle.brain.now = victim.now()  # which one that hangs does not follow
-    victim.vehicle.node.restart()
+        victim.end(Frozen.KIND)
+        victim.vehicle.brain.now = victim.now()  # which one that hangs does not follow
+        victim.vehicle.node.restart()
+        return lambda: None
 
 
 class CameraBlackout(Fault, frozen=True):

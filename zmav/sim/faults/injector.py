@@ -11,7 +11,7 @@ import msgspec
 
 from zmav.errors import BadInput
 from zmav.sim.faults.base import Fault, FaultStatus, Undo, Victim
-from zmav.sim.faults.body import CameraBlackout, Frozen
+from zmav.sim.faults.body import CameraBlackout
 from zmav.sim.faults.table import KINDS
 from zmav.sim.fleets.base import Seat
 from zmav.sim.status import VehicleStatus
@@ -112,8 +112,6 @@ class Faults:
         for key, on in list(self._on.items()):
             if now >= on.until_s - 1e-9:
                 self._end(*key)
-            elif isinstance(on.fault, Frozen):
-                on.fault.watch(on.victim, now - on.since_s)
 
     # ---- vehicles
 

@@ -17,9 +17,6 @@ KINDS: Mapping[str, type[Fault]] = {
     for kind in (
         links.LinkCut,
         links.LinkLoss,
-        links.LinkDelay,
-        links.LinkDuplication,
-        links.LinkCorruption,
         sensors.GpsLoss,
         sensors.GpsGlitch,
         sensors.CompassError,
