@@ -17,8 +17,7 @@ from zmav.mavlink.codec import decode
 from zmav.mavlink.frames import Splitter
 from zmav.sim.faults.base import Fault, Undo, Victim
 from zmav.sim.protocol.base import Node
-from zmav.sim.protocol.channel import Channel, Outlet
-from zmav.sim.protocol.part import Part
+from zmav.sim.protocol.channel import Channel, Outlet, Part
 
 Direction = Literal["both", "down", "up"]
 Link = Literal["all", "tcp", "serial0", "serial1", "serial2", "udp", "udp-listen", "pty", "onboard", "ground"]
