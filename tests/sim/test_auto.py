@@ -56,14 +56,6 @@ class TestStart:
         assert ready.command(ARM, 1) == FAILED
         assert ready.texts()[-1] == "Arm: AUTO mode not armable"
 
-    def test_it_can_be_made_armable(self, make_desk: MakeDesk) -> None:
-        desk = make_desk([VehicleSpec(params={"AUTO_OPTIONS": 3})])
-        desk.world.step(1.0)
-        assert upload(desk, [UP, do(20)]) == ACCEPTED
-        assert desk.command(SET_MODE, 1, AUTO) == ACCEPTED
-        assert desk.command(ARM, 1) == ACCEPTED
-        done(desk, 1)  # with the throttle stick down: AUTO_OPTIONS says so too
-
     @pytest.mark.parametrize(
         ("plan", "words"),
         [
@@ -256,15 +248,6 @@ class TestCommands:
         assert record.at(FLOWN_S) == pytest.approx(place, abs=0.3)
         assert record.order == [1]  # the landing is not reported: the mission stops in it
 
-    def test_it_can_go_on_after_a_landing(self, flown: dict[str, Record]) -> None:
-        assert flown["land and go on"].order == [1, 2, 3, 4]
-
-    def test_a_region_of_interest_keeps_the_nose(self, flown: dict[str, Record]) -> None:
-        record = flown["interest"]
-        there = next(i for i, point in enumerate(record.track) if point[0] > 20.0)
-        assert record.yaws[there] == pytest.approx(math.atan2(20.0, -20.0), abs=0.15)
-        assert record.yaws[round(record.reached[6] * 10)] == pytest.approx(0.0, abs=0.1)
-
     def test_jumps_are_counted(self, flown: dict[str, Record]) -> None:
         record = flown["jumps"]
         assert [seq for seq in record.order if seq in (2, 3, 5)] == [2, 3, 2, 3, 2, 3, 5]
@@ -340,23 +323,6 @@ class TestUnderWay:
         ready.until(lambda: ready.near(5, 5, -5, 1.0))
         assert reached(ready) == [1]
 
-    def test_a_change_of_what_it_flies_to_is_followed_at_once(self, ready: Desk) -> None:
-        aloft(ready, [at(16, 40, 0, 5)])
-        ready.world.step(2.0)
-        assert upload(ready, [UP, at(16, 0, 10, 5)]) == ACCEPTED
-        ready.world.step(0.1)
-        assert "Auto mission changed, restarted command" in ready.texts()
-        ready.until(lambda: ready.near(0, 10, -5, 1.0))
-
-    def test_a_change_far_ahead_disturbs_nothing(self, ready: Desk) -> None:
-        plan = [at(16, 8, 0, 5), at(16, 16, 0, 5), at(16, 24, 0, 5), at(16, 32, 0, 5), at(16, 40, 0, 5)]
-        aloft(ready, plan)
-        ready.world.step(1.0)
-        ready.send("MISSION_WRITE_PARTIAL_LIST", start_index=6, end_index=6)
-        ready.send("MISSION_ITEM_INT", seq=6, **at(16, 41, 0, 5))
-        ready.world.step(0.5)
-        assert "Auto mission changed, restarted command" not in ready.texts()
-
     def test_a_running_mission_cannot_be_cleared(self, ready: Desk) -> None:
         aloft(ready, [at(16, 40, 0, 5)])
         ready.send("MISSION_CLEAR_ALL")
@@ -364,20 +330,6 @@ class TestUnderWay:
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
         ready.send("MISSION_CLEAR_ALL")
         assert ready.all("MISSION_ACK")[-1]["type"] == 0
-
-    def test_it_can_be_held_up(self, ready: Desk) -> None:
-        assert ready.command(PAUSE, 0) == FAILED
-        aloft(ready, [at(16, 40, 0, 5)])
-        ready.world.step(3.0)
-        assert ready.command(PAUSE, 0) == ACCEPTED
-        ready.world.step(5.0)
-        there = ready.ned
-        ready.world.step(2.0)
-        assert ready.near(*there, within=0.3)
-        assert 0.0 < there[0] < 38.0
-        assert ready.last("MISSION_CURRENT")["mission_state"] == 4
-        assert ready.command(PAUSE, 1) == ACCEPTED
-        done(ready, 2)
 
     def test_the_pilot_takes_over(self, ready: Desk) -> None:
         aloft(ready, [at(16, 60, 0, 5)])

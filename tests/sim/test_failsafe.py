@@ -375,8 +375,6 @@ class TestFence:
         [
             ({"FENCE_TYPE": 4}, "Fences enabled, but none selected"),
             ({"FENCE_RADIUS": 1}, "Circle FENCE_MARGIN is greater than FENCE_RADIUS"),
-            ({"FENCE_ALT_MAX": -1}, "Invalid FENCE_ALT_MAX value"),
-            ({"FENCE_ALT_MAX": 5, "FENCE_MARGIN": 10}, "FENCE_MARGIN too big"),
         ],
     )
     def test_a_fence_that_makes_no_sense_keeps_it_from_arming(
@@ -388,12 +386,6 @@ class TestFence:
         assert desk.command(400, 1) == FAILED
         assert "".join(desk.texts()) == f"Arm: {words}"
         assert [(m["id"] > 0, m["chunk_seq"]) for m in desk.all("STATUSTEXT")][1:] in ([], [(True, 1)])
-
-    def test_can_come_on_with_arming(self, make_desk: MakeDesk) -> None:
-        desk = aloft(make_desk, FENCE_AUTOENABLE=3, FENCE_RADIUS=15)
-        assert "Max Alt and Circle fences auto-enabled" in desk.texts()
-        self.out(desk, 30.0)
-        assert mode(desk) == RTL
 
 
 class TestRally:

@@ -12,9 +12,8 @@ from pymavlink import DFReader, mavutil
 from zmav.sim import World
 from zmav.sim.dataflash import DataflashWriter
 from zmav.sim.protocol import logs
-from zmav.sim.protocol.ardupilot.flightlog import LAYOUTS
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.storage import Storage
+from zmav.sim.protocol.ardupilot.storage import LAYOUTS, Storage
 from zmav.sim.protocol.logs import LogStore
 from zmav.sim.ulog import MAGIC, Topic, UlogWriter
 

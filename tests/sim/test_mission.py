@@ -243,24 +243,6 @@ class TestDownload:
         assert len(download(ready)) == len(download(other)) == 4
 
 
-class TestParts:
-    def test_some_items_are_replaced(self, ready: Desk) -> None:
-        assert upload(ready, [takeoff(5.0), at(16, 1.0, 0.0, 5.0), at(16, 2.0, 0.0, 5.0)]) == ACCEPTED
-        ready.clear("MISSION_ACK")
-        ready.send("MISSION_WRITE_PARTIAL_LIST", start_index=2, end_index=2)
-        ready.send("MISSION_ITEM_INT", seq=2, **at(16, 9.0, 0.0, 6.0))
-        assert acks(ready) == [ACCEPTED]
-        assert [item["z"] for item in download(ready)[1:]] == [5.0, 6.0, 5.0]
-
-    @pytest.mark.parametrize(("first", "last"), [(3, 2), (0, 9), (9, 9), (-1, 1)])
-    def test_that_there_are_not(self, ready: Desk, first: int, last: int) -> None:
-        assert upload(ready, PLAN) == ACCEPTED
-        ready.clear("MISSION_ACK")
-        ready.send("MISSION_WRITE_PARTIAL_LIST", start_index=first, end_index=last)
-        assert acks(ready) == [ERROR]
-        assert ready.texts()[-1] == "Flight plan update rejected"
-
-
 class TestClearing:
     def test_makes_it_empty(self, ready: Desk) -> None:
         assert upload(ready, PLAN) == ACCEPTED
@@ -282,15 +264,11 @@ class TestClearing:
         assert acks(ready) == [ACCEPTED]
         assert count(ready) == 0
 
-    def test_a_mission_outlives_a_reboot_unless_told_not_to(self, ready: Desk) -> None:
+    def test_a_mission_outlives_a_reboot(self, ready: Desk) -> None:
         assert upload(ready, PLAN) == ACCEPTED
         assert ready.command(246, 1) == 0
         ready.world.step(1.5)
         assert count(ready) == 4
-        ready.send("PARAM_SET", param_id="MIS_OPTIONS", param_value=1.0, param_type=4)
-        assert ready.command(246, 1) == 0
-        ready.world.step(1.5)
-        assert count(ready) == 1
 
 
 class TestCurrent:
@@ -373,10 +351,3 @@ class TestFence:
         assert not text or text in ready.texts()
         assert count(ready, FENCE) == 4
         assert len(ready.vehicle.copter.fence.items.areas) == 1
-
-    def test_a_vertex_can_be_moved(self, ready: Desk) -> None:
-        assert upload(ready, SQUARE, FENCE) == ACCEPTED
-        ready.send("MISSION_WRITE_PARTIAL_LIST", start_index=1, end_index=1, mission_type=FENCE)
-        ready.send("MISSION_ITEM_INT", seq=1, mission_type=FENCE, **at(5001, -30, 30, 0, 4.0))
-        assert download(ready, FENCE)[1]["x"] == degrees(-30, 30)[0]
-        assert acks(ready)[-1] == ACCEPTED

@@ -37,7 +37,10 @@ def test_a_mode(make_desk: MakeDesk, autopilot: str, number: int, name: str) -> 
     assert desk.texts()[-1] == "No such mode 99"
 
 
-@pytest.mark.parametrize(("autopilot", "number"), [("arducopter", 209), ("ardurover", 194), ("arduplane", 43000)])
+@pytest.mark.parametrize(
+    ("autopilot", "number"),
+    [("arducopter", 209), ("ardurover", 194), ("arduplane", 43000), ("arducopter", 1000), ("arducopter", 193)],
+)
 def test_a_command(make_desk: MakeDesk, autopilot: str, number: int) -> None:
     desk = make_desk([VehicleSpec(autopilot=autopilot)])
     assert desk.command(number, 1, 0, 10, 1) == UNSUPPORTED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from zmav.sim.autopilots.ardupilot.profile import Profile
+from zmav.sim.autopilots.ardupilot.legs import Profile
 
 
 @pytest.mark.parametrize("length", [0.0, 0.05, 1.0, 8.0, 30.0, 75.0, 500.0])

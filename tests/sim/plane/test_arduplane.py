@@ -222,21 +222,6 @@ def test_takeoff_as_measured(make_field: MakeField) -> None:
     assert field.desk.last("HEARTBEAT")["system_status"] == 4
 
 
-def test_takeoff_waits_for_a_throw_where_it_is_told_to(field: Field) -> None:
-    field.set("TKOFF_THR_MINACC", 12.0)
-    field.ready()
-    assert field.mode(TAKEOFF) == ACCEPTED
-    assert field.desk.command(ARM, 1) == ACCEPTED
-    field.wait(3.0)
-    assert field.plane.sense.throttle == 0.0
-    field.desk.vehicle.node.seat.fleet.launch(0, 13.0)  # type: ignore[attr-defined]
-    # The arm that throws it still pushes.
-    field.plane.launch._counting = field.plane.now
-    field.wait(0.5)
-    assert field.plane.sense.throttle > 0.1
-    field.desk.until(lambda: field.plane.height > 30.0, 15.0)
-
-
 def test_guided_on_the_ground_does_not_take_off(field: Field) -> None:
     field.ready()
     assert field.mode(GUIDED) == ACCEPTED

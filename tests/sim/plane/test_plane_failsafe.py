@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plane.conftest import AUTO, CIRCLE, CRUISE, FBWA, GUIDED, LOITER, MANUAL, RTL
-from tests.sim.plans import at, upload
+from tests.sim.plane.conftest import CIRCLE, CRUISE, FBWA, GUIDED, LOITER, MANUAL, RTL
 
 if TYPE_CHECKING:
     from tests.sim.plane.conftest import Field
@@ -117,17 +116,7 @@ def test_a_low_battery(flying: Field) -> None:
     assert warnings(flying)[0].startswith("Battery 1 is low 12.")
 
 
-def test_a_low_battery_lands_by_the_mission_where_it_has_a_landing(flying: Field) -> None:
-    assert upload(flying.desk, [at(189, -300, 0, 50), at(16, -300, 0, 50), at(21, 0, 0)]) == 0
-    flying.set("BATT_FS_LOW_ACT", 2)
-    flying.set("BATT_LOW_TIMER", 1)
-    flying.set("BATT_LOW_VOLT", 13.0)
-    flying.wait(2.0)
-    assert flying.plane.mode.number == AUTO
-    assert flying.plane.mission.landing
-
-
-@pytest.mark.parametrize(("action", "mode"), [(0, CRUISE), (1, RTL), (6, GUIDED)])
+@pytest.mark.parametrize(("action", "mode"), [(0, CRUISE), (1, RTL)])
 def test_a_fence_is_kept(flying: Field, action: int, mode: int) -> None:
     for name, value in {"FENCE_TYPE": 2, "FENCE_RADIUS": 130, "FENCE_ACTION": action, "FENCE_ENABLE": 1}.items():
         flying.set(name, value)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plane.conftest import ARM, AUTO, GUIDED, LOITER, RTL
+from tests.sim.plane.conftest import ARM, AUTO, LOITER, RTL
 from tests.sim.plans import Fields, at, do, download, reached, upload
 
 if TYPE_CHECKING:
@@ -123,19 +123,10 @@ def test_it_goes_on_where_it_was_left(flying: Field) -> None:
     assert flying.plane.mission.current == 3
 
 
-def test_a_return_in_the_mission_and_a_landing_that_rtl_finds(flying: Field) -> None:
+def test_a_return_in_the_mission(flying: Field) -> None:
     start(flying, [do(HOME)])
     flying.wait(0.3)
     assert flying.plane.mode.number == RTL
-    items = [do(HOME), do(LAND_START), at(WAYPOINT, -300, 0, 50), at(LAND, 0, 0)]
-    assert upload(flying.desk, items) == 0
-    flying.set("RTL_AUTOLAND", 2)
-    assert flying.mode(GUIDED) == 0
-    assert flying.mode(RTL) == 0
-    flying.wait(0.3)
-    assert flying.plane.mode.number == AUTO
-    assert flying.plane.mission.current == 3
-    assert flying.plane.mission.landing
 
 
 def test_a_landing_comes_down_its_slope(flying: Field) -> None:

@@ -11,7 +11,7 @@ import pytest
 from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import SimVehicle, VehicleSpec, World
-from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.node import px4_dialect
 
 POSITION, VELOCITY = 0x9F8, 0xDC7  # type masks, as recorded: position and yaw, velocity
 COMPANION, GCS = 18, 6  # MAV_TYPE

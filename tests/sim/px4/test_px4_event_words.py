@@ -11,8 +11,7 @@ from tests.sim.yardstick.reading import from_tlog
 from zmav.mavlink.event import Event
 from zmav.mavlink.event_words import EventWords
 from zmav.sim.autopilots.px4 import event_words, events, health
-from zmav.sim.protocol.px4.messages import px4_dialect
-from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.px4.node import Px4Node, px4_dialect
 
 if TYPE_CHECKING:
     from tests.sim.px4.conftest import Companion

@@ -220,25 +220,6 @@ class TestRadio:
         assert companion.flying == {1: "HOLD", 2: "RTL", 3: "LAND"}[action]
         assert "Manual control lost\t" in companion.texts()
 
-    def test_the_kill_switch_stops_the_motors_and_disarms_later(self, make_companion: MakeCompanion) -> None:
-        companion = make_companion(params={"RC_MAP_KILL_SW": 6.0})
-        companion.beat()
-        companion.take_off()
-        px4 = companion.vehicle.px4
-        px4.sticks.radio = True
-        px4.sticks.pilot.flip(6, 1000)
-        companion.world.step(0.3)
-        px4.sticks.pilot.flip(6, 2000)
-        companion.world.step(0.5)
-        assert "Kill-switch engaged\t" in companion.texts()
-        assert px4.armed and max(companion.vehicle.node.seat.outputs()) == 0.0
-        companion.world.step(5.0)
-        assert not px4.armed and "Disarmed by kill switch\t" in companion.texts()
-        assert companion.arm() == [1]
-        px4.sticks.pilot.flip(6, 1000)
-        companion.world.step(0.3)
-        assert companion.arm() == [0]
-
 
 def test_flight_termination_by_command_is_for_good(companion: Companion) -> None:
     companion.take_off()

@@ -14,7 +14,7 @@ from zmav.mavlink.codec import Packer
 from zmav.process import free_udp_ports
 from zmav.sim import VehicleSpec, World
 from zmav.sim.endpoints import Address, expand, parse_endpoint
-from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.node import px4_dialect
 
 mavutil = pytest.importorskip("pymavlink.mavutil")
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.sim.yardstick.flights import px4
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
-from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.node import px4_dialect
 
 # What the real one sends once in a while and this one has no part of.
 NOT_SENT = {"COMMAND_LONG": "PX4 steers a gimbal that is not there when it begins to land"}

@@ -132,18 +132,6 @@ def test_after_the_mission(make_yard: MakeYard, behaviour: int, mode: str) -> No
     assert yard.rover.mode.name == mode
 
 
-def test_a_changed_mission_is_begun_again(yard: Yard) -> None:
-    begin(yard, [at(WAYPOINT, 60, 0)])
-    yard.desk.world.step(3.0)
-    place = yard.rover.position
-    far = at(WAYPOINT, 0, 40)
-    far = {**far, "x": round(place.lat_deg * 1e7), "y": round(place.lon_deg * 1e7) + 4000}
-    assert plans.upload(yard.desk, [far]) == 0
-    yard.desk.world.step(0.3)
-    assert "Auto mission changed, restarted command" in yard.desk.texts()
-    yard.desk.until(lambda: yard.place[1] > 4.0, 40.0)
-
-
 def test_disarmed_in_auto_it_keeps_its_place(yard: Yard) -> None:
     begin(yard, [at(WAYPOINT, 4, 0), at(WAYPOINT, 30, 0)])
     yard.desk.until(lambda: yard.rover.mission.current == 2, 20.0)

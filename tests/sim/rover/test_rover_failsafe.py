@@ -152,24 +152,3 @@ def test_rally(yard: Yard) -> None:
     yard.mode(RTL)
     yard.desk.until(lambda: "Reached destination" in yard.desk.texts(), 30.0)
     assert yard.place[0] == pytest.approx(10.0, abs=3.0)
-
-
-def test_crash(make_yard: MakeYard) -> None:
-    """FS_CRASH_CHECK 2: motors that turn for two seconds and a rover that stands: HOLD, and disarmed."""
-    yard = make_yard(params={"FS_CRASH_CHECK": 2})
-    yard.ready()
-    yard.goto(50.0, 0.0)
-    body = yard.desk.vehicle.node.seat.fleet.dynamics
-
-    def held() -> None:
-        body.speed[:] = 0.0  # type: ignore[attr-defined]
-        body.vel[:] = 0.0
-
-    for _ in range(600):
-        held()
-        yard.desk.world.step(0.01)
-        held()
-        if not yard.rover.armed:
-            break
-    assert yard.desk.texts()[-2:] == ["Crash: Going to HOLD", "Throttle disarmed"]
-    assert yard.rover.mode.number == HOLD

@@ -13,7 +13,7 @@ from tests.sim.yardstick.reading import Message
 from zmav.mavlink import Dialect, load_dialect
 from zmav.mavlink.codec import decode
 from zmav.sim import REALISTIC_READY_S, Home, VehicleSpec, World
-from zmav.sim.protocol.px4.messages import px4_dialect
+from zmav.sim.protocol.px4.node import px4_dialect
 
 GUIDED, TAKEOFF, PLANE_GUIDED, PLANE_RTL, ROVER_GUIDED, ROVER_HOLD = 4, 13, 15, 11, 15, 4
 SIDE_M = 75.0

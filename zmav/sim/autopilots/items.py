@@ -89,10 +89,6 @@ class ItemStore(ABC):
     def open(self, count: int) -> Result:
         """A new list of ``count`` items is about to come, one :meth:`put` each."""
 
-    def reopen(self) -> Result:
-        """Some items of the list that is there are about to be replaced."""
-        return Result.ACCEPTED
-
     @abstractmethod
     def put(self, item: Item, last: int) -> Result:
         """Take one item of an upload that ends with number ``last``."""
@@ -107,6 +103,59 @@ class ItemStore(ABC):
     @abstractmethod
     def clear(self) -> bool:
         """Forget all items; False where that is not allowed now."""
+
+
+class WholeList(ItemStore):
+    """A list that takes effect as a whole, when its last item has come, and not before."""
+
+    def __init__(self) -> None:
+        self.items: tuple[Item, ...] = ()
+        self._coming: dict[int, Item] = {}
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def read(self, seq: int) -> Item | Result:
+        return self.items[seq] if 0 <= seq < len(self.items) else Result.INVALID_SEQUENCE
+
+    def open(self, count: int) -> Result:
+        self._coming = {}
+        return Result.ACCEPTED if count <= self.most else Result.NO_SPACE
+
+    def put(self, item: Item, last: int) -> Result:
+        kept = self.kept(item)
+        if isinstance(kept, Result):
+            return kept
+        self._coming[item.seq] = kept
+        return Result.ACCEPTED
+
+    def close(self) -> Result:
+        new = tuple(self._coming[seq] for seq in sorted(self._coming))
+        self._coming = {}
+        verdict = self.judge(new)
+        if verdict is Result.ACCEPTED:
+            self.items = new
+            self.changed()
+        return verdict
+
+    def abandon(self) -> None:
+        self._coming = {}
+
+    def clear(self) -> bool:
+        self.items, self._coming = (), {}
+        self.changed()
+        return True
+
+    @abstractmethod
+    def kept(self, item: Item) -> Item | Result:
+        """The item as it is kept, or why it is not taken."""
+
+    def judge(self, new: tuple[Item, ...]) -> Result:
+        """Whether the whole makes sense."""
+        return Result.ACCEPTED
+
+    def changed(self) -> None:
+        """There is another list."""
 
 
 def check_place(item: Item) -> Result:

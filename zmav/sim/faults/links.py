@@ -15,8 +15,7 @@ from zmav.mavlink.codec import decode
 from zmav.mavlink.frames import Splitter
 from zmav.sim.faults.base import AutopilotFault, Undo, Victim
 from zmav.sim.protocol.base import Node
-from zmav.sim.protocol.channel import Channel, Outlet
-from zmav.sim.protocol.part import Part
+from zmav.sim.protocol.channel import Channel, Outlet, Part
 
 
 class LinkCut(AutopilotFault, frozen=True):

@@ -15,9 +15,18 @@ from zmav.mavlink.frames import Frame
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.fleets.base import Seat
-from zmav.sim.protocol.channel import Channel, Outlet
-from zmav.sim.protocol.command import ACCEPTED, DENIED, UNSUPPORTED, Command, read_command
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.channel import (
+    ACCEPTED,
+    DENIED,
+    UNSUPPORTED,
+    Answer,
+    Channel,
+    Command,
+    Outlet,
+    Part,
+    Sender,
+    read_command,
+)
 from zmav.sim.protocol.router import Router
 from zmav.sim.sensors.magnetic import earth_field
 

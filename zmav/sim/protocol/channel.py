@@ -1,4 +1,5 @@
-"""A channel: one MAVLink link of one autopilot, with its own sequence numbers and its own stream rates.
+"""A channel: one MAVLink link of one autopilot, with its own sequence numbers and stream rates; what
+comes by it: commands, and messages for microservices.
 
 Real autopilots count sequence numbers per link, not per message source, and put a frame on a link only where it has
 room; a link that nobody reads loses whole messages and never holds anything up.
@@ -6,8 +7,11 @@ room; a link that nobody reads loses whole messages and never holds anything up.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
+
+import msgspec
 
 from zmav.mavlink.codec import Packer
 from zmav.mavlink.dialect import Dialect
@@ -90,3 +94,78 @@ class Channel:
         """Pass on somebody else's frame, untouched."""
         if self.has_room():
             self.outlet.put(data)
+
+
+# ---- microservices
+
+Sender = tuple[int, int]
+"""(system id, component id) of who sent a message"""
+
+Answer = Callable[[Channel, dict[str, Any], Sender], None]
+
+
+class Part:
+    """One microservice of one vehicle; everything is called in the world's thread.
+
+    A node takes it with :meth:`zmav.sim.protocol.base.Node.add`.
+    """
+
+    due = -math.inf
+    """when :meth:`tick` has something to do next, simulated seconds; a part that sets it is called then, not before"""
+
+    def answers(self) -> Mapping[str, Answer]:
+        """Who answers which message, by the message's name."""
+        return {}
+
+    def tick(self, now: float) -> None:
+        """Called at every tick, after the streams were sent; ``now``: simulated seconds."""
+
+    def opened(self, channel: Channel) -> None:
+        """``channel`` is new: it is among the node's channels, and nothing has been heard on it."""
+
+    def closed(self, channel: Channel) -> None:
+        """``channel`` is gone: end what went on there."""
+
+
+# ---- commands: https://mavlink.io/en/services/command.html
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
+COMMAND_INT_ONLY = 8
+FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
+CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+RELATIVE_ALT = 3  # MAV_FRAME_GLOBAL_RELATIVE_ALT, which a COMMAND_LONG is taken to mean
+_NO_PLACE = 2**31 - 1  # x and y of a COMMAND_INT that names none
+
+
+class Command(msgspec.Struct, frozen=True):
+    """COMMAND_LONG or COMMAND_INT: ``x`` and ``y`` as they came; ``sender`` is who asked, on ``channel``."""
+
+    number: int
+    p1: float
+    p2: float
+    p3: float
+    p4: float
+    x: float
+    y: float
+    z: float
+    frame: int
+    as_int: bool
+    channel: Channel
+    sender: Sender
+
+    @property
+    def degrees(self) -> tuple[float, float]:
+        """Latitude and longitude; NaN where not given."""
+        if not self.as_int:
+            return self.x, self.y
+        return (math.nan, math.nan) if self.x == self.y == _NO_PLACE else (self.x * 1e-7, self.y * 1e-7)
+
+
+def read_command(msg: dict[str, Any], channel: Channel, sender: Sender) -> Command:
+    """The command of a message of either form."""
+    as_int = "x" in msg
+    x, y, z = (msg[name] for name in (("x", "y", "z") if as_int else ("param5", "param6", "param7")))
+    p1, p2, p3, p4 = (msg[f"param{i}"] for i in range(1, 5))
+    frame = msg.get("frame", RELATIVE_ALT)
+    return Command(msg["command"], p1, p2, p3, p4, x, y, z, frame, as_int, channel, sender)

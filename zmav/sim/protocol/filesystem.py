@@ -102,12 +102,6 @@ class FileSystem:
             file.extend(bytes(offset - len(file)))
         file[offset : offset + len(data)] = data
 
-    def truncate(self, path: str, size: int) -> None:
-        path = normal(path)
-        if path not in self._files:
-            raise NOT_FOUND
-        del self._files[path][size:]
-
     def remove(self, path: str) -> None:
         path = normal(path)
         if path in self._directories:
@@ -122,8 +116,6 @@ class FileSystem:
         if path in self._directories or path in self._files:
             raise FileError(Nak.FILE_EXISTS)
         self._check_parent(path)
-        if len(self._directories) > 256:
-            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
         self._directories.add(path)
 
     def rmdir(self, path: str) -> None:
@@ -146,8 +138,6 @@ class FileSystem:
     def _check_parent(self, path: str) -> None:
         if self._parent(path) not in self._directories:
             raise NOT_FOUND
-        if len(self._files) > 1024:
-            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
 
     @staticmethod
     def _parent(path: str) -> str:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import collections
 import errno
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, crc32, pack, pack_entry, unpack
-from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileError, FileSystem
-from zmav.sim.protocol.part import Answer, Part, Sender
 
 QUEUE = 5
 """requests that wait while another is served; more are lost"""
@@ -76,8 +75,8 @@ class FtpServer(Part):
         self._queue: collections.deque[Request] = collections.deque()
         self._burst: Burst | None = None
         self._last: tuple[Sender, Packet] | None = None
-        self._operations = {
-            Op.NONE: self._nothing,
+        self._operations: dict[int, Callable[[Packet], tuple[bytes, int]]] = {
+            Op.NONE: lambda p: (b"", 0),
             Op.TERMINATE_SESSION: self._reset,
             Op.RESET_SESSIONS: self._reset,
             Op.LIST_DIRECTORY: self._list,
@@ -86,7 +85,6 @@ class FtpServer(Part):
             Op.CREATE_FILE: self._open_write,
             Op.READ_FILE: self._read,
             Op.WRITE_FILE: self._write,
-            Op.TRUNCATE_FILE: self._truncate,
             Op.CREATE_DIRECTORY: lambda p: self._change(p, self.files.mkdir),
             Op.REMOVE_DIRECTORY: lambda p: self._change(p, self.files.rmdir),
             Op.REMOVE_FILE: lambda p: self._change(p, self.files.remove),
@@ -134,19 +132,17 @@ class FtpServer(Part):
         if self._last is not None and again == (self._last[0], self._last[1].session, self._last[1].seq):
             self._send(request, self._last[1])
             return
-        if packet.opcode in set(self.faults.mute):
+        if packet.opcode in self.faults.mute:
             return
         try:
             self._check(packet)
             if packet.opcode == Op.BURST_READ_FILE:
                 self._begin_burst(request)
                 return
-            operation = self._operations.get(Op(packet.opcode))
+            operation = self._operations.get(packet.opcode)
             if operation is None:
-                raise FileError(Nak.UNKNOWN_COMMAND)
+                raise FileError(Nak.FAIL if self._fixed is None else Nak.UNKNOWN_COMMAND)
             data, offset = operation(packet)
-        except ValueError:  # no such operation
-            self._refuse(request, FileError(Nak.FAIL if self._fixed is None else Nak.UNKNOWN_COMMAND))
         except FileError as error:
             self._refuse(request, error)
         else:
@@ -184,9 +180,6 @@ class FtpServer(Part):
         )
 
     # ---- operations: each gives its answer's data and offset
-
-    def _nothing(self, packet: Packet) -> tuple[bytes, int]:
-        return b"", 0
 
     def _reset(self, packet: Packet) -> tuple[bytes, int]:
         if self._open is not None and (self._fixed is not None or packet.session == self._open.session):
@@ -254,12 +247,7 @@ class FtpServer(Part):
         self.files.write(self._open.path, packet.offset, packet.data)
         return b"", packet.offset
 
-    def _truncate(self, packet: Packet) -> tuple[bytes, int]:
-        if self._fixed is None:
-            raise FileError(Nak.FAIL)  # ArduPilot does not know it
-        return self._change(packet, lambda path: self.files.truncate(path, packet.offset))
-
-    def _change(self, packet: Packet, change: Any) -> tuple[bytes, int]:
+    def _change(self, packet: Packet, change: Callable[[str], None]) -> tuple[bytes, int]:
         change(_path(packet))
         return b"", 0
 

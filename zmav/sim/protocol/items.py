@@ -8,13 +8,12 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 
 from zmav.sim.autopilots.items import LOCATED, Item, ItemStore, Result, check_place
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 _E7 = 1e7
 _INT32 = 2**31 - 1
@@ -33,6 +32,17 @@ class Client(msgspec.Struct, frozen=True):
         self.channel.send(name, target_system=self.sender[0], target_component=self.sender[1], **fields)
 
 
+class Upload(msgspec.Struct):
+    """One that comes in: the ``next`` item that is asked for, and the ``last``; when something was heard and asked."""
+
+    client: Client
+    next: int
+    last: int
+    heard: float
+    asked: float
+    warned: bool = False
+
+
 Service = Callable[[Client, int, dict[str, Any]], None]
 """Answers a client about the kind of list that its message names"""
 
@@ -40,8 +50,15 @@ Service = Callable[[Client, int, dict[str, Any]], None]
 class ItemPart(Part):
     """A mission service over some lists of items; subclasses are the autopilots' ways with it."""
 
-    def __init__(self, stores: Sequence[ItemStore]) -> None:
+    REQUEST: ClassVar[str]
+    """how it asks for an item"""
+    ASK_AGAIN_S: ClassVar[float]
+    GIVE_UP_S: ClassVar[float]
+
+    def __init__(self, stores: Sequence[ItemStore], say: Callable[[int, str], None], now: Callable[[], float]) -> None:
         self.stores = {store.kind: store for store in stores}
+        self._say, self._now = say, now
+        self._uploads: dict[int, Upload] = {}
 
     def answers(self) -> Mapping[str, Answer]:
         return {
@@ -51,7 +68,9 @@ class ItemPart(Part):
             "MISSION_COUNT": self._known(self.count),
             "MISSION_ITEM": _read(lambda *asked: self.item(*asked, as_int=False)),
             "MISSION_ITEM_INT": _read(lambda *asked: self.item(*asked, as_int=True)),
-            "MISSION_WRITE_PARTIAL_LIST": self._known(self.write_partial),
+            "MISSION_WRITE_PARTIAL_LIST": _read(
+                lambda client, kind, msg: acknowledge(client, Result.UNSUPPORTED, kind)
+            ),
             "MISSION_CLEAR_ALL": _read(self.clear_all),
             "MISSION_ACK": _read(self.ack),
         }
@@ -84,12 +103,40 @@ class ItemPart(Part):
         """One of them arrives; ``kind`` may be unknown."""
 
     @abstractmethod
-    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        """Somebody wants to replace some."""
-
-    @abstractmethod
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """Somebody wants them gone; ``kind`` may be unknown."""
+
+    @abstractmethod
+    def gave_up(self, upload: Upload, kind: int) -> None:
+        """An upload broke off: say so."""
+
+    def begin(self, client: Client, kind: int, count: int) -> None:
+        """Ask for the items of a new list, one after the other."""
+        now = self._now()
+        self._uploads[kind] = Upload(client, 0, count - 1, now, now)
+        self.ask(kind)
+
+    def ask(self, kind: int) -> None:
+        upload = self._uploads[kind]
+        upload.asked = self._now()
+        upload.client.reply(self.REQUEST, seq=upload.next, mission_type=kind)
+
+    def drop(self, kind: int) -> None:
+        """End an upload; what it has brought is the list's affair."""
+        del self._uploads[kind]
+        self.stores[kind].abandon()
+
+    def tick(self, now: float) -> None:
+        for kind, upload in list(self._uploads.items()):
+            if now - upload.heard > self.GIVE_UP_S:
+                self.drop(kind)
+                self.gave_up(upload, kind)
+            elif now - upload.asked > self.ASK_AGAIN_S:
+                self.ask(kind)
+
+    def closed(self, channel: Channel) -> None:
+        for kind in [kind for kind, upload in self._uploads.items() if upload.client.channel is channel]:
+            self.drop(kind)
 
     def ack(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """A client ends a transfer; not every autopilot cares."""

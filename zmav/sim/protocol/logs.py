@@ -6,12 +6,13 @@ links, requests that come while data is sent are ignored.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.autopilots.base import Autopilot
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 MOST = 4 << 20
 """bytes of all logs of one vehicle; the oldest make room"""
@@ -20,6 +21,7 @@ PER_TICK = 160
 """LOG_DATA in one tick: 40 in each of ArduPilot's loops, of which there are four"""
 DATA = 90
 ALL = 0xFFFF
+ATTITUDE_S, POSITION_S = 0.1, 0.2
 ERROR, INFO = 3, 6
 
 
@@ -63,6 +65,66 @@ class LogStore:
         before = len(self.logs)
         self.logs = [log for log in self.logs if log.name != name]
         return len(self.logs) < before
+
+
+class FlightLog(Part, ABC):
+    """Begins a log when the vehicle is armed and ends it when it is disarmed. ``unix_us``: UTC as the GPS tells it."""
+
+    def __init__(self, vehicle: Autopilot, store: LogStore, unix_us: Callable[[], int]) -> None:
+        self._vehicle, self._store, self.unix_us = vehicle, store, unix_us
+        self._log: Log | None = None
+        self._next_attitude = self._next_position = 0.0
+
+    @property
+    def time_us(self) -> int:
+        return int(self._vehicle.uptime * 1e6)
+
+    @property
+    def running(self) -> bool:
+        return self._log is not None
+
+    def tick(self, now: float) -> None:
+        if not self._vehicle.armed:
+            if self._log is not None:
+                self.end()
+                self._log.end_s = self.unix_us() / 1e6
+                self._log = None
+            return
+        if self._log is None:
+            self._log = self._store.begin(self.begin(), self.unix_us() / 1e6)
+            self._next_attitude = self._next_position = now
+            self.begun(self._log)
+        self.write_status()
+        if now >= self._next_attitude:
+            self._next_attitude += ATTITUDE_S
+            self.write_attitude()
+        if now >= self._next_position:
+            self._next_position += POSITION_S
+            self.write_position()
+            self._log.end_s = self.unix_us() / 1e6
+
+    @abstractmethod
+    def begin(self) -> bytearray:
+        """A new file, which may still grow."""
+
+    def begun(self, log: Log) -> None:
+        """There is a log now."""
+
+    @abstractmethod
+    def end(self) -> None:
+        """Write what comes last."""
+
+    @abstractmethod
+    def write_status(self) -> None:
+        """Note a mode that has changed."""
+
+    @abstractmethod
+    def write_attitude(self) -> None:
+        """Every :data:`ATTITUDE_S` seconds."""
+
+    @abstractmethod
+    def write_position(self) -> None:
+        """Every :data:`POSITION_S` seconds."""
 
 
 @dataclass

@@ -14,8 +14,7 @@ from importlib import resources
 from typing import Any
 
 from zmav.errors import BadConfig
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 NO_INDEX = 65535
 PER_TICK = 16  # PARAM_VALUEs of a download in one tick: 1354 of them take about 0.9 s, as measured

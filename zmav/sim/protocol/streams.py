@@ -35,7 +35,6 @@ GROUPS: dict[int, tuple[str, ...]] = {
         "WIND",
         "TERRAIN_REPORT",
         "BATTERY_STATUS",
-        "GIMBAL_DEVICE_ATTITUDE_STATUS",
         "EKF_STATUS_REPORT",
         "VIBRATION",
     ),

@@ -8,16 +8,12 @@ a stop. On the ground only a takeoff lifts it, or an attitude with a climb.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav import rotation
-from zmav.sim.autopilots.arducopter.modes import stop_here
-from zmav.sim.autopilots.ardupilot.mode import GuidedMode
+from zmav.sim.autopilots.arducopter.base import CopterBase
+from zmav.sim.autopilots.ardupilot.state import GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Quaternion, Target, YawWish
 from zmav.sim.control.setpoints import Axis, Spool
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 TAKEOFF_DONE_M = 0.5
 
@@ -30,7 +26,7 @@ class Guided(GuidedMode):
     _wanted = AttitudeTarget(None, (0.0, 0.0, 0.0), 0.0, None)
     _turned: Quaternion | None = None
 
-    def __init__(self, copter: ArduCopter) -> None:
+    def __init__(self, copter: CopterBase) -> None:
         super().__init__(copter)
         self.copter = copter
 
@@ -40,7 +36,7 @@ class Guided(GuidedMode):
     def hold(self) -> None:
         """Stop here: what a target that makes no sense leads to as well."""
         self.doing, self.target, self._until = Doing.HOLD, Target(), math.inf
-        stop_here(self.copter)
+        self.copter.stop_here()
 
     def take_off(self, down: float) -> None:
         """Rise to ``down`` metres (world NED) over this place."""

@@ -7,13 +7,10 @@ Modes: https://ardupilot.org/copter/docs/flight-modes.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from zmav.sim.autopilots.ardupilot.mode import Mode
+from zmav.sim.autopilots.arducopter.base import CopterBase
+from zmav.sim.autopilots.ardupilot.state import Mode
 from zmav.sim.control.setpoints import Axis, Spool
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
 
 CENTI = 0.01
 TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
@@ -24,19 +21,9 @@ LAND_PAUSE_S = 4.0
 class CopterMode(Mode):
     """A mode of an ArduCopter."""
 
-    def __init__(self, copter: ArduCopter) -> None:
+    def __init__(self, copter: CopterBase) -> None:
         super().__init__(copter)
         self.copter = copter
-
-    def stop_here(self) -> None:
-        """Brake to a stop and stay there, nose as it is."""
-        stop_here(self.copter)
-
-
-def stop_here(copter: ArduCopter) -> None:
-    """Brake to a stop and stay there, nose as it is."""
-    copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-    copter.heading.hold(copter.sense.yaw)
 
 
 class Stabilize(CopterMode):
@@ -91,7 +78,7 @@ class Loiter(AltHold):
     needs_position = True
 
     def enter(self) -> None:
-        self.stop_here()
+        self.copter.stop_here()
         self.copter.sp.limit("speed", self.copter.params["LOIT_SPEED"] * CENTI)
 
     def update(self) -> None:
@@ -113,7 +100,7 @@ class Brake(CopterMode):
     number, name = 17, "BRAKE"
 
     def enter(self) -> None:
-        self.stop_here()
+        self.copter.stop_here()
 
     def update(self) -> None:
         self.copter.spool()
@@ -127,7 +114,7 @@ class Land(CopterMode):
 
     def enter(self) -> None:
         self._until = 0.0
-        self.stop_here()
+        self.copter.stop_here()
 
     def pause(self) -> None:
         """A failsafe landed it: give the pilot a moment."""
@@ -147,7 +134,7 @@ class Rtl(CopterMode):
     number, name = 6, "RTL"
     changes_speed = True
 
-    def __init__(self, copter: ArduCopter) -> None:
+    def __init__(self, copter: CopterBase) -> None:
         super().__init__(copter)
         self._leg = "climb"
         self._target = (0.0, 0.0)
@@ -165,7 +152,7 @@ class Rtl(CopterMode):
     def enter(self) -> None:
         copter = self.copter
         self._leg = "climb"
-        self.stop_here()
+        self.copter.stop_here()
         if copter.params["RTL_SPEED"] > 0:
             copter.change_speed("speed", copter.params["RTL_SPEED"] * CENTI)
         north, east, place_down = copter.rally.nearest()
@@ -205,7 +192,7 @@ class Rtl(CopterMode):
             descend(copter)
 
 
-def descend(copter: ArduCopter) -> None:
+def descend(copter: CopterBase) -> None:
     """The way down: quick above LAND_ALT_LOW, then at LAND_SPEED until the ground stops it."""
     height = copter.home_world[2] - copter.sense.down
     low = copter.params["LAND_ALT_LOW"] * CENTI

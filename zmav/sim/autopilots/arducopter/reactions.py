@@ -5,26 +5,24 @@ https://ardupilot.org/copter/docs/failsafe-landing-page.html; what each says and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from zmav.sim.autopilots.arducopter.base import CopterBase
+from zmav.sim.autopilots.arducopter.modes import Land
 from zmav.sim.autopilots.ardupilot.failsafe import announce
 from zmav.sim.autopilots.ardupilot.fence import ALWAYS_LAND, BRAKE_OR_LAND, CEILING, GIVE_UP_M
-from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, DISARM, WARNING, Reactions, Steps
 
 _STABILIZE, _ALT_HOLD, _RTL, _LAND, _BRAKE = 0, 2, 6, 9, 17
-_CRITICAL, _WARNING = 2, 4
 # FS_OPTIONS
 RADIO_AUTO, GCS_AUTO, RADIO_GUIDED, LANDING, GCS_BY_PILOT = 1, 2, 4, 8, 16
 
 
 # The numbers of BATT_FS_LOW_ACT and BATT_FS_CRT_ACT.
-LAND, RTL = 1, 2
+TO_LAND, TO_RTL = 1, 2
 ACTIONS: dict[int, Steps] = {
-    LAND: (_LAND,),
-    RTL: (_RTL, _LAND),
+    TO_LAND: (_LAND,),
+    TO_RTL: (_RTL, _LAND),
     3: ("SmartRTL Unavailable, Trying RTL Mode", _RTL, _LAND),
     4: ("SmartRTL Unavailable, Using Land Mode", _LAND),
     5: (DISARM,),
@@ -43,63 +41,58 @@ class CopterReactions(Reactions):
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (5, 1, 2, 4, 3, 0)
     ACTIONS = ACTIONS
 
-    def __init__(self, copter: ArduCopter) -> None:
+    def __init__(self, copter: CopterBase, land: Land) -> None:
         super().__init__(copter)
-        self._copter = copter
+        self._copter, self._land = copter, land
 
     def gps_glitched(self, on: bool) -> None:
-        self._copter.say(_CRITICAL, "GPS Glitch or Compass error" if on else "Glitch cleared")
+        self._copter.say(CRITICAL, "GPS Glitch or Compass error" if on else "Glitch cleared")
 
     def lane_switched(self, lane: int) -> None:
-        self._copter.say(_WARNING, f"EKF primary changed:{lane}")
+        self._copter.say(WARNING, f"EKF primary changed:{lane}")
 
     # ---- what trips
 
     def gcs_back(self) -> None:
-        self._copter.say(_WARNING, "GCS Failsafe Cleared")
+        self._copter.say(WARNING, "GCS Failsafe Cleared")
 
     def gcs_lost(self) -> None:
         copter = self._copter
         if not copter.armed:
             announce(copter, "GCS")
-        elif self._disarms():
-            copter.disarm(forced=True)
-            announce(copter, "GCS", "Disarming")
-        elif self._goes_on_landing("GCS"):
-            pass
-        elif copter.mode is copter.auto and self._option(GCS_AUTO):
-            announce(copter, "GCS", "Continuing Auto Mode")
-        elif copter.mode.by_pilot and self._option(GCS_BY_PILOT):
-            announce(copter, "GCS", "Continuing Pilot Control")
-        else:
-            announce(copter, "GCS")
-            self.act(_BY_GCS.get(int(copter.params["FS_GCS_ENABLE"]), RTL))
+        elif not self._goes_on(
+            "GCS",
+            (copter.mode is copter.auto and self._option(GCS_AUTO), "Continuing Auto Mode"),
+            (copter.mode.by_pilot and self._option(GCS_BY_PILOT), "Continuing Pilot Control"),
+        ):
+            self.act(_BY_GCS.get(int(copter.params["FS_GCS_ENABLE"]), TO_RTL))
 
     def radio_changed(self, lost: bool) -> None:
         copter = self._copter
         if not lost:
-            copter.say(_WARNING, "Radio Failsafe Cleared")
-        elif self._disarms():
-            announce(copter, "Radio", "Disarming")
-            copter.disarm(forced=True)
-        elif self._goes_on_landing("Radio"):
-            pass
-        elif copter.mode is copter.auto and self._option(RADIO_AUTO):
-            announce(copter, "Radio", "Continuing Auto")
-        elif copter.takes_targets and self._option(RADIO_GUIDED):
-            announce(copter, "Radio", "Continuing Guided Mode")
-        else:
-            announce(copter, "Radio")
-            self.act(_BY_THROTTLE.get(int(copter.params["FS_THR_ENABLE"]), LAND))
+            copter.say(WARNING, "Radio Failsafe Cleared")
+        elif not self._goes_on(
+            "Radio",
+            (copter.mode is copter.auto and self._option(RADIO_AUTO), "Continuing Auto"),
+            (copter.takes_targets and self._option(RADIO_GUIDED), "Continuing Guided Mode"),
+        ):
+            self.act(_BY_THROTTLE.get(int(copter.params["FS_THR_ENABLE"]), TO_LAND))
+
+    def _goes_on(self, what: str, *exceptions: tuple[bool, str]) -> bool:
+        """Announce a lost link; whether that is all, since it stands, lands already, or may go on as it is."""
+        if self._stands(what) or self._goes_on_landing(what):
+            return True
+        text = next((text for holds, text in exceptions if holds), "")
+        announce(self._copter, what, text)
+        return bool(text)
 
     def battery_failed(self, action: int) -> None:
         copter = self._copter
-        if self._disarms():
-            copter.disarm(forced=True)
-            announce(copter, "Battery", "Disarming")
-        elif copter.mode.is_landing and self._option(LANDING) and action:
+        if self._stands("Battery"):
+            return
+        if copter.mode.is_landing and self._option(LANDING) and action:
             announce(copter, "Battery", "Continuing Landing")
-            self.act(LAND)
+            self.act(TO_LAND)
         else:
             announce(copter, "Battery")
             self.act(action)
@@ -110,11 +103,11 @@ class CopterReactions(Reactions):
             return
         action = int(copter.params["FS_EKF_ACTION"])
         if action == 0 or (not copter.mode.needs_position and action != 3):
-            copter.say(_CRITICAL, "EKF Failsafe")
+            copter.say(CRITICAL, "EKF Failsafe")
             return
         if action != 2 or copter.rc.lost or not copter.set_mode(_ALT_HOLD):
-            self.act(LAND)
-        copter.say(_CRITICAL, f"EKF Failsafe: changed to {copter.mode.name} Mode")
+            self.act(TO_LAND)
+        copter.say(CRITICAL, f"EKF Failsafe: changed to {copter.mode.name} Mode")
 
     def fence_breached(self, new: int, beyond_m: float) -> None:
         copter = self._copter
@@ -131,20 +124,23 @@ class CopterReactions(Reactions):
     def _option(self, bit: int) -> bool:
         return bool(int(self._copter.params["FS_OPTIONS"]) & bit)
 
-    def _disarms(self) -> bool:
+    def _stands(self, what: str) -> bool:
         """On the ground a failsafe stops the motors."""
         copter = self._copter
         if copter.mode.number == _STABILIZE:
-            return copter.rc.throttle < 0.02 or copter.landed
-        if copter.mode is copter.auto:
-            return not copter.auto_armed and copter.landed
-        return copter.landed
+            stands = copter.rc.throttle < 0.02 or copter.landed
+        else:
+            stands = copter.landed and not (copter.mode is copter.auto and copter.auto_armed)
+        if stands:
+            announce(copter, what, "Disarming")
+            copter.disarm(forced=True)
+        return stands
 
     def enter(self, mode: int, *, by_fence: bool) -> bool:
         """Before a landing by itself the pilot has four seconds."""
         done = super().enter(mode, by_fence=by_fence)
         if done and mode == _LAND and not by_fence:
-            self._copter.land.pause()
+            self._land.pause()
         return done
 
     def _goes_on_landing(self, what: str) -> bool:
@@ -158,5 +154,5 @@ class CopterReactions(Reactions):
             announce(copter, what, "Continuing Landing")
         else:
             return False
-        self.act(LAND)
+        self.act(TO_LAND)
         return True

@@ -6,13 +6,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.arducopter.base import CopterBase
 from zmav.sim.autopilots.ardupilot.legs import Leg, Legs
-from zmav.sim.control.setpoints import Axis, Vector
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arducopter.copter import ArduCopter
+from zmav.sim.control.setpoints import Vector
 
 AT_REST = 0.5  # m/s: from faster than that, the copter is led to the place by its position controller alone
 SHORTEST_LEG_M = 0.1
@@ -22,12 +19,11 @@ CENTI = 0.01
 class Travel(Legs):
     """One vehicle's way to a place."""
 
-    def __init__(self, copter: ArduCopter) -> None:
+    def __init__(self, copter: CopterBase) -> None:
         super().__init__()  # without a leg it is led by the position controller alone
         self._copter = copter
         self.destination: Vector = (0.0, 0.0, 0.0)
         self.reached = True
-        self.paused = False
         self._onward: Vector | None = None
 
     def go(self, destination: Vector, onward: Vector | None = None) -> None:
@@ -42,7 +38,7 @@ class Travel(Legs):
             self.release()
             copter.sp.move(pos=destination)
         self.destination, self._onward, self._next = destination, onward, None
-        self.reached = self.paused = False
+        self.reached = False
         if self._leg is not None:
             copter.sp.raw(True)
 
@@ -52,11 +48,7 @@ class Travel(Legs):
         brake = max(self._copter.sp.limit_of("accel"), 0.1)
         ahead = 0.5 * math.hypot(s.vn, s.ve) / brake
         self.release()
-        self.destination, self.reached, self.paused = (
-            (s.north + s.vn * ahead, s.east + s.ve * ahead, s.down),
-            False,
-            False,
-        )
+        self.destination, self.reached = (s.north + s.vn * ahead, s.east + s.ve * ahead, s.down), False
         self._copter.sp.move(pos=self.destination)
 
     def release(self) -> None:
@@ -70,22 +62,11 @@ class Travel(Legs):
         s, d = self._copter.sense, self.destination
         return math.hypot(d[0] - s.north, d[1] - s.east)
 
-    def pause(self) -> None:
-        """Stop on the way; :meth:`resume` goes on."""
-        self.paused = True
-        if self._leg is None:
-            self._copter.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-
-    def resume(self) -> None:
-        if self.paused and self._leg is None:
-            self._copter.sp.move(pos=self.destination)
-        self.paused = False
-
     def update(self) -> None:
         """Once a tick: the next target, and whether it is there."""
         if self._leg is not None:
             self._fly(self._leg)
-        elif not self.reached and not self.paused:
+        elif not self.reached:
             s = self._copter.sense
             slow = math.hypot(s.ref_vn, s.ref_ve) < AT_REST and abs(s.vd) < AT_REST
             self.reached = slow and self._near(self.destination)
@@ -126,9 +107,9 @@ class Travel(Legs):
         copter.sp.raw(True)
 
     def _step(self, leg: Leg) -> float:
-        """Seconds of the leg that this tick flies: fewer or more where the speed was changed, none in a pause."""
+        """Seconds of the leg that this tick flies: fewer or more where the speed was changed."""
         copter = self._copter
-        wanted = 0.0 if self.paused else copter.speeds["speed"] / leg.planned
+        wanted = copter.speeds["speed"] / leg.planned
         most = copter.dt * copter.params["WPNAV_ACCEL"] * CENTI / max(leg.planned, 0.1)
         self._pace += min(max(wanted - self._pace, -most), most)
         return copter.dt * self._pace

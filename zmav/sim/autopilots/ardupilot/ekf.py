@@ -9,14 +9,12 @@ apm-navigation-extended-kalman-filter-overview.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.boot import Flag
+from zmav.sim.autopilots.ardupilot.state import VehicleState
 from zmav.sim.autopilots.navigation import DEAD_RECKONING, GATE, NavigationFilter
 from zmav.sim.sensors.estimate import Belief
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 _CRITICAL, _WARNING, _INFO = 2, 4, 6
 GROWTH = 0.0172  # m^2/s of the position without fusion
@@ -38,7 +36,7 @@ class Ekf3(NavigationFilter):
     HEIGHT_VARIANCE: ClassVar[float] = 4.1
     HEIGHT_RETRY_S: ClassVar[float] = 10.0
 
-    def __init__(self, vehicle: ArduVehicle) -> None:
+    def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
         super().__init__(vehicle)
 

@@ -7,17 +7,16 @@ https://ardupilot.org/copter/docs/failsafe-landing-page.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.ardupilot.ekf import Ekf3
+from zmav.sim.autopilots.ardupilot.radio import Radio
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, WARNING, VehicleState
 
-_CRITICAL, _WARNING = 2, 4
 _WATCH_GCS_S = 1.0 / 3.0
 
 
-def announce(vehicle: ArduVehicle, what: str, done: str = "") -> None:
-    vehicle.say(_WARNING, f"{what} Failsafe - {done}" if done else f"{what} Failsafe")
+def announce(vehicle: VehicleState, what: str, done: str = "") -> None:
+    vehicle.say(WARNING, f"{what} Failsafe - {done}" if done else f"{what} Failsafe")
 
 
 class GcsFailsafe:
@@ -26,8 +25,8 @@ class GcsFailsafe:
     Only the system id counts, whatever component it is: heartbeats, RC_CHANNELS_OVERRIDE and MANUAL_CONTROL.
     """
 
-    def __init__(self, vehicle: ArduVehicle) -> None:
-        self._vehicle = vehicle
+    def __init__(self, vehicle: VehicleState, rc: Radio) -> None:
+        self._vehicle, self._rc = vehicle, rc
         self._heard: float | None = None
         self._next = vehicle.now
         self.active = False
@@ -48,7 +47,7 @@ class GcsFailsafe:
         silent = vehicle.now - self._heard > vehicle.params[timeout]
         if silent and not self.active:
             self.active = True
-            vehicle.rc.clear_overrides()
+            self._rc.clear_overrides()
             vehicle.reactions.gcs_lost()
         elif self.active and not silent:
             self.active = False
@@ -58,7 +57,7 @@ class GcsFailsafe:
 class BatteryFailsafe:
     """Low and critical: voltage for BATT_LOW_TIMER seconds, or capacity left; each acts once, until a reboot."""
 
-    def __init__(self, vehicle: ArduVehicle) -> None:
+    def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
         self._level = 0
         self._since: dict[str, float] = {}
@@ -115,7 +114,7 @@ class BatteryFailsafe:
         self._level = level
         word, name = ("critical", "CRT") if critical else ("low", "LOW")
         volts, used = vehicle.voltage, vehicle.consumed_mah
-        vehicle.say(_WARNING, f"Battery 1 is {word} {volts:.2f}V used {used:.0f} mAh")
+        vehicle.say(WARNING, f"Battery 1 is {word} {volts:.2f}V used {used:.0f} mAh")
         action = int(vehicle.params[f"BATT_FS_{name}_ACT"])
         order = vehicle.reactions.BATTERY_URGENCY
         urgency = order.index(action) if action in order else len(order)
@@ -132,8 +131,8 @@ class EkfFailsafe:
     ITERATIONS = 10
     SAID_EVERY_S = 30.0
 
-    def __init__(self, vehicle: ArduVehicle) -> None:
-        self._vehicle = vehicle
+    def __init__(self, vehicle: VehicleState, navigation: Ekf3) -> None:
+        self._vehicle, self._filter = vehicle, navigation
         self._count = 0
         self._ever = False
         self._said = -math.inf
@@ -142,7 +141,7 @@ class EkfFailsafe:
     def update(self) -> None:
         """Ten times a second."""
         vehicle = self._vehicle
-        good = vehicle.position_ok and not vehicle.filter.beyond
+        good = vehicle.position_ok and not self._filter.beyond
         self._ever |= good
         if not self._ever or vehicle.params["FS_EKF_THRESH"] <= 0:
             self._count, self.active = 0, False
@@ -153,10 +152,10 @@ class EkfFailsafe:
                     self.active = True
                     if vehicle.now - self._said > self.SAID_EVERY_S:
                         self._said = vehicle.now
-                        vehicle.say(_CRITICAL, "EKF variance")
+                        vehicle.say(CRITICAL, "EKF variance")
                     vehicle.reactions.estimate_lost()
         elif self._count > 0:
             self._count -= 1
             if self.active and self._count == 0:
                 self.active = False
-                vehicle.say(_CRITICAL, "EKF Failsafe Cleared")
+                vehicle.say(CRITICAL, "EKF Failsafe Cleared")

@@ -8,6 +8,7 @@ https://ardupilot.org/copter/docs/common-mavlink-mission-command-messages-mav_cm
 from __future__ import annotations
 
 import enum
+from collections import deque
 from collections.abc import Callable
 from typing import ClassVar, Protocol
 
@@ -18,11 +19,8 @@ from zmav.sim.autopilots.ardupilot.plan import NAMES, is_navigation, stored
 from zmav.sim.autopilots.items import Item, ItemStore, Result
 
 JUMP, TAKEOFF = 177, 22
-LAND_START = 189
-LAND = 21
 FOREVER = -1  # of a jump
 MOST_LOOPS = 64
-CLEAR_ON_BOOT, CONTINUE_AFTER_LAND, KEEP_COUNTER = 1, 4, 8  # MIS_OPTIONS
 WARNING, INFO = 4, 6
 
 
@@ -35,8 +33,8 @@ class State(enum.IntEnum):
 class Performer(Protocol):
     """Who flies the commands."""
 
-    def start(self, item: Item) -> bool:
-        """Begin; False for a command that cannot be begun: the next one is tried."""
+    def start(self, item: Item) -> None:
+        """Begin."""
 
     def verify(self, item: Item) -> bool:
         """Whether it is done."""
@@ -62,13 +60,11 @@ class Mission(ItemStore):
         self.stored: Callable[[Item], Item | Result] = stored  # how this kind keeps an item
         self.armed: Callable[[], bool] = lambda: False
         self.sized: Callable[[int], None] = lambda count: None
-        self.changes = 0  # counts up with every change of the list
         self.state = State.STOPPED
         self.nav: Item | None = None
-        self.landing = False  # in the part after DO_LAND_START, or in a landing
         self._items: list[Item] = []
-        self._do: Item | None = None
-        self._nav_loaded = self._do_loaded = self._do_all_done = False
+        self._dos: deque[Item] = deque()  # between the navigation command and the one before it; the first has begun
+        self._loaded = False  # the navigation command has begun
         self._jumped: dict[int, int] = {}
 
     # ---- the list
@@ -114,7 +110,6 @@ class Mission(ItemStore):
         if kept.seq < len(self._items):
             if kept.seq > 0:
                 self._items[kept.seq] = kept
-                self.changes += 1
             return Result.ACCEPTED
         return Result.ACCEPTED if self.add(kept) else Result.ERROR
 
@@ -124,7 +119,6 @@ class Mission(ItemStore):
         if len(self._items) >= self.most:
             return False
         self._items.append(msgspec.structs.replace(item, seq=len(self._items)))
-        self.changes += 1
         self._resized()
         return True
 
@@ -132,15 +126,13 @@ class Mission(ItemStore):
         if self.armed() and self.state is State.RUNNING:
             return False
         self._truncate(0)
-        self.nav = self._do = None
-        self._nav_loaded = self._do_loaded = False
+        self.reset()
         self.state = State.STOPPED
         return True
 
     def _truncate(self, count: int) -> None:
         if len(self._items) > count:
             del self._items[count:]
-            self.changes += 1
             self._resized()
 
     def _resized(self) -> None:
@@ -152,14 +144,12 @@ class Mission(ItemStore):
         """After a reset the list is there, and nothing runs."""
         self.state = State.STOPPED
         self.reset()
-        if int(self._param("MIS_OPTIONS")) & CLEAR_ON_BOOT:
-            self.clear()
 
     def start(self) -> None:
         """From the first command."""
         self.state = State.RUNNING
         self.reset()
-        if not self._advance():
+        if not self._advance(1):
             self._complete()
 
     def stop(self) -> None:
@@ -173,12 +163,8 @@ class Mission(ItemStore):
         self.state = State.RUNNING
         if self.nav is None or self.nav.seq >= len(self._items):
             self.start()
-            return
-        self.nav = self._items[self.nav.seq]
-        if self._do_loaded and self._do is not None:
-            self.set_current(self._do.seq)
-        elif self._nav_loaded:
-            self.set_current(self.nav.seq)
+        else:
+            self.set_current(self._dos[0].seq if self._dos else self.nav.seq)
 
     def start_or_resume(self) -> None:
         """As MIS_RESTART says."""
@@ -188,65 +174,39 @@ class Mission(ItemStore):
             self.resume()
 
     def reset(self) -> None:
-        self._nav_loaded = self._do_loaded = self._do_all_done = self.landing = False
-        self.nav = self._do = None
+        self.nav, self._loaded = None, False
+        self._dos.clear()
         self._jumped.clear()
 
     def update(self) -> None:
         """Ten times a second or more: go on where a command is done."""
         if self.state is not State.RUNNING or not self._items:
             return
-        if self._nav_loaded and self.nav is not None:
-            if self._verify(self.nav):
-                self._nav_loaded = False
-                if not self._advance():
-                    self._complete()
-                    return
-        elif not self._advance():
+        if self._loaded and self.nav is not None:
+            self._loaded = not self._verify(self.nav)
+        if not self._loaded and not self._advance(1 if self.nav is None else self.nav.seq + 1):
             self._complete()
-            return
-        if not self._do_loaded:
-            self._advance_do()
-        elif self._do is not None and self._verify(self._do):
-            self._do_loaded = False
+        elif self._dos and self._verify(self._dos[0]):
+            self._dos.popleft()
+            if self._dos:
+                self._start(self._dos[0])
 
     def set_current(self, index: int) -> bool:
         """Go to a command: at once where the mission runs, else with the next resume."""
-        self.landing = 0 < index < len(self._items) and self._items[index].command == LAND_START
         if index >= len(self._items) or len(self._items) == 1:
             return False
-        self._do = None
-        self._do_loaded = self._do_all_done = self._nav_loaded = False
         if index == 0 or self.state is State.COMPLETE:
             self._jumped.clear()
             index = max(index, 1)
-        if self.state is State.RUNNING:
-            if not self._advance(index):
-                self._complete()
-                return False
-            return True
-        return self._stand_by(index)
-
-    def _stand_by(self, index: int) -> bool:
-        """The commands to resume with, none of them begun."""
-        while not self._nav_loaded:
-            item = self._next(index, counting=True)
-            if item is None:
-                self.nav = None
-                return False
-            if is_navigation(item):
-                self.nav, self._nav_loaded = item, True
-            elif not self._do_loaded:
-                self._do, self._do_loaded = item, True
-            index = item.seq + 1
-        self._do_all_done = not self._do_loaded
-        self.state = State.STOPPED
+        self._loaded = False
+        if self.state is not State.RUNNING:
+            self.state = State.STOPPED
+            self.nav = self._look_for(index)
+            return self.nav is not None
+        if not self._advance(index):
+            self._complete()
+            return False
         return True
-
-    def restart_current(self) -> bool:
-        """Begin the running navigation command again: it may have been changed."""
-        running = self.state is State.RUNNING and self.nav is not None and 0 < self.nav.seq < len(self._items)
-        return running and self.nav is not None and self.set_current(self.nav.seq)
 
     # ---- looking ahead
 
@@ -268,59 +228,28 @@ class Mission(ItemStore):
         restart = int(self._param("MIS_RESTART")) == 1
         return self.takeoff_next(1 if restart or self.nav is None else self.nav.seq)
 
-    @property
-    def goes_on_after_landing(self) -> bool:
-        wanted = int(self._param("MIS_OPTIONS")) & CONTINUE_AFTER_LAND
-        return bool(wanted) and self.nav is not None and self.takeoff_next(self.nav.seq + 1)
-
-    @property
-    def upcoming(self) -> tuple[Item, ...]:
-        """The running navigation command and the two after it, as they are in the list now."""
-        found: list[Item] = []
-        index = self.current
-        while index > 0 and len(found) < 3:
-            item = self.next_navigation(index)
-            if item is None:
-                break
-            found.append(item)
-            index = item.seq + 1
-        return tuple(found)
-
     # ---- going on
 
-    def _advance(self, start: int = 0) -> bool:
-        """Begin the next navigation command, and the first "do" command before it; False: there is none."""
-        if self.state is not State.RUNNING or self._nav_loaded:
-            return False
-        self._do = None
-        self._do_loaded = self._do_all_done = False
-        index = start or (1 if self.nav is None else self.nav.seq + 1)
+    def _look_for(self, index: int) -> Item | None:
+        """The navigation command at or after ``index``; notes those beside it."""
+        self._dos.clear()
         for _ in range(255):
             item = self._next(index, counting=True)
-            if item is None:
-                return False
-            if is_navigation(item):
-                self.nav = item
-                if self._start(item):
-                    self._nav_loaded = True
-                    self._do_all_done = not self._do_loaded
-                    return True
-            elif not self._do_loaded:
-                self._do, self._do_loaded = item, True
-                self._start(item)
+            if item is None or is_navigation(item):
+                return item
+            self._dos.append(item)
             index = item.seq + 1
-        return False
+        return None
 
-    def _advance_do(self) -> None:
-        if self.state is not State.RUNNING or self._do_all_done:
-            return
-        index = 1 if self._do is None else self._do.seq + 1
-        item = self._next(index, counting=False)
-        if item is None or is_navigation(item):
-            self._do_all_done = True
-            return
-        self._do, self._do_loaded = item, True
-        self._start(item)
+    def _advance(self, index: int) -> bool:
+        """Begin the navigation command at or after ``index``, and the first of those beside it; False: none."""
+        found = self._look_for(index)
+        if self._dos:
+            self._start(self._dos[0])
+        if found is not None:
+            self.nav, self._loaded = found, True
+            self._start(found)
+        return found is not None
 
     def _next(self, index: int, *, counting: bool) -> Item | None:
         """The command at or after ``index`` that is no jump; ``counting``: jumps are taken, not just looked at."""
@@ -345,24 +274,19 @@ class Mission(ItemStore):
                 self._jumped[item.seq] = done + 1
                 self._say(INFO, f"Mission: {item.seq} Jump {done + 1}/{'unlimited' if times == FOREVER else times}")
             return target
-        if counting and not int(self._param("MIS_OPTIONS")) & KEEP_COUNTER:
+        if counting:
             self._jumped.pop(item.seq, None)
         return item.seq + 1
 
-    def _start(self, item: Item) -> bool:
-        if item.command in (LAND, LAND_START):
-            self.landing = True
-        elif item.command == TAKEOFF:
-            self.landing = False
-        name = NAMES.get(item.command, "?")
-        self._say(INFO, f"Mission: {item.seq} {name}")
-        return self.performer is not None and self.performer.start(item)
+    def _start(self, item: Item) -> None:
+        self._say(INFO, f"Mission: {item.seq} {NAMES.get(item.command, '?')}")
+        if self.performer is not None:
+            self.performer.start(item)
 
     def _verify(self, item: Item) -> bool:
         return self.performer is None or self.performer.verify(item)
 
     def _complete(self) -> None:
         self.state = State.COMPLETE
-        self.landing = False
         if self.performer is not None:
             self.performer.finished()

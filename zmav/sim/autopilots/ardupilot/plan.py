@@ -23,19 +23,12 @@ TERRAIN = (10, 11)
 Keep = Callable[[float], float]
 
 
-def _whole(bits: int, *, signed: bool = False) -> Keep:
-    """A C cast to an integer of that size."""
-
-    def keep(value: float) -> float:
-        number = int(value) if math.isfinite(value) else 0
-        number &= (1 << bits) - 1
-        return float(number - (1 << bits) if signed and number >> (bits - 1) else number)
-
-    return keep
-
-
 def _single(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def _whole(value: float) -> float:
+    return float(int(value))
 
 
 def _none(value: float) -> float:
@@ -46,43 +39,34 @@ def _flag(value: float) -> float:
     return float(value > 0)
 
 
-def _signed_u16(value: float) -> float:
-    return math.copysign(_U16(abs(value)), value) if value else 0.0
-
-
 def _side(value: float) -> float:
     return -1.0 if value < 0 else 1.0
 
 
-_U8, _U16, _I8, _I16 = _whole(8), _whole(16), _whole(8, signed=True), _whole(16, signed=True)
-_F = _single
-
-# MAV_CMD -> how its parameters 1 to 4 are kept; missing ones are not.
+# MAV_CMD -> how its parameters 1 to 4 are kept; missing ones are not. Regions of interest, relays, mounts and cameras
+# are kept and do nothing.
 _KEPT: dict[int, tuple[Keep, ...]] = {
-    16: (_U16,),  # NAV_WAYPOINT
-    17: (_none, _none, _signed_u16),  # NAV_LOITER_UNLIM
-    19: (_U16, _none, _side, _flag),  # NAV_LOITER_TIME
+    16: (_whole,),  # NAV_WAYPOINT
+    17: (_none, _none, _whole),  # NAV_LOITER_UNLIM
+    19: (_whole, _none, _side, _flag),  # NAV_LOITER_TIME
     20: (),  # NAV_RETURN_TO_LAUNCH
-    21: (_U16, _none, _none, _side),  # NAV_LAND
-    22: (_U16,),  # NAV_TAKEOFF
-    31: (_none, _signed_u16, _none, _flag),  # NAV_LOITER_TO_ALT
-    177: (_U16, _I16),  # DO_JUMP
-    178: (_U8, _F, _F),  # DO_CHANGE_SPEED
-    179: (_U16,),  # DO_SET_HOME
-    181: (_U8, _U8),  # DO_SET_RELAY
-    183: (_U8, _U16),  # DO_SET_SERVO
+    21: (_whole, _none, _none, _side),  # NAV_LAND
+    22: (_whole,),  # NAV_TAKEOFF
+    31: (_none, _whole, _none, _flag),  # NAV_LOITER_TO_ALT
+    177: (_whole, _whole),  # DO_JUMP
+    178: (_whole, _single, _single),  # DO_CHANGE_SPEED
+    179: (_whole,),  # DO_SET_HOME
+    181: (_whole, _whole),  # DO_SET_RELAY
+    183: (_whole, _whole),  # DO_SET_SERVO
     189: (),
-    195: (_U16,),  # DO_SET_ROI_LOCATION
-    197: (_U16,),  # DO_SET_ROI_NONE
-    201: (_U16,),  # DO_SET_ROI
-    203: (_U8, _U8, _I8, _U8),  # DO_DIGICAM_CONTROL
-    205: (_F, _F, _F),  # DO_MOUNT_CONTROL
-    206: (_F, _none, _U8),  # DO_SET_CAM_TRIGG_DIST
-    1000: (_I8, _I16, _I8, _I8),  # DO_GIMBAL_MANAGER_PITCHYAW
-    2000: (_U8, _F, _U16, _U16),  # IMAGE_START_CAPTURE
-    2001: (_U16,),
+    195: (_whole,),  # DO_SET_ROI_LOCATION
+    197: (_whole,),  # DO_SET_ROI_NONE
+    201: (_whole,),  # DO_SET_ROI
+    205: (_single, _single, _single),  # DO_MOUNT_CONTROL
+    206: (_single, _none, _whole),  # DO_SET_CAM_TRIGG_DIST
+    2000: (_whole, _single, _whole, _whole),  # IMAGE_START_CAPTURE
+    2001: (_whole,),
 }
-_XY_BYTES = {203, 1000}  # keep small numbers in x and y, or x and z
 _NAN_ALLOWED = {16: (3,), 17: (3,), 21: (3,), 22: (3,)}
 _INVALID_PARAM = (Result.INVALID_PARAM1, Result.INVALID_PARAM2, Result.INVALID_PARAM3, Result.INVALID_PARAM4)
 
@@ -103,10 +87,8 @@ NAMES: dict[int, str] = {
     195: "SetROILocation",
     197: "SetROINone",
     201: "SetROI",
-    203: "DigiCamCtrl",
     205: "MountControl",
     206: "SetCamTrigDst",
-    1000: "GimbalPitchYaw",
     2000: "ImageStartCapture",
     2001: "ImageStopCapture",
 }
@@ -127,10 +109,6 @@ def stored(item: Item) -> Item | Result:
     bare = Item(command=item.command, p1=p1, p2=p2, p3=p3, p4=p4, frame=0, seq=item.seq)
     if item.command in LOCATED:
         return _placed(item, bare)
-    if item.command in _XY_BYTES:
-        last = float(int(item.z) & 0xFF) if math.isfinite(item.z) and item.command == 1000 else 0.0
-        y = 0 if item.command == 1000 else item.y & 0xFF
-        return msgspec.structs.replace(bare, x=item.x & 0xFF, y=y, z=last)
     return bare
 
 

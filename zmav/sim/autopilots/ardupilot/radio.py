@@ -6,12 +6,10 @@ https://ardupilot.org/copter/docs/radio-failsafe.html
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from zmav.sim.autopilots.ardupilot.state import INFO, VehicleState
 from zmav.sim.autopilots.pilot import Pilot, Sticks
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 
 CHANNELS = 16
 RELEASED = 0
@@ -24,13 +22,12 @@ USUAL_TIMEOUT_S = 1.0
 
 SWITCHES = {7: "SaveWaypoint"}  # RCn_OPTION of the real simulation's defaults; what a switch does is not simulated
 LOW_PWM, HIGH_PWM = 1200, 1800
-INFO = 6
 
 
 class Radio(Sticks):
     """The autopilot's view of all channels; ``lost``: the failsafe is on."""
 
-    def __init__(self, vehicle: ArduVehicle, pilot: Pilot) -> None:
+    def __init__(self, vehicle: VehicleState, pilot: Pilot) -> None:
         super().__init__()
         self.pilot = pilot
         self.lost = False

@@ -6,47 +6,40 @@ ground. What it says and hears is in :mod:`zmav.sim.protocol.ardupilot`.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.arming import arming_faults, mandatory_faults, prearm_faults
-from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.arming import ArmingChecks
+from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
 from zmav.sim.autopilots.ardupilot.ekf import Ekf3
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
-from zmav.sim.autopilots.ardupilot.fence import Fence
+from zmav.sim.autopilots.ardupilot.fence import Fence, Rally
 from zmav.sim.autopilots.ardupilot.mission import Mission
-from zmav.sim.autopilots.ardupilot.mode import AutoMode, GuidedMode, Mode
-from zmav.sim.autopilots.ardupilot.payload import Payload
-from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
 from zmav.sim.autopilots.ardupilot.radio import Radio
-from zmav.sim.autopilots.ardupilot.rally import Rally
-from zmav.sim.autopilots.ardupilot.reactions import Reactions
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, WARNING, Mode, Reactions
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
-from zmav.sim.autopilots.placed import Placed
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position, to_ned
+from zmav.sim.geo import Position
 from zmav.sim.protocol.params import ParamStore
-
-EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MAV_SEVERITY
 
 PREARM_REMINDER_S = 30.0
 TICK_S = 0.01
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT = 16  # MAV_CMD
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
+OUTPUTS = 16
+FREE_FUNCTIONS = frozenset((0, 1, 22, 23, 28, *range(51, 67)))  # SERVOn_FUNCTION that DO_SET_SERVO may set
 
 
-class ArduVehicle(Placed, ABC):
+class ArduVehicle(ArmingChecks, ABC):
     """Modes, arming and failsafes of one vehicle.
 
-    The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses.
-    ``say(severity, text)`` and ``beat()`` (a heartbeat out of turn) are the protocol's, and so are ``announce()``,
-    which sends home and origin, ``report(name)``, ``reached(seq)`` and ``learned(param)``.
+    The world calls :meth:`update` at every autopilot tick with the time and what the vehicle senses. ``report(name)``,
+    ``reached(seq)`` and ``learned(param)`` are the protocol's.
     """
 
     FIRMWARE: ClassVar[str]
@@ -56,48 +49,29 @@ class ArduVehicle(Placed, ABC):
     MAV_TYPE: int
     MOTORS: int = 1
     """that share the battery's current"""
-    NOT_SIMULATED: ClassVar[Mapping[int, str]]
-    """modes that the real firmware has and this one does not"""
     MODE_PARAM: ClassVar[str] = "FLTMODE"
     """of the mode switch: this and 1 to 6, and with _CH its channel"""
-    STAGES: ClassVar[tuple[Stage, ...]] = STAGES
-    """how it wakes up"""
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Arming motors", "Disarming motors")
-    RADIO_PARAMS: ClassVar[tuple[str, str]] = ("FS_THR_ENABLE", "FS_THR_VALUE")
-    GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
-
-    auto: AutoMode
-    guided: GuidedMode
 
     def __init__(self, params: ParamStore, sense: Sense, world: Position, ready_s: float) -> None:
-        self.params = params
-        self.sense = sense
-        self.world = world  # the origin of the world's NED
-        self.origin_world: Vector = (sense.true_north, sense.true_east, sense.true_down)  # of the EKF, world's NED
-        self.home_world: Vector = self.origin_world
-        self.now = 0.0
+        super().__init__(params, sense, world)
         self.dt = 0.01
-        self.say: Callable[[int, str], None] = lambda severity, text: None
-        self.beat: Callable[[], None] = lambda: None
-        self.announce: Callable[[], None] = lambda: None
         self.report: Callable[[str], None] = lambda name: None  # a message of the reports, on every link
         self.reached: Callable[[int], None] = lambda seq: None  # a mission item
         self.learned: Callable[[str], None] = lambda name: None  # a parameter that it set by itself
-        self.unix_s: Callable[[], float] = lambda: self.now
-        self.power = BatteryHandle.bench()
         self.filter = Ekf3(self)
         self._ready_s = ready_s
         self._ticks = 0
         self.pilot = Pilot()
         self.rc = Radio(self, self.pilot)
-        self.rally, self.fence, self.payload = Rally(self), Fence(self), Payload(self)
+        self.fence = Fence(self)
+        self.rally = Rally(self, self.fence)
         self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
         self.mission.armed = lambda: self.armed
         self.mission.sized = lambda count: self.sized("MIS_TOTAL", count)
         self.modes: dict[int, Mode] = {mode.number: mode for mode in self.make_modes()}
         self.mission.performer = self.auto
         self.reactions = self.make_reactions()
-        self.armed = False
         self.landed = True
         self.power_on()
         params.watch(self.param_changed)
@@ -144,16 +118,6 @@ class ArduVehicle(Placed, ABC):
     def mode_changed(self) -> None:
         """Another mode was chosen and is about to be entered."""
 
-    def region_of_interest(self, place: Vector | None) -> None:
-        """Look at a point of the world's NED with what can be turned; None: no longer."""
-        if self.payload.gimbal.present:
-            self.payload.gimbal.point(place)
-
-    def waking_faults(self) -> list[str]:
-        """What is not ready yet after a boot, as arming is told."""
-        faults = mandatory_faults(self)
-        return faults if faults or self.boot.has("prearm") else ["AHRS not healthy"]
-
     def forget_mission(self) -> None:
         """It was disarmed: the mission begins again."""
         self.mission.reset()
@@ -195,10 +159,14 @@ class ArduVehicle(Placed, ABC):
         self.pilot.switch_channel = self.rc.switch_channel = self._switch_channel
         switched = self.modes.get(int(self.params[f"{self.MODE_PARAM}{self.pilot.switch}"]))
         self.mode: Mode = switched or next(iter(self.modes.values()))
-        self.gcs, self.battery, self.ekf = GcsFailsafe(self), BatteryFailsafe(self), EkfFailsafe(self)
+        self.gcs, self.battery, self.ekf = (
+            GcsFailsafe(self, self.rc),
+            BatteryFailsafe(self),
+            EkfFailsafe(self, self.filter),
+        )
         self.mission.power_on()
         self.fence.power_on()
-        self.payload.power_on()
+        self.servos = [0] * OUTPUTS  # pulse widths that DO_SET_SERVO set, us
         self._consumed_before = self.power.consumed_mah
         self._home_locked = False
         self._switch, self._switch_pwm = self.pilot.switch, self.pilot.switch_pwm
@@ -212,11 +180,6 @@ class ArduVehicle(Placed, ABC):
         return min(max(int(self.params[f"{self.MODE_PARAM}_CH"]), 0), 8) or 5
 
     # ---- what it knows
-
-    @property
-    def uptime(self) -> float:
-        """Seconds since its own boot."""
-        return self.now - self.booted_at
 
     @property
     def position_ok(self) -> bool:
@@ -238,15 +201,6 @@ class ArduVehicle(Placed, ABC):
         return self.rc.lost or self.gcs.active or self.battery.failed or self.ekf.active
 
     @property
-    def voltage(self) -> float:
-        return self.power.volts
-
-    @property
-    def consumed_mah(self) -> float:
-        """Since its own boot."""
-        return self.power.consumed_mah - self._consumed_before
-
-    @property
     def battery_left(self) -> float:
         """What it believes is left, 0 to 1."""
         return max(1.0 - self.consumed_mah / max(self.params["BATT_CAPACITY"], 1.0), 0.0)
@@ -260,27 +214,6 @@ class ArduVehicle(Placed, ABC):
     def taking_off(self) -> bool:
         """On its way up by itself."""
         return False
-
-    @property
-    def height(self) -> float:
-        """Above home, m."""
-        return self.home_world[2] - self.sense.down
-
-    @property
-    def from_home(self) -> float:
-        """Over the ground, m."""
-        return math.hypot(self.sense.north - self.home_world[0], self.sense.east - self.home_world[1])
-
-    def place_of(self, item: Item, default: Vector | None) -> Vector:
-        """Where a mission item is, in the world's NED; what it leaves open (zeros) is as in ``default``."""
-        north, east, down = to_ned(Position(item.x * 1e-7, item.y * 1e-7, item.z), self.world)
-        if item.frame not in ABSOLUTE:
-            down = self.home_world[2] - item.z
-        if default is None:
-            return north, east, down
-        if item.here:
-            north, east = default[0], default[1]
-        return north, east, default[2] if item.z == 0 else down
 
     def _home_item(self) -> Item:
         if not self.boot.has("origin"):
@@ -301,7 +234,6 @@ class ArduVehicle(Placed, ABC):
     # ---- what it can be told
 
     def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
-        """Change mode; says why where it does not."""
         mode = self.modes.get(number)
         if mode is None:
             left_out = self.NOT_SIMULATED.get(number)
@@ -330,7 +262,6 @@ class ArduVehicle(Placed, ABC):
         return self.mode_refusal(mode) or (mode.refusal() if self.armed else "")
 
     def move_home(self, place: Vector | None, *, lock: bool = False) -> bool:
-        """Home is there (the world's NED) or, with None, here; False before there is an origin."""
         if not self.boot.has("origin"):
             return False
         self.home_world = place or (self.sense.north, self.sense.east, self.sense.down)
@@ -340,16 +271,24 @@ class ArduVehicle(Placed, ABC):
         return True
 
     def sized(self, param: str, count: int) -> None:
-        """A list has another length; the parameter says so."""
         if self.params[param] != count:
             self.params.set(param, count)
             self.learned(param)
+
+    def set_servo(self, channel: int, pwm: int) -> bool:
+        if not 1 <= channel <= OUTPUTS:
+            return False
+        if int(self.params[f"SERVO{channel}_FUNCTION"]) not in FREE_FUNCTIONS:
+            self.say(INFO, f"ServoRelayEvent: Channel {channel} is already in use")
+            return False
+        self.servos[channel - 1] = pwm
+        return True
 
     def arm(self, *, forced: bool = False) -> bool:
         """Arm the motors; says why where it does not. ``forced`` skips all checks but the mandatory ones."""
         if self.armed:
             return True
-        faults = arming_faults(self, forced=forced)
+        faults = self.arming_faults(forced=forced)
         for fault in faults:
             self.say(CRITICAL, f"Arm: {fault}")
         if faults:
@@ -359,7 +298,6 @@ class ArduVehicle(Placed, ABC):
         if not self._home_locked:
             self.move_home(None)
         self.say(INFO, self.ARMING_TEXTS[0])
-        self.fence.on_arming()
         self.mode.on_arming()
         return True
 
@@ -404,7 +342,6 @@ class ArduVehicle(Placed, ABC):
         self.gcs.update()
         self.battery.update()
         self.ekf.update()
-        self.payload.update(dt)
         if self.boot.has("initialised"):
             self.rc.tell_switches()
 
@@ -431,5 +368,5 @@ class ArduVehicle(Placed, ABC):
         """Say every half minute why arming would be refused."""
         if self.boot.has("initialised") and self.now - self._reminded >= PREARM_REMINDER_S:
             self._reminded = self.now
-            for fault in prearm_faults(self):
+            for fault in self.prearm_faults():
                 self.say(CRITICAL, f"PreArm: {fault}")

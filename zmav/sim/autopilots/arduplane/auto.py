@@ -1,24 +1,25 @@
 """AUTO: flies the mission, and AUTOLAND: lands where it took off; as ArduPlane does.
 
-https://ardupilot.org/plane/docs/auto-mode.html, https://ardupilot.org/plane/docs/autoland-mode.html
+https://ardupilot.org/plane/docs/auto-mode.html, https://ardupilot.org/plane/docs/autoland-mode.html; commands:
+https://ardupilot.org/plane/docs/mission-command-list.html
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.autopilots.ardupilot.mode import AutoMode
-from zmav.sim.autopilots.arduplane.legs import LEGS, Leg, ReturnToLaunch, Takeoff
+from zmav.sim.autopilots.ardupilot.state import INFO, WARNING, AutoMode
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 
-if TYPE_CHECKING:
-    pass
-
-_WARNING, _INFO = 4, 6
+RTL = 20  # MAV_CMD_NAV_RETURN_TO_LAUNCH
+COURSE_SPEED = 5.0  # m/s
+NO_PITCH = math.radians(4.0)  # of a takeoff whose item names none
+CLOSE_M = 5.0
 
 
 class Auto(PlaneMode, AutoMode):
@@ -26,13 +27,12 @@ class Auto(PlaneMode, AutoMode):
 
     number, name, auto_throttle, navigates, changes_speed = 10, "AUTO", True, True, True
     armable: ClassVar[bool] = True
-    NAVIGATION = LEGS
+    NAVIGATION = (16, 17, 19, RTL, 21, 22, 31)
 
     leg: Leg | None = None
     previous: Item | None = None
     """the navigation command before the running one"""
     _item: Item | None = None
-    force_resume = False
 
     # ---- the mode
 
@@ -41,11 +41,7 @@ class Auto(PlaneMode, AutoMode):
         self.leg = None
         plane.way.start = plane.way.end = plane.here
         plane.way.next_crosstrack = False
-        if self.force_resume:
-            self.force_resume = False
-            plane.mission.resume()
-        else:
-            plane.mission.start_or_resume()
+        plane.mission.start_or_resume()
 
     def on_arming(self) -> None:
         """The mission runs already."""
@@ -76,7 +72,7 @@ class Auto(PlaneMode, AutoMode):
             return
         if plane.mission.state is not State.RUNNING or self.leg is None:
             plane.set_mode(11)
-            plane.say(_INFO, "Aircraft in auto without a running mission")
+            plane.say(INFO, "Aircraft in auto without a running mission")
             return
         self.leg.fly()
 
@@ -95,27 +91,26 @@ class Auto(PlaneMode, AutoMode):
     # ---- the mission's performer
 
     def set_out(self, item: Item) -> None:
-        leg = LEGS[item.command]
         self.previous, self._item = self._item, item
         self.plane.landing.stop()
         self.plane.taken_off = True
-        if leg is ReturnToLaunch:
+        if item.command == RTL:
             self.plane.set_mode(11)
         else:
-            self.leg = leg(self.plane, item)
+            self.leg = LEGS[item.command](self, item)
             self.leg.begin()
 
     def arrived(self, item: Item) -> bool:
         return self.leg is not None and self.leg.done()
 
     def change_speed(self, item: Item) -> None:
-        self.plane.ask_speed(int(item.p1), item.p2, item.p3)
+        self.plane.ask_speed(int(item.p1), item.p2)
 
     def finished(self) -> None:
         """The end of the mission."""
         self.leg = None
         self.plane.set_mode(11)
-        self.plane.say(_INFO, "Mission complete, changing mode to RTL")
+        self.plane.say(INFO, "Mission complete, changing mode to RTL")
 
 
 class AutoLand(PlaneMode):
@@ -126,10 +121,10 @@ class AutoLand(PlaneMode):
     def refusal(self) -> str:
         plane = self.plane
         if not plane.flying:
-            plane.say(_WARNING, "Must already be flying!")
+            plane.say(WARNING, "Must already be flying!")
             return "on the ground"
         if plane.takeoff_direction is None:
-            plane.say(_WARNING, "Takeoff initial direction not set")
+            plane.say(WARNING, "Takeoff initial direction not set")
             return "no direction"
         return ""
 
@@ -173,8 +168,211 @@ class AutoLand(PlaneMode):
             plane.limit(roll=math.radians(plane.params["LEVEL_ROLL_LIMIT"]))
             self._climb = None if plane.sense.down < self._climb else self._climb
         elif way.turned > 0.0 and way.reached_height and way.lined_up(plane.home_world):
-            plane.say(_INFO, "Loiter to alt complete")
+            plane.say(INFO, "Loiter to alt complete")
             self._final = True
             way.start, way.end, way.crosstrack = self._start, plane.home_world, True
             way.level()
             plane.landing.begin(loitered=True)
+
+
+class Leg(ABC):
+    """One command. ``begin`` once, ``fly`` twenty times a second, ``done`` until it says so."""
+
+    landing = False
+
+    def __init__(self, auto: Auto, item: Item) -> None:
+        self.auto, self.plane = auto, auto.plane
+        self.item = item
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Set out."""
+
+    def fly(self) -> None:
+        """Set this moment's targets."""
+        self.plane.way.follow()
+        self._keep_height()
+
+    @abstractmethod
+    def done(self) -> bool:
+        """Whether the next command's turn has come."""
+
+    def _keep_height(self) -> None:
+        self.plane.fly_height(-self.plane.way.down, self.plane.airspeed_wanted)
+
+    @property
+    def place(self) -> Vector:
+        """Without a place of its own an item means where the plane is."""
+        return self.plane.place_of(self.item, self.plane.here if self.item.here else None)
+
+
+class Takeoff(Leg):
+    """On the course of the roll to a height, with at least the item's pitch."""
+
+    def begin(self) -> None:
+        plane = self.plane
+        self._height = -self.place[2]
+        pitch = math.radians(self.item.p1) if self.item.p1 > 0 else NO_PITCH
+        plane.launch.begin(self._height + plane.home_world[2], pitch)
+        plane.way.end = *plane.here[:2], -self._height
+        self._course: float | None = None
+        plane.taken_off = False
+
+    def fly(self) -> None:
+        plane, s = self.plane, self.plane.sense
+        if self._course is None and plane.groundspeed > COURSE_SPEED:
+            self._course = math.atan2(s.ve, s.vn)
+            centidegrees = round(math.degrees(self._course) * 100.0) % 36000
+            plane.say(INFO, f"Holding course {centidegrees} at {plane.groundspeed:.1f}m/s (0.0)")
+        if self._course is None:
+            plane.sp.roll(0.0)
+        else:
+            plane.sp.fly_heading(self._course)
+        plane.launch.climb(self._height)
+
+    def done(self) -> bool:
+        plane = self.plane
+        if -plane.sense.down <= self._height:
+            return False
+        plane.say(INFO, f"Takeoff complete at {plane.height:.2f}m")
+        plane.taken_off = True
+        plane.way.start = plane.way.end = plane.here
+        plane.way.next_crosstrack = False
+        return True
+
+
+class Waypoint(Leg):
+    """Past a place: within ``p2`` metres of it (0: the turn's distance), or ``p3`` metres beyond it."""
+
+    def begin(self) -> None:
+        self.plane.way.go(self.place)
+        self._turn = self._next_turn()
+
+    def _next_turn(self) -> float:
+        """How far the next leg turns from this one, as a share of a right angle, at most 1."""
+        plane, way = self.plane, self.plane.way
+        following = plane.mission.next_navigation(self.item.seq + 1)
+        if following is None or following.here:
+            return 1.0
+        onward = plane.place_of(following, way.end)
+        course = math.atan2(onward[1] - way.end[1], onward[0] - way.end[0])
+        turn = abs(math.remainder(course - way.course, math.tau))
+        return min(turn / (0.5 * math.pi), 1.0)
+
+    def fly(self) -> None:
+        self.plane.way.follow(self.item.p3)
+        self._keep_height()
+
+    def done(self) -> bool:
+        plane, way = self.plane, self.plane.way
+        line = math.hypot(way.end[0] - way.start[0], way.end[1] - way.start[1])
+        left = way.distance
+        if self.item.p2 > 0:
+            radius = self.item.p2
+        elif self.item.p3 > 0:
+            radius = 0.0
+        else:
+            # As early as the turn onto the next leg needs.
+            radius = min(max(plane.params["WP_RADIUS"], 1.0) * plane.eas2tas**2, plane.sp.flown().turn_distance)
+            radius *= self._turn
+        farthest = plane.params["WP_MAX_RADIUS"]
+        passed = way.share * line > line + self.item.p3 if line > 1e-3 else left < CLOSE_M
+        if 0 < farthest < left:
+            return False
+        if left <= radius or passed:
+            word = "Reached" if left <= radius else "Passed"
+            plane.say(INFO, f"{word} waypoint #{self.item.seq} dist {int(left)}m")
+            return True
+        return False
+
+
+class LoiterForever(Leg):
+    """``p3``: radius in metres, negative counter-clockwise."""
+
+    def begin(self) -> None:
+        self.plane.way.go(self.place)
+        self.plane.way.counter_clockwise |= self._radius < 0
+
+    @property
+    def place(self) -> Vector:
+        """Where and how high the plane is, for what the item leaves open."""
+        return self.plane.place_of(self.item, self.plane.here)
+
+    @property
+    def _radius(self) -> float:
+        return self.item.p3
+
+    def fly(self) -> None:
+        self.plane.way.circle(self._radius)
+        self._keep_height()
+
+    def done(self) -> bool:
+        return False
+
+    def _leaves(self) -> bool:
+        """It flies toward the next place."""
+        plane = self.plane
+        following = plane.mission.next_navigation(self.item.seq + 1)
+        if following is None or following.here or plane.way.lined_up(plane.place_of(following, plane.here)):
+            if self.item.p4 > 0:
+                plane.way.end = *plane.here[:2], plane.way.end[2]
+            return True
+        return False
+
+
+class LoiterTime(LoiterForever):
+    @property
+    def _radius(self) -> float:
+        """Its sign alone: WP_LOITER_RAD is flown."""
+        return math.copysign(0.5, self.item.p3)
+
+    def done(self) -> bool:
+        plane, since = self.plane, self.plane.way.arrived_at
+        if since is None or plane.now - since <= self.item.p1 or not self._leaves():
+            return False
+        plane.say(INFO, "Loiter time complete")
+        return True
+
+
+class LoiterToAlt(LoiterForever):
+    """Round a place, ``p2`` metres away, until the height is reached."""
+
+    @property
+    def _radius(self) -> float:
+        return self.item.p2
+
+    def done(self) -> bool:
+        way = self.plane.way
+        if not (way.turned > 0.0 and way.reached_height) or not self._leaves():
+            return False
+        self.plane.say(INFO, "Loiter to alt complete")
+        return True
+
+
+class LandAt(Leg):
+    """Down to a place; it never ends but by disarming."""
+
+    landing = True
+
+    def begin(self) -> None:
+        plane = self.plane
+        plane.way.go(self.place)
+        plane.way.level()
+        before = self.auto.previous
+        plane.landing.begin(loitered=before is not None and before.command == 31)
+
+    def fly(self) -> None:
+        self.plane.landing.update()
+
+    def done(self) -> bool:
+        return False
+
+
+LEGS: dict[int, type[Leg]] = {
+    16: Waypoint,
+    17: LoiterForever,
+    19: LoiterTime,
+    21: LandAt,
+    22: Takeoff,
+    31: LoiterToAlt,
+}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.mode import GuidedMode
+from zmav.sim.autopilots.ardupilot.state import GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import Doing, Target
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.ardupilot.state import INFO
+from zmav.sim.autopilots.arduplane.base import PlaneBase
+from zmav.sim.autopilots.arduplane.way import Way
 from zmav.sim.control.planetargets import Stage
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arduplane.plane import ArduPlane
-
-_INFO = 6
 LINED_UP, ON_LINE_M = math.radians(10.0), 5.0
 AHEAD_M = 200.0  # beyond where it is, the line is followed
 AIM_BEYOND_M = 500.0
@@ -25,19 +23,17 @@ class Leg(enum.IntEnum):
 
     NORMAL = 0
     APPROACH = 1
-    PREFLARE = 2
-    FINAL = 3
+    FINAL = 2
 
 
 class Landing:
     """A landing along the way's line, at its end."""
 
-    def __init__(self, plane: ArduPlane) -> None:
-        self._plane = plane
+    def __init__(self, plane: PlaneBase, way: Way) -> None:
+        self._plane, self._way = plane, way
         self.leg = Leg.NORMAL
         self.active = False
         self._slope: float | None = None
-        self._posted = True
         self._loitered = False
 
     @property
@@ -47,19 +43,19 @@ class Landing:
     @property
     def height(self) -> float:
         """Over the place to land at, m."""
-        return self._plane.way.end[2] - self._plane.sense.down
+        return self._way.end[2] - self._plane.sense.down
 
     def begin(self, *, loitered: bool) -> None:
         """The way leads there. ``loitered``: the approach follows a descent in circles, and is one from its start."""
         self.leg, self._slope, self.active, self._loitered = Leg.NORMAL, None, True, loitered
-        self._plane.say(_INFO, f"Landing approach start at {self._plane.height:.1f}m")
+        self._plane.say(INFO, f"Landing approach start at {self._plane.height:.1f}m")
 
     def stop(self) -> None:
         self.active = False
 
     def update(self) -> None:
         """Fly on."""
-        plane, way = self._plane, self._plane.way
+        plane, way = self._plane, self._way
         if self.leg is Leg.NORMAL and self._approaches():
             self.leg = Leg.APPROACH
         self._watch_flare()
@@ -69,47 +65,34 @@ class Landing:
         end = way.start[0] + reach * math.cos(course), way.start[1] + reach * math.sin(course)
         plane.sp.line(way.start[:2], end)
         self._descend()
-        if self.flaring:
-            plane.disarm_after_landing()
+        if self.flaring and plane.disarm_after_landing():
+            plane.say(INFO, f"Distance from LAND point={way.distance:.2f}m")
 
     def _approaches(self) -> bool:
-        plane, share = self._plane, self._plane.way.share
+        plane, share = self._plane, self._way.share
         flown = plane.sp.flown()
         straight, near = abs(flown.error) < LINED_UP, abs(flown.cross_track) < ON_LINE_M
-        lower = plane.sense.down > plane.way.start[2]
+        lower = plane.sense.down > self._way.start[2]
         aligned = straight and ((share >= 0 and near) or (share > 0.15 and lower))
         return self._loitered or aligned or share > 0.5
 
     def _watch_flare(self) -> None:
         plane, params, s = self._plane, self._plane.params, self._plane.sense
         if self.leg is Leg.FINAL:
-            if self._posted is False and not plane.armed:
-                self._posted = True
             return
-        height, sink, share = self.height, s.vd, plane.way.share
+        height, sink, share = self.height, s.vd, self._way.share
         soon = params["LAND_FLARE_SEC"] > 0 and height <= sink * params["LAND_FLARE_SEC"] and share > 0.5
         if (self.leg >= Leg.APPROACH and (height <= params["LAND_FLARE_ALT"] or soon)) or share >= 1.0:
             self.leg = Leg.FINAL
-            self._posted = False
             plane.say(
-                _INFO,
-                f"Flare {height:.1f}m sink={sink:.2f} speed={plane.groundspeed:.1f} dist={plane.way.distance:.1f}",
+                INFO,
+                f"Flare {height:.1f}m sink={sink:.2f} speed={plane.groundspeed:.1f} dist={self._way.distance:.1f}",
             )
-        elif self.leg is Leg.APPROACH and params["LAND_PF_ARSPD"] > 0:
-            high, early = params["LAND_PF_ALT"], params["LAND_PF_SEC"]
-            if (high > 0 and height <= high) or (early > 0 and height <= sink * early):
-                self.leg = Leg.PREFLARE
-
-    def report_distance(self) -> None:
-        """Once it is disarmed: how well it did."""
-        if self.active and not self._posted:
-            self._posted = True
-            self._plane.say(_INFO, f"Distance from LAND point={self._plane.way.distance:.2f}m")
 
     # ---- heights and speeds
 
     def _descend(self) -> None:
-        plane, way = self._plane, self._plane.way
+        plane, way = self._plane, self._way
         ground = -way.end[2]
         if self.leg is Leg.NORMAL:
             plane.fly_height(-way.down, self.airspeed, Stage.NORMAL)
@@ -119,7 +102,7 @@ class Landing:
 
     def _slope_height(self) -> float:
         """Where the slope is now: to a point before and above the landing point, from which the flare sinks on."""
-        plane, params, way = self._plane, self._plane.params, self._plane.way
+        plane, params, way = self._plane, self._plane.params, self._way
         total = max(math.hypot(way.end[0] - way.start[0], way.end[1] - way.start[1]), 1.0)
         drop = way.end[2] - way.start[2]
         speed = max(plane.groundspeed, 0.5)
@@ -133,7 +116,7 @@ class Landing:
         before = min(speed * aim / sinking, 0.5 * total)
         slope = (drop - aim) / (total - before)
         if self._slope is None:
-            plane.say(_INFO, f"Landing glide slope {math.degrees(math.atan(slope)):.1f} degrees")
+            plane.say(INFO, f"Landing glide slope {math.degrees(math.atan(slope)):.1f} degrees")
         self._slope = slope
         gone = min(max(way.share, 0.0) * total, total - before + AIM_BEYOND_M)
         height = -way.start[2] - slope * gone
@@ -148,7 +131,5 @@ class Landing:
             return cruise
         speed = params["TECS_LAND_ARSPD"]
         speed = speed if speed >= 0 else 0.5 * (cruise + params["AIRSPEED_MIN"])
-        if self.leg >= Leg.PREFLARE and params["LAND_PF_ARSPD"] > 0:
-            speed = params["LAND_PF_ARSPD"]
         against = self._plane.head_wind * min(max(0.01 * params["LAND_WIND_COMP"], 0.0), 1.0)
         return min(max(speed + against, speed), max(cruise, speed))

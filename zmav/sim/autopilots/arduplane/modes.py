@@ -6,23 +6,29 @@ Modes: https://ardupilot.org/plane/docs/flight-modes.html
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.mode import Mode
+from zmav.sim.autopilots.ardupilot.state import INFO, Mode
+from zmav.sim.autopilots.arduplane.base import PlaneBase
+from zmav.sim.autopilots.arduplane.landing import Landing
+from zmav.sim.autopilots.arduplane.launch import Launch
+from zmav.sim.autopilots.arduplane.way import Way
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arduplane.plane import ArduPlane
-
-_INFO = 6
 LOCK_S = 0.5  # of quiet sticks, before CRUISE holds its course
 COURSE_SPEED = 5.0  # m/s: from there on the course over the ground is known
 CRUISE_AHEAD_M = 1000.0
 FLYING_S = 10.0
 TAKEOFF_DONE_M = 2.0
-SETTLED_M = 10.0
 GLIDE = 2  # FS_SHORT_ACTN: fly by wire without power
-CLIMB_FIRST = 16  # of FLIGHT_OPTIONS: climb before turning, in RTL
+
+
+class PlaneParts(PlaneBase, ABC):
+    """A plane with what its modes steer."""
+
+    way: Way
+    launch: Launch
+    landing: Landing
 
 
 class PlaneMode(Mode):
@@ -35,7 +41,7 @@ class PlaneMode(Mode):
     navigates: ClassVar[bool] = False  # somewhere by itself
     captures_direction: ClassVar[bool] = False  # the first course flown in it is AUTOLAND's
 
-    def __init__(self, plane: ArduPlane) -> None:
+    def __init__(self, plane: PlaneParts) -> None:
         super().__init__(plane)
         self.plane = plane
 
@@ -168,8 +174,6 @@ class Rtl(PlaneMode):
             height = plane.params["RTL_ALTITUDE"]
             place = place[0], place[1], plane.sense.down if height < 0 else place[2] - height
         plane.way.direct(place)
-        self._from = plane.sense.down
-        self._looked = self._climbed = False
 
     def fly(self) -> None:
         plane, way = self.plane, self.plane.way
@@ -178,29 +182,6 @@ class Rtl(PlaneMode):
             way.counter_clockwise = True
         way.circle(radius)
         plane.fly_height(-way.down, plane.airspeed_wanted)
-        if not self._climbed and self._climbs_first():
-            plane.limit(roll=math.radians(plane.params["LEVEL_ROLL_LIMIT"]))
-        self._look_for_landing()
-
-    def _climbs_first(self) -> bool:
-        """It goes straight on until it is high enough (RTL_CLIMB_MIN)."""
-        plane = self.plane
-        if int(plane.params["FLIGHT_OPTIONS"]) & CLIMB_FIRST:
-            self._climbed = plane.sense.down < plane.way.end[2]
-        else:
-            least = plane.params["RTL_CLIMB_MIN"]
-            self._climbed = least <= 0 or self._from - plane.sense.down > least
-        return not self._climbed
-
-    def _look_for_landing(self) -> None:
-        """Over home it goes on with the mission's landing, where RTL_AUTOLAND says so: 1, or 2 at once."""
-        plane = self.plane
-        wanted = int(plane.params["RTL_AUTOLAND"])
-        there = plane.way.circling and abs(plane.sense.down - plane.way.end[2]) < SETTLED_M
-        if self._looked or not (wanted == 2 or (wanted == 1 and there)):
-            return
-        self._looked = True
-        plane.land_by_mission()
 
 
 class Loiter(PlaneMode):
@@ -260,11 +241,11 @@ class Takeoff(PlaneMode):
         if plane.flying and plane.now - plane.flying_since > FLYING_S and plane.groundspeed > 3.0:
             self._start = plane.here
             if above >= height:
-                plane.say(_INFO, "Above TKOFF alt - loitering")
+                plane.say(INFO, "Above TKOFF alt - loitering")
                 plane.way.stay()
                 self._climbing = False
                 return True
-            plane.say(_INFO, "Climbing to TKOFF alt then loitering")
+            plane.say(INFO, "Climbing to TKOFF alt then loitering")
             self._aim(course, far, height - above)
             plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
             plane.launch.ground = -s.down - above
@@ -273,7 +254,7 @@ class Takeoff(PlaneMode):
             return False
         self._start = plane.here
         degrees = math.degrees(course) % 360.0
-        plane.say(_INFO, f"Takeoff to {height:.0f}m for {far:.1f}m heading {degrees:.1f} deg")
+        plane.say(INFO, f"Takeoff to {height:.0f}m for {far:.1f}m heading {degrees:.1f} deg")
         self._aim(course, far, height)
         plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
         return True

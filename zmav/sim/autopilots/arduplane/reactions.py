@@ -5,26 +5,28 @@ https://ardupilot.org/plane/docs/apms-failsafe-function.html; what each says and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arduplane.plane import ArduPlane
+from zmav.sim.autopilots.ardupilot.state import DISARM, INFO, WARNING, Reactions, Steps
+from zmav.sim.autopilots.arduplane.modes import PlaneParts
 
 MANUAL, CIRCLE, FBWA, CRUISE, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 7, 10, 11, 15, 26
 STICK_MODES = {0, 5, 7}
 NAVIGATING_MODES = {10, 12, 15, 26}
-_WARNING, _NOTICE, _INFO = 4, 5, 6
 # FS_SHORT_ACTN, FS_LONG_ACTN
 SHORT_BEST_GUESS, SHORT_FBWA, SHORT_DISABLED = 0, 2, 3
 LONG_RTL, LONG_GLIDE, LONG_PARACHUTE, LONG_AUTO, LONG_AUTOLAND = range(1, 6)
 # BATT_FS_LOW_ACT
 BATTERY_LAND, BATTERY_TERMINATE = 2, 3
 ACTIONS: dict[int, Steps] = {1: (RTL,), BATTERY_LAND: (RTL,), BATTERY_TERMINATE: (DISARM,), 7: (AUTOLAND, RTL)}
-FENCE_ACTIONS: dict[int, Steps] = {1: (RTL,), 8: (AUTOLAND, RTL)}
-FENCE_GUIDED, FENCE_GUIDED_THROTTLE = 6, 7
-LONG_ACTIONS: dict[int, Steps] = {LONG_GLIDE: (FBWA,), LONG_AUTO: (AUTO,), LONG_AUTOLAND: (AUTOLAND, RTL)}
+FENCE_ACTIONS: dict[int, Steps] = {1: (RTL,), 6: (RTL,), 7: (RTL,), 8: (AUTOLAND, RTL)}
+LONG_ACTIONS: dict[int, Steps] = {
+    LONG_RTL: (RTL,),
+    LONG_GLIDE: (FBWA,),
+    LONG_PARACHUTE: (),
+    LONG_AUTO: (AUTO,),
+    LONG_AUTOLAND: (AUTOLAND, RTL),
+}
 
 
 class PlaneReactions(Reactions):
@@ -33,7 +35,7 @@ class PlaneReactions(Reactions):
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (3, 5, 6, 4, 2, 7, 1, 0)
     ACTIONS = ACTIONS
 
-    def __init__(self, plane: ArduPlane) -> None:
+    def __init__(self, plane: PlaneParts) -> None:
         super().__init__(plane)
         self._plane = plane
         self.reset()
@@ -50,7 +52,7 @@ class PlaneReactions(Reactions):
 
     def radio_changed(self, lost: bool) -> None:
         plane = self._plane
-        plane.say(_WARNING, f"Throttle failsafe {'on' if lost else 'off'}")
+        plane.say(WARNING, f"Throttle failsafe {'on' if lost else 'off'}")
         self._lost_at = plane.now - plane.rc.silent_s if lost else None
 
     def update(self) -> None:
@@ -72,11 +74,11 @@ class PlaneReactions(Reactions):
                 self._long("RC Long")
         elif self.state == "long" and not lost:
             self.state, self._pending = "", ""
-            plane.say(_WARNING, "RC Long Failsafe Cleared")
+            plane.say(WARNING, "RC Long Failsafe Cleared")
 
     @property
     def _landing(self) -> bool:
-        return self._plane.landing.active or self._plane.mission.landing
+        return self._plane.landing.active
 
     def _short(self) -> None:
         plane = self._plane
@@ -88,18 +90,18 @@ class PlaneReactions(Reactions):
             plane.set_mode(target)
         if plane.mode.number != self._before:
             self._mode_by_short = plane.mode.number
-            plane.say(_WARNING, f"RC Short Failsafe: switched to {plane.mode.name}")
+            plane.say(WARNING, f"RC Short Failsafe: switched to {plane.mode.name}")
         else:
             self._mode_by_short = None
-            plane.say(_WARNING, "RC Short Failsafe On")
+            plane.say(WARNING, "RC Short Failsafe On")
 
     def _short_over(self) -> None:
         plane = self._plane
         self.state = ""
-        plane.say(_WARNING, "Short Failsafe Cleared")
+        plane.say(WARNING, "Short Failsafe Cleared")
         if self._mode_by_short == plane.mode.number and self._before is not None:
             plane.set_mode(self._before)
-            plane.say(_INFO, f"Flight mode {plane.mode.name} restored")
+            plane.say(INFO, f"Flight mode {plane.mode.name} restored")
 
     def _long(self, what: str) -> None:
         """``what``: "RC Long" or "GCS"."""
@@ -110,17 +112,12 @@ class PlaneReactions(Reactions):
             if plane.taking_off and action not in (LONG_GLIDE, LONG_PARACHUTE):
                 self._pending = what
             else:
-                self._act_long(action, otherwise=RTL)
-        elif number in (AUTO, GUIDED):
-            if not (number == AUTO and self._landing):
-                self._act_long(action, otherwise=RTL if action == LONG_RTL else None)
+                self.attempt(LONG_ACTIONS.get(action, (RTL,)))
+        elif number == GUIDED or (number == AUTO and not self._landing):
+            self.attempt(LONG_ACTIONS.get(action, ()))
         elif number == RTL and action in (LONG_AUTO, LONG_AUTOLAND):
-            self._act_long(action, otherwise=None)
-        plane.say(_WARNING, f"{what} Failsafe On: {plane.mode.name}")
-
-    def _act_long(self, action: int, *, otherwise: int | None) -> None:
-        default = () if otherwise is None or action == LONG_PARACHUTE else (otherwise,)
-        self.attempt(LONG_ACTIONS.get(action, default))
+            self.attempt(LONG_ACTIONS[action])
+        plane.say(WARNING, f"{what} Failsafe On: {plane.mode.name}")
 
     # ---- the rest
 
@@ -132,12 +129,12 @@ class PlaneReactions(Reactions):
     def gcs_back(self) -> None:
         if self.state == "gcs":
             self.state, self._pending = "", ""
-        self._plane.say(_WARNING, "GCS Failsafe Off")
+        self._plane.say(WARNING, "GCS Failsafe Off")
 
     def battery_failed(self, action: int) -> None:
         plane = self._plane
         landing = plane.landing.active or plane.mode.number == AUTOLAND
-        if action == BATTERY_TERMINATE or not (landing or (action == BATTERY_LAND and plane.land_by_mission())):
+        if action == BATTERY_TERMINATE or not landing:
             self.act(action)
 
     def fence_breached(self, new: int, beyond_m: float) -> None:
@@ -145,25 +142,6 @@ class PlaneReactions(Reactions):
         action = int(plane.params["FENCE_ACTION"])
         if not plane.armed or plane.mode_by_fence or plane.landing.flaring:
             return
-        if action in FENCE_ACTIONS:
-            if plane.mode.number == AUTOLAND or (plane.mode.number == AUTO and plane.mission.landing):
-                return
-            self.attempt(FENCE_ACTIONS[action], by_fence=True)
-        elif action in (FENCE_GUIDED, FENCE_GUIDED_THROTTLE):
-            plane.set_mode(GUIDED, by_fence=True)
-            plane.guided.fly_to(self._return_point())
-
-    def _return_point(self) -> tuple[float, float, float]:
-        plane, params = self._plane, self._plane.params
-        if params["FENCE_RET_RALLY"]:
-            place = plane.rally.nearest()
-            if place != plane.home_world:
-                return place
-        home = plane.home_world
-        low, high = params["FENCE_ALT_MIN"], params["FENCE_ALT_MAX"]
-        if params["FENCE_RET_ALT"] > 0:
-            height = params["FENCE_RET_ALT"]
-        else:
-            height = params["RTL_ALTITUDE"] if low >= high else 0.5 * (low + high)
-        spot = plane.fence.return_point or home[:2]
-        return spot[0], spot[1], home[2] - height
+        landing = plane.mode.number == AUTOLAND or (plane.mode.number == AUTO and plane.landing.active)
+        if not landing:
+            self.attempt(FENCE_ACTIONS.get(action, ()), by_fence=True)

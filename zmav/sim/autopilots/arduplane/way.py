@@ -6,12 +6,9 @@ https://ardupilot.org/plane/docs/navigation-tuning.html; heights between two pla
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.arduplane.base import PlaneBase
 from zmav.sim.control.setpoints import Vector
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.arduplane.plane import ArduPlane
 
 USUAL_RADIUS_M = 60.0
 LOW_M = 20.0  # below it AUTO climbs at once
@@ -22,7 +19,7 @@ HEIGHT_REACHED_M = 5.0
 class Way:
     """``start`` and ``end`` are places of the world's NED; ``crosstrack``: the line between them is kept."""
 
-    def __init__(self, plane: ArduPlane) -> None:
+    def __init__(self, plane: PlaneBase) -> None:
         self._plane = plane
         self.power_on()
 

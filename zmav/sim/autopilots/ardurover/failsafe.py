@@ -6,22 +6,18 @@ https://ardupilot.org/rover/docs/rover-failsafes.html
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.failsafe import GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import GIVE_UP_M
-from zmav.sim.autopilots.ardupilot.reactions import DISARM, Reactions, Steps
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, DISARM, INFO, WARNING, Reactions, Steps
+from zmav.sim.autopilots.ardurover.base import RoverBase
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardurover.rover import ArduRover
-
-EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6
 RADIO, GCS = 1, 2  # what fails
 NO_PULSES_S = 0.5
 CONTINUE_MISSION = 2  # FS_THR_ENABLE, FS_GCS_ENABLE
 ACTIVE_IN_HOLD = 1  # FS_OPTIONS
 _HOLD, _LOITER, _RTL = 4, 5, 11
-CRASH_AFTER, CRASH_THROTTLE, CRASH_SPEED = 20, 0.05, 0.08  # tenths of a second; share; m/s and rad/s
 
 
 # FS_ACTION, FENCE_ACTION, BATT_FS_LOW_ACT and BATT_FS_CRT_ACT. 3 and 4 ask for SMART_RTL first.
@@ -42,7 +38,7 @@ class RoverReactions(Reactions):
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (TERMINATE, HOLD, RTL, 3, 4, 0)
     ACTIONS = ACTIONS
 
-    def __init__(self, rover: ArduRover) -> None:
+    def __init__(self, rover: RoverBase) -> None:
         super().__init__(rover)
         self._rover = rover
 
@@ -81,12 +77,11 @@ class Failsafe:
     looked at five times as often.
     """
 
-    def __init__(self, rover: ArduRover) -> None:
-        self._rover = rover
+    def __init__(self, rover: RoverBase, reactions: RoverReactions, ground: GcsWatch) -> None:
+        self._rover, self._reactions, self._ground = rover, reactions, ground
         self._bits = 0
         self._since = 0.0
         self.triggered = 0
-        self._stuck = 0
 
     @property
     def no_radio(self) -> bool:
@@ -103,7 +98,7 @@ class Failsafe:
     def watch_gcs(self) -> None:
         """Ten times a second."""
         if self._rover.params["FS_GCS_ENABLE"]:
-            self._note(GCS, "GCS", self._rover.watched.silent)
+            self._note(GCS, "GCS", self._ground.silent)
 
     def _note(self, kind: int, name: str, failed: bool) -> None:
         rover, before = self._rover, self._bits
@@ -127,22 +122,4 @@ class Failsafe:
         if rover.mode is rover.auto and int(enabled) == CONTINUE_MISSION:
             rover.say(WARNING, "Failsafe - Continuing Auto Mode")
         else:
-            rover.rover_reactions.act(int(rover.params["FS_ACTION"]))
-
-    def watch_crash(self) -> None:
-        """Ten times a second: motors that turn and a rover that does not move for two seconds (FS_CRASH_CHECK)."""
-        rover, s = self._rover, self._rover.sense
-        check = int(rover.params["FS_CRASH_CHECK"])
-        if not rover.armed or check == 0 or not rover.driving_mode.autopilot:
-            self._stuck = 0
-            return
-        angle = rover.params["CRASH_ANGLE"] * 3.141592653589793 / 180.0
-        fallen = angle > 0 and max(abs(s.roll), abs(s.pitch)) > angle
-        moving = max(abs(rover.speed_ahead), abs(s.r)) >= CRASH_SPEED or abs(s.throttle) < CRASH_THROTTLE
-        self._stuck = 0 if moving else self._stuck + 1
-        if fallen or self._stuck >= CRASH_AFTER:
-            self._stuck = 0
-            rover.say(EMERGENCY, "Crash: Going to HOLD")
-            rover.set_mode(_HOLD)
-            if check == 2:
-                rover.disarm(forced=True)
+            self._reactions.act(int(rover.params["FS_ACTION"]))

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 
-from zmav.sim.autopilots.ardupilot.mode import GuidedMode
+from zmav.sim.autopilots.ardupilot.state import WARNING, GuidedMode
 from zmav.sim.autopilots.ardupilot.targets import Doing, Target
-from zmav.sim.autopilots.ardupilot.vehicle import WARNING
 from zmav.sim.autopilots.ardurover.modes import RoverMode
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
@@ -31,13 +30,13 @@ class Guided(RoverMode, GuidedMode):
 
     def enter(self) -> None:
         self.doing = Doing.HOLD
-        self.rover.travel.begin()
+        self.travel.begin()
 
     # ---- orders
 
     def go(self, place: Point) -> None:
         """Drive to a place (north and east in the world) and stay there."""
-        travel = self.rover.travel
+        travel = self.travel
         if self.doing is not Doing.POSITION:
             self.rover.sp.stop()  # so that the moving point begins where the rover is
         self.doing, self._place, self._reached, self._told = Doing.POSITION, place, False, False
@@ -63,23 +62,11 @@ class Guided(RoverMode, GuidedMode):
     # ---- what it tells
 
     @property
-    def guided(self) -> bool:
-        return True
-
-    @property
     def place(self) -> Vector | None:
         return self.at(self._place) if self.doing is Doing.POSITION else None
 
-    @property
-    def distance(self) -> float:
-        return math.dist(self._place, self.rover.travel.here) if self.doing is Doing.POSITION else 0.0
-
-    @property
-    def bearing(self) -> float:
-        return self.rover.travel.bearing if self.doing is Doing.POSITION else 0.0
-
     def set_speed(self, speed: float) -> bool:
-        return self.doing is Doing.POSITION and self.rover.travel.change_speed(speed)
+        return self.doing is Doing.POSITION and self.travel.change_speed(speed)
 
     # ---- driving
 
@@ -89,21 +76,21 @@ class Guided(RoverMode, GuidedMode):
         elif self.doing is Doing.VELOCITY:
             self._drive()
         else:
-            self.rover.stop()
+            self.rover.sp.stop()
 
     def _go_on(self) -> None:
-        rover, travel = self.rover, self.rover.travel
+        rover, travel = self.rover, self.travel
         if self._reached:
             if not self._told:
                 self._told = True
                 rover.reached(0)
-            rover.stop()
+            rover.sp.stop()
             return
         if travel.pivots():
             return
         travel.ready()
         rover.sp.go(self._place)
-        led = math.dist(rover.seen_point(), self._place) < THERE_M
+        led = math.dist(rover.sp.point(), self._place) < THERE_M
         self._reached = led and self.distance < rover.params["WP_RADIUS"]
 
     def _drive(self) -> None:
@@ -112,9 +99,9 @@ class Guided(RoverMode, GuidedMode):
             if self._heard > -math.inf:
                 self._heard = -math.inf
                 rover.say(WARNING, GONE_QUIET)
-            rover.stop()
+            rover.sp.stop()
             return
-        speed = rover.nudged(self._speed)
+        speed = self._speed
         if self._turning:
             rover.sp.turn(self._rate, speed)
         else:

@@ -6,23 +6,20 @@ Modes: https://ardupilot.org/rover/docs/rover-control-modes.html
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.mode import Mode
+from zmav.sim.autopilots.ardupilot.state import INFO, Mode
+from zmav.sim.autopilots.ardurover.base import RoverBase
+from zmav.sim.autopilots.ardurover.travel import Travel
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardurover.rover import ArduRover
-
-INFO = 6
 FORWARD_OR_BACK, FORWARD, BACK = 0, 1, 2  # LOIT_TYPE
 
 
 class RoverMode(Mode):
     """What every mode of a rover tells of itself."""
 
-    vehicle: ArduRover
     armable = True
     autopilot: ClassVar[bool] = False
     """it drives by itself"""
@@ -31,14 +28,9 @@ class RoverMode(Mode):
     stabilises: ClassVar[bool] = True
     """turn rate or heading are controlled"""
 
-    @property
-    def rover(self) -> ArduRover:
-        return self.vehicle
-
-    @property
-    def guided(self) -> bool:
-        """Somebody outside may steer."""
-        return False
+    def __init__(self, rover: RoverBase, travel: Travel) -> None:
+        super().__init__(rover)
+        self.rover, self.travel = rover, travel
 
     @property
     def place(self) -> Vector | None:
@@ -48,12 +40,13 @@ class RoverMode(Mode):
     @property
     def distance(self) -> float:
         """To that place, m."""
-        return 0.0
+        return 0.0 if self.place is None else math.dist(self.place[:2], self.rover.here)
 
     @property
     def bearing(self) -> float:
         """To that place, rad."""
-        return 0.0
+        here, place = self.rover.here, self.place
+        return 0.0 if place is None else math.atan2(place[1] - here[1], place[0] - here[0])
 
     @property
     def cross_track(self) -> float:
@@ -76,7 +69,7 @@ class RoverMode(Mode):
         self.update()
 
     def at(self, place: Point) -> Vector:
-        return place[0], place[1], self.vehicle.sense.down
+        return place[0], place[1], self.rover.sense.down
 
 
 class Initialising(RoverMode):
@@ -97,11 +90,9 @@ class Manual(RoverMode):
 
     def update(self) -> None:
         steering, throttle = self.rover.sticks()
-        expo = min(max(self.rover.params["MANUAL_STR_EXPO"], 0.0), 0.95)
-        steering = (1.0 - expo) * steering + expo * steering**3
         # The wheels go where the stick does, backwards too.
         turned = -steering if throttle < 0.0 and not self.rover.frame.skid else steering
-        self.rover.sp.direct(turned, throttle, scaled=bool(int(self.rover.params["MANUAL_OPTIONS"]) & 1))
+        self.rover.sp.direct(turned, throttle)
 
 
 class Hold(RoverMode):
@@ -119,16 +110,12 @@ class Loiter(RoverMode):
     _yaw = 0.0
 
     def enter(self) -> None:
-        self._place = self.rover.travel.stopping_place()
+        self._place = self.travel.stopping_place()
         self._yaw = self.rover.sense.yaw
 
     @property
     def place(self) -> Vector | None:
         return self.at(self._place)
-
-    @property
-    def distance(self) -> float:
-        return math.dist(self._place, self.rover.travel.here)
 
     def update(self) -> None:
         rover, params = self.rover, self.rover.params
@@ -137,7 +124,7 @@ class Loiter(RoverMode):
             rover.sp.head(self._yaw, 0.0)
             return
         speed = min(beyond * params["LOIT_SPEED_GAIN"], params["WP_SPEED"])
-        north, east = rover.travel.here
+        north, east = rover.here
         self._yaw = math.atan2(self._place[1] - east, self._place[0] - north)
         off = math.remainder(self._yaw - rover.sense.yaw, math.tau)
         kind = int(params["LOIT_TYPE"])
@@ -160,40 +147,32 @@ class Rtl(RoverMode):
 
     def enter(self) -> None:
         north, east, _ = self.rover.rally.nearest()
-        self.rover.travel.begin(max(self.rover.params["RTL_SPEED"], 0.0))
-        self.rover.travel.go((north, east))
+        self.travel.begin(max(self.rover.params["RTL_SPEED"], 0.0))
+        self.travel.go((north, east))
         self._told = False
 
     @property
     def reached(self) -> bool:
-        return self.rover.travel.reached
+        return self.travel.reached
 
     @property
     def place(self) -> Vector | None:
-        place = self.rover.travel.destination
+        place = self.travel.destination
         return None if place is None else self.at(place)
 
     @property
-    def distance(self) -> float:
-        return self.rover.travel.distance
-
-    @property
-    def bearing(self) -> float:
-        return self.rover.travel.bearing
-
-    @property
     def cross_track(self) -> float:
-        return self.rover.travel.cross_track
+        return self.travel.cross_track
 
     def set_speed(self, speed: float) -> bool:
-        return self.rover.travel.change_speed(speed)
+        return self.travel.change_speed(speed)
 
     def update(self) -> None:
         rover = self.rover
-        if not rover.travel.reached:
-            rover.travel.update()
+        if not self.travel.reached:
+            self.travel.update()
             return
         if not self._told:
             self._told = True
             rover.say(INFO, "Reached destination")
-        rover.stop()
+        rover.sp.stop()

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.ardupilot.legs import Leg, Legs
+from zmav.sim.autopilots.ardurover.base import RoverBase
 from zmav.sim.control.roversetpoints import Point
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.ardurover.rover import ArduRover
 
 SLOWEST = 0.05  # m/s that a speed may be set to
 PIVOT_DONE = math.radians(5.0)
@@ -27,7 +24,7 @@ PATIENCE_S = 0.5  # after which a way that nobody drove is begun again
 class Travel(Legs):
     """One rover's way."""
 
-    def __init__(self, rover: ArduRover) -> None:
+    def __init__(self, rover: RoverBase) -> None:
         super().__init__()
         self._rover = rover
         self.begin()
@@ -47,51 +44,37 @@ class Travel(Legs):
     # ---- what it knows
 
     @property
-    def here(self) -> Point:
-        s = self._rover.sense
-        return s.north, s.east
-
-    @property
-    def distance(self) -> float:
-        """To the destination, m."""
-        return math.dist(self.here, self.destination) if self.destination is not None else 0.0
-
-    @property
-    def bearing(self) -> float:
-        """To the destination, rad."""
-        if self.destination is None:
-            return 0.0
-        north, east = self.here
-        return math.atan2(self.destination[1] - east, self.destination[0] - north)
-
-    @property
     def cross_track(self) -> float:
         """Metres off the leg, positive to its left."""
         if self._leg is None:
             return 0.0
-        north, east = self.here[0] - self._leg.start[0], self.here[1] - self._leg.start[1]
+        here = self._rover.here
+        north, east = here[0] - self._leg.start[0], here[1] - self._leg.start[1]
         along = self._leg.along
         if along == (0.0, 0.0):
             return math.hypot(north, east)
         return north * along[1] - east * along[0]
 
     @property
+    def _braking(self) -> float:
+        """The hardest, m/s^2; 0: without a limit."""
+        params = self._rover.params
+        return params["ATC_DECEL_MAX"] if params["ATC_DECEL_MAX"] > 0 else params["ATC_ACCEL_MAX"]
+
+    @property
     def acceleration(self) -> float:
         """The highest along the way, m/s^2."""
         params = self._rover.params
-        decel = params["ATC_DECEL_MAX"] if params["ATC_DECEL_MAX"] > 0 else params["ATC_ACCEL_MAX"]
-        most = min(params["ATC_ACCEL_MAX"], decel)
-        most = most if most > 0 else 20.0
+        most = min(params["ATC_ACCEL_MAX"], self._braking) or 20.0
         return max(min(params["WP_ACCEL"], most) if params["WP_ACCEL"] > 0 else most, 0.05)
 
     @property
     def jerk(self) -> float:
-        return max(self._rover.params["WP_JERK"] if self._rover.params["WP_JERK"] > 0 else self.acceleration, 0.05)
+        return max(self._rover.params["WP_JERK"] or self.acceleration, 0.05)
 
     def stopping_place(self) -> Point:
         """Where it comes to a stop if it brakes now."""
-        s, params = self._rover.sense, self._rover.params
-        decel = params["ATC_DECEL_MAX"] if params["ATC_DECEL_MAX"] > 0 else params["ATC_ACCEL_MAX"]
+        s, decel = self._rover.sense, self._braking
         speed = math.hypot(s.vn, s.ve)
         share = 0.5 * speed / decel if decel > 0 else 0.0
         return s.north + s.vn * share, s.east + s.ve * share
@@ -115,70 +98,52 @@ class Travel(Legs):
         else:
             self._last, self._leg = None, self._plan(start, destination)
             self._pace = 1.0
-            self._begin_pivot(destination, forced=self._pivot_next)
+            self.turn_first(destination)
+            self._pivoting |= self._pivot_next
         self._next, self._pivot_next = None, False
         self.destination, self.reached, self._driven_at = destination, False, now
         self._onward = onward
-        if onward is not None and self._would_pivot(start, destination, onward):
+        if onward is not None and self._turns_far(destination, onward, _bearing(start, destination)):
             self._onward, self._pivot_next = None, True
 
     def _plan(self, start: Point, end: Point) -> Leg:
-        speed = self._speed
-        return Leg(start, end, (speed, self.acceleration, self.jerk), speed)
-
-    @property
-    def _speed(self) -> float:
-        """The highest now: the pilot may ask for more with the throttle stick."""
-        return max(self.base_speed, self._rover.nudged(self.base_speed))
+        return Leg(start, end, (self.base_speed, self.acceleration, self.jerk), self.base_speed)
 
     # ---- turns on the spot
 
-    def _can_pivot(self) -> bool:
-        return self._rover.frame.skid and self._rover.params["WP_PIVOT_ANGLE"] > math.degrees(PIVOT_DONE)
-
-    def _would_pivot(self, start: Point, corner: Point, onward: Point) -> bool:
-        if not self._can_pivot():
+    def _turns_far(self, place: Point, onward: Point, yaw: float) -> bool:
+        """It turns on the spot, and ``onward`` is far off ``yaw`` from ``place``."""
+        params = self._rover.params
+        if not self._rover.frame.skid or params["WP_PIVOT_ANGLE"] <= math.degrees(PIVOT_DONE):
             return False
-        before = math.atan2(corner[1] - start[1], corner[0] - start[0])
-        after = math.atan2(onward[1] - corner[1], onward[0] - corner[0])
-        return abs(math.remainder(after - before, math.tau)) > math.radians(self._rover.params["WP_PIVOT_ANGLE"])
-
-    def _begin_pivot(self, destination: Point, *, forced: bool = False) -> None:
-        """Turn first where the way there is far off the nose."""
-        north, east = self.here
-        yaw = math.atan2(destination[1] - east, destination[0] - north)
-        off = abs(math.remainder(yaw - self._rover.sense.yaw, math.tau))
-        self._pivoting = self._can_pivot() and (forced or off > math.radians(self._rover.params["WP_PIVOT_ANGLE"]))
-        self._pivot_until = None
+        off = math.remainder(_bearing(place, onward) - yaw, math.tau)
+        return abs(off) > math.radians(params["WP_PIVOT_ANGLE"])
 
     def turn_first(self, destination: Point) -> None:
-        """Before a way that somebody else leads: turn on the spot where the place is far off the nose."""
-        self._begin_pivot(destination)
+        """Turn on the spot first where the way there is far off the nose."""
+        self._pivoting = self._turns_far(self._rover.here, destination, self._rover.sense.yaw)
+        self._pivot_until = None
 
     def pivots(self) -> bool:
         """Turn on the spot if that is due; True while it does."""
-        if self._pivoting:
-            self._pivot()
-        return self._pivoting
-
-    def _pivot(self) -> None:
+        if not self._pivoting or self.destination is None:
+            return False
         rover = self._rover
-        yaw = self.bearing
-        still = abs(rover.speed_ahead) < STILL
-        if still:
+        yaw = _bearing(rover.here, self.destination)
+        if abs(rover.speed_ahead) < STILL:
             rover.sp.head(yaw, 0.0, math.radians(max(rover.params["WP_PIVOT_RATE"], 1.0)))
         else:
             rover.sp.turn(0.0, 0.0)
         if abs(math.remainder(yaw - rover.sense.yaw, math.tau)) < PIVOT_DONE and self._pivot_until is None:
             self._pivot_until = rover.now + min(max(rover.params["WP_PIVOT_DELAY"], 0.0), 60.0)
-        if self._pivot_until is not None and rover.now >= self._pivot_until:
-            self._pivoting = False
+        self._pivoting = self._pivot_until is None or rover.now < self._pivot_until
+        return self._pivoting
 
     # ---- driving
 
     def ready(self) -> None:
         """Hand the limits and the direction to the controllers."""
-        self._rover.sp.limits(self._speed, self.acceleration, self.jerk)
+        self._rover.sp.limits(self.base_speed, self.acceleration, self.jerk)
 
     def update(self) -> None:
         """Once a tick: the next target, and whether it is there."""
@@ -186,7 +151,7 @@ class Travel(Legs):
         self._driven_at = rover.now
         self.ready()
         if leg is None or self.destination is None:
-            rover.stop()
+            rover.sp.stop()
             return
         if self.pivots():
             return
@@ -197,12 +162,13 @@ class Travel(Legs):
             if self._next is not None:
                 self.reached = self._next.time >= leg.left
             elif leg.left == 0.0:
-                self.reached = self.distance <= rover.params["WP_RADIUS"] or leg.gone_beyond(self.here) >= 0.0
+                near = math.dist(rover.here, self.destination) <= rover.params["WP_RADIUS"]
+                self.reached = near or leg.gone_beyond(rover.here) >= 0.0
 
     def _step(self, leg: Leg) -> float:
         """Seconds of the plan that the point goes on by: no faster than the rover can follow."""
         rover = self._rover
-        wanted = self._speed / max(leg.planned, SLOWEST)
+        wanted = self.base_speed / max(leg.planned, SLOWEST)
         _, speed, _ = leg.motion()
         if speed > 0.0:
             along, s = leg.along, rover.sense
@@ -224,3 +190,7 @@ class Travel(Legs):
         place, vel, acc = self._motion(leg)
         north, east = leg.end
         self._rover.sp.follow((north + place[0], east + place[1]), (vel[0], vel[1]), (acc[0], acc[1]))
+
+
+def _bearing(place: Point, onward: Point) -> float:
+    return math.atan2(onward[1] - place[1], onward[0] - place[0])

@@ -8,12 +8,9 @@ of its body. https://docs.px4.io/v1.16/en/config/battery.html, .../config/safety
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
 
+from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.dynamics.battery import BatteryHandle
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 REFILL_S = 15.0  # of a whole simulated battery, once disarmed
 _SAME_V = 1e-3
@@ -36,7 +33,7 @@ _THRESHOLDS = {Warning.EMERGENCY: "BAT_EMERGEN_THR", Warning.CRITICAL: "BAT_CRIT
 class Battery:
     """One vehicle's battery; ``pack`` is the one of its body."""
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         self._simulated = 1.0
         self._looked = copter.now

@@ -2,87 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from zmav.sim.autopilots.placed import Placed
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
-from zmav.sim.autopilots.px4.events import Event
-from zmav.sim.autopilots.px4.failsafe import Action, Failsafe
+from zmav.sim.autopilots.px4.failsafe import Action, Failsafe, Px4Parts
 from zmav.sim.autopilots.px4.fence import Fence
 from zmav.sim.autopilots.px4.ground import Ground, Stage
 from zmav.sim.autopilots.px4.health import Health
 from zmav.sim.autopilots.px4.items import FenceItems, RallyItems
-from zmav.sim.autopilots.px4.mission import Mission
 from zmav.sim.autopilots.px4.modes import HOLD, LAND, OFFBOARD, SWITCH, TERMINATION, Mode
-from zmav.sim.autopilots.px4.navigator import Navigator
+from zmav.sim.autopilots.px4.navigator import Mission, Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
-from zmav.sim.autopilots.px4.tuning import Tuning
-from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool, Vector
-from zmav.sim.dynamics.airframe import Airframe
+from zmav.sim.control.setpoints import Spool
 from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
-REAL_READY_S = 4.0  # from boot to arming, as measured: it is not slower where an ArduPilot beside it is
 TICK_S = 0.01
 CHECK_EVERY, FENCE_EVERY = 10, 20  # ticks
-HOME_SHARE = 0.9  # of that, home is known
-_AUTO_LIMITS = {
-    "speed": "MPC_XY_CRUISE",
-    "speed_up": "MPC_Z_V_AUTO_UP",
-    "speed_down": "MPC_Z_V_AUTO_DN",
-    "accel": "MPC_ACC_HOR",
-    "accel_z": "MPC_ACC_DOWN_MAX",
-    "jerk": "MPC_JERK_AUTO",
-    "jerk_z": "MPC_JERK_AUTO",
-}
 _STREAM_LIMITS = {"speed": "MPC_XY_VEL_MAX", "speed_up": "MPC_Z_VEL_MAX_UP", "speed_down": "MPC_Z_VEL_MAX_DN"}
 _DEGREES = 3.141592653589793 / 180.0
 
 
-class Px4Copter(Placed):
+class Px4Copter(Px4Parts):
     """Modes, arming, landing and failsafes of one vehicle.
 
-    ``wanted`` is the mode asked for, ``mode`` the one that flies: a failsafe's, where one acts. The world calls
-    :meth:`update` at every tick. ``say``, ``beat`` and ``announce`` are the protocol's, and so is ``event``.
+    The world calls :meth:`update` at every tick.
     """
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        params: ParamStore,
-        setpoint: SetpointHandle,
-        sense: Sense,
-        world: Position,
-        ready_s: float,
-    ) -> None:
-        self.airframe = airframe
-        self.params = params
-        self.sp = setpoint
-        self.sense = sense
-        self.world = world  # the origin of the world's NED
-        self.origin_world: Vector = (sense.true_north, sense.true_east, sense.true_down)  # of the EKF
-        self.home_world: Vector = self.origin_world
-        self.now = 0.0
-        self.say: Callable[[int, str], None] = lambda severity, text: None
-        self.beat: Callable[[], None] = lambda: None
-        self.announce: Callable[[], None] = lambda: None
-        self.event: Callable[[Event, bytes], None] = lambda event, arguments: None
-        self.tuning = Tuning(params, setpoint, airframe)
-        self.power = BatteryHandle.bench()
-        self._ready_s = min(ready_s, REAL_READY_S)
-        self.mission = Mission(self)  # what is kept over a reboot, as the parameters are
+    def make_parts(self) -> None:
         self.fence, self.rally = FenceItems(), RallyItems()
+        self.mission = Mission(self)
         self.filter = Ekf2(self)
         self._ticks = 0
-        self.power_on()
 
     def power_on(self) -> None:
-        """Start from nothing, as after a reset."""
         self.booted_at = self.now
         self.armed = False
         self.armed_at = 0.0
@@ -95,11 +49,12 @@ class Px4Copter(Placed):
         self.sticks = Sticks(self)
         self._switch = self.sticks.pilot.switch
         self.offboard = Offboard(self)
-        self.navigator = Navigator(self)
+        self.navigator = Navigator(self, self.mission)
         self.ground = Ground(self)
         self.filter.power_on()
-        self.battery, self.geofence = Battery(self), Fence(self)
-        self.failsafe, self.health = Failsafe(self), Health(self)
+        self.battery, self.geofence = Battery(self), Fence(self, self.fence)
+        self.failsafe = Failsafe(self)
+        self.health = Health(self, self.failsafe)
         self._stood_since = self.now
         self._flew = False
         self._fused = True
@@ -122,26 +77,6 @@ class Px4Copter(Placed):
         return self.battery.remaining
 
     @property
-    def consumed_mah(self) -> float:
-        """Since its own boot."""
-        return self.power.consumed_mah - self._consumed_before
-
-    @property
-    def uptime(self) -> float:
-        """Seconds since its own boot."""
-        return self.now - self.booted_at
-
-    @property
-    def booted(self) -> bool:
-        """All its parts have begun."""
-        return self.uptime >= self._ready_s
-
-    @property
-    def has_home(self) -> bool:
-        """There has been a position since boot: home is set."""
-        return self.uptime >= HOME_SHARE * self._ready_s
-
-    @property
     def position_ok(self) -> bool:
         """The estimator holds a position."""
         return self.has_home and self.filter.good
@@ -149,17 +84,11 @@ class Px4Copter(Placed):
     @property
     def flies(self) -> bool:
         """OFFBOARD has the vehicle, off the ground."""
-        flying = self.armed and self.mode is OFFBOARD and self.ground.stage is Stage.FLYING
-        return flying and not self.sticks.killed
+        return self.armed and self.mode is OFFBOARD and self.ground.stage is Stage.FLYING
 
     @property
     def landed(self) -> bool:
         return self.ground.landed
-
-    @property
-    def hover_thrust(self) -> float:
-        """Share of full thrust that carries the weight."""
-        return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
 
     @property
     def checks_ok(self) -> bool:
@@ -198,9 +127,6 @@ class Px4Copter(Placed):
         """Arm the motors; the reason of a refusal goes out as an event."""
         if self.armed:
             return True
-        if self.sticks.killed:
-            self.tell(events.ARM_DENIED_KILLED)
-            return False
         if not (self.checks_ok or forced):
             self.tell(events.ARM_DENIED)
             return False
@@ -236,12 +162,6 @@ class Px4Copter(Placed):
         self.intents += 1
         self._fly_in(TERMINATION)
 
-    def stop_here(self) -> None:
-        """Brake to a stop and stay there, nose as it is."""
-        self.sp.raw(False)
-        self.sp.move(horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
-        self.sp.heading(self.sense.yaw)
-
     # ---- what it does by itself
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
@@ -254,9 +174,6 @@ class Px4Copter(Placed):
         if not self.armed:
             return
         self._take_over()
-        if self.sticks.killed:
-            self._stay_killed()
-            return
         flying = self.failsafe.mode
         if flying is None:
             self.disarm(forced=True, reason=events.FAILURE)
@@ -304,7 +221,7 @@ class Px4Copter(Placed):
         elif self.mode is TERMINATION:
             self.sp.spool(Spool.OFF)
         elif self.mode is OFFBOARD:
-            self._limit(_STREAM_LIMITS)
+            self.limit(_STREAM_LIMITS)
             self.offboard.fly()
         elif self.mode.manual:
             self.sticks.fly(self.mode)
@@ -328,16 +245,6 @@ class Px4Copter(Placed):
             return not self.sticks.alive or self.sticks.descends(self.mode)
         return self.navigator.descends
 
-    def _limit(self, table: dict[str, str]) -> None:
-        for limit, param in table.items():
-            self.sp.limit(limit, self.params[param])
-
-    def limit_auto(self) -> None:
-        """The limits of the AUTO modes, with the speed that DO_CHANGE_SPEED asked for."""
-        self._limit(_AUTO_LIMITS)
-        if self.cruise_speed is not None:
-            self.sp.limit("speed", min(self.cruise_speed, self.params["MPC_XY_VEL_MAX"]))
-
     def _follow_switch(self) -> None:
         """A turn of the pilot's mode switch changes the mode, where there is a radio."""
         switch = self.sticks.pilot.switch
@@ -353,12 +260,6 @@ class Px4Copter(Placed):
         if int(self.params["COM_RC_OVERRIDE"]) & bit and not self.landed and self.sticks.moved:
             self.say(6, "Pilot took over using sticks\t")
             self.set_mode(SWITCH[2])
-
-    def _stay_killed(self) -> None:
-        """The kill switch stops the motors at once, and disarms COM_KILL_DISARM later."""
-        self.sp.spool(Spool.OFF)
-        if self.now - self.sticks.killed_at >= self.params["COM_KILL_DISARM"]:
-            self.disarm(forced=True, reason=events.KILL_SWITCH)
 
     def _disarm_idle(self) -> None:
         """Disarm COM_DISARM_LAND after a landing, COM_DISARM_PRFLT after arming without a takeoff."""
@@ -380,14 +281,6 @@ class Px4Copter(Placed):
         self.mission.touched_down()
         self.tell(events.LANDING_DETECTED)
 
-    def takeoff_done(self) -> None:
-        """COM_TAKEOFF_ACT 0: hold."""
-        self.set_mode(HOLD)
-
-    def default_takeoff(self, height: float) -> None:
-        self.event(events.DEFAULT_TAKEOFF, events.float_argument(height))
-        self.say(6, f"Using default takeoff altitude: {height:.1f} m\t")
-
     def _report_fusion(self) -> None:
         """Armed, it says when it goes on without its GPS, and when it has it again."""
         fused = self.filter.good
@@ -395,9 +288,3 @@ class Px4Copter(Placed):
             self._fused = fused
             if self.armed:
                 self.tell(events.GNSS_STARTED if fused else events.GNSS_STOPPED)
-
-    def tell(self, event: Event, arguments: bytes = b"") -> None:
-        """An event, and its words to ground stations."""
-        self.event(event, arguments)
-        if event.text:
-            self.say(event.severity, event.text)

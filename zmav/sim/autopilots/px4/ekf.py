@@ -8,13 +8,11 @@ defaults. Source: https://docs.px4.io/v1.16/en/advanced_config/tuning_the_ecl_ek
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from zmav.sim.autopilots.navigation import DEAD_RECKONING, GATE, NavigationFilter
+from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.sensors.estimate import Belief
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 GROWTH = 0.01  # m^2/s of the position without fusion
 RESET_AFTER_S = 7.0  # of solutions that are not believed
@@ -35,7 +33,7 @@ class Ekf2(NavigationFilter):
     POSITION_VARIANCE: ClassVar[float] = 0.3
     HEIGHT_VARIANCE: ClassVar[float] = 4.0
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         super().__init__(copter)
 

@@ -26,14 +26,11 @@ _SETS = [
 # Message, arguments, and whether what stands against the mode is to be appended.
 _EVENTS: dict[str, tuple[str, tuple[tuple[str, str], ...], bool]] = {
     "commander_arm_denied_resolve_failures": ("Not armed: a health or arming check fails", (), False),
-    "commander_arm_denied_kill_switch": ("Not armed: the kill switch is on", (), False),
     "commander_armed_by": ("Armed, by {1}", (_REASON,), False),
     "commander_disarmed_by": ("Disarmed, by {1}", (_REASON,), False),
     "navigator_takeoff_default_alt": ("Takeoff to the default height of {1:.2m_v}", (("float", "height"),), False),
     "commander_takeoff_detected": ("Off the ground", (), False),
     "commander_landing_detected": ("On the ground", (), False),
-    "commander_kill_sw_engaged": ("Kill switch on", (), False),
-    "commander_kill_sw_disengaged": ("Kill switch off", (), False),
     "commander_rc_lost": ("Sticks lost", (), False),
     "commander_dl_lost": ("Ground station lost", (), False),
     "commander_dl_regained": ("Ground station heard again", (), False),
@@ -74,7 +71,6 @@ _REASONS = {
     events.EXTERNAL: "a command",
     events.LANDING: "landing",
     events.PREFLIGHT: "standing too long",
-    events.KILL_SWITCH: "the kill switch",
     events.LOCKDOWN: "lockdown",
     events.FAILURE: "the failure detector",
 }

@@ -39,14 +39,11 @@ def _event(name: str, levels: int, text: str = "", severity: int = 6) -> Event:
 ARM_DENIED = _event(
     "commander_arm_denied_resolve_failures", 0x62, "Arming denied: Resolve system health failures first\t", 2
 )
-ARM_DENIED_KILLED = _event("commander_arm_denied_kill_switch", 0x62, "Arming denied: kill switch engaged\t", 2)
 ARMED = _event("commander_armed_by", 0x66)
 DEFAULT_TAKEOFF = _event("navigator_takeoff_default_alt", 0x66)
 TAKEOFF_DETECTED = _event("commander_takeoff_detected", 0x66, "Takeoff detected\t")
 LANDING_DETECTED = _event("commander_landing_detected", 0x66, "Landing detected\t")
 DISARMED = _event("commander_disarmed_by", 0x66)
-KILLED = _event("commander_kill_sw_engaged", 0x62, "Kill-switch engaged\t", 2)
-UNKILLED = _event("commander_kill_sw_disengaged", 0x66, "Kill-switch disengaged\t")
 MANUAL_LOST = _event("commander_rc_lost", 0x66, "Manual control lost\t")
 GCS_LOST = _event("commander_dl_lost", 0x66, "Connection to ground control station lost\t")
 GCS_REGAINED = _event("commander_dl_regained", 0x66, "GCS connection regained\t")
@@ -77,13 +74,12 @@ BATTERY_EMERGENCY = _event("commander_failsafe_enter_crit_low_bat_warn", 0x60, _
 ARMING_SUMMARY = _event("commander_arming_check_summary", 0x88)
 HEALTH_SUMMARY = _event("commander_health_summary", 0x88)
 
-EXTERNAL, LANDING, PREFLIGHT, KILL_SWITCH, LOCKDOWN, FAILURE = 4, 6, 7, 8, 9, 10  # why it was armed or disarmed
+EXTERNAL, LANDING, PREFLIGHT, LOCKDOWN, FAILURE = 4, 6, 7, 9, 10  # why it was armed or disarmed
 ARM_TEXTS = {EXTERNAL: "Armed by external command\t"}
 DISARM_TEXTS = {
     EXTERNAL: "Disarmed by external command\t",
     LANDING: "Disarmed by landing\t",
     PREFLIGHT: "Disarmed by auto preflight disarming\t",
-    KILL_SWITCH: "Disarmed by kill switch\t",
     LOCKDOWN: "Disarmed by lockdown\t",
     FAILURE: "Disarmed by failure detector\t",
 }

@@ -11,13 +11,15 @@ from __future__ import annotations
 import enum
 import math
 import struct
+from abc import ABC
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from zmav.sim.autopilots.px4 import events
-from zmav.sim.autopilots.px4.battery import Warning
+from zmav.sim.autopilots.px4.battery import Battery, Warning
+from zmav.sim.autopilots.px4.ekf import Ekf2
+from zmav.sim.autopilots.px4.fence import Fence
 from zmav.sim.autopilots.px4.modes import (
     ALTCTL,
     DESCEND,
@@ -31,9 +33,10 @@ from zmav.sim.autopilots.px4.modes import (
     TERMINATION,
     Mode,
 )
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.navigator import Mission
+from zmav.sim.autopilots.px4.offboard import Offboard
+from zmav.sim.autopilots.px4.state import Px4State
+from zmav.sim.autopilots.px4.sticks import Sticks
 
 DISABLED_STICKS = 4  # COM_RC_IN_MODE
 _RETURNS = (1, 3)  # COM_LOW_BAT_ACT
@@ -121,10 +124,21 @@ _BATTERY_WARNS = {
 }
 
 
+class Px4Parts(Px4State, ABC):
+    """A vehicle with the parts that its checks and failsafes look at."""
+
+    sticks: Sticks
+    offboard: Offboard
+    battery: Battery
+    mission: Mission
+    geofence: Fence
+    filter: Ekf2
+
+
 class Failsafe:
     """Decides which mode flies instead of the one that was asked for. :meth:`update` is called ten times a second."""
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4Parts) -> None:
         self._copter = copter
         self._ground_heard: float | None = None
         self._ground_told = False

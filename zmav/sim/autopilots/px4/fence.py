@@ -8,14 +8,13 @@ not taken. What happens at a breach is GF_ACTION; it is looked for five times a 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from zmav.sim.autopilots.areas import Area, areas_of
 from zmav.sim.autopilots.px4 import events
+from zmav.sim.autopilots.px4.items import FenceItems
+from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.control.setpoints import Vector
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 
 class Breach(NamedTuple):
@@ -32,15 +31,15 @@ class Breach(NamedTuple):
 class Fence:
     """One vehicle's geofence; ``breach`` is what was found lately."""
 
-    def __init__(self, copter: Px4Copter) -> None:
-        self._copter = copter
+    def __init__(self, copter: Px4State, items: FenceItems) -> None:
+        self._copter, self._items = copter, items
         self._areas: tuple[Area, ...] = ()
         self._known = 0
         self.breach = Breach()
 
     def renew(self) -> None:
         """Take the areas of the plan, where it has changed."""
-        items = self._copter.fence
+        items = self._items
         if self._known != items.opaque_id:
             self._known = items.opaque_id
             self._areas = tuple(area for area in areas_of(items.items, self._copter.world) if self._fits(area))

@@ -6,10 +6,8 @@ Times were measured on PX4 1.16; parameters: COM_SPOOLUP_TIME, MPC_TKO_RAMP_T.
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.state import Px4State
 
 DETECTED_S = 0.9  # into the ramp the land detector takes the vehicle for flying
 CONTACT_S = 0.35  # from the touch to "ground contact", when the thrust is taken away
@@ -27,7 +25,7 @@ class Stage(enum.Enum):
 class Ground:
     """One vehicle's stage between standing and flying."""
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         self.stage = Stage.STANDING
         self.landed = True

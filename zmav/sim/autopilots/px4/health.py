@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from zmav.sim.autopilots.px4.battery import Warning
 from zmav.sim.autopilots.px4.events import ARMING_SUMMARY, HEALTH_SUMMARY, Event, event_id
+from zmav.sim.autopilots.px4.failsafe import Failsafe, Px4Parts
 from zmav.sim.autopilots.px4.modes import MISSION, MODES, OFFBOARD, RTL
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 REPORT_S = 2.0
 EVERY_MODE = 0xFFFFFFFF
@@ -50,8 +47,8 @@ class Check(msgspec.Struct, frozen=True):
 class Health:
     """The checks of one vehicle."""
 
-    def __init__(self, copter: Px4Copter) -> None:
-        self._copter = copter
+    def __init__(self, copter: Px4Parts, failsafe: Failsafe) -> None:
+        self._copter, self._failsafe = copter, failsafe
         self._reported: tuple[Check, ...] | None = None
         self._reported_at = copter.now
 
@@ -108,7 +105,7 @@ class Health:
 
     def _links(self) -> Iterator[Check]:
         copter = self._copter
-        if copter.failsafe.ground_lost:
+        if self._failsafe.ground_lost:
             needed = int(copter.params["NAV_DLL_ACT"]) > 0
             text = "Preflight Fail: No connection to the GCS" if needed and not copter.armed else ""
             yield Check(
@@ -161,7 +158,7 @@ class Health:
         can_arm = can_run = _POSSIBLE | _MANUAL | MISSION.bit
         copter = self._copter
         present = _PRESENT | copter.armed << _LOGGING | copter.sticks.alive << _REMOTE
-        present |= (not copter.failsafe.ground_lost) << _LINKS
+        present |= (not self._failsafe.ground_lost) << _LINKS
         checks = []
         for check in found:
             severity = check.levels & 0xF

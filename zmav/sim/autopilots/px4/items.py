@@ -14,95 +14,37 @@ from typing import ClassVar
 
 import msgspec
 
-from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Item, ItemStore, Result, check_place
+from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Item, Result, WholeList, check_place
 
 ABSOLUTE, RELATIVE, MISSION_FRAME = (0, 5), (3, 6), 2  # MAV_FRAME
 _NAVIGATION = {16, 17, 19, 20, 21, 22, 93}  # MAV_CMD: waypoint, loiters, return, land, takeoff, delay
 # Delays, jump, speed, home, actuator, ROI, camera, gimbal and others: kept, though some of them do nothing here.
 _ACTIONS = {
-    112,
-    114,
-    177,
-    178,
-    179,
-    187,
-    189,
-    195,
-    196,
-    197,
-    200,
-    201,
-    203,
-    204,
-    205,
-    206,
-    211,
-    214,
-    260,
-    530,
-    532,
-    534,
-    1000,
-    1001,
-    2000,
-    2001,
-    2003,
-    2500,
-    2501,
-    3000,
+    *(112, 114, 177, 178, 179, 187, 189, 195, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214, 260, 530, 532, 534),
+    *(1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000),
 }
 _PLACED = {16, 17, 19, 21, 22, 195, 201}  # what a global frame is for; every other command has MAV_FRAME_MISSION
 _FENCES = {5001, 5002, 5003, 5004}
 _NO_PLACE = 2**31 - 1
 
 
-class Px4Items(ItemStore):
+class Px4Items(WholeList):
     """One list; ``opaque_id`` is zero for an empty one, and another for every other list."""
 
     known: ClassVar[set[int]]
     placed: ClassVar[set[int]]
+    opaque_id = 0
 
-    def __init__(self) -> None:
-        self.items: tuple[Item, ...] = ()
-        self.opaque_id = 0
-        self._coming: list[Item] | None = None
-
-    def __len__(self) -> int:
-        return len(self.items)
-
-    def read(self, seq: int) -> Item | Result:
-        return self.items[seq] if 0 <= seq < len(self.items) else Result.INVALID_SEQUENCE
-
-    def open(self, count: int) -> Result:
-        self._coming = []
-        return Result.ACCEPTED if count <= self.most else Result.NO_SPACE
-
-    def reopen(self) -> Result:
-        return Result.UNSUPPORTED
-
-    def put(self, item: Item, last: int) -> Result:
+    def kept(self, item: Item) -> Item | Result:
         verdict = self._judge(item)
-        if verdict is Result.ACCEPTED and self._coming is not None:
-            self._coming.append(msgspec.structs.replace(item, current=0))
-        return verdict
+        return msgspec.structs.replace(item, current=0) if verdict is Result.ACCEPTED else verdict
 
-    def close(self) -> Result:
-        """The new list is in force."""
-        self.items, self._coming = tuple(self._coming or ()), None
+    def changed(self) -> None:
         sums = 0
         for i in self.items:
             numbers = struct.pack("<HB4dqqd", i.command, i.frame, i.p1, i.p2, i.p3, i.p4, i.x, i.y, i.z)
             sums = zlib.crc32(numbers, sums)
         self.opaque_id = (sums or 1) if self.items else 0
-        return Result.ACCEPTED
-
-    def abandon(self) -> None:
-        self._coming = None
-
-    def clear(self) -> bool:
-        self._coming = None
-        self.close()
-        return True
 
     def _judge(self, item: Item) -> Result:
         if item.command not in self.known:

@@ -7,14 +7,11 @@ for is kept only while OFFBOARD flies.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import msgspec
 
+from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.control.setpoints import Axis, Spool, Vector
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 # Disarmed, PX4 looks at the stream every half second: a shorter one is not always seen (one entry in four failed after
 # 0.3 s). Armed, the first setpoint is enough.
@@ -70,7 +67,7 @@ Wish = Motion | Attitude | Rates | Torque
 class Offboard:
     """One vehicle's stream of setpoints."""
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         self.wish: Wish | None = None
         self.needs_position = True

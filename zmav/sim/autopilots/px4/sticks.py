@@ -1,21 +1,17 @@
-"""The pilot's sticks: a radio, or MANUAL_CONTROL from a joystick (COM_RC_IN_MODE), the modes that follow them, and the
-kill switch (RC_MAP_KILL_SW).
+"""The pilot's sticks: a radio, or MANUAL_CONTROL from a joystick (COM_RC_IN_MODE), the modes that follow them.
 
-https://docs.px4.io/v1.16/en/flight_modes_mc/position.html and its neighbours, .../en/config/safety.html#kill-switch
+https://docs.px4.io/v1.16/en/flight_modes_mc/position.html and its neighbours
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.modes import ALTCTL, POSCTL, Mode
+from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.control.setpoints import Axis, Spool
-
-if TYPE_CHECKING:
-    from zmav.sim.autopilots.px4.copter import Px4Copter
 
 RADIO_ONLY, DISABLED = 0, 4  # COM_RC_IN_MODE
 TAKEOVER = 0.12  # of a stick's way: a pilot who moves it more takes an automatic mode over (COM_RC_STICK_OV)
@@ -28,7 +24,7 @@ _BY_HEIGHT = (ALTCTL, POSCTL)
 class Sticks:
     """Roll, pitch, yaw from -1 to 1 and throttle from 0 to 1, of the one who holds them."""
 
-    def __init__(self, copter: Px4Copter) -> None:
+    def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         self.pilot = Pilot()
         self.radio = False
@@ -36,32 +32,18 @@ class Sticks:
         self._joystick: tuple[float, float, float, float] | None = None
         self._joystick_at = self._radio_at = -math.inf
         self._joystick_moved = -math.inf
-        self.killed = False
-        """the kill switch is on"""
-        self.killed_at = 0.0
         self._heard = False
 
     def update(self) -> None:
-        """Ten times a second: hear the radio, look at its kill switch, say when the sticks come and go."""
+        """Ten times a second: hear the radio, say when the sticks come and go."""
         copter = self._copter
         if self.radio and self.pilot.sending:
             self._radio_at = copter.now
-            self._look_at_kill_switch()
         alive = self.alive
         if alive is not self._heard:
             self._heard = alive
             if not alive:
                 copter.tell(events.MANUAL_LOST)
-
-    def _look_at_kill_switch(self) -> None:
-        copter, p = self._copter, self._copter.params
-        channel = int(p["RC_MAP_KILL_SW"])
-        if not 1 <= channel <= len(self.pilot.pwm):
-            return
-        on = (self.pilot.pwm[channel - 1] - 1000) / 1000.0 > p["RC_KILLSWITCH_TH"]
-        if on is not self.killed:
-            self.killed, self.killed_at = on, copter.now
-            copter.tell(events.KILLED if on else events.UNKILLED)
 
     def joystick(self, roll: float, pitch: float, yaw: float, throttle: float) -> None:
         """A MANUAL_CONTROL came."""

@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT, with ArduPilot's verdicts; those about missions and outputs are in :mod:`.duties`.
+"""COMMAND_LONG and COMMAND_INT, with ArduPilot's verdicts; each kind adds its own.
 
 Protocol: https://mavlink.io/en/services/command.html; which commands, and in which form:
 https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is answered MAV_RESULT_UNSUPPORTED.
@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.targets import Target
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.base import Handler
-from zmav.sim.protocol.command import (
+from zmav.sim.protocol.channel import (
     ACCEPTED,
     CHANGE_MODE,
     COMMAND_INT_ONLY,
@@ -28,8 +29,7 @@ from zmav.sim.protocol.command import (
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
 _E7 = 1e7
-
-
+_AUTO = 3
 Handlers = Mapping[int, Handler]
 
 
@@ -165,13 +165,45 @@ def _banner(node: ArduNode, c: Command) -> int:
     return ACCEPTED
 
 
+def _mission_start(node: ArduNode, c: Command) -> int:
+    """AUTO, and off the ground with the throttle stick down too."""
+    if c.p1 or c.p2:
+        return DENIED
+    vehicle = node.vehicle
+    if not vehicle.set_mode(_AUTO):
+        return FAILED
+    vehicle.auto_armed = vehicle.armed
+    if vehicle.mission.state is not State.RUNNING:
+        vehicle.mission.start_or_resume()
+    return ACCEPTED
+
+
+def _set_current(node: ArduNode, c: Command) -> int:
+    """DO_SET_MISSION_CURRENT; ``p2`` 1: with the jumps' counters back at zero, and running again."""
+    mission, seq = node.vehicle.mission, int(c.p1)
+    if not 0 <= seq < len(mission):
+        return DENIED
+    again = c.p2 == 1
+    if again:
+        mission.reset()
+    if not mission.set_current(seq):
+        return FAILED
+    if again:
+        mission.resume()
+    node.after_ack(c.channel, "MISSION_CURRENT")
+    return ACCEPTED
+
+
 HANDLERS: Handlers = {
     176: _set_mode,
     178: _change_speed,
     179: _set_home,
+    183: lambda node, c: node.vehicle.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     185: lambda node, c: c.p1 > 0.5 and node.vehicle.disarm(forced=True),
     192: _reposition,
+    224: _set_current,
     246: _reboot,
+    300: _mission_start,
     400: _arm_disarm,
     401: _run_prearm,
     410: _get_home,

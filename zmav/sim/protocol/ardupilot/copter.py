@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
-from zmav.sim.protocol.ardupilot import duties
+from zmav.sim.protocol.ardupilot import commands
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.telemetry import REPORTS
+from zmav.sim.protocol.ardupilot.reports import REPORTS
 from zmav.sim.protocol.base import Report
-from zmav.sim.protocol.command import DENIED, RELATIVE_ALT, Command
+from zmav.sim.protocol.channel import DENIED, RELATIVE_ALT, Command
 
 _LOITER, _RTL, _LAND = 5, 6, 9
 
@@ -24,7 +24,7 @@ def _takeoff(node: MavNode[ArduCopter], c: Command) -> int:
 
 
 HANDLERS: Handlers = {
-    **duties.HANDLERS,
+    **commands.HANDLERS,
     17: enter(_LOITER),  # NAV_LOITER_UNLIM
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     21: enter(_LAND),  # NAV_LAND

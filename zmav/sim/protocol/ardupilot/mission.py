@@ -10,31 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import msgspec
+from zmav.sim.autopilots.items import MISSION, Item, ItemStore, Result
+from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
-from zmav.sim.autopilots.items import FENCE, MISSION, Item, ItemStore, Result
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.items import Client, ItemPart, acknowledge, read_item, send_item
-
-ASK_AGAIN_S = 1.0
-GIVE_UP_S = 8.0
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 _GUIDED, _CHANGE_ALT = 2, 3  # "current" of an item that is not for the list
-
-
-class _Upload(msgspec.Struct):
-    client: Client
-    next: int
-    last: int
-    heard: float
-    asked: float
-    warned: bool = False
 
 
 class MissionProtocol(ItemPart):
     """Serves ``stores``. ``say(severity, text)`` speaks on every link; ``guided(item)`` takes an item that is to be
     flown at once.
     """
+
+    REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST", 1.0, 8.0
 
     def __init__(
         self,
@@ -43,11 +31,8 @@ class MissionProtocol(ItemPart):
         now: Callable[[], float],
         guided: Callable[[Item], Result],
     ) -> None:
-        super().__init__(stores)
-        self._say = say
-        self._now = now
+        super().__init__(stores, say, now)
         self._guided = guided
-        self._uploads: dict[int, _Upload] = {}
         self._warned_request: set[int] = set()
 
     # ---- downloads
@@ -91,22 +76,8 @@ class MissionProtocol(ItemPart):
         elif count == 0:
             self._complete(client, kind)
         else:
-            self._begin(client, kind, 0, count - 1)
-
-    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        if kind in self._uploads:
-            acknowledge(client, Result.DENIED, kind)
-            return
-        first, last = msg["start_index"], msg["end_index"]
-        if not 0 <= first <= last <= len(self.stores[kind]):
-            self._say(WARNING, "Flight plan update rejected")
-            acknowledge(client, Result.ERROR, kind)
-            return
-        result = self.stores[kind].reopen()
-        if result is Result.ACCEPTED:
-            self._begin(client, kind, first, last)
-        else:
-            acknowledge(client, result, kind)
+            self._warned_request.discard(kind)
+            self.begin(client, kind, count)
 
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if kind not in self.stores:
@@ -142,13 +113,12 @@ class MissionProtocol(ItemPart):
         if client.sender != upload.client.sender:
             acknowledge(client, Result.DENIED, kind)
             return
-        # A fence's length is that of the list to come, so that every item of it replaces one.
-        fits = kind == FENCE or item.seq <= len(store)
+        # A mission grows as it comes; fences and points are put together first.
+        fits = kind != MISSION or item.seq <= len(store)
         result = store.put(item, upload.last) if fits else Result.ERROR
         if result is not Result.ACCEPTED:
             acknowledge(client, result, kind)
-            del self._uploads[kind]
-            store.abandon()
+            self.drop(kind)
             return
         upload.heard = self._now()
         upload.next += 1
@@ -156,7 +126,7 @@ class MissionProtocol(ItemPart):
             del self._uploads[kind]
             self._complete(client, kind)
         else:
-            self._ask(upload, kind)
+            self.ask(kind)
 
     def _may_restart(self, client: Client, kind: int) -> bool:
         """Nothing is coming in, or it comes from the one that asks now; ends it then."""
@@ -166,20 +136,8 @@ class MissionProtocol(ItemPart):
         if upload.client.sender != client.sender:
             acknowledge(client, Result.DENIED, kind)
             return False
-        del self._uploads[kind]
-        self.stores[kind].abandon()
+        self.drop(kind)
         return True
-
-    def _begin(self, client: Client, kind: int, first: int, last: int) -> None:
-        now = self._now()
-        upload = _Upload(client, first, last, now, now)
-        self._uploads[kind] = upload
-        self._warned_request.discard(kind)
-        self._ask(upload, kind)
-
-    def _ask(self, upload: _Upload, kind: int) -> None:
-        upload.asked = self._now()
-        upload.client.reply("MISSION_REQUEST", seq=upload.next, mission_type=kind)
 
     def _complete(self, client: Client, kind: int) -> None:
         result = self.stores[kind].close()
@@ -187,23 +145,7 @@ class MissionProtocol(ItemPart):
             client.channel.send("STATUSTEXT", severity=INFO, text="Flight plan received")
         acknowledge(client, result, kind)
 
-    # ---- by itself
-
-    def tick(self, now: float) -> None:
-        if not self._uploads:
-            return
-        for kind, upload in list(self._uploads.items()):
-            if now - upload.heard > GIVE_UP_S:
-                del self._uploads[kind]
-                title = self.stores[kind].title
-                upload.client.channel.send("STATUSTEXT", severity=WARNING, text=f"{title} upload timeout")
-                acknowledge(upload.client, Result.OPERATION_CANCELLED, kind)
-                self.stores[kind].abandon()
-            elif now - upload.asked > ASK_AGAIN_S:
-                self._ask(upload, kind)
-
-    def closed(self, channel: Channel) -> None:
-        for kind, upload in list(self._uploads.items()):
-            if upload.client.channel is channel:
-                del self._uploads[kind]
-                self.stores[kind].abandon()
+    def gave_up(self, upload: Upload, kind: int) -> None:
+        title = self.stores[kind].title
+        upload.client.channel.send("STATUSTEXT", severity=WARNING, text=f"{title} upload timeout")
+        acknowledge(upload.client, Result.OPERATION_CANCELLED, kind)

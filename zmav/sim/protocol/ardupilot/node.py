@@ -9,22 +9,20 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 from zmav.mavlink.dialect import Dialect
-from zmav.sim.autopilots.ardupilot.arming import prearm_faults
-from zmav.sim.autopilots.ardupilot.vehicle import CRITICAL, INFO, ArduVehicle
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.protocol.ardupilot import setpoint
 from zmav.sim.protocol.ardupilot.mission import MissionProtocol
 from zmav.sim.protocol.ardupilot.setpoint import guided_item
 from zmav.sim.protocol.ardupilot.signing import SigningPart
 from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.base import GIT_HASH, Node, Target
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.command import FAILED, Command
+from zmav.sim.protocol.channel import FAILED, Channel, Command, Sender
 from zmav.sim.protocol.params import ParamProtocol
-from zmav.sim.protocol.part import Sender
 from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
-_NAN_ALLOWED = (22, 192, 1000)  # NAV_TAKEOFF, DO_REPOSITION, DO_GIMBAL_MANAGER_PITCHYAW
+_NAN_ALLOWED = (22, 192)  # NAV_TAKEOFF, DO_REPOSITION
 V_co = TypeVar("V_co", bound=ArduVehicle, covariant=True)
 
 
@@ -34,11 +32,12 @@ class MavNode(Node, Generic[V_co]):
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
     REFUSED: ClassVar[int] = FAILED
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (
-        *(84, 85, 115, 182, 184, 186, 189, 191, 194, 207, 209, 218, 245, 601, 43000, 43001, 43002),
+        *(84, 85, 115, 181, 182, 184, 186, 189, 191, 193, 194, 195, 197, 201, 203, 204, 205, 206, 207, 209, 218, 245),
+        *(601, 1000, 2000, 2001, 43000, 43001, 43002),
     )
-    # NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, CONDITION_YAW, DO_REPEAT_RELAY, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE,
-    # DO_LAND_START, DO_GO_AROUND, DO_SET_REVERSE, DO_FENCE_ENABLE, DO_MOTOR_TEST, DO_AUX_FUNCTION, PREFLIGHT_STORAGE,
-    # DO_JUMP_TAG, GUIDED_CHANGE_SPEED, GUIDED_CHANGE_ALTITUDE, GUIDED_CHANGE_HEADING
+    # NAV_VTOL_*, CONDITION_YAW, relays, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START, DO_GO_AROUND,
+    # DO_PAUSE_CONTINUE, DO_SET_REVERSE, regions of interest, camera, mount and gimbal, DO_FENCE_ENABLE, DO_MOTOR_TEST,
+    # DO_AUX_FUNCTION, PREFLIGHT_STORAGE; DO_JUMP_TAG, GUIDED_CHANGE_*
     TARGETS: ClassVar[Mapping[str, Target]] = {
         "SET_POSITION_TARGET_LOCAL_NED": setpoint.local_target,
         "SET_POSITION_TARGET_GLOBAL_INT": setpoint.global_target,
@@ -58,7 +57,6 @@ class MavNode(Node, Generic[V_co]):
         stores = (vehicle.mission, vehicle.fence.items, vehicle.rally)
         self.add(MissionProtocol(stores, self.say, lambda: vehicle.now, lambda item: guided_item(vehicle, item)))
         vehicle.report, vehicle.reached, vehicle.learned = self.report_to_all, self._item_reached, params.tell
-        vehicle.unix_s = lambda: self.unix_us * 1e-6
         self.add(
             SigningPart(dialect, lambda: self.channels, lambda: vehicle.armed, self.say, lambda: self.unix_us / 1e6)
         )
@@ -71,7 +69,7 @@ class MavNode(Node, Generic[V_co]):
 
     @property
     def prearm_ok(self) -> bool:
-        return not prearm_faults(self.vehicle)
+        return not self.vehicle.prearm_faults()
 
     # ---- out
 
@@ -99,7 +97,7 @@ class MavNode(Node, Generic[V_co]):
                 channel.send("STATUSTEXT", severity=severity, text=piece, id=number, chunk_seq=index)
 
     def say_prearm(self) -> None:
-        for fault in prearm_faults(self.vehicle):
+        for fault in self.vehicle.prearm_faults():
             self.say(CRITICAL, f"PreArm: {fault}")
 
     def _item_reached(self, seq: int) -> None:

@@ -1,4 +1,4 @@
-"""The MAVLink face of an ArduPlane: the commands and targets that it takes in its own way.
+"""The MAVLink face of an ArduPlane: the commands and targets that it takes in its own way, and the reports that differ.
 
 https://ardupilot.org/dev/docs/plane-commands-in-guided-mode.html
 """
@@ -10,14 +10,19 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
-from zmav.sim.autopilots.ardupilot.vehicle import INFO, WARNING
+from zmav.sim.autopilots.ardupilot.state import INFO, WARNING
+from zmav.sim.autopilots.arduplane.base import INITIALISING
+from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
-from zmav.sim.protocol.ardupilot import duties
+from zmav.sim.protocol import reports
+from zmav.sim.protocol.ardupilot import commands
 from zmav.sim.protocol.ardupilot.commands import Handlers, place
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.planereports import REPORTS
-from zmav.sim.protocol.base import Handler, Report, Target
-from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
+from zmav.sim.protocol.ardupilot.reports import REPORTS as COMMON
+from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
+from zmav.sim.protocol.base import Fields, Handler, Report, Target
+from zmav.sim.protocol.channel import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
+from zmav.sim.protocol.reports import boot_us
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
@@ -25,6 +30,15 @@ _LOCAL_OFFSET = 7
 _IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _HIGHEST = 80_000.0  # m
+_ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
+# MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
+_PRESENT, _ENABLED, _HEALTHY = 0x1361FC1F, 0x1241801F, 0x0311800F
+_AIRSPEED, _GPS, _AHRS, _PREARM = 0x10, 0x20, 0x00200000, 0x10000000
+_CONTROL = 0x01207C00  # what arming enables
+_CONTROL_HEALTHY = 0x7C00
+FULL_RPM = 7000.0
+MOTOR = 2  # of the servo outputs, from 0
+_NO_TEMPERATURE = 32767
 
 
 def _down(plane: ArduPlane, altitude: float, frame: int) -> float | None:
@@ -60,8 +74,7 @@ def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     plane = node.vehicle
     if not plane.mode.changes_speed:
         return FAILED
-    values = (c.p1, c.p2, c.p3)
-    return all(map(math.isfinite, values)) and plane.ask_speed(int(c.p1), c.p2, c.p3)
+    return math.isfinite(c.p1) and math.isfinite(c.p2) and plane.ask_speed(int(c.p1), c.p2)
 
 
 def _reposition(node: MavNode[ArduPlane], c: Command) -> int:
@@ -82,7 +95,7 @@ def _reposition(node: MavNode[ArduPlane], c: Command) -> int:
 
 
 HANDLERS: Handlers = {
-    **duties.HANDLERS,
+    **commands.HANDLERS,
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
     22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
@@ -132,6 +145,151 @@ def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
         rudder=min(max(yaw / math.radians(45.0), -1.0), 1.0) if whole or not mask & _NO_YAW else None,
         throttle=None if mask & _NO_THRUST else msg["thrust"],
     )
+
+
+# ---- reports
+
+
+def heartbeat(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
+    mode = _STABILIZE | _CUSTOM
+    if plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0:
+        mode |= _MANUAL_INPUT
+    if isinstance(plane.mode, PlaneMode) and plane.mode.navigates:
+        mode |= _GUIDED
+    if plane.armed:
+        mode |= _ARMED
+    return {**status.heartbeat(node), "base_mode": mode}
+
+
+def sys_status(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
+    has = plane.boot.has
+    gps, ahrs = _GPS if has("gps") else 0, _AHRS if has("prearm") else 0
+    health = _HEALTHY | gps | ahrs | (_AIRSPEED if has("airspeed") else 0)
+    health |= _PREARM if node.prearm_ok else 0
+    enabled = _ENABLED | gps | ahrs
+    if plane.armed:
+        enabled, health = enabled | _CONTROL, health | _CONTROL_HEALTHY
+    return status.power_and_sensors(node, _PRESENT | gps, enabled, health)
+
+
+def vfr_hud(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
+    return {**reports.vfr_hud(node, turning=plane.armed, located=plane.boot.has("gps")), "airspeed": plane.eas}
+
+
+def airspeed(node: MavNode[ArduPlane]) -> Fields:
+    """Of the pitot tube: equivalent, and the pressure behind it in pascals."""
+    eas = node.vehicle.eas
+    return {"airspeed": eas, "temperature": _NO_TEMPERATURE, "raw_press": eas * eas / 2.0, "flags": 2}
+
+
+def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
+    """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
+    plane, s = node.vehicle, node.vehicle.sense
+    if plane.eas < plane.params["AIRSPEED_MIN"]:
+        return {"time_usec": boot_us(node), "AOA": 0.0, "SSA": 0.0}
+    wind = node.seat.wind
+    north, east, down = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
+    w, x, y, z = s.qw, s.qx, s.qy, s.qz
+    forward = (1 - 2 * (y * y + z * z)) * north + 2 * (x * y + w * z) * east + 2 * (x * z - w * y) * down
+    right = 2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down
+    below = 2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down
+    return {
+        "time_usec": boot_us(node),
+        "AOA": math.degrees(math.atan2(below, forward)),
+        "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),
+    }
+
+
+def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
+    """Not in MANUAL. The error of the airspeed is told times 100, as ArduPlane does."""
+    plane = node.vehicle
+    if plane.mode.number == 0:
+        return None
+    flown, way = plane.sp.flown(), plane.way
+    return {
+        "nav_roll": math.degrees(flown.roll),
+        "nav_pitch": math.degrees(flown.pitch),
+        "nav_bearing": int(math.degrees(flown.bearing)),
+        "target_bearing": int(math.degrees(way.bearing)),
+        "wp_dist": min(int(way.distance), 65535),
+        "alt_error": flown.height + plane.sense.down,
+        "aspd_error": flown.speed_error * 100.0 / plane.eas2tas,
+        "xtrack_error": flown.cross_track,
+    }
+
+
+def position_target_global_int(node: MavNode[ArduPlane]) -> Fields | None:
+    plane = node.vehicle
+    return motion.target_place(node, None if plane.mode.number == 0 else plane.way.end)
+
+
+def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:
+    """Aileron, elevator, throttle and rudder; what DO_SET_SERVO set on the others."""
+    outputs = list(node.vehicle.servos)
+    for index, value in enumerate(node.seat.outputs()):
+        pulse = _motor_pulse if index == MOTOR else sensors.centred_pulse
+        outputs[index] = pulse(node, index + 1, value)
+    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+
+
+def _motor_pulse(node: MavNode[ArduPlane], channel: int, value: float) -> int:
+    params = node.vehicle.params
+    low, high = params[f"SERVO{channel}_MIN"], params[f"SERVO{channel}_MAX"]
+    if params[f"SERVO{channel}_REVERSED"]:
+        low, high = high, low
+    return round(low + value * (high - low))
+
+
+def esc_telemetry(node: MavNode[ArduPlane]) -> Fields:
+    """The one motor, at the place of its output."""
+    plane, s = node.vehicle, node.vehicle.sense
+
+    def motor(value: int) -> list[int]:
+        return [0] * MOTOR + [value, 0]
+
+    return {
+        "temperature": motor(32),
+        "voltage": motor(min(round(plane.voltage * 100), 65535)),
+        "current": motor(min(round(s.current_a * 100), 65535)),
+        "totalcurrent": motor(min(round(plane.consumed_mah), 65535)),
+        "rpm": motor(round(FULL_RPM * math.sqrt(max(s.throttle, 0.0)))),
+        "count": motor(int(plane.uptime * 37) % 65536),
+    }
+
+
+def extended_sys_state(node: MavNode[ArduPlane]) -> Fields:
+    plane = node.vehicle
+    if not plane.flying:
+        return {"landed_state": 1}
+    if plane.taking_off:
+        return {"landed_state": 3}
+    return {"landed_state": 4 if plane.landing.active or plane.mode.is_landing else 2}
+
+
+def fence_status(node: MavNode[ArduPlane]) -> Fields | None:
+    """What is done about a breach is not told."""
+    fields = status.fence_status(node)
+    return None if fields is None else {**fields, "breach_mitigation": 0}
+
+
+REPORTS: dict[str, Report] = {
+    **COMMON,
+    "FENCE_STATUS": fence_status,
+    "HEARTBEAT": heartbeat,
+    "SYS_STATUS": sys_status,
+    "VFR_HUD": vfr_hud,
+    "AIRSPEED": airspeed,
+    "AOA_SSA": aoa_ssa,
+    "NAV_CONTROLLER_OUTPUT": nav_controller_output,
+    "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
+    "POSITION_TARGET_LOCAL_NED": lambda node: None,
+    "SERVO_OUTPUT_RAW": servo_output_raw,
+    "ESC_TELEMETRY_1_TO_4": esc_telemetry,
+    "EXTENDED_SYS_STATE": extended_sys_state,
+}
 
 
 class PlaneNode(MavNode[ArduPlane]):

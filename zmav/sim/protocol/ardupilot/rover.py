@@ -10,18 +10,17 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
-from zmav.sim.autopilots.ardupilot.vehicle import INFO
+from zmav.sim.autopilots.ardupilot.state import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.protocol import reports
-from zmav.sim.protocol.ardupilot import duties, telemetry
+from zmav.sim.protocol.ardupilot import commands
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place
 from zmav.sim.protocol.ardupilot.node import MavNode
+from zmav.sim.protocol.ardupilot.reports import REPORTS as COMMON
 from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.base import Fields, Report, Target
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.command import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
-from zmav.sim.protocol.part import Sender
+from zmav.sim.protocol.channel import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Channel, Command, Sender
 from zmav.sim.protocol.reports import boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
@@ -73,8 +72,7 @@ def _mission_start(node: MavNode[ArduRover], c: Command) -> int:
 
 
 HANDLERS: Handlers = {
-    # All but DO_PAUSE_CONTINUE, which every other ArduPilot takes.
-    **{number: handler for number, handler in duties.HANDLERS.items() if number != 193},
+    **commands.HANDLERS,
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: _reposition,
@@ -223,7 +221,7 @@ def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
 def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
     """Steering on the first output and throttle on the third, or the sides' throttles there."""
     first, third = node.seat.outputs()
-    outputs = list(node.vehicle.payload.servos)
+    outputs = list(node.vehicle.servos)
     outputs[0], outputs[2] = sensors.centred_pulse(node, 1, first), sensors.centred_pulse(node, 3, third)
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
@@ -236,7 +234,7 @@ def rc_channels_scaled(node: MavNode[ArduRover]) -> Fields:
 
 
 REPORTS: dict[str, Report] = {
-    **telemetry.REPORTS,
+    **COMMON,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,

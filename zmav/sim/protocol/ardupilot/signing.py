@@ -10,8 +10,7 @@ from typing import Any
 
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.signing import TICKS, Clock, Signing
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 WARNING = 4
 

@@ -24,7 +24,7 @@ from zmav.sim.autopilots.px4.modes import (
 )
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.base import Handler
-from zmav.sim.protocol.command import (
+from zmav.sim.protocol.channel import (
     ACCEPTED,
     CHANGE_MODE,
     CUSTOM_MODE,
@@ -35,8 +35,7 @@ from zmav.sim.protocol.command import (
     UNSUPPORTED,
     Command,
 )
-from zmav.sim.protocol.px4.links import UDP
-from zmav.sim.protocol.px4.node import Px4Node
+from zmav.sim.protocol.px4.node import UDP, Px4Node
 from zmav.sim.protocol.px4.setpoint import point
 
 _REBOOT = 1

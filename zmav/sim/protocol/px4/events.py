@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from zmav.sim.autopilots.px4.events import Event
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.part import Answer, Part, Sender
+from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 REMEMBERED = 20
 _ARGUMENTS = 40

@@ -9,29 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import msgspec
-
 from zmav.sim.autopilots.items import ALL, Item, Result
 from zmav.sim.autopilots.px4.items import Px4Items
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.items import Client, ItemPart, acknowledge, read_item, send_item
+from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
-RETRY_S = 0.25
-TIMEOUT_S = 5.0
 _CRITICAL = 2
-
-
-class _Upload(msgspec.Struct):
-    client: Client
-    kind: int
-    count: int
-    next: int
-    heard: float
-    asked: float
 
 
 class Px4MissionProtocol(ItemPart):
     """Serves ``stores``; ``say(severity, text)`` speaks to ground stations, ``changed(kind)`` tells of a new list."""
+
+    REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST_INT", 0.24, 5.0
 
     def __init__(
         self,
@@ -40,17 +28,14 @@ class Px4MissionProtocol(ItemPart):
         now: Callable[[], float],
         changed: Callable[[], None],
     ) -> None:
-        super().__init__(stores)
+        super().__init__(stores, say, now)
         self._lists = {store.kind: store for store in stores}
-        self._say = say
-        self._now = now
         self._changed = changed
-        self._upload: _Upload | None = None
 
     # ---- downloads
 
     def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        if self._upload is not None:
+        if self._uploads:
             acknowledge(client, Result.ERROR, kind)
         else:
             items = self._lists[kind]
@@ -66,8 +51,7 @@ class Px4MissionProtocol(ItemPart):
     # ---- uploads
 
     def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        upload = self._upload
-        if upload is not None and (upload.client.sender != client.sender or upload.kind != kind):
+        if self._uploads and not self._of(client, kind):
             self._say(_CRITICAL, "Mission upload busy, already receiving seq 0\t")
             acknowledge(client, Result.ERROR, kind)
             return
@@ -77,36 +61,32 @@ class Px4MissionProtocol(ItemPart):
         elif msg["count"] == 0:
             self._finish(client, kind)
         else:
-            self._upload = _Upload(client, kind, msg["count"], 0, self._now(), self._now())
-            self._ask(self._upload)
+            self.begin(client, kind, msg["count"])
 
     def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
-        upload = self._upload
-        if upload is None or upload.client.sender != client.sender or upload.kind != kind:
+        if not self._of(client, kind):
             acknowledge(client, Result.ERROR, kind)
             return
+        upload = self._uploads[kind]
         upload.heard = self._now()
         if msg["seq"] != upload.next:
-            self._ask(upload)  # lost, or twice: the right one, please
+            self.ask(kind)  # lost, or twice: the right one, please
             return
         item = read_item(msg, as_int=as_int)
-        result = item if isinstance(item, Result) else self._lists[kind].put(item, upload.count - 1)
+        result = item if isinstance(item, Result) else self._lists[kind].put(item, upload.last)
         if result is not Result.ACCEPTED:
-            self._drop()
+            self.drop(kind)
             acknowledge(client, result, kind)
             return
         upload.next += 1
-        if upload.next < upload.count:
-            self._ask(upload)
+        if upload.next <= upload.last:
+            self.ask(kind)
         else:
-            self._upload = None
+            del self._uploads[kind]
             self._finish(upload.client, kind)
 
-    def write_partial(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        acknowledge(client, Result.UNSUPPORTED, kind)
-
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
-        if self._upload is not None:
+        if self._uploads:
             acknowledge(client, Result.ERROR, kind)
             return
         for each in self._lists.values() if kind == ALL else filter(None, [self._lists.get(kind)]):
@@ -116,35 +96,17 @@ class Px4MissionProtocol(ItemPart):
 
     def ack(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """A client that breaks its upload off."""
-        if self._upload is not None and self._upload.client.sender == client.sender:
-            self._drop()
+        for each in [each for each in self._uploads if self._of(client, each)]:
+            self.drop(each)
+
+    def _of(self, client: Client, kind: int) -> bool:
+        """What comes in is that kind of list, from that client."""
+        return kind in self._uploads and self._uploads[kind].client.sender == client.sender
 
     def _finish(self, client: Client, kind: int) -> None:
         result = self._lists[kind].close()
         self._changed()
         acknowledge(client, result, kind, opaque_id=self._lists[kind].opaque_id)
 
-    def _ask(self, upload: _Upload) -> None:
-        upload.asked = self._now()
-        upload.client.reply("MISSION_REQUEST_INT", seq=upload.next, mission_type=upload.kind)
-
-    def _drop(self) -> None:
-        if self._upload is not None:
-            self._lists[self._upload.kind].abandon()
-            self._upload = None
-
-    # ---- by itself
-
-    def tick(self, now: float) -> None:
-        upload = self._upload
-        if upload is None:
-            return
-        if now - upload.heard > TIMEOUT_S:
-            self._drop()
-            self._say(_CRITICAL, "Operation timeout\t")
-        elif now - upload.asked >= RETRY_S:
-            self._ask(upload)
-
-    def closed(self, channel: Channel) -> None:
-        if self._upload is not None and self._upload.client.channel is channel:
-            self._drop()
+    def gave_up(self, upload: Upload, kind: int) -> None:
+        self._say(_CRITICAL, "Operation timeout\t")

@@ -4,19 +4,18 @@ which commands it takes is joined to it in :mod:`.copter`.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from zmav.mavlink import Dialect, Field, MessageType, load_dialect
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node, Target
-from zmav.sim.protocol.channel import Channel
-from zmav.sim.protocol.command import TEMPORARILY_REJECTED
-from zmav.sim.protocol.part import Sender
-from zmav.sim.protocol.px4 import links, setpoint
+from zmav.sim.protocol.channel import TEMPORARILY_REJECTED, Channel, Sender
+from zmav.sim.protocol.px4 import setpoint
 from zmav.sim.protocol.px4.events import EventPart
-from zmav.sim.protocol.px4.messages import px4_dialect
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
@@ -25,6 +24,70 @@ from zmav.sim.protocol.reports import boot_ms
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4
 TAKES_TORQUES = "1.13"
+ONBOARD = "onboard"
+GROUND = "ground"
+UDP = (ONBOARD, GROUND)
+"""those of a PX4 in software in the loop; any other is a board's"""
+MOST_HZ = 181.0
+"""what such a link gives of a message, whatever is asked for"""
+
+# What it sends unasked, as recorded on PX4 1.16 with its SIH quadrotor.
+HZ: Mapping[str, tuple[float, float]] = {
+    "HEARTBEAT": (1, 1),
+    "SYS_STATUS": (5, 1),
+    "SYSTEM_TIME": (1, 0),
+    "PING": (1, 0.1),
+    "LINK_NODE_STATUS": (1, 1),
+    "GPS_RAW_INT": (8, 5),
+    "SCALED_PRESSURE": (1, 1),
+    "ATTITUDE": (100, 50),
+    "ATTITUDE_QUATERNION": (50, 50),
+    "LOCAL_POSITION_NED": (30, 50),
+    "GLOBAL_POSITION_INT": (50, 50),
+    "SERVO_OUTPUT_RAW": (10, 50),
+    "RC_CHANNELS": (20, 5),  # with a radio
+    "MISSION_CURRENT": (1, 1),
+    "VFR_HUD": (10, 4),
+    "ATTITUDE_TARGET": (10, 50),
+    "POSITION_TARGET_LOCAL_NED": (10, 50),
+    "POSITION_TARGET_GLOBAL_INT": (10, 1),
+    "HIGHRES_IMU": (50, 0),
+    "TIMESYNC": (10, 0),
+    "DISTANCE_SENSOR": (10, 0.5),
+    "ALTITUDE": (10, 1),
+    "BATTERY_STATUS": (0.5, 0.5),
+    "ESTIMATOR_STATUS": (1, 0.5),
+    "VIBRATION": (0.5, 0.1),
+    "HOME_POSITION": (0.5, 0.5),
+    "EXTENDED_SYS_STATE": (5, 1),
+    "ODOMETRY": (30, 0),
+    "TIME_ESTIMATE_TO_TARGET": (0.5, 0.5),
+    "CURRENT_EVENT_SEQUENCE": (1 / 3, 1 / 3),
+    "CURRENT_MODE": (0.5, 0.5),
+    "OPEN_DRONE_ID_LOCATION": (1, 1),
+    "OPEN_DRONE_ID_SYSTEM": (1, 1),
+}
+"""message -> Hz on the onboard link, and on the ground link; 0: it is not sent"""
+# Numbers of the lists of items, which newer definitions have behind the others.
+_LONGER = {
+    "MISSION_COUNT": ("opaque_id",),
+    "MISSION_ACK": ("opaque_id",),
+    "MISSION_CURRENT": ("mission_id", "fence_id", "rally_points_id"),
+}
+
+
+def _longer(message: MessageType, names: tuple[str, ...]) -> MessageType:
+    fields = [Field(name=name, type="uint32_t", extension=True) for name in names if name not in message.by_name]
+    order = [field.name for field in (*message.wire_fields, *fields)]
+    return MessageType.build(message.id, message.name, message.crc_extra, [*message.fields, *fields], order)
+
+
+@functools.cache
+def px4_dialect() -> Dialect:
+    """ardupilotmega (for what a user's tools know) with the fields that PX4 has more."""
+    base = load_dialect("ardupilotmega")
+    longer = [_longer(base.by_name[name], fields) for name, fields in _LONGER.items()]
+    return Dialect.build("px4", base.source, [*base.by_id.values(), *longer], base.enums)
 
 
 class Px4Node(Node):
@@ -72,14 +135,14 @@ class Px4Node(Node):
     def greet(self, channel: Channel) -> None:
         """Start the streams of that link."""
         now = self.copter.now
-        if channel.link in links.UDP:
-            channel.streams.least = 1.0 / links.MOST_HZ
-        for name in links.HZ:
+        if channel.link in UDP:
+            channel.streams.least = 1.0 / MOST_HZ
+        for name in HZ:
             channel.streams.set_period(name, self.usual_period(channel, name), now)
 
     def usual_period(self, channel: Channel, name: str) -> float:
         """Seconds between two such messages unless somebody asked otherwise; 0: it is not sent."""
-        rate = links.rate(channel.link, name)
+        rate = HZ.get(name, (0, 0))[channel.link == GROUND]  # any but the ground link is taken for an onboard one
         return 1.0 / rate if rate else 0.0
 
     def close_channel(self, channel: Channel) -> None:

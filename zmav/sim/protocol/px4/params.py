@@ -11,9 +11,8 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
-from zmav.sim.protocol.channel import Channel
+from zmav.sim.protocol.channel import Channel, Sender
 from zmav.sim.protocol.params import NO_INDEX, ParamProtocol, ParamStore
-from zmav.sim.protocol.part import Sender
 
 HASH = "_HASH_CHECK"
 _UINT32, _INT32, _REAL32 = 5, 6, 9  # MAV_PARAM_TYPE

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from zmav.sim.autopilots.px4 import event_words
 from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.protocol.channel import Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileSystem
 from zmav.sim.protocol.ftp import FtpServer
-from zmav.sim.protocol.logs import MOST_ONE, Log, LogStore
-from zmav.sim.protocol.part import Part
-from zmav.sim.protocol.px4.logs import Px4LogProtocol
+from zmav.sim.protocol.logs import ALL, MOST_ONE, FlightLog, Listing, Log, LogProtocol, LogStore
 from zmav.sim.ulog import Topic, UlogWriter
 
 LOGS = "/log/sess001"
 EXTRAS, WORDS = "/etc/extras", "all_events.json.xz"
-ATTITUDE_S = 0.1
-POSITION_S = 0.2
 _REAL32 = 9  # MAV_PARAM_TYPE
 TOPICS = (
     Topic("vehicle_attitude", tuple(("float", f"q{i}") for i in range(4))),
@@ -26,60 +24,85 @@ TOPICS = (
 _DISARMED, _ARMED = 1, 2  # arming_state
 
 
-class FlightLog(Part):
-    """Begins a log when the vehicle is armed and ends it when it is disarmed. ``unix_us``: UTC as the GPS tells it."""
+class UlogFlight(FlightLog):
+    """What a PX4 writes while it is armed."""
 
     def __init__(self, copter: Px4Copter, store: LogStore, unix_us: Callable[[], int]) -> None:
-        self._copter, self._store, self._unix_us = copter, store, unix_us
-        self._writer: UlogWriter | None = None
-        self._log: Log | None = None
+        super().__init__(copter, store, unix_us)
+        self._copter = copter
         self._status = (-1, -1, -1)
-        self._next_attitude = self._next_position = 0.0
-
-    @property
-    def _time_us(self) -> int:
-        return int(self._copter.uptime * 1e6)
-
-    def tick(self, now: float) -> None:
-        if not self._copter.armed:
-            if self._writer is not None:
-                self._write_status(self._writer)
-                self._writer = self._log = None
-            return
-        writer = self._writer or self._begin(now)
-        self._write_status(writer)
-        s = self._copter.sense
-        if now >= self._next_attitude:
-            self._next_attitude += ATTITUDE_S
-            writer.write("vehicle_attitude", self._time_us, s.qw, s.qx, s.qy, s.qz)
-        if now >= self._next_position:
-            self._next_position += POSITION_S
-            writer.write("vehicle_local_position", self._time_us, *self._copter.local, s.vn, s.ve, s.vd)
-            if self._log is not None:
-                self._log.end_s = self._unix_us() / 1e6
+        self._writer: UlogWriter
 
     def say(self, severity: int, text: str) -> None:
         """A text that the vehicle said."""
-        if self._writer is not None:
-            self._writer.text(severity, self._time_us, text)
+        if self.running:
+            self._writer.text(severity, self.time_us, text)
 
-    def _begin(self, now: float) -> UlogWriter:
+    def begin(self) -> bytearray:
         params = self._copter.params
         values = {name: params[name] if params.type_of(name) == _REAL32 else int(params[name]) for name in params.names}
         info = {"sys_name": "PX4", "ver_hw": "PX4_SITL", "ver_sw": "zmav-sim"}
-        writer = UlogWriter(TOPICS, self._time_us, MOST_ONE, info=info, params=values)
-        self._writer, self._log = writer, self._store.begin(writer.data, self._unix_us() / 1e6)
-        if self._log is not None:
-            self._copter.say(6, f"[logger] .{LOGS}/{_name(self._log)}\t")
-        self._status, self._next_attitude, self._next_position = (-1, -1, -1), now, now
-        return writer
+        self._writer = UlogWriter(TOPICS, self.time_us, MOST_ONE, info=info, params=values)
+        self._status = (-1, -1, -1)
+        return self._writer.data
 
-    def _write_status(self, writer: UlogWriter) -> None:
+    def begun(self, log: Log) -> None:
+        self._copter.say(6, f"[logger] .{LOGS}/{_name(log)}\t")
+
+    def end(self) -> None:
+        self.write_status()
+
+    def write_status(self) -> None:
         copter = self._copter
         status = (copter.mode.number, _ARMED if copter.armed else _DISARMED, int(copter.failsafe.active))
         if status != self._status:
             self._status = status
-            writer.write("vehicle_status", self._time_us, *status)
+            self._writer.write("vehicle_status", self.time_us, *status)
+
+    def write_attitude(self) -> None:
+        s = self._copter.sense
+        self._writer.write("vehicle_attitude", self.time_us, s.qw, s.qx, s.qy, s.qz)
+
+    def write_position(self) -> None:
+        s = self._copter.sense
+        self._writer.write("vehicle_local_position", self.time_us, *self._copter.local, s.vn, s.ve, s.vd)
+
+
+class Px4LogProtocol(LogProtocol):
+    """The log protocol as PX4 1.16 runs it: measured, and read in its mavlink_log_handler.
+
+    An id is a log's place in its directory, from 0, and a directory has no order of time: here the newest comes first.
+    ``last_log_num`` is the number of logs, or the end that was asked for, which is not looked at otherwise. Without
+    logs it says nothing. A new request ends what is under way, and logs are given out in flight, once they are listed.
+    """
+
+    def __init__(self, store: LogStore) -> None:
+        super().__init__(store, lambda: False)
+        self._listed: dict[int, int] = {}
+        """the end of the list that was asked for last, by channel"""
+
+    def by_id(self, number: int) -> Log | None:
+        return self.store.logs[-1 - number] if 0 <= number < len(self.store.logs) else None
+
+    def last_number(self, listing: Listing) -> int:
+        end = self._listed.get(id(listing.channel), ALL)
+        return len(self.store.logs) if end == ALL else end
+
+    def closed(self, channel: Channel) -> None:
+        super().closed(channel)
+        self._listed.pop(id(channel), None)
+
+    def _busy(self, channel: Channel) -> bool:
+        return False
+
+    def _list(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        self._listed[id(channel)] = msg["end"]
+        self._task = Listing(channel, msg["start"], ALL)
+
+    def _data(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
+        log = self.by_id(msg["id"])
+        if id(channel) in self._listed and log is not None and msg["ofs"] < len(log.data):
+            super()._data(channel, msg, sender)
 
 
 class Px4Storage:
@@ -87,7 +110,7 @@ class Px4Storage:
 
     def __init__(self, copter: Px4Copter, unix_us: Callable[[], int]) -> None:
         self.logs = LogStore()
-        self.flight_log = FlightLog(copter, self.logs, unix_us)
+        self.flight_log = UlogFlight(copter, self.logs, unix_us)
         self.files = FileSystem(LOGS, EXTRAS)
         self.files.attach(LOGS, self._files, self._remove)
         self.files.attach(EXTRAS, lambda: {WORDS: event_words.packed()}, lambda name: False)

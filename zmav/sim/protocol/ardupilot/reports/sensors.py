@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from zmav import rotation
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot.node import ArduNode
@@ -17,7 +16,6 @@ MOST_RPM = 10_000.0
 _RTK = 6  # GPS_FIX_TYPE: what SITL's receiver claims
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 RECEIVED = 8  # channels of the receiver
-_LEVEL_LOCKS, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 4 | 8, 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 
 
 def gps_raw_int(node: ArduNode) -> Fields:
@@ -126,7 +124,7 @@ def rc_channels(node: ArduNode) -> Fields:
 def servo_output_raw(node: ArduNode) -> Fields:
     """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
     outputs = [round(1000 + 1000 * u) for u in node.seat.outputs()]
-    outputs += node.vehicle.payload.servos[len(outputs) :]
+    outputs += node.vehicle.servos[len(outputs) :]
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
@@ -137,57 +135,6 @@ def centred_pulse(node: ArduNode, channel: int, value: float) -> int:
     if params[f"SERVO{channel}_REVERSED"]:
         value = -value
     return round(middle + value * (high - middle if value > 0 else middle - low))
-
-
-def relay_status(node: ArduNode) -> Fields:
-    payload = node.vehicle.payload
-    present = [i for i in range(len(payload.relays)) if payload.has_relay(i)]
-    return {
-        "time_boot_ms": boot_ms(node),
-        "on": sum(1 << i for i in present if payload.relays[i]),
-        "present": sum(1 << i for i in present),
-    }
-
-
-def camera_feedback(node: ArduNode) -> Fields | None:
-    """The last picture."""
-    vehicle, camera = node.vehicle, node.vehicle.payload.camera
-    if not camera.pictures:
-        return None
-    place, s = vehicle.place(camera.shot_place), vehicle.sense
-    return {
-        "time_usec": int((camera.shot_at - vehicle.booted_at) * 1e6),
-        "img_idx": camera.pictures % 65536,
-        "lat": e7(place.lat_deg),
-        "lng": e7(place.lon_deg),
-        "alt_msl": place.alt_amsl_m,
-        "alt_rel": vehicle.home_world[2] - camera.shot_place[2],
-        "roll": math.degrees(s.roll),
-        "pitch": math.degrees(s.pitch),
-        "yaw": math.degrees(s.yaw),
-        "completed_captures": camera.pictures % 65536,
-    }
-
-
-def gimbal_device_attitude_status(node: ArduNode) -> Fields | None:
-    """Where the gimbal points: about the nose, or about north where it is locked to that."""
-    gimbal = node.vehicle.payload.gimbal
-    if not gimbal.present:
-        return None
-    yaw = gimbal.yaw if gimbal.locked else gimbal.yaw_ahead
-    angles = [math.radians(angle) for angle in (gimbal.roll, gimbal.pitch, yaw)]
-    flags = _LEVEL_LOCKS | (_YAW_IN_EARTH | _YAW_LOCK if gimbal.locked else _YAW_IN_VEHICLE)
-    return {
-        "time_boot_ms": boot_ms(node),
-        "flags": flags | {0: 1, 1: 2}.get(gimbal.mode, 0),
-        "q": list(rotation.from_euler(*angles)),
-        "angular_velocity_x": math.nan,
-        "angular_velocity_y": math.nan,
-        "angular_velocity_z": math.nan,
-        "delta_yaw": math.nan,
-        "delta_yaw_velocity": math.nan,
-        "gimbal_device_id": 1,
-    }
 
 
 def wind(node: ArduNode) -> Fields | None:

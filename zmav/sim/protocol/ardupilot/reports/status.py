@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from zmav.sim.autopilots.ardupilot.boot import Flag
-from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, FLOOR, POLYGON
+from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, POLYGON
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import GIT_HASH, Fields
@@ -114,10 +114,9 @@ def extended_sys_state(node: ArduNode) -> Fields:
 
 
 def mission_current(node: ArduNode) -> Fields:
-    """MISSION_STATE: none there, not started, active, paused or complete."""
+    """MISSION_STATE: none there, not started, active or complete."""
     vehicle, mission = node.vehicle, node.vehicle.mission
-    running = 4 if vehicle.auto.paused else 3
-    state = {State.STOPPED: 2, State.RUNNING: running, State.COMPLETE: 5}[mission.state] if mission.present else 1
+    state = {State.STOPPED: 2, State.RUNNING: 3, State.COMPLETE: 5}[mission.state] if mission.present else 1
     return {
         "seq": mission.current,
         "total": max(len(mission) - 1, 0),
@@ -130,7 +129,7 @@ def fence_status(node: ArduNode) -> Fields | None:
     fence = node.vehicle.fence
     if not fence.enabled:
         return None
-    kinds = ((CIRCLE | POLYGON, 3), (CEILING, 2), (FLOOR, 1))
+    kinds = ((CIRCLE | POLYGON, 3), (CEILING, 2))
     return {
         "breach_status": int(fence.breached != 0),
         "breach_count": fence.breaches,
