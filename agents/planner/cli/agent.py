@@ -59,15 +59,24 @@ from zmav.trust.credentials import Credentials
     help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.",
 )
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of its leases.")
+@click.option("--interpret", is_flag=True, help="Compile nothing: ready at once, for a few vehicles in the open.")
 @zenoh_options
 def planner(
-    name: str | None, standby: bool, fleet: str | None, fleet_file: str | None, settings: SessionSettings, **rest: Any
+    name: str | None,
+    standby: bool,
+    fleet: str | None,
+    fleet_file: str | None,
+    interpret: bool,
+    settings: SessionSettings,
+    **rest: Any,
 ) -> None:
     """Run the planner: goals in, safe motion of all vehicles out.
 
     The first one of a fleet takes charge; every other stands by and takes over when it is gone. Give it goals with
     'zmav swarm goto', 'formation', 'takeoff' and so on. SIGTERM ends it: what is in the air comes to rest.
     """
+    if interpret:
+        os.environ["NUMBA_DISABLE_JIT"] = "1"  # read as numba is loaded, by the solver's process, too
     try:
         from agents.planner.live.field import field_of
         from agents.planner.live.settings import Settings, fence_of
@@ -84,10 +93,12 @@ def planner(
 async def _planner(own: Any, session: SessionSettings) -> None:
     try:
         from agents.planner.live.agent import Agent
+        from agents.planner.solve.jit import interpreted
     except ImportError as e:
         raise missing_extra("the planner", e.name, "planner") from e
     async with zmav.open(fleet=own.fleet, settings=session) as z, Agent(z, own):
-        say(f"{own.fleet}/{own.name}: loading the solver; the first start on a machine compiles for a minute or two")
+        more = "" if interpreted() else "; the first start on a machine compiles for a minute or two"
+        say(f"{own.fleet}/{own.name}: loading the solver{more}")
         await until_stopped()
         say("ending: what is in the air comes to rest")
     leave()

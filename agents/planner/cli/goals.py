@@ -12,8 +12,7 @@ import click
 import zmav
 from agents.planner.cli import points
 from agents.planner.cli.asking import Planner, find
-from agents.planner.cli.previewing import show_preview
-from agents.planner.cli.watching import until_ended
+from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.cli.places import renamed_option
@@ -29,11 +28,10 @@ vehicles_argument = click.argument("vehicles", nargs=-1, required=True)
 
 
 def goal_options(command: F) -> F:
-    """``--queue --preview --picture --no-wait`` and those of every verb, given on as ``how``."""
+    """``--queue --preview --no-wait`` and those of every verb, given on as ``how``."""
 
     @click.option("--queue", is_flag=True, help="After what its vehicles do now, not in place of it.")
     @click.option("--preview", is_flag=True, help="Only tell what would be flown.")
-    @click.option("--picture", metavar="FILE", help="With --preview: draw it (PNG, SVG or PDF).")
     @click.option("--no-wait", is_flag=True, help="Return when it is in the book; 'zmav swarm list' shows it.")
     @fleet_option
     @json_option
@@ -43,18 +41,14 @@ def goal_options(command: F) -> F:
         *args: Any,
         queue: bool,
         preview: bool,
-        picture: str | None,
         no_wait: bool,
         fleet: str,
         as_json: bool,
         settings: SessionSettings,
         **kwargs: Any,
     ) -> Any:
-        if picture and not preview:
-            raise click.UsageError("--picture needs --preview")
-
         def fly(make: Make) -> None:
-            run(_order(make, queue, preview, picture, no_wait, fleet, as_json, settings))
+            run(_order(make, queue, preview, no_wait, fleet, as_json, settings))
 
         return command(*args, fly=fly, **kwargs)
 
@@ -65,7 +59,6 @@ async def _order(
     make: Make,
     queue: bool,
     preview: bool,
-    picture: str | None,
     no_wait: bool,
     fleet: str,
     as_json: bool,
@@ -75,7 +68,7 @@ async def _order(
         planner = await find(z)
         goal = make(planner)
         if preview:
-            await show_preview(planner, goal, picture, as_json)
+            await show_preview(planner, goal, as_json)
             return
         result = await planner.order("submit", swarm.Submit(goal=goal, when="queue" if queue else "now"))
         name = str(result["goal"])

@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import errno
+import functools
 import importlib.util
+import math
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
-from agents.planner.cli.stages import Stages
 from agents.planner.model.errors import PlanError
+from agents.planner.model.plans import Plan, encode, read_plan, write_plan
+from agents.planner.model.scene import Scene, read_scene
+from agents.planner.model.validate import validate
+from agents.planner.solve.bound import least_makespan
 from zmav.cli.common import dump
 from zmav.errors import BadConfig, BadInput, ZmavError
 
 if TYPE_CHECKING:
-    from agents.planner.cli.summary import Done
+    from agents.planner.model.verify import Report  # with it comes numba, which a refusal need not wait for
 
 PICTURES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
-class Wish:
+class Request:
     """What is asked for beside the plans."""
 
     seconds: float | None = None
@@ -61,23 +67,14 @@ class Wish:
 )
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE.png", help="Draw it from above and aside.")
 @click.option("--json", "as_json", is_flag=True, help="Say how it went as JSON, one document a scene.")
-def command(
-    files: tuple[Path, ...],
-    output: Path | None,
-    check: bool,
-    seconds: float | None,
-    seed: int,
-    margin: float,
-    picture: Path | None,
-    as_json: bool,
-) -> None:
+def command(files: tuple[Path, ...], output: Path | None, check: bool, **asked: Any) -> None:
     """Plan the motion of a whole swarm: 'zmav plan scene.json -o plan.json'.
 
     Several scenes are planned one after another: 'zmav plan scenes/*.json -o plans'. What cannot be planned gets a plan
     file that says why, and the exit code is 1. docs/planner-files.md describes both kinds of file.
     """
-    wish = Wish(seconds, seed, margin, picture, as_json)
-    _check_extras(wish)
+    request = Request(**asked)
+    _check_extras(request)
     if check:
         if len(files) != 2:
             text = "--check takes two files: SCENE.json PLAN.json"
@@ -85,21 +82,20 @@ def command(
         if output is not None:
             text = "--check plans nothing: there is nothing to write with -o"
             raise BadConfig(text, field="output", value=str(output), expected="no -o")
-        _check_pictures([picture])
-        sys.exit(_judge(files[0], files[1], wish))
+        _check_picture(request.picture)
+        sys.exit(_judge(files[0], files[1], request))
     targets = targets_of(files, output)
-    pictures = targets_of(files, picture, ".png") if picture else [None] * len(files)
-    _check_pictures(pictures)
-    failed = 0
-    with Stages(quiet=as_json) as stages:
-        for path, target, drawn in zip(files, targets, pictures, strict=True):
-            failed += not _one(path, target, drawn, wish, stages, several=len(files) > 1)
-    sys.exit(1 if failed else 0)
+    pictures = targets_of(files, request.picture, ".png") if request.picture else [None] * len(files)
+    for picture in pictures:
+        _check_picture(picture)
+    several = len(files) > 1
+    done = [_one(*each, request, several) for each in zip(files, targets, pictures, strict=True)]
+    sys.exit(0 if all(done) else 1)
 
 
-def _check_extras(wish: Wish) -> None:
+def _check_extras(request: Request) -> None:
     """Raises :class:`BadConfig` for what is not installed."""
-    for module in ("numba", "ompl", "scipy", *(["matplotlib"] if wish.picture else [])):
+    for module in ("numba", "ompl", "scipy", *(["matplotlib"] if request.picture else [])):
         try:
             there = importlib.util.find_spec(module) is not None
         except ValueError:  # what the import system says of a module that is blocked
@@ -122,12 +118,11 @@ def targets_of(files: tuple[Path, ...], output: Path | None, suffix: str = ".jso
         return [None]
     found: list[Path] = [output]
     if len(files) > 1 or output.is_dir():
-        if not output.is_dir():
-            try:
-                output.mkdir()
-            except OSError as e:
-                text = f"cannot make the folder {output} for {len(files)} plans: {e.strerror}"
-                raise BadConfig(text, field="output", value=str(output), expected="a folder") from e
+        try:
+            output.mkdir(exist_ok=True)
+        except OSError as e:
+            text = f"cannot make the folder {output} for {len(files)} plans: {e.strerror}"
+            raise BadConfig(text, field="output", value=str(output), expected="a folder") from e
         found = [output / f"{path.stem}{suffix}" for path in files]
     for target in found:
         _check_writable(target)
@@ -155,99 +150,92 @@ def _check_writable(target: Path) -> None:
         raise BadConfig(text, field="output", value=str(target), expected="a file that can be written") from e
 
 
-def _check_pictures(pictures: Sequence[Path | None]) -> None:
+def _check_picture(picture: Path | None) -> None:
     """Raises :class:`BadConfig` for a picture that cannot be written."""
-    for picture in pictures:
-        if picture is None:
-            continue
+    if picture is not None:
         if picture.suffix not in PICTURES:
             text = f"a picture's name ends in {', '.join(PICTURES)}: not {picture.name!r}"
             raise BadConfig(text, field="picture", value=str(picture), expected=", ".join(PICTURES))
         _check_writable(picture)
 
 
-def _one(path: Path, target: Path | None, drawn: Path | None, wish: Wish, stages: Stages, *, several: bool) -> bool:
+def _one(path: Path, target: Path | None, drawn: Path | None, request: Request, several: bool) -> bool:
     """Plan for one scene and write all that was asked for; whether there is a plan."""
-    from agents.planner.cli.summary import facts, summary
-    from agents.planner.model.plans import encode, write_plan
-
     try:
-        done = _plan(path, wish, stages)
+        scene, plan, report = _plan(path, request)
     except Exception as e:
         if not several:
             raise
-        stages.end()
         text = str(e) if isinstance(e, ZmavError) else f"{path}: the planner failed: {type(e).__name__}: {e}"
         click.echo(f"zmav: {text}", err=True)  # the others are planned
         return False
     if target is None:
-        click.echo(encode(done.plan), nl=False)
+        click.echo(encode(plan), nl=False)
     else:
-        write_plan(target, done.plan)
-    ok = done.plan.status == "ok"
-    if done.scene is not None and drawn is not None:
+        write_plan(target, plan)
+    if scene is not None and drawn is not None:
         from agents.planner.picture import draw
 
-        draw(done.scene, done.plan, done.report, drawn)
-    if wish.as_json:
-        click.echo(dump(facts(done, target), pretty=False), err=target is None)
-    elif ok:
-        click.echo(summary(done), err=target is None)
-    if not ok and done.plan.error is not None:
-        error = done.plan.error
-        who = f" ({', '.join(error.ids)})" if error.ids else ""
-        click.echo(f"zmav: {done.name}: {error.code}{who}: {error.message}", err=True)
-    return ok
+        draw(scene, plan, report, drawn)
+    if request.as_json:
+        click.echo(dump(_facts(path.stem, scene, plan, report, target), pretty=False), err=target is None)
+    elif scene is not None and report is not None:
+        words = f"{_headline(path.stem, scene, report)}, planned in {plan.planning_time_s or 0.0:.2f} s"
+        click.echo(words, err=target is None)
+    if plan.error is not None:
+        who = f" ({', '.join(plan.error.ids)})" if plan.error.ids else ""
+        click.echo(f"zmav: {path.stem}: {plan.error.code}{who}: {plan.error.message}", err=True)
+    return plan.status == "ok"
 
 
-def _plan(path: Path, wish: Wish, stages: Stages) -> Done:
+def _plan(path: Path, request: Request) -> tuple[Scene | None, Plan, Report | None]:
     """Read, validate, solve, and verify what is going to be written once more."""
-    from agents.planner.cli.summary import Done
-    from agents.planner.model.plans import Plan
-    from agents.planner.model.scene import read_scene
-    from agents.planner.model.validate import validate
-
-    stages.begin(path.stem)
-    begun, scene, report = time.perf_counter(), None, None
+    begun, scene = time.perf_counter(), None
     try:
-        stages("read", 0.0)
         scene = read_scene(path)
-        stages("validate", 0.0)
         validate(scene)
-        stages("load", 0.0)
-        _make_ready(any(v.type == "plane" for v in scene.vehicles), stages)
+        _make_ready(any(v.type == "plane" for v in scene.vehicles))
         from agents.planner.model.verify import verify
         from agents.planner.solve.pipeline import solve
 
-        found = solve(scene, seconds=wish.seconds, seed=wish.seed, margin=wish.margin, progress=stages)
+        begun = time.perf_counter()
+        progress = None if request.as_json else _stages(path.stem)
+        asked = {"seconds": request.seconds, "seed": request.seed, "margin": request.margin}
+        found = solve(scene, **asked, progress=progress)  # type: ignore[arg-type]
         plan = Plan.of(found.motions(), found.planning_time_s)
         report = verify(scene, plan.motions(), written=True)
         if not report.ok:
             raise ZmavError(f"{path}: a plan was found that does not keep the scene's rules: {report.faults[0]}")
     except PlanError as e:
-        spent = time.perf_counter() - begun
-        ready = sum(seconds for name, seconds in stages.end().items() if name in ("load", "warm up"))
-        plan = Plan.failed(e, spent - ready)
-    return Done(path.stem, scene, plan, report, stages.end())
+        return scene, Plan.failed(e, time.perf_counter() - begun), None
+    return scene, plan, report
 
 
-def _make_ready(planes: bool, stages: Stages) -> None:
+@functools.cache
+def _make_ready(planes: bool) -> None:
     """What a first plan in a process needs, out of its planning time."""
     from agents.planner.solve import jit, warm
 
-    if planes in stages.ready or True in stages.ready:
-        return
     if not jit.compiled():
-        stages.say("compiling the planner for this machine, once: this takes a minute or so")
-    warm.warm(planes, stages)
-    stages.ready.add(planes)
+        click.echo("compiling the planner for this machine, once: this takes a minute or so", err=True)
+    if not jit.interpreted():
+        warm.warm(planes)
 
 
-def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
+def _stages(scene: str) -> Callable[[str, float], None]:
+    """A line for each stage that the solver enters for the first time."""
+    seen = set[str]()
+
+    def progress(stage: str, share: float) -> None:
+        if stage not in seen:
+            seen.add(stage)
+            click.echo(f"{scene}: {stage}", err=True)
+
+    return progress
+
+
+def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:
     """``--check``: 0 for a plan that keeps every rule."""
-    from agents.planner.cli.summary import headline, quality
-    from agents.planner.model.plans import read_plan
-    from agents.planner.model.scene import read_scene
     from agents.planner.model.verify import verify
 
     scene, plan = read_scene(scene_file), read_plan(plan_file)
@@ -255,19 +243,55 @@ def _judge(scene_file: Path, plan_file: Path, wish: Wish) -> int:
         code = plan.error.code if plan.error else "no reason"
         raise BadInput(f"{plan_file} is no plan but an error: {code}", field="plan", value=code, expected="status ok")
     report = verify(scene, plan.trajectories, written=True)
-    if wish.as_json:
+    if request.as_json:
         found: dict[str, Any] = {"scene": scene_file.stem, "status": "ok" if report.ok else "faults"}
-        found |= {"vehicles": len(scene.vehicles), **quality(scene, report)}
+        found |= {"vehicles": len(scene.vehicles), **_quality(scene, report)}
         found["faults"] = [asdict(fault) for fault in report.faults]
         click.echo(dump(found, pretty=False))
     elif report.ok:
-        click.echo(f"{headline(scene_file.stem, scene, report)}: every rule is kept")
+        click.echo(f"{_headline(scene_file.stem, scene, report)}: every rule is kept")
     else:
         for fault in report.faults:
             click.echo(f"{fault.kind}: {fault}")
         click.echo(f"zmav: {len(report.faults)} faults in {plan_file}", err=True)
-    if wish.picture:
+    if request.picture:
         from agents.planner.picture import draw
 
-        draw(scene, plan, report, wish.picture)
+        draw(scene, plan, report, request.picture)
     return 0 if report.ok else 1
+
+
+def _quality(scene: Scene, report: Report) -> dict[str, Any]:
+    """How good a plan is: s, m and shares; None where there is nothing to measure."""
+    bound, closest, near = least_makespan(scene), report.closest, report.obstacle_clearance
+    return {
+        "makespan": report.makespan,
+        "over_bound": round(report.makespan / bound, 4) if bound else None,
+        "clearance": None if closest is None else round(closest.clearance, 4),
+        "closest": None if closest is None else [*closest.ids, round(closest.time, 3)],
+        "obstacle_clearance": round(near, 4) if math.isfinite(near) else None,
+    }
+
+
+def _facts(name: str, scene: Scene | None, plan: Plan, report: Report | None, target: Path | None) -> dict[str, Any]:
+    """How planning went, for a script."""
+    found: dict[str, Any] = {"scene": name, "status": plan.status, "vehicles": len(scene.vehicles) if scene else None}
+    if scene is not None and report is not None:
+        found |= _quality(scene, report)
+    found["planning_time_s"] = None if plan.planning_time_s is None else round(plan.planning_time_s, 4)
+    if plan.error is not None:
+        found["error"] = msgspec.to_builtins(plan.error)
+    return found | {"output": None if target is None else str(target)}
+
+
+def _headline(name: str, scene: Scene, report: Report) -> str:
+    """What a plan is worth, for a person."""
+    found = _quality(scene, report)
+    over = f" ({found['over_bound']:.2f} × the bound)" if found["over_bound"] else ""
+    words = [f"{name}: {len(scene.vehicles)} vehicles, makespan {found['makespan']:.1f} s{over}"]
+    if found["closest"]:
+        one, other, when = found["closest"]
+        words.append(f"clearance {found['clearance']:.2f} m ({one}, {other} at {when:.1f} s)")
+    if found["obstacle_clearance"] is not None:
+        words.append(f"{found['obstacle_clearance']:.2f} m from obstacles")
+    return ", ".join(words)

@@ -1,20 +1,22 @@
-"""Goals as a person follows them: a live table on a terminal, a line for each change elsewhere."""
+"""Goals as a person follows them: a live table on a terminal, a line for each change elsewhere; and previews."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
+from typing import Any
 
 import click
 import msgspec
 from rich.console import Console
 from rich.live import Live
+from rich.progress import Progress, TextColumn
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 import zmav
-from agents.planner.cli.asking import books
+from agents.planner.cli.asking import Planner, books
 from zmav.cli.common import console, dump
 from zmav.errors import TimedOut
 from zmav.wire import swarm
@@ -108,3 +110,37 @@ def few(names: list[str], most: int = 4) -> str:
 
 def show(view: Table, out: Console | None = None) -> None:
     (out or console()).print(view)
+
+
+async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> None:
+    """Ask, and show a line a step; raises the typed error of a goal that cannot be."""
+    with Progress(TextColumn("{task.description}"), disable=not sys.stderr.isatty(), transient=True) as bar:
+        task = bar.add_task("asked")
+
+        def progress(news: dict[str, Any]) -> None:
+            bar.update(task, description=f"{news.get('stage', 'plans')} {100.0 * float(news.get('share', 0.0)):.0f} %")
+
+        result = await planner.order("preview", swarm.Preview(goal=goal), progress)
+    if as_json:
+        click.echo(dump(result, pretty=False))
+        return
+    show(_steps(result))
+    clear = result.get("clearance")
+    words = f"{float(result['makespan']):.1f} s" + (f", {clear:.2f} m clear of each other" if clear is not None else "")
+    click.echo(f"in all: {words}")
+
+
+def _steps(result: dict[str, Any]) -> Table:
+    view = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("step", "vehicles", "lasts", "clear", "what"):
+        view.add_column(name, justify="right" if name in ("lasts", "clear") else "left")
+    for step in result["steps"]:
+        lasts, clear = step.get("makespan"), step.get("clearance")
+        view.add_row(
+            str(step["step"]),
+            few(step["vehicles"]),
+            "-" if lasts is None else f"{lasts:.1f} s",
+            "-" if clear is None else f"{clear:.2f} m",
+            str(step["text"]),
+        )
+    return view

@@ -171,7 +171,9 @@ class Solver:
     def _take(self, message: object, start: float) -> None:
         if isinstance(message, jobs.Ready):
             self.warm_seconds = time.monotonic() - start
-            self._say(f"the {self._name} is ready ({self.warm_seconds:.1f} s to load and compile)")
+            self._say(
+                f"the {self._name} is ready ({self.warm_seconds:.1f} s to load{'' if jit.interpreted() else ' and compile'})"
+            )
             self._ready.set()
         elif isinstance(message, jobs.News):
             if self._progress is not None:

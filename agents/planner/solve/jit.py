@@ -62,10 +62,17 @@ def folder() -> Path | None:
     return None
 
 
+def interpreted() -> bool:
+    """Whether kernels are not compiled in this process (``NUMBA_DISABLE_JIT``), but run as the Python that they are:
+    a hundred times slower, and soon enough for a few vehicles in the open.
+    """
+    return bool(cast(Any, numba.config).DISABLE_JIT)
+
+
 def compiled() -> bool:
-    """Whether all kernels are there."""
+    """Whether all kernels are there, or none is needed."""
     kept = folder()
-    return kept is not None and (kept / COMPLETE).exists()
+    return interpreted() or (kept is not None and (kept / COMPLETE).exists())
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan
-from agents.planner.model.problem import Progress, problem_of
+from agents.planner.model.problem import problem_of
 from agents.planner.model.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.solve import jit
@@ -20,22 +20,18 @@ PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 
 
-def warm(planes: bool = True, progress: Progress | None = None) -> Plan:
+def warm(planes: bool = True) -> Plan:
     """Plan small scenes that use the kernels; gives the plan of the first.
 
     ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need.
     """
-    tell = progress or (lambda stage, share: None)
-    tell("warm up", 0.0)
     with jit.compiling() as everything:
         copters = example(planes=False)
         plan = solve(copters, seconds=PATIENCE)
-        tell("warm up", 0.4)
         # The discrete search is for scenes that are tighter than any that is small.
         for scene in (copters, lane()) if everything else (copters,):
             problem, static = problem_of(scene), StaticMap(world_of(scene))
             deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
-        tell("warm up", 0.6)
         if everything:
             # A way through a narrow place, and the proof that there is none through a narrower one.
             for gap in (2.2, 1.8):
@@ -44,10 +40,8 @@ def warm(planes: bool = True, progress: Progress | None = None) -> Plan:
                 start, goal, radius = problem.start[0], problem.goal[0], float(problem.radius[0])
                 static.path(start, goal, radius)
                 static.separated(start, goal, radius)
-        tell("warm up", 0.8)
         if planes or everything:
             solve(example(planes=True), seconds=PATIENCE)
-    tell("warm up", 1.0)
     return plan
 
 
