@@ -191,10 +191,10 @@ class Supervisor(zmav.Agent):
 
     # What is loaded.
 
-    async def _load(self, *, kept: bool = True) -> float:
+    async def _load(self) -> float:
         shop = self.workshop
         given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given, kept=kept)
+        took = await shop.load(given)
         if shop.loaded is not None and shop.worker is not None:
             self.declare({**self.tunables, **shop.loaded.declared()})
             for name in given.keys() & shop.loaded.tunables.keys():
@@ -219,9 +219,9 @@ class Supervisor(zmav.Agent):
             with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
-    async def _load_again(self, *, kept: bool = True) -> float:
+    async def _load_again(self) -> float:
         try:
-            took = await self._load(kept=kept)
+            took = await self._load()
         except Exception as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
@@ -251,7 +251,7 @@ class Supervisor(zmav.Agent):
         if self.workshop.worker is not None and self.workshop.worker.alive:
             return
         with contextlib.suppress(ZmavError):
-            await self._load(kept=False)
+            await self._load()
 
     def tuned(self, name: str, value: float) -> None:
         shop = self.workshop
@@ -282,7 +282,7 @@ class Supervisor(zmav.Agent):
             await within(SOON, self._estimated())
         slow = check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
         if self.workshop.worker is None or not self.workshop.worker.alive:
-            await self._load_again(kept=False)
+            await self._load_again()
         await self._check_parameters()
         self._check_free()
         if self._wanted is not wanted:
