@@ -66,7 +66,6 @@ class Supervisor(zmav.Agent):
         "follow": Verb("follow", FollowSegment, Access.MOVE, "under the controller, follow a trajectory"),
         "sticks": Verb("sticks", ByStick, Access.MOVE, "under the controller, follow the pilot's sticks"),
         "inject": Verb("inject", Inject, Access.MOVE, "add a step, doublet or chirp to the reference"),
-        "reload": Verb("reload", wire.Order, Access.CHANGE, "load the file again, as saving it does"),
     }
 
     def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:
@@ -219,14 +218,13 @@ class Supervisor(zmav.Agent):
             with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
-    async def _load_again(self) -> float:
+    async def _load_again(self) -> None:
         try:
             took = await self._load()
         except Exception as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
-        return took
 
     def _described(self) -> str:
         loaded = self.workshop.loaded
@@ -466,9 +464,6 @@ class Supervisor(zmav.Agent):
         with self.cycles.lock:
             self.cycles.references.inject(args, self.estimate.state)
         return {"level": self.cycles.references.level}
-
-    async def on_reload(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        return {"took_ms": await self._load_again()}
 
     def _follows(self, level: str) -> None:
         """Raises :class:`Refused` for a reference from further in than the controller begins."""
