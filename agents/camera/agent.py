@@ -16,7 +16,7 @@ import zenoh
 from agents.camera.budget import Budget
 from agents.camera.capture import Capture, Shot, Source
 from agents.camera.quality_steps import QualitySteps, Step
-from agents.camera.settings import Calibration, Settings, camera_info
+from agents.camera.settings import Calibration, Settings
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
@@ -141,7 +141,22 @@ class CameraAgent:
         size = self.size if all(self.size) else self._full_size
         step, lens = self.quality.step, self._lens
         fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
-        return camera_info(self.settings, fitting, time.time(), step.rate, step.quality, self._source.words)
+        own = self.settings
+        return CameraInfo(
+            t=time.time(),
+            camera=own.camera,
+            width=fitting.width,
+            height=fitting.height,
+            focal=fitting.focal,
+            center=fitting.center,
+            distortion=fitting.distortion,
+            mount=own.mount,
+            offset=own.offset,
+            gimbal=own.gimbal,
+            rate_hz=step.rate,
+            quality=step.quality,
+            source=self._source.words,
+        )
 
     # What others say.
 

@@ -11,8 +11,6 @@ import msgspec
 
 from zmav import keys
 from zmav.errors import BadConfig
-from zmav.wire import CameraInfo
-from zmav.wire.base import Vector
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Angle = Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)]
@@ -128,25 +126,3 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
             focal=(fx * kx, fy * ky),
             center=((cx + 0.5) * kx - 0.5, (cy + 0.5) * ky - 0.5),
         )
-
-
-def camera_info(
-    settings: Settings, calibration: Calibration, t: float, rate: float, quality: int, source: str
-) -> CameraInfo:
-    """What the camera says of itself, for pictures of the calibration's size."""
-    mount: Vector = settings.mount
-    return CameraInfo(
-        t=t,
-        camera=settings.camera,
-        width=calibration.width,
-        height=calibration.height,
-        focal=calibration.focal,
-        center=calibration.center,
-        distortion=calibration.distortion,
-        mount=mount,
-        offset=settings.offset,
-        gimbal=settings.gimbal,
-        rate_hz=rate,
-        quality=quality,
-        source=source,
-    )

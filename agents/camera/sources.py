@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,8 @@ OLDEST = 5.0
 """s that a device's time stamp may lie back: one that is older, or ahead, is of another clock"""
 SLOWEST, FASTEST = 0.1, 240.0
 """Hz of a video file that are believed"""
+Frame = tuple[Image | None, bytes | None, float]
+"""decoded, or as JPEG, with the s to the next one"""
 
 
 def open_source(
@@ -52,10 +53,8 @@ def open_source(
                 value=text,
                 expected=expected,
             )
-    elif Path(text).is_dir():
-        source = FolderSource(Path(text), rate, loop)
     else:
-        source = FileSource(Path(text), loop)
+        source = Replay(Path(text), rate, loop)
     source.check()
     return source
 
@@ -133,18 +132,37 @@ def _frames(video: Any, why: str, closed: threading.Event, taken: Any) -> Iterat
         count += 1
 
 
-class Replay(ABC):
-    """Pictures from a disk, as if a camera took them now: what is too slow for them misses some. See its two kinds."""
+class Replay:
+    """A video file at its own pace, or the pictures of a folder by their names at ``rate``, as if a camera took them
+    now: what is too slow for them misses some. A folder's JPEGs are passed on as they are.
+    """
 
-    def __init__(self, path: Path, loop: bool) -> None:
+    def __init__(self, path: Path, rate: float, loop: bool) -> None:
         self.words = str(path)
-        self._path, self._loop = path, loop
+        self._path, self._rate, self._loop = path, rate, loop
+
+    def check(self) -> None:
+        cv2 = opencv()
+        if self._path.is_dir():
+            if not pictures_in(self._path):
+                text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
+                raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
+            return
+        if not self._path.is_file():
+            text = f"{self._path} is neither a device, a URL, a video file nor a folder of pictures"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a file that is there")
+        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        good, _ = video.read()
+        video.release()
+        if not good:
+            text = f"{self._path} is no video that OpenCV reads"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a video file")
 
     def shots(self, closed: threading.Event) -> Iterator[Shot]:
         count, due = 0, time.monotonic()
         while not closed.is_set():
             before = count
-            for image, jpeg, pace in self._once():
+            for image, jpeg, pace in self._pictures() if self._path.is_dir() else self._film():
                 pause(closed, due)
                 yield Shot(count, time.time(), image, jpeg)
                 count += 1
@@ -156,27 +174,7 @@ class Replay(ABC):
             if not self._loop:
                 return
 
-    @abstractmethod
-    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
-        """Its pictures from first to last, decoded or as JPEG, with the s to the next one."""
-
-
-class FileSource(Replay):
-    """A video file at its own pace."""
-
-    def check(self) -> None:
-        cv2 = opencv()
-        if not self._path.is_file():
-            text = f"{self._path} is neither a device, a URL, a video file nor a folder of pictures"
-            raise BadConfig(text, field="source", value=str(self._path), expected="a file that is there")
-        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-        good, _ = video.read()
-        video.release()
-        if not good:
-            text = f"{self._path} is no video that OpenCV reads"
-            raise BadConfig(text, field="source", value=str(self._path), expected="a video file")
-
-    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
+    def _film(self) -> Iterator[Frame]:
         cv2 = opencv()
         video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         try:
@@ -190,21 +188,7 @@ class FileSource(Replay):
         finally:
             video.release()
 
-
-class FolderSource(Replay):
-    """The pictures of a folder by their names; JPEGs are passed on as they are."""
-
-    def __init__(self, path: Path, rate: float, loop: bool) -> None:
-        super().__init__(path, loop)
-        self._rate = rate
-
-    def check(self) -> None:
-        opencv()
-        if not pictures_in(self._path):
-            text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
-            raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
-
-    def _once(self) -> Iterator[tuple[Image | None, bytes | None, float]]:
+    def _pictures(self) -> Iterator[Frame]:
         cv2 = opencv()
         for path in pictures_in(self._path):
             data = path.read_bytes()

@@ -50,8 +50,6 @@ class Controller(ABC):
     """the outermost loop that it takes over, and so the kind of reference that it follows"""
     gives: ClassVar[str] = ""
     """velocity, acceleration, attitude, rates or torque; empty: that of the level below its own"""
-    keeps: ClassVar[tuple[str, ...]] = ()
-    """attributes that go over to the class as loaded again from a saved file; without any it begins by :meth:`reset`"""
     tunables: ClassVar[Mapping[str, Tunable]] = {}
 
     def __init_subclass__(cls, **rest: Any) -> None:
@@ -87,8 +85,9 @@ class Controller(ABC):
         setattr(self, name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:  # noqa: B027  (not every class begins from something)
-        """Begin from what is: called with every cycle while the autopilot flies, so that nothing jumps when this takes
-        over. Integrators begin where :meth:`update` would give what ``trim`` says.
+        """Begin from what is, so that nothing jumps when this takes over: called with every cycle while the autopilot
+        flies, and once where the class was loaded in flight. Integrators begin where :meth:`update` would give what
+        ``trim`` says.
         """
 
     @abstractmethod

@@ -5,22 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from agents.controllers.frequency import TRUSTED, Chirp, decibel
-from agents.controllers.response import Report, Step
+from agents.controllers.response import Report
 from zmav.errors import missing_extra
 from zmav.figures import save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import SubFigure
 
 MEASURED, WRONG, MARK, GREY = "#1a73e8", "#d93025", "#e8710a", "#80868b"
 PANELS = 3
 """of outputs, at most"""
-LEAST = 0.02
-"""that an output's axis spans: the last bits of a number are nothing to look at"""
 
 
 def picture(report: Report, path: Path) -> None:
@@ -35,11 +29,10 @@ def picture(report: Report, path: Path) -> None:
     for name in report.outputs:
         groups.setdefault(name.rpartition(".")[0] or name, []).append(name)
     panels = list(groups)[:PANELS]
-    chirp = report.found if isinstance(report.found, Chirp) else None
     head, _, body = report.text().partition("\n")
     figure = Figure(figsize=(11.5, 5.6 + 1.05 * len(panels)), dpi=110, layout="constrained")
     figure.suptitle(head, weight="bold")
-    left, beside = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 0.95 if chirp else 0.6))[0]
+    left, beside = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 0.6))[0]
     axes = left.subplots(2 + len(panels), 1, sharex=True, height_ratios=[3.2, 1.5] + [1.2] * len(panels))
     _draw_followed(axes[0], report)
     axes[1].plot(report.t, report.error, color=WRONG, linewidth=0.9)
@@ -48,17 +41,11 @@ def picture(report: Report, path: Path) -> None:
         for name in groups[group]:
             ax.plot(report.t, report.outputs[name], linewidth=0.8, label=name.removeprefix(f"{group}."))
         ax.set_ylabel(group)
-        low, high = ax.get_ylim()
-        if high - low < LEAST:
-            ax.set_ylim((low + high - LEAST) / 2.0, (low + high + LEAST) / 2.0)
         if len(groups[group]) > 1:
             ax.legend(fontsize=7, loc="upper right")
     axes[-1].set(xlim=(report.t[0], report.t[-1]), xlabel=f"time since the {report.args.kind} (s)")
     for ax in axes:
         ax.grid(alpha=0.3)
-    if chirp is not None:
-        beside, below = beside.subfigures(2, 1, height_ratios=(0.3, 1.0))
-        _draw_bode(below, chirp)
     beside.text(0.02, 0.97, body, family="monospace", fontsize=7, va="top", wrap=True)
     save(figure, path)
 
@@ -67,7 +54,7 @@ def _draw_followed(ax: Axes, report: Report) -> None:
     name = report.args.channel + (", down" if report.args.channel in ("z", "vz") else "")
     ax.plot(report.t, report.reference, color="black", linewidth=0.9, label="reference")
     ax.plot(report.t, report.measured, color=MEASURED, linewidth=1.1, label="measured")
-    if isinstance(found := report.found, Step):
+    if (found := report.found) is not None:
         if found.t10 is not None and found.t90 is not None:
             ax.axvspan(found.t10, found.t90, color=MARK, alpha=0.2, linewidth=0, label="rise")
         for words, value, shade in (("peak", found.t_peak, WRONG), ("settled within 2 %", found.settle_2, GREY)):
@@ -75,26 +62,3 @@ def _draw_followed(ax: Axes, report: Report) -> None:
                 ax.axvline(value, color=shade, linewidth=0.9, linestyle="--", label=words)
     ax.set_ylabel(f"{name} ({report.unit})")
     ax.legend(fontsize=8, loc="lower right")
-
-
-def _draw_bode(figure: SubFigure, found: Chirp) -> None:
-    """Gain, phase and coherence over the frequency; what is not to be relied upon is left out of the first two."""
-    from matplotlib.ticker import LogLocator
-
-    gain, phase, coherence = axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 2.0, 0.9))
-    trusted = np.where(found.trusted, 1.0, np.nan)
-    gain.plot(found.frequency, trusted * [decibel(float(each)) for each in found.gain], color=MEASURED)
-    gain.axhline(-3.0, color=MARK, linewidth=0.8, linestyle=":")
-    phase.plot(found.frequency, trusted * np.degrees(found.phase), color=MEASURED)
-    coherence.plot(found.frequency, found.coherence, color=MEASURED)
-    coherence.axhline(TRUSTED, color=GREY, linewidth=0.8, linestyle=":")
-    gain.set(xscale="log", ylabel="gain (dB)")
-    phase.set_ylabel("phase (°)")
-    coherence.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-    coherence.xaxis.set_major_formatter("{x:g}")
-    coherence.xaxis.set_minor_formatter("{x:g}")
-    coherence.set(ylim=(0.0, 1.05), ylabel="coherence", xlabel="frequency (Hz)")
-    for ax in axes:
-        ax.grid(alpha=0.3, which="both")
-        if found.bandwidth is not None:
-            ax.axvline(found.bandwidth, color=MARK, linewidth=0.9, linestyle="--")

@@ -49,8 +49,6 @@ class Ev1Position(PositionLoop):
     ask for it: a / (kp + ki / s).
     """
 
-    keeps = ("_lasting",)
-
     below_kp = parameter(1.8, 0.1, 6.0, "1/s", "of the autopilot's velocity loop, over the ground (MPC_XY_VEL_P_ACC)")
     below_ki = parameter(0.4, 0.0, 4.0, "1/s²", "of the same (MPC_XY_VEL_I_ACC)")
     below_kp_z = parameter(4.0, 0.1, 12.0, "1/s", "of the same, of the climb (MPC_Z_VEL_P_ACC)")

@@ -48,7 +48,6 @@ class Ev2(Controller):
 
     level = "position"
     gives = "torque"
-    keeps = ("inner", "outer", "full", "behind")
 
     mass = parameter(3.2, 0.2, 30.0, "kg", "of the vehicle with what it carries")
     inertia_x = parameter(0.043, 1e-4, 5.0, "kg m²", "about the forward axis")

@@ -8,16 +8,13 @@ that a saved file is loaded there while this one flies.
 
 from __future__ import annotations
 
-import base64
 import gc
 import os
-import pickle
 import select
 import signal
 import socket
 import sys
 import threading
-from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -34,8 +31,6 @@ LOOKING_ON, IN_FORCE = 0, 1
 """a cycle's phase; in any other its output goes out, and nothing is remembered from cycle to cycle"""
 TRIAL = 1.0
 """s for the cycle on which a controller is tried out"""
-MOST_KEPT = packets.MOST - 1000
-"""bytes, in the form in which it goes over"""
 MOST_TEXT = 2000
 """characters of what is said of an error"""
 COLLECT_EVERY = 500
@@ -53,7 +48,6 @@ class Host:
         self._stack: Stack | None = None
         self._begun = False
         """it was reset by a cycle"""
-        self._kept: dict[str, Any] | None = None
         self._names: tuple[str, ...] = ()
         self._failed = False
         self._cycles = 0
@@ -95,12 +89,9 @@ class Host:
         stack = self._stack
         if stack is None:
             return None
-        if phase != IN_FORCE or self._kept is not None or not self._begun:
+        if phase != IN_FORCE or not self._begun:
             stack.reset(state, reference, trim)
             self._begun = True
-            if self._kept is not None:
-                stack.keep(self._kept)
-                self._kept = None
         if phase == LOOKING_ON:
             return None
         return checked(stack.update(state, reference), stack.controller.gives)
@@ -124,10 +115,6 @@ class Host:
                 self._stack.tune(**said["tune"])
             except Exception as e:  # a class may have a tune() of its own
                 self._say(because=f"not tuned: {where(e, self._what)}"[:MOST_TEXT])
-        elif "keep" in said:
-            self._keep(base64.b64decode(said["keep"]))
-        elif "give" in said and self._stack is not None:
-            self._give(self._stack)
 
     def _load(self, what: str, cls: str, tuned: dict[str, float]) -> None:
         self._what, self._tuned = what, tuned
@@ -157,27 +144,6 @@ class Host:
                 stack.tune(name, value)
         return stack
 
-    def _give(self, stack: Stack) -> None:
-        """Whatever the class keeps: this flies on, and must not end by it."""
-        try:
-            kept = base64.b64encode(pickle.dumps(stack.kept())).decode()
-            if len(kept) > MOST_KEPT:
-                raise ValueError(f"{len(kept)} bytes; at most {MOST_KEPT}")
-        except Exception as e:
-            self._say(broken=f"what it keeps cannot go over: {where(e, self._what)}"[:MOST_TEXT])
-            return
-        self._say(kept=kept)
-
-    def _keep(self, kept: bytes) -> None:
-        """Taken over where one cycle with it goes well: the class may have changed what it keeps."""
-        try:
-            _try(self._made(), pickle.loads(kept))
-            self._kept = pickle.loads(kept)
-        except BaseException as e:
-            self._say(broken=f"with what the class kept: {where(e, self._what)}"[:MOST_TEXT])
-            return
-        self._say(taken=True)
-
     def _say(self, **what: Any) -> None:
         self._line.send(packets.talk(**what))
 
@@ -195,7 +161,7 @@ def checked(output: object, gives: str) -> Output:
     return output
 
 
-def _try(stack: Stack, kept: Mapping[str, Any] | None = None) -> None:
+def _try(stack: Stack) -> None:
     """One cycle at a hover: what is wrong with every cycle shows before it flies. Raises what it raises, and
     TimeoutError where it does not end.
     """
@@ -206,18 +172,12 @@ def _try(stack: Stack, kept: Mapping[str, Any] | None = None) -> None:
     signal.signal(signal.SIGALRM, too_long)
     signal.setitimer(signal.ITIMER_REAL, TRIAL)
     try:
-        _one_cycle(stack, kept)
+        state, reference, trim = State(), Reference(level=stack.controller.level), Trim()
+        state.sticks[2] = 0.5
+        stack.reset(state, reference, trim)
+        packets.pack_output(0, checked(stack.update(state, reference), stack.controller.gives), stack.signals)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-def _one_cycle(stack: Stack, kept: Mapping[str, Any] | None) -> None:
-    state, reference, trim = State(), Reference(level=stack.controller.level), Trim()
-    state.sticks[2] = 0.5
-    stack.reset(state, reference, trim)
-    if kept is not None:
-        stack.keep(kept)
-    packets.pack_output(0, checked(stack.update(state, reference), stack.controller.gives), stack.signals)
 
 
 def _end_with(line: socket.socket) -> None:

@@ -1,9 +1,7 @@
 """Steps, doublets and chirps that are added to a controller's reference in flight: what a response is measured by.
 
-A step or a doublet is added to the one channel and to nothing else: what a jump would feed forward is no number, and
-how the loop follows by itself is what the report is about. A chirp feeds its derivative forward (a position's velocity,
-a velocity's acceleration, a yaw's rate) only where ``feed`` asks for it: the response is then that of loop and
-feed-forward together.
+It is added to the one channel and to nothing else: what a jump would feed forward is no number, and how the loop
+follows by itself is what the report is about.
 """
 
 from __future__ import annotations
@@ -44,20 +42,18 @@ class Channel:
     """of the reference: a vector, or its yaw; an angle of a reference without a yaw is one of its attitude"""
     axis: int = 0
     """of that vector"""
-    fed: str = ""
-    """what its derivative is fed forward by; empty: a reference has no place for it"""
 
 
 CHANNELS: dict[str, Channel] = {
-    "x": Channel(("position",), "m", 20.0, "pos", 0, "vel"),
-    "y": Channel(("position",), "m", 20.0, "pos", 1, "vel"),
-    "z": Channel(("position", "altitude"), "m", 10.0, "pos", 2, "vel"),
-    "vx": Channel(("velocity",), "m/s", 8.0, "vel", 0, "acc"),
-    "vy": Channel(("velocity",), "m/s", 8.0, "vel", 1, "acc"),
-    "vz": Channel(("velocity",), "m/s", 3.0, "vel", 2, "acc"),
+    "x": Channel(("position",), "m", 20.0, "pos", 0),
+    "y": Channel(("position",), "m", 20.0, "pos", 1),
+    "z": Channel(("position", "altitude"), "m", 10.0, "pos", 2),
+    "vx": Channel(("velocity",), "m/s", 8.0, "vel", 0),
+    "vy": Channel(("velocity",), "m/s", 8.0, "vel", 1),
+    "vz": Channel(("velocity",), "m/s", 3.0, "vel", 2),
     "roll": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
     "pitch": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
-    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, "yaw", 0, "yaw_rate"),
+    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, "yaw", 0),
     "p": Channel(("rates",), "rad/s", 4.0, "rates", 0),
     "q": Channel(("rates",), "rad/s", 4.0, "rates", 1),
     "r": Channel(("rates",), "rad/s", 2.0, "rates", 2),
@@ -80,8 +76,6 @@ class Inject(wire.Order, kw_only=True):
     """Hz at which a chirp begins"""
     f1: float = 5.0
     """Hz at which it ends: the frequency grows by the same factor each second"""
-    feed: bool = False
-    """a chirp's derivative is fed forward, too"""
 
 
 class Injection:
@@ -100,16 +94,15 @@ class Injection:
         """It is over: nothing is added any more."""
         return t - self.start_t >= self.seconds
 
-    def value(self, t: float) -> tuple[float, float]:
-        """What is added at ``t``, and for a chirp its derivative (zero else), both before :attr:`Inject.feed`."""
+    def value(self, t: float) -> float:
+        """What is added at ``t``."""
         since = t - self.start_t
         if not 0.0 <= since < self.seconds:
-            return 0.0, 0.0
-        if self.args.kind == "step":
-            return self.args.amplitude, 0.0
-        if self.args.kind == "doublet":
-            return (self.args.amplitude if since < self.args.seconds else -self.args.amplitude), 0.0
-        return _chirp(self.args, since)
+            return 0.0
+        if self.args.kind == "chirp":
+            return _chirp(self.args, since)
+        back = self.args.kind == "doublet" and since >= self.args.seconds
+        return -self.args.amplitude if back else self.args.amplitude
 
     def apply(self, reference: Reference, t: float) -> float:
         """Add to ``reference`` as it is to be at ``t``; gives what was added.
@@ -119,8 +112,8 @@ class Injection:
         """
         if reference.level != self.level:
             return 0.0
-        added, slope = self.value(t)
-        if added == 0.0 and slope == 0.0:
+        added = self.value(t)
+        if added == 0.0:
             return 0.0
         part, axis = self.channel.part, self.channel.axis
         if part == "yaw" and self.level in ("position", "velocity"):
@@ -128,11 +121,9 @@ class Injection:
         elif part in ("yaw", "attitude"):
             reference.attitude = turned(reference.attitude, self.args.channel, added)
         else:
-            setattr(reference, part, _plus(getattr(reference, part), axis, added))
-        if self.args.feed and self.channel.fed == "yaw_rate":
-            reference.yaw_rate += slope
-        elif self.args.feed:
-            setattr(reference, self.channel.fed, _plus(getattr(reference, self.channel.fed), axis, slope))
+            changed = getattr(reference, part).copy()
+            changed[axis] += added
+            setattr(reference, part, changed)
         return added
 
 
@@ -157,9 +148,6 @@ def check(args: Inject, level: Level) -> None:
         raise _bad("seconds", args.seconds, f"{SHORTEST:g} to {LONGEST:g} s")
     if args.kind == "chirp":
         _check_chirp(args)
-    if args.feed and (args.kind != "chirp" or not channel.fed):
-        fed = ", ".join(name for name in channels if CHANNELS[name].fed)
-        raise _bad("feed", args.feed, f"only with a chirp of a channel that has a place for it ({fed or 'none here'})")
     if args.channel in ("p", "q"):
         turn = _turn(args)
         if turn > MOST_TURN:
@@ -183,24 +171,17 @@ def _turn(args: Inject) -> float:
     return amplitude / (math.pi * args.f0) if args.kind == "chirp" else amplitude * args.seconds
 
 
-def _chirp(args: Inject, since: float) -> tuple[float, float]:
-    """An exponential sweep, and its derivative.
+def _chirp(args: Inject, since: float) -> float:
+    """An exponential sweep.
 
     Phase 2 pi f0 T / ln k (k^(t/T) - 1) with k = f1/f0: A. Farina, "Simultaneous measurement of impulse response and
     distortion with a swept-sine technique", AES 108, 2000. A raised cosine fades it in and out.
     """
     log, fade = math.log(args.f1 / args.f0), TAPER * args.seconds
-    grown = math.exp(log * since / args.seconds)
-    phase = 2.0 * math.pi * args.f0 * args.seconds / log * (grown - 1.0)
-    frequency = 2.0 * math.pi * args.f0 * grown
-    window, slope = 1.0, 0.0
-    left = args.seconds - since
-    if min(since, left) < fade:
-        angle = math.pi * min(since, left) / fade
-        window = 0.5 * (1.0 - math.cos(angle))
-        slope = 0.5 * math.pi / fade * math.sin(angle) * (1.0 if since < left else -1.0)
-    sine, cosine = math.sin(phase), math.cos(phase)
-    return args.amplitude * window * sine, args.amplitude * (slope * sine + window * frequency * cosine)
+    phase = 2.0 * math.pi * args.f0 * args.seconds / log * (math.exp(log * since / args.seconds) - 1.0)
+    edge = min(since, args.seconds - since)
+    window = 0.5 * (1.0 - math.cos(math.pi * edge / fade)) if edge < fade else 1.0
+    return args.amplitude * window * math.sin(phase)
 
 
 def turned(q: Array, name: str, angle: float) -> Array:
@@ -217,12 +198,6 @@ def turned(q: Array, name: str, angle: float) -> Array:
         yaw = heading(q)
         turned = product((cosine, -sine * math.sin(yaw), sine * math.cos(yaw), 0.0), q)
     return np.array(turned) / math.hypot(*turned)
-
-
-def _plus(vector: Array, axis: int, value: float) -> Array:
-    changed = vector.copy()
-    changed[axis] += value
-    return changed
 
 
 def _bad(field: str, value: object, expected: str) -> BadInput:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +19,8 @@ from agents.controllers.types import (
     Acceleration,
     AttitudeThrust,
     Output,
-    RatesThrust,
     Reference,
     State,
-    TorqueThrust,
     Trim,
     Velocity,
 )
@@ -111,37 +110,26 @@ def unpack_output(data: bytes) -> Answer:
     return Answer(number, None if which == NOTHING else _output(_CLASSES[which], values), signals)
 
 
-def _numbers(output: Output) -> tuple[float, ...]:
-    if isinstance(output, Velocity | Acceleration):
-        vector = output.vel if isinstance(output, Velocity) else output.acc
-        return (*_exactly(3, vector), _or_nan(output.yaw), _or_nan(output.yaw_rate), 0.0)
-    if isinstance(output, AttitudeThrust):
-        return (*_exactly(4, output.attitude), float(output.thrust), float(output.yaw_rate))
-    vector = output.rates if isinstance(output, RatesThrust) else output.torque
-    return (*_exactly(3, vector), float(output.thrust), 0.0, 0.0)
+def _numbers(output: Output) -> list[float]:
+    """Its vector, and what follows; six with zeros."""
+    vector, *rest = vars(output).values()
+    row, size = [float(part) for part in vector], _size(type(output))
+    if len(row) != size:
+        raise ValueError(f"it has {len(row)} numbers; expected {size}")
+    may_lack = isinstance(output, Velocity | Acceleration)
+    row += [math.nan if each is None and may_lack else float(each) for each in rest]
+    return row + [0.0] * (6 - len(row))
 
 
 def _output(cls: type[Output], v: list[float]) -> Output:
-    if cls is Velocity or cls is Acceleration:
-        return cls(np.array(v[:3]), _or_none(v[3]), _or_none(v[4]))
-    if cls is AttitudeThrust:
-        return AttitudeThrust(np.array(v[:4]), v[4], v[5])
-    return RatesThrust(np.array(v[:3]), v[3]) if cls is RatesThrust else TorqueThrust(np.array(v[:3]), v[3])
+    size, count = _size(cls), len(fields(cls)) - 1
+    rest: list[Any] = [None if math.isnan(each) else each for each in v[size : size + count]]
+    return cls(np.array(v[:size]), *rest)
 
 
-def _exactly(count: int, vector: Any) -> list[float]:
-    row = [float(part) for part in vector]
-    if len(row) != count:
-        raise ValueError(f"it has {len(row)} numbers; expected {count}")
-    return row
-
-
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else float(value)
-
-
-def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
+def _size(cls: type[Output]) -> int:
+    """Of its vector: a quaternion, or north, east, down or x, y, z."""
+    return 4 if cls is AttitudeThrust else 3
 
 
 def talk(**what: Any) -> bytes:

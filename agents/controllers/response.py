@@ -1,4 +1,4 @@
-"""How a controller answered what was injected: the report of a recorded step, doublet or chirp.
+"""How a controller answered what was injected: the report of a recorded step, or of another signal.
 
 What is measured is the response to what was injected alone: the deviation of the measured value from the reference as
 it would have been without, less what it was before. So the reference may move meanwhile. Angles go on past pi.
@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from agents.controllers.frequency import Chirp, chirp_of
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
+from zmav import wire
 from zmav.errors import BadInput
 
 LEAST = 20
@@ -30,8 +31,6 @@ UNREST = 0.05
 """of the amplitude: who moved more than that before it has that told"""
 NOISE = 4.0
 """standard deviations of the noise before, within which it counts as settled where that is more than the band"""
-ALIKE = 0.3
-"""correlation below which a doublet's delay means nothing"""
 
 
 @dataclass
@@ -44,6 +43,8 @@ class Step:
     """what the response came to: its mean over the last fifth, in the channel's unit"""
     steady_error: float
     """amplitude less final"""
+    noise: float
+    """standard deviation before the step"""
     peak: float | None = None
     """the response's farthest"""
     t_peak: float | None = None
@@ -56,27 +57,25 @@ class Step:
     settle_5: float | None = None
     """after which it stays within 5 % of final"""
     settle_2: float | None = None
-    noise: float = 0.0
-    """standard deviation before the step"""
 
     @property
     def rise(self) -> float | None:
         """From 10 to 90 % of final."""
         return None if self.t10 is None or self.t90 is None else self.t90 - self.t10
 
-
-@dataclass
-class Doublet:
-    """A doublet's response."""
-
-    first: float
-    """the farthest that it went the first way, as a share of the amplitude"""
-    second: float
-    """and then the other way"""
-    delay: float | None
-    """s by which it is most like what was injected; None: it is not like it"""
-    correlation: float
-    """how like it is then, 1 at most"""
+    def rows(self, unit: str) -> list[tuple[str, str]]:
+        """Each measure's name and its value with its unit."""
+        peak = "none" if self.peak is None else f"{self.peak:.3g} {unit} at {_seconds(self.t_peak)}"
+        over = "none" if self.overshoot is None else f"{self.overshoot:.1f} %"
+        return [
+            ("rise time (10-90 %)", _seconds(self.rise)),
+            ("delay (to 50 %)", _seconds(self.delay)),
+            ("overshoot", over),
+            ("peak", peak),
+            ("settling time (5 %)", _seconds(self.settle_5)),
+            ("settling time (2 %)", _seconds(self.settle_2)),
+            ("steady-state error", f"{self.steady_error:.2g} {unit}"),
+        ]
 
 
 @dataclass
@@ -90,12 +89,7 @@ class Report:
     reference: Array
     """what was injected included"""
     measured: Array
-    injected: Array
     outputs: dict[str, Array]
-    response: Array
-    """to what was injected alone"""
-    seconds: float
-    """that the injection lasted"""
     period: float
     """s between two samples"""
     lost: int
@@ -105,7 +99,8 @@ class Report:
     rms: float
     """of the error (reference less measured) during the injection"""
     peak_error: float
-    found: Step | Doublet | Chirp
+    found: Step | None
+    """None: of a doublet or a chirp, whose signals are for other tools"""
     notes: list[str] = field(default_factory=list)
     """what to know before believing it"""
 
@@ -120,52 +115,28 @@ class Report:
 
     def text(self) -> str:
         """A table of a line a measure, for a terminal."""
-        args, lines = self.args, []
-        what = f"{args.kind} of {args.amplitude:g} {self.unit} in {args.channel}"
-        over = (
-            f"{args.f0:g} to {args.f1:g} Hz over {args.seconds:g} s" if args.kind == "chirp" else f"{args.seconds:g} s"
-        )
-        lines.append(f"{self.title + ': ' if self.title else ''}{what}, {over}")
-        rows = self.rows()
+        args, unit = self.args, self.unit
+        what = f"{args.kind} of {args.amplitude:g} {unit} in {args.channel}"
+        over = f"{args.f0:g} to {args.f1:g} Hz over " if args.kind == "chirp" else ""
+        counts = f", {self.lost or 'none'} lost" + (f", {self.bad} no use" if self.bad else "")
+        rows = [
+            *(self.found.rows(unit) if self.found else ()),
+            ("RMS error", f"{self.rms:.3g} {unit}"),
+            ("peak error", f"{self.peak_error:.3g} {unit}"),
+            ("recorded", f"{len(self.t)} samples at {1.0 / self.period:.0f} Hz{counts}"),
+        ]
         width = max(len(name) for name, _ in rows)
+        lines = [f"{self.title + ': ' if self.title else ''}{what}, {over}{args.seconds:g} s"]
         lines += [f"  {name:<{width}}  {words}" for name, words in rows]
-        lines += [f"  ! {note}" for note in self.notes]
-        return "\n".join(lines)
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Each measure's name and its value with its unit."""
-        unit = self.unit
-        errors = [("RMS error", f"{self.rms:.3g} {unit}"), ("peak error", f"{self.peak_error:.3g} {unit}")]
-        lost = f", {self.lost} lost" if self.lost else ", none lost"
-        bad = f", {self.bad} no use" if self.bad else ""
-        recorded = [("recorded", f"{len(self.t)} samples at {1.0 / self.period:.0f} Hz{lost}{bad}")]
-        if isinstance(self.found, Step):
-            return _step_rows(self.found, unit) + errors + recorded
-        if isinstance(self.found, Doublet):
-            return _doublet_rows(self.found) + errors + recorded
-        return self.found.rows() + errors + recorded
+        return "\n".join([*lines, *(f"  ! {note}" for note in self.notes)])
 
     def numbers(self) -> dict[str, Any]:
         """The measures as JSON takes them, by name; what there is not is None. SI units; overshoot in %."""
-        found: dict[str, Any] = {
-            name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self.found).items()
-        }
-        if isinstance(self.found, Step):
-            found["rise"] = self.found.rise
-        args = self.args
-        said = {name: getattr(args, name) for name in ("kind", "channel", "amplitude", "seconds")}
-        if args.kind == "chirp":
-            said |= {"f0": args.f0, "f1": args.f1, "feed": args.feed}
-        own = {"samples": len(self.t), "hz": 1.0 / self.period, "lost": self.lost, "bad": self.bad}
-        return {
-            **said,
-            "unit": self.unit,
-            **own,
-            "rms": self.rms,
-            "peak_error": self.peak_error,
-            **found,
-            "notes": list(self.notes),
-        }
+        own = wire.Order.__struct_fields__
+        asked = {name: value for name, value in msgspec.structs.asdict(self.args).items() if name not in own}
+        step = {**asdict(self.found), "rise": self.found.rise} if self.found else {}
+        names = ("unit", "period", "lost", "bad", "rms", "peak_error", "notes")
+        return {**asked, **step, **{name: getattr(self, name) for name in names}}
 
 
 def examine(
@@ -181,17 +152,11 @@ def examine(
     ``reference`` as the controller was given it (what was injected included), what was ``measured`` and what was
     ``injected``, each (N,); ``outputs``: more of (N,), for the picture. It should begin a little before the injection.
 
-    Raises :class:`~zmav.errors.BadInput` for arrays that do not fit, for what is too short or has too many gaps, and
-    where nothing was injected; what is merely doubtful stands in the report's notes.
+    Raises :class:`~zmav.errors.BadInput` for what is too short or has too many gaps, and where nothing was injected;
+    what is merely doubtful stands in the report's notes.
     """
-    if args.channel not in CHANNELS:
-        names = ", ".join(CHANNELS)
-        text = f"response: channel is {args.channel!r}; expected one of {names}"
-        raise BadInput(text, field="channel", value=args.channel, expected=names)
-    columns = {"t": t, "reference": reference, "measured": measured, "injected": injected, **(outputs or {})}
-    rows, bad = _clean(columns)
-    t = rows.pop("t")
-    reference, measured, injected = (rows.pop(name) for name in ("reference", "measured", "injected"))
+    rows, bad = _clean({"t": t, "reference": reference, "measured": measured, "injected": injected, **(outputs or {})})
+    t, reference, measured, injected = (rows.pop(name) for name in ("t", "reference", "measured", "injected"))
     within = np.flatnonzero(injected)
     if len(within) == 0:
         raise _short("injected", f"nothing was injected in {len(t)} samples", "what is not 0 at some time")
@@ -200,61 +165,37 @@ def examine(
     period = float(np.median(np.diff(t)))
     during = slice(first, last + 1)
     lost = _gaps(t, period, during)
-    if CHANNELS[args.channel].unit == "rad":
+    unit = CHANNELS[args.channel].unit
+    if unit == "rad":
         reference = np.unwrap(reference)
         measured = reference - np.remainder(reference - measured + math.pi, 2.0 * math.pi) + math.pi
     response = measured - (reference - injected)
-    noise = moved = 0.0
+    noise, notes = 0.0, list[str]()
     if first >= 5:
         response = response - response[:first].mean()
         slope, at = np.polyfit(t[:first], response[:first], 1)
         noise, moved = float((response[:first] - slope * t[:first] - at).std()), abs(slope * t[0])
-    error = (reference - measured)[during]
-    notes = []
-    if moved > UNREST * abs(args.amplitude):
-        notes.append(f"it was not at rest before: it moved by {moved:.2g} {CHANNELS[args.channel].unit}")
+        if moved > UNREST * abs(args.amplitude):
+            notes.append(f"it was not at rest before: it moved by {moved:.2g} {unit}")
+    else:
+        notes.append("nothing was recorded before it: an error that was there already counts as response")
     lasted = float(t[last]) + period
     if lasted < 0.98 * duration(args) - 2.0 * period:
         notes.append(f"it ended after {lasted:.2f} s of {duration(args):g} s")
-    if first < 5:
-        notes.append("nothing was recorded before it: an error that was there already counts as response")
-    found: Step | Doublet | Chirp
+    found = None
     if args.kind == "step":
         found = _step(args.amplitude, t[during], response[during], noise, notes)
         if found.rise is not None and found.rise < 4.0 * period:
             notes.append(f"it rose within {found.rise / period:.0f} samples: its times are rough")
-    elif args.kind == "doublet":
-        found = _doublet(args, t, response, injected, period, notes)
-    else:
-        found = chirp_of(args, t, response, injected, period, notes)
-    return Report(
-        args,
-        title,
-        t,
-        reference,
-        measured,
-        injected,
-        rows,
-        response,
-        lasted,
-        period,
-        lost,
-        bad,
-        float(np.sqrt(np.mean(error**2))),
-        float(np.abs(error).max()),
-        found,
-        notes,
-    )
+    error = (reference - measured)[during]
+    rms, peak = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return Report(args, title, t, reference, measured, rows, period, lost, bad, rms, peak, found, notes)
 
 
 def _clean(columns: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
     """The rows that are numbers and later than the one before, and how many are not. Outputs may be anything."""
     rows = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
-    size = len(rows["t"]) if rows["t"].ndim == 1 else -1
-    for name, row in rows.items():
-        if row.shape != (size,):
-            text = f"response: {name} has the shape {row.shape}; expected one number for each time ({size})"
-            raise BadInput(text, field=name, value=row.shape, expected=(size,))
+    size = len(rows["t"])
     names = ("t", "reference", "measured", "injected")
     good = np.flatnonzero(np.all([np.isfinite(rows[name]) for name in names], axis=0))
     times = rows["t"][good]
@@ -292,7 +233,7 @@ def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) 
     """``t``, ``y``: while the step lasted."""
     tail = y[t >= (1.0 - END) * t[-1]]
     final = float(tail.mean())
-    found = Step(final, amplitude - final, noise=noise)
+    found = Step(final, amplitude - final, noise)
     if final / amplitude < FOLLOWS:
         notes.append("it does not follow: there is no response to judge")
         return found
@@ -334,49 +275,6 @@ def _settled(t: Array, off: Array, band: float) -> float | None:
     return float(np.interp(-band, -np.abs(off[k : k + 2]), t[k : k + 2]))
 
 
-def _doublet(args: Inject, t: Array, y: Array, injected: Array, period: float, notes: list[str]) -> Doublet:
-    share = y / args.amplitude
-    first, second = share[(t >= 0.0) & (t < 2.0 * args.seconds)], share[t >= args.seconds]
-    ways = float(first.max()), float(max(0.0, -second.min())) if len(second) else 0.0
-    grid = np.arange(t[0], t[-1], period)
-    u, v = np.interp(grid, t, injected), np.interp(grid, t, y)
-    size = 2 * len(grid)
-    like = np.fft.irfft(np.fft.rfft(v, size) * np.conj(np.fft.rfft(u, size)), size)
-    like /= max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-12)
-    most = min(len(grid) - 1, int(args.seconds / period))
-    k = int(np.argmax(like[:most]))
-    if like[k] < ALIKE:
-        notes.append("it does not follow: the response is not like what was injected")
-        return Doublet(*ways, None, float(like[k]))
-    before, at, after = like[k - 1], like[k], like[k + 1]  # the one before lag 0 stands at the end
-    bend = before - 2.0 * at + after
-    shift = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return Doublet(*ways, max(0.0, (k + float(np.clip(shift, -0.5, 0.5))) * period), float(at))
-
-
-def seconds(value: float | None) -> str:
+def _seconds(value: float | None) -> str:
     """A time for a person."""
     return "none" if value is None else f"{value:.3f} s" if value < 10.0 else f"{value:.2f} s"
-
-
-def _step_rows(found: Step, unit: str) -> list[tuple[str, str]]:
-    peak = "none" if found.peak is None else f"{found.peak:.3g} {unit} at {seconds(found.t_peak)}"
-    over = "none" if found.overshoot is None else f"{found.overshoot:.1f} %"
-    return [
-        ("rise time (10-90 %)", seconds(found.rise)),
-        ("delay (to 50 %)", seconds(found.delay)),
-        ("overshoot", over),
-        ("peak", peak),
-        ("settling time (5 %)", seconds(found.settle_5)),
-        ("settling time (2 %)", seconds(found.settle_2)),
-        ("steady-state error", f"{found.steady_error:.2g} {unit}"),
-    ]
-
-
-def _doublet_rows(found: Doublet) -> list[tuple[str, str]]:
-    return [
-        ("delay (correlation)", "none" if found.delay is None else f"{seconds(found.delay)}"),
-        ("correlation", f"{found.correlation:.3f}"),
-        ("reached, one way", f"{100.0 * found.first:.0f} %"),
-        ("and the other", f"{100.0 * found.second:.0f} %"),
-    ]

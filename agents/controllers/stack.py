@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any
 
 from agents.controllers.controller import Controller, check
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, VelocityLoop
@@ -27,7 +26,6 @@ from agents.controllers.types import (
 from zmav.agent import Tunable
 from zmav.errors import BadInput
 
-OWN = "controller"
 LOOPS: Mapping[Level, type[Controller]] = {
     "position": PositionLoop,
     "velocity": VelocityLoop,
@@ -77,21 +75,6 @@ class Stack:
         for name, value in self.controller.signals.items():
             found[self._own + name] = value
         return found
-
-    def kept(self) -> dict[str, dict[str, Any]]:
-        """What goes over to the same controller loaded again: of each part the attributes that its class keeps."""
-        parts = {**self.loops, OWN: self.controller}
-        return {
-            place: {name: copy.deepcopy(getattr(part, name)) for name in part.keeps if hasattr(part, name)}
-            for place, part in parts.items()
-        }
-
-    def keep(self, kept: Mapping[str, Mapping[str, Any]]) -> None:
-        """Take over what :meth:`kept` gave, as far as each class still keeps it."""
-        for place, part in {**self.loops, OWN: self.controller}.items():
-            for name, value in kept.get(place, {}).items():
-                if name in part.keeps:
-                    setattr(part, name, value)
 
     # ---- flying
 

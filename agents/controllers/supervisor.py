@@ -66,7 +66,6 @@ class Supervisor(zmav.Agent):
         "follow": Verb("follow", FollowSegment, Access.MOVE, "under the controller, follow a trajectory"),
         "sticks": Verb("sticks", ByStick, Access.MOVE, "under the controller, follow the pilot's sticks"),
         "inject": Verb("inject", Inject, Access.MOVE, "add a step, doublet or chirp to the reference"),
-        "reload": Verb("reload", wire.Order, Access.CHANGE, "load the file again, as saving it does"),
     }
 
     def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:
@@ -191,10 +190,10 @@ class Supervisor(zmav.Agent):
 
     # What is loaded.
 
-    async def _load(self, *, kept: bool = True) -> float:
+    async def _load(self) -> float:
         shop = self.workshop
         given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given, kept=kept)
+        took = await shop.load(given)
         if shop.loaded is not None and shop.worker is not None:
             self.declare({**self.tunables, **shop.loaded.declared()})
             for name in given.keys() & shop.loaded.tunables.keys():
@@ -219,14 +218,13 @@ class Supervisor(zmav.Agent):
             with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
-    async def _load_again(self, *, kept: bool = True) -> float:
+    async def _load_again(self) -> None:
         try:
-            took = await self._load(kept=kept)
+            took = await self._load()
         except Exception as e:
             self.say("reload", "error", f"not loaded: {e}; what was loaded before goes on")
             raise
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
-        return took
 
     def _described(self) -> str:
         loaded = self.workshop.loaded
@@ -251,7 +249,7 @@ class Supervisor(zmav.Agent):
         if self.workshop.worker is not None and self.workshop.worker.alive:
             return
         with contextlib.suppress(ZmavError):
-            await self._load(kept=False)
+            await self._load()
 
     def tuned(self, name: str, value: float) -> None:
         shop = self.workshop
@@ -282,7 +280,7 @@ class Supervisor(zmav.Agent):
             await within(SOON, self._estimated())
         slow = check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
         if self.workshop.worker is None or not self.workshop.worker.alive:
-            await self._load_again(kept=False)
+            await self._load_again()
         await self._check_parameters()
         self._check_free()
         if self._wanted is not wanted:
@@ -466,9 +464,6 @@ class Supervisor(zmav.Agent):
         with self.cycles.lock:
             self.cycles.references.inject(args, self.estimate.state)
         return {"level": self.cycles.references.level}
-
-    async def on_reload(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        return {"took_ms": await self._load_again()}
 
     def _follows(self, level: str) -> None:
         """Raises :class:`Refused` for a reference from further in than the controller begins."""

@@ -21,13 +21,10 @@ from agents.controllers.packets import Answer
 from zmav.agent import Tunable
 from zmav.errors import BadConfig, TimedOut
 from zmav.services.link.port import on_loop
-from zmav.waiting import within
 
 logger = logging.getLogger(__name__)
 LOAD_TIMEOUT = 20.0
 """s for a file to be loaded: what it imports may be large"""
-KEPT_TIMEOUT = 0.1
-"""s: cycles wait for it"""
 BUFFER = 1 << 18
 """bytes"""
 
@@ -111,45 +108,24 @@ class Worker:
 
     # The event loop.
 
-    async def keep(self, kept: str) -> None:
-        """What another process of the same class kept, to go on with. Raises as :meth:`load`."""
-        self._whole(await self._ask(packets.talk(keep=kept), KEPT_TIMEOUT, "it did not take what the class keeps"))
-
     async def load(self, what: str, cls: str, tuned: dict[str, float]) -> Loaded:
         """Have it load a controller and try it out. Raises :class:`BadConfig` with file and line where it is broken,
         :class:`TimedOut`.
         """
-        late = f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s"
-        said = await self._ask(packets.talk(load={"what": what, "cls": cls, "tuned": tuned}), LOAD_TIMEOUT, late)
-        self._whole(said)
-        return msgspec.convert(said, Loaded)
-
-    async def kept(self) -> str:
-        """What its class says that it keeps, after its last cycle. Raises as :meth:`load`."""
-        late = "the controller that flies did not give what it keeps"
-        said = await self._ask(packets.talk(give=True), KEPT_TIMEOUT, late)
-        self._whole(said)
-        return str(said["kept"])
-
-    def _whole(self, said: dict[str, Any]) -> None:
-        if "broken" in said:
-            raise BadConfig(str(said["broken"]), field="controller", value="", expected="a controller that runs")
-
-    async def _ask(self, data: bytes, timeout: float, late: str) -> dict[str, Any]:
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._waiting = waiting
-        if not self.send(data):
+        if not self.send(packets.talk(load={"what": what, "cls": cls, "tuned": tuned})):
             raise TimedOut("the controller's process takes nothing any more")
-
-        async def answer() -> dict[str, Any]:
-            return await waiting
-
         try:
-            return await within(timeout, answer())
-        except asyncio.TimeoutError:
-            raise TimedOut(late) from None
+            await asyncio.wait({waiting}, timeout=LOAD_TIMEOUT)
+            if not waiting.done():
+                raise TimedOut(f"the controller was not loaded within {LOAD_TIMEOUT:.0f} s")
+            said = waiting.result()
         finally:
             self._waiting = None
+        if "broken" in said:
+            raise BadConfig(str(said["broken"]), field="controller", value="", expected="a controller that runs")
+        return msgspec.convert(said, Loaded)
 
     def _answered(self, said: dict[str, Any]) -> None:
         if self._waiting is not None and not self._waiting.done():

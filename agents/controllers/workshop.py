@@ -59,11 +59,10 @@ class Workshop:
                 worker.close()
         self.worker = self._spare = self._fresh = None
 
-    async def load(self, values: Mapping[str, float], *, kept: bool = True) -> float:
+    async def load(self, values: Mapping[str, float]) -> float:
         """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
 
-        ``values``: of its parameters. ``kept``: it goes on with what the class says that it keeps. Raises what is wrong
-        with it; what flew before goes on then.
+        ``values``: of its parameters. Raises what is wrong with it; what flew before goes on then.
         """
         async with self._lock:
             begun = time.monotonic()
@@ -75,8 +74,6 @@ class Workshop:
             try:
                 loaded = await fresh.load(self._what, self._cls, dict(values))
                 self._agree(loaded)
-                if kept and old is not None and old.alive:
-                    await self._hand_on(old, fresh)
             except BaseException as e:
                 fresh.close()
                 if isinstance(e, Exception):
@@ -98,15 +95,6 @@ class Workshop:
         while not loading.is_file(self._what) or self._look() == self._stamp:
             await asyncio.sleep(SAVED)
         self._stamp = self._look()
-
-    async def _hand_on(self, old: Worker, fresh: Worker) -> None:
-        """Between two cycles, give what the class keeps from one process to the other."""
-        self._fly_by(None)
-        try:
-            await fresh.keep(await old.kept())
-        except BaseException:
-            self._fly_by(old)
-            raise
 
     def end_stuck(self) -> None:
         """The process that flew does not answer: end it."""

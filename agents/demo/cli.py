@@ -39,7 +39,6 @@ MOST_PX4 = PX4_LAST_ONBOARD + 1
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of what is left.  [default: flights/NAME-TIME]",
 )
-@click.option("--animation", is_flag=True, help="Draw the tracks as a .gif, too.")
 @click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
 @click.option("--stay", is_flag=True, help="Start the fleet and leave the flying to you: scripts, other verbs.")
@@ -49,7 +48,6 @@ def demo(
     ardupilot: str | None,
     px4: str | None,
     out: Path | None,
-    animation: bool,
     headless: bool,
     endpoint: str | None,
     stay: bool,
@@ -75,7 +73,7 @@ def demo(
         with Stage(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
                 _stay(stage, processes)
-            sys.exit(_play(found, stage, processes, _folder(out, found), animation, headless))
+            sys.exit(_play(found, stage, processes, _folder(out, found), headless))
 
 
 def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[str, ...]:
@@ -116,7 +114,7 @@ def _folder(out: Path | None, found: Demo) -> Path:
     return place
 
 
-def _play(found: Demo, stage: Stage, processes: Children, out: Path, animation: bool, headless: bool) -> int:
+def _play(found: Demo, stage: Stage, processes: Children, out: Path, headless: bool) -> int:
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)
@@ -131,7 +129,7 @@ def _play(found: Demo, stage: Stage, processes: Children, out: Path, animation: 
         fault = e
     term.print(report.summary(play))
     report.write(play, out / "summary.json", str(fault) if fault else None)
-    _pictures(play, out, animation, term)
+    _picture(play, out, term)
     term.print(f"summary, recording and picture: {out}", markup=False, highlight=False)
     verdict = "all of it was flown" if fault is None else f"FAILED: {fault}"
     style = "bold green" if fault is None else "bold red"
@@ -139,14 +137,12 @@ def _play(found: Demo, stage: Stage, processes: Children, out: Path, animation: 
     return 0 if fault is None else 1
 
 
-def _pictures(play: Play, out: Path, animation: bool, term: Console) -> None:
+def _picture(play: Play, out: Path, term: Console) -> None:
     if len(play.truth.rows) < 2:
         return
     title = f"{play.demo.path.stem}: {play.demo.story.title}"
     try:
         picture.draw(play.truth.names, play.truth.rows, play.marks, title, out / "tracks.png")
-        if animation:
-            picture.animate(play.truth.names, play.truth.rows, title, out / "tracks.gif")
     except ZmavError as e:
         term.print(str(e), markup=False, highlight=False)
 

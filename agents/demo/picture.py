@@ -1,4 +1,4 @@
-"""The picture of a demo: tracks from above, heights over time with the story's steps; and the same as an animation."""
+"""The picture of a demo: tracks from above, heights over time with the story's steps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zmav.errors import BadInput, missing_extra
+from zmav.errors import missing_extra
 from zmav.figures import save
 
 if TYPE_CHECKING:
@@ -30,8 +30,6 @@ STILL = 3.0
 """s that are shown before the first moves and after the last has come to rest"""
 STIRRED = 0.3
 """m that a vehicle is from where it begins or ends while it flies"""
-FRAMES, PACE = 150, 0.08
-"""of an animation: pictures, and s of each"""
 
 
 def draw(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title: str, path: Path) -> None:
@@ -45,10 +43,10 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
     """From the first that moves to the last that does. Raises :class:`BadConfig` without matplotlib."""
     rows = shown(rows)
     marks = [mark for mark in marks if rows[0].t <= mark.t <= rows[-1].t]
-    figure, above, heights, ways = _figure(title, math.ceil(len(marks) / COLUMNS))
+    figure, above, heights, ways = axes_of(title, math.ceil(len(marks) / COLUMNS))
     times = [row.t for row in rows]
-    _plot(names, rows, above, heights, ways)
-    _look_down(above, rows)
+    plot(names, rows, above, heights, ways)
+    look_down(above, rows)
     for axes in (heights, ways):
         axes.set_xlim(times[0], times[-1])
     if len(names) <= NAMED:
@@ -67,7 +65,7 @@ def shown(rows: Sequence[Row]) -> Sequence[Row]:
     return [row for row in rows if begin <= row.t <= end]
 
 
-def _plot(names: Sequence[str], rows: Sequence[Row], above: Any, heights: Any, ways: Any) -> None:
+def plot(names: Sequence[str], rows: Sequence[Row], above: Any, heights: Any, ways: Any) -> None:
     """Everybody's track, height and way from the first of the ``rows`` to the last."""
     from matplotlib import colormaps
 
@@ -84,36 +82,11 @@ def _plot(names: Sequence[str], rows: Sequence[Row], above: Any, heights: Any, w
         ways.plot(times, way, color=shade, lw=1.0)
 
 
-def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, frames: int = FRAMES) -> None:
-    """A .gif of the tracks from above and of the heights, from the first that moves on, faster than it was flown."""
-    figure, *panels = _figure(title)
-    from matplotlib.animation import FuncAnimation, PillowWriter
-
-    rows = shown(rows)
-    _plot(names, rows, *panels)  # all of it: so wide are the axes of each frame
-    _look_down(panels[0], rows)
-    for axes in panels[1:]:
-        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
-
-    def show(frame: int) -> list[Any]:
-        for axes in panels:
-            for line in list(axes.lines):
-                line.remove()
-        _plot(names, rows[: 1 + round(frame * (len(rows) - 1) / (frames - 1))], *panels)
-        return [line for axes in panels for line in axes.lines]
-
-    figure.set_dpi(60)
-    try:
-        FuncAnimation(figure, show, frames=frames, blit=False).save(str(path), writer=PillowWriter(fps=round(1 / PACE)))
-    except (OSError, ValueError) as e:
-        raise BadInput(f"cannot draw {path}: {e}", field="animation", value=str(path), expected="a .gif") from e
-
-
 def _moved(first: Row, now: Row) -> bool:
     return any(math.dist(a, b) > STIRRED for a, b in zip(first.places, now.places, strict=True))
 
 
-def _look_down(above: Any, rows: Sequence[Row]) -> None:
+def look_down(above: Any, rows: Sequence[Row]) -> None:
     """All of it from above, and as much in both directions as the axes have room for."""
     corners = []
     for axis in (1, 0):
@@ -161,7 +134,7 @@ def _mark(figure: Figure, heights: Any, ways: Any, marks: Sequence[Mark], times:
         )
 
 
-def _figure(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
+def axes_of(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
     """From above; and over time the heights and the ways over the ground. ``key``: lines of text below that."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

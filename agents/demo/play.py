@@ -262,7 +262,6 @@ def holds(vehicle: zmav.Vehicle, wait: Wait, agent_state: str | None) -> bool:
     return (
         (wait.mode is None or (state.mode or "").lower() in [mode.lower() for mode in wait.mode])
         and (wait.armed is None or state.armed == wait.armed)
-        and (wait.above is None or (state.local is not None and -state.local[2] >= wait.above))
         and (wait.pilot is None or (state.pilot is not None) == wait.pilot)
         and (wait.agent is None or (agent_state is not None and fnmatch.fnmatch(agent_state, wait.state or "*")))
     )
@@ -277,7 +276,6 @@ def _words_of(wait: Wait, names: list[str]) -> str:
     what = [
         f"in {' or '.join(wait.mode)}" if wait.mode else "",
         _either(wait.armed, "armed", "disarmed"),
-        f"above {wait.above:g} m" if wait.above is not None else "",
         _either(wait.pilot, "with their pilots", "with nobody's hand on the switch"),
         _either(wait.stale, "not heard any more", "heard again"),
         f"{wait.agent}: {wait.state}" if wait.agent else "",

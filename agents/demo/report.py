@@ -81,11 +81,13 @@ def write(play: Play, path: Path, fault: str | None) -> None:
     closest = {"m": play.truth.closest, "vehicles": play.truth.pair, "t": play.truth.closest_at}
     told = {
         "demo": play.demo.path.stem,
+        "title": play.demo.story.title,
         "good": fault is None,
         "fault": fault,
         "seconds": play.now(),
         "vehicles": rows(play),
         "closest": closest if len(play.truth.names) > 1 and play.truth.rows else None,
         "marks": [{"t": mark.t, "text": mark.text} for mark in play.marks],
+        "tracks": play.truth.rows,
     }
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")
+    path.write_bytes(msgspec.json.encode(told))

@@ -48,8 +48,6 @@ class Wait(Table, frozen=True):
     mode: list[str] | None = None
     """one of these, in any spelling"""
     armed: bool | None = None
-    above: float | None = None
-    """m above the fleet's origin at least"""
     pilot: bool | None = None
     """the pilot's switch has it"""
     stale: bool | None = None

@@ -18,7 +18,6 @@ import zenoh
 
 import zmav
 from agents.helipad import Detection, Detector
-from agents.helipad import landing as landing_target
 from agents.helipad.geolocate import bearing, camera_height, fix
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
@@ -51,8 +50,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     camera: str = "down"
     symbol_m: float = 0.25
     """height of the symbol"""
-    template: str = ""
-    """a file with another symbol than H"""
     target: str = ""
     """the vehicle that carries the pad, whose height is the pad's; empty: the pad is on the ground, as our home is"""
     deck_m: float = 0.0
@@ -61,12 +58,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """at which the autopilot is asked for its attitude"""
     position_hz: float = 10.0
     """and for its position"""
-    landing_target: bool = False
-    """send LANDING_TARGET frames to the autopilot, too"""
 
 
 class Helipad(zmav.Agent):
-    """Finds a letter H (or another symbol) in the pictures of the vehicle's camera, and says where on the ground it is,
+    """Finds a letter H in the pictures of the vehicle's camera, and says where on the ground it is,
     how sure that is, and how old.
     """
 
@@ -90,17 +85,13 @@ class Helipad(zmav.Agent):
         self._missed = 0
         """pictures in a row in which nothing was found"""
         self._sights: zenoh.Publisher | None = None
-        self._theirs = Poses()
-        """places in the autopilot's own frame, of LOCAL_POSITION_NED, which PX4's landing wants"""
 
     async def run(self) -> None:
-        """Until cancelled. Raises :class:`~zmav.errors.BadInput` for a template that is none."""
-        own = self.settings
-        Detector([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]], own.symbol_m, own.template or None)
-        key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=own.camera)
+        """Until cancelled."""
+        key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=self.settings.camera)
         self._sights = self.z.session.declare_publisher(key, **keys.DETECTION.publishing())
         try:
-            await together(self._turns(), self._places(), self._autopilot_frame(), self._watch())
+            await together(self._turns(), self._places(), self._watch())
         finally:
             self._sights.undeclare()
 
@@ -199,11 +190,8 @@ class Helipad(zmav.Agent):
             if len(self._detectors) >= SIZES:
                 self._detectors.clear()
             optics = Optics.of(self._info).scaled(width, height)
-            own = self.settings
             trusting, doubting = (
-                Detector(
-                    optics.matrix, own.symbol_m, own.template or None, distortion=optics.distortion, trust_height=trusts
-                )
+                Detector(optics.matrix, self.settings.symbol_m, distortion=optics.distortion, trust_height=trusts)
                 for trusts in (True, False)
             )
             known = self._detectors[width, height] = (trusting, doubting, optics)
@@ -212,7 +200,7 @@ class Helipad(zmav.Agent):
 
     def _located(self, each: Detection, optics: Optics, pose: Pose | None, plane: float | None) -> wire.Detection:
         told = wire.Detection(
-            symbol=self.settings.template or "H",
+            symbol="H",
             u=each.u,
             v=each.v,
             scale_px=each.scale_px,
@@ -262,8 +250,6 @@ class Helipad(zmav.Agent):
         self._took.append(sight.took)
         if self._sights is not None:
             self.z.put(keys.DETECTION, str(self._sights.key_expr), sight, publisher=self._sights)
-        if sight.found and self.settings.landing_target and pose is not None:
-            self._guide_landing(sight, pose)
         state, text = "looks", "nothing"
         if pose is None:
             text = "sees pictures, but not the vehicle's attitude and place of their time"
@@ -277,26 +263,6 @@ class Helipad(zmav.Agent):
             found["delay_ms"] = round(1e3 * statistics.median(self._delays), 1)
             found["took_ms"] = round(1e3 * statistics.median(self._took), 2)
         return found
-
-    def _guide_landing(self, sight: wire.Detections, pose: Pose) -> None:
-        state, best = self.vehicle.last_state, sight.found[0]
-        if state is None or state.sysid is None or best.offset is None:
-            return
-        boot = state.clock.boot_t if state.clock is not None else 0.0
-        usec = max(0, int(1e6 * (sight.t - boot))) if boot else 0
-        data = landing_target.frame(
-            self.z.dialect,
-            state.autopilot or "",
-            state.sysid,
-            usec,
-            best.offset,
-            (pose.roll, pose.pitch, pose.yaw),
-            self.settings.symbol_m,
-            self._theirs.place(sight.t),
-        )
-        if data is not None:
-            key = keys.TX.key(state.fleet, state.name, sys=state.sysid, comp=state.compid or 1, msg="LANDING_TARGET")
-            self.z.put(keys.TX, key, data)
 
     # What is heard.
 
@@ -325,15 +291,6 @@ class Helipad(zmav.Agent):
                     pos = geo.in_fleet_frame(state.position, state.local, message.fields)
                     vx, vy, vz = (float(message.fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
                     self.poses.was(self._time(message), pos, (vx, vy, vz))
-
-    async def _autopilot_frame(self) -> None:
-        if not self.settings.landing_target:
-            return
-        async with self.vehicle.stream("LOCAL_POSITION_NED", depth=10) as places:
-            async for message in places:
-                with contextlib.suppress(TypeError, KeyError):
-                    x, y, z, vx, vy, vz = (float(message.fields[name]) for name in ("x", "y", "z", "vx", "vy", "vz"))
-                    self._theirs.was(self._time(message), (x, y, z), (vx, vy, vz))
 
 
 def _another(one: Detection, known: Detection) -> bool:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agents.helipad import channels
 from agents.helipad.channels import Picture, Pyramid
+from agents.helipad.check import Check
 from agents.helipad.geometry import View
-from agents.helipad.judge import Judge
 from agents.helipad.refine import heading, window
 from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Proposals, Searcher
-from agents.helipad.templates import letter_h, load
+from agents.helipad.templates import letter_h
 from zmav.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -34,6 +33,8 @@ SAME = 0.5
 TRACK_REACH = 2.0
 """how far from the last place a track looks, in heights of the symbol"""
 TRACK_LEAST_PX = 40.0
+LEAST_CORRELATION = 0.5
+"""with the symbol, below which the learned check is not asked"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,11 +54,10 @@ class Detection:
 
 
 class Detector:
-    """Finds a symbol of ``symbol_height_m`` metres in frames of a camera that looks down.
+    """Finds the letter H, ``symbol_height_m`` metres high, in frames of a camera that looks down: white or yellow, in
+    the proportions of small pads and of ICAO's. It is its own mirror image, so a mirrored H is an H.
 
-    ``camera_matrix``: (3, 3), pixels. ``template``: None for the letter H, white or yellow, in the proportions of small
-    pads and of ICAO's (it is its own mirror image, so a mirrored H is an H); or the path of a grey picture of another
-    symbol, white on black and cut to the symbol: see :func:`agents.helipad.templates.load`.
+    ``camera_matrix``: (3, 3), pixels.
     ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None.
     ``min_height_m`` and ``max_height_m``: where to look when no height is given.
     ``trust_height``: where nothing is found at the height given, look at no other. Nothing is then found while it is
@@ -73,7 +73,6 @@ class Detector:
         self,
         camera_matrix: ArrayLike,
         symbol_height_m: float = 0.25,
-        template: str | Path | None = None,
         *,
         distortion: ArrayLike | None = None,
         min_height_m: float = MIN_HEIGHT_M,
@@ -88,9 +87,8 @@ class Detector:
         high = _number("max_height_m", max_height_m, low, 1e4)
         steps = max(math.ceil(math.log(high / low) / math.log(HEIGHT_STEP)), 0)
         self._heights = [high / HEIGHT_STEP**i for i in range(steps + 1)]
-        symbols = letter_h() if template is None else [load(template)]
-        self._searcher = Searcher(symbols)
-        self._judge = Judge(symbols, learned=template is None)
+        self._searcher = Searcher(letter_h())
+        self._check = Check.built_in()
         self._lost = 0
         """searches with a height that found nothing there: tells which other one is next"""
 
@@ -172,7 +170,7 @@ class Detector:
         for height in heights:
             view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
             proposals = self._searcher.proposals(picture, view, effort)
-            scores = self._judge.scores(picture, proposals, effort.sure)
+            scores = self._scores(proposals, effort.sure)
             found += [(float(scores[i]), proposals, int(i)) for i in np.flatnonzero(scores)]
         found.sort(key=lambda each: -each[0])
         kept: list[Detection] = []
@@ -181,6 +179,14 @@ class Detector:
             if all(math.hypot(u - k.u, v - k.v) > SAME * k.scale_px for k in kept):
                 kept.append(self._measured(picture, proposals, i, score))
         return kept
+
+    def _scores(self, proposals: Proposals, sure: float) -> Array:
+        """(N,): 0 for what is not the symbol, else how sure it is, to 1. ``sure``: the least of the learned check."""
+        if not len(proposals.correlation):
+            return proposals.correlation
+        correlation = np.clip(proposals.correlation, 0.0, 1.0)
+        probability = self._check.probability(proposals.patches)
+        return np.where((correlation >= LEAST_CORRELATION) & (probability >= sure), correlation * probability, 0.0)
 
     def _measured(self, picture: Pyramid, proposals: Proposals, i: int, score: float) -> Detection:
         """Aligned once more in a finer picture of its surroundings alone."""

@@ -13,7 +13,7 @@ from agents.helipad.candidates import Kernels, Room
 from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.refine import Aligner, turned
-from agents.helipad.templates import Symbol, turns_alike
+from agents.helipad.templates import Symbol
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -74,7 +74,7 @@ class Searcher:
         self.symbols = symbols
         self._kernels: dict[float, Kernels] = {}
         self._room = Room()
-        self._bank = polar.Bank(symbols, SCALES, math.pi if turns_alike(symbols[0]) else 2.0 * math.pi)
+        self._bank = polar.Bank(symbols, SCALES, math.pi)
         self._grid = polar.grid()
         self.aligner = Aligner(symbols)
 

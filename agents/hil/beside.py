@@ -86,7 +86,7 @@ def closing(report: Report, folder: Path) -> Iterator[None]:
     finally:
         report.passed = bool(report.checks) and all(check.status != "BAD" for check in report.checks)
         path = keep(report, folder)
-        click.echo(f"{'PASSED' if report.passed else 'NOT PASSED'}: {path} and {path.with_suffix('.txt').name}")
+        click.echo(f"{'PASSED' if report.passed else 'NOT PASSED'}: {path}")
 
 
 def check_device(link: str) -> None:

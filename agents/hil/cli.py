@@ -12,7 +12,6 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 F = TypeVar("F", bound=Callable[..., Any])
-KINDS = ("copter", "hexa", "rover", "plane", "px4")
 _OPTIONS = (
     click.option("--file", "fleet_file", metavar="FILE", required=True, help="The fleet file (TOML), of all stages."),
     click.option("--name", required=True, help="The vehicle's name in it."),
@@ -40,22 +39,15 @@ def hil() -> None:
 
 @hil.command("sil")
 @stage_options
-@click.option(
-    "--kind",
-    type=click.Choice(KINDS),
-    default="copter",
-    show_default=True,
-    help="What is simulated, where the vehicle's table has no sim.",
-)
 @click.option("--ardupilot", metavar="PATH", help="Have a real ArduPilot fly it: a build tree, or a SITL program.")
 @click.option("--px4", metavar="PATH", help="Have a real PX4 fly it: a build tree, or its px4 program.")
-def sil_(fleet_file: str, name: str, reports: str, kind: str, ardupilot: str | None, px4: str | None) -> None:
+def sil_(fleet_file: str, name: str, reports: str, ardupilot: str | None, px4: str | None) -> None:
     """Fly the check flight in the simulator: 'zmav hil sil --file fleet.toml --name quad1'."""
     from agents.hil.sil import sil
 
     if ardupilot and px4:
         raise click.UsageError("--ardupilot or --px4, not both")
-    run_stage(sil(Path(fleet_file), name, Path(reports), kind=kind, ardupilot=ardupilot, px4=px4))
+    run_stage(sil(Path(fleet_file), name, Path(reports), ardupilot=ardupilot, px4=px4))
 
 
 @hil.command("bench")

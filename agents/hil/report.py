@@ -1,9 +1,8 @@
-"""What a stage found, as it is kept: a JSON document and the same as text, with the hash of what was flown."""
+"""What a stage found, as it is kept: a JSON document with the hash of what was flown."""
 
 from __future__ import annotations
 
 import hashlib
-import time
 from pathlib import Path
 from typing import Literal
 
@@ -56,21 +55,6 @@ class Report(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """the autopilot's, as it was flown"""
     passed: bool = False
 
-    def text(self) -> str:
-        """For a person."""
-        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.t))
-        who = self.identity
-        what = f"{who.kind} by {who.autopilot} {who.firmware or ''}, uid {who.uid}" if who else "no autopilot heard"
-        lines = [
-            f"{self.stage}: {self.fleet}/{self.vehicle}, {when}, zmav {self.zmav}",
-            f"flown by {self.flown_by}: {what}",
-            f"fleet file, this vehicle's content: {self.fleet_hash}",
-            *(f"simulated: {each}" for each in self.proof),
-            *(line(check) for check in self.checks),
-            "PASSED" if self.passed else "NOT PASSED",
-        ]
-        return "\n".join(lines) + "\n"
-
 
 def line(check: Check) -> str:
     """As it is said on the terminal."""
@@ -94,12 +78,11 @@ def place(folder: Path, name: str, stage: Stage) -> Path:
 
 
 def keep(report: Report, folder: Path) -> Path:
-    """Write it, as ``NAME-STAGE.json`` and ``.txt``; raises :class:`BadConfig` where that cannot be."""
+    """Write it, as ``NAME-STAGE.json``; raises :class:`BadConfig` where that cannot be."""
     path = place(folder, report.vehicle, report.stage)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(msgspec.json.format(msgspec.json.encode(report)))
-        path.with_suffix(".txt").write_text(report.text(), encoding="utf-8")
     except OSError as e:
         text = f"cannot write the report {path}: {e.strerror}"
         raise BadConfig(text, field="reports", value=str(folder), expected="a folder to write to") from e

@@ -1,44 +1,75 @@
-"""The first stage: the fleet file's vehicle flies in the simulator."""
+"""The first stage: the fleet file's vehicle in the simulator, under the embedded autopilot or a real one's program."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
+import msgspec
 
 from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
-from agents.hil.simulator import start_simulator
 from zmav.children import Children
-from zmav.config import load_fleet
-from zmav.errors import LinkDown
+from zmav.config import FleetConfig, load_fleet
+from zmav.errors import BadConfig, LinkDown
 from zmav.sim import Remote
 
 SIMULATOR_S = 40.0
 """s for it to start on a busy machine"""
 
 
-async def sil(
-    path: Path, name: str, reports: Path, *, kind: str = "copter", ardupilot: str | None = None, px4: str | None = None
-) -> int:
-    """Fly the check flight there; 0 where it passed."""
+async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = None, px4: str | None = None) -> int:
+    """Fly the check flight there; 0 where it passed. ``ardupilot``, ``px4``: the program that flies it, or its tree."""
     file = load_fleet(path)
     file.vehicle(name)
+    by, program = "the embedded simulator", tuple[str, ...]()
+    for option, stack, given in (("--ardupilot", "ArduPilot", ardupilot), ("--px4", "PX4", px4)):
+        if given:
+            by, program = f"{stack} SITL ({given})", (option, str(Path(given).expanduser().absolute()))
     with Children() as children:
-        link, by, control = start_simulator(children, file, name, kind=kind, ardupilot=ardupilot, px4=px4)
+        simulated, control = children.folder / "simulated.toml", children.folder / "control"
+        simulated.write_text(alone(file, name), encoding="utf-8")
+        where = ("--fleet", str(simulated), "--control", str(control), "--free-ports")
+        children.start("simulator", "sim", *where, *program)
         report = begun("sil", file, name, by)
-        click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by} at {link}")
+        click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by}")
         with closing(report, reports), await talk(children, control) as simulator:
-            hurry: Callable[[float], object] | None = None if ardupilot or px4 else simulator.speed
-            radio = None if ardupilot or px4 else _radio(simulator, name)
+            link = simulator.status().vehicles[0].url
+            hurry: Callable[[float], object] | None = None if program else simulator.speed
+            radio = None if program else _radio(simulator, name)
             async with beside(children, path, file, name, link) as (client, router):
                 flight = CheckFlight(client, file, name, router, children, report, tell, hurry, radio)
                 await flight.meet()
                 await flight.fly()
         return 0 if report.passed else 1
+
+
+def alone(file: FleetConfig, name: str) -> str:
+    """A fleet file (TOML) with that vehicle alone, as it is simulated: a copter where it has no table ``sim``."""
+    table = file.vehicle(name)
+    if table.signing is not None:
+        text = f"vehicles.{name}.signing is for the autopilot that has the key: the simulator has none"
+        raise BadConfig(text, field=f"vehicles.{name}.signing", expected="a vehicle without signing for SIL")
+    given = {key: value for key, value in (table.sim or {}).items() if key != "endpoints"}
+    world = {key: value for key, value in file.sim.items() if key not in ("speed", "lockstep", "scene")}
+    lines = [f"origin = {_toml(msgspec.to_builtins(file.origin))}"] if file.origin else []
+    lines += [f"sim = {_toml(world)}", f"[vehicles.{name}]", 'link = "tcp:127.0.0.1:5760"', f"sim = {_toml(given)}"]
+    lines += [f"sysid = {table.sysid}"] if table.sysid is not None else []
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML has it in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(str(k))} = {_toml(v)}" for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
 
 
 def _radio(simulator: Remote, name: str) -> Callable[[int, int], object]:

@@ -12,12 +12,10 @@ import msgspec
 import numpy as np
 
 import zmav
-from agents.navigator import files
-from agents.navigator.course import Course
 from agents.navigator.outlets import ByController, ByLease, Outlet
-from agents.navigator.routes import SIZES, Route, bad, check, shape
-from agents.navigator.tracking import Errors, Summary, Way, errors, summarise
-from agents.navigator.trajectory import Limits, Trajectory
+from agents.navigator.routes import SIZES, Route, check, shape
+from agents.navigator.tracking import Summary, Way, errors, summarise
+from agents.navigator.trajectory import WINDOW, Limits, Trajectory
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale, ZmavError
@@ -35,6 +33,10 @@ PATIENCE = 10.0
 """s for a vehicle that was not heard yet"""
 HZ = 20.0
 """positions a second"""
+OVERLAP = 10.0
+"""s before a segment would brake at which the next one is given: so long a network may be silent"""
+NOTICE = 0.3
+"""s from a word to stop until it brakes: what is given has to come there first"""
 FAST_CLOCK = 20_000.0
 """ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
 
@@ -42,8 +44,6 @@ FAST_CLOCK = 20_000.0
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Fixed while it runs."""
 
-    routes: str = ""
-    """a folder of routes as TOML or CSV files, flown by their names"""
     priority: int = 0
     """of its lease"""
     lease_s: float = 6.0
@@ -52,11 +52,11 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 class Fly(wire.Order, kw_only=True):
     """``north``, ``east``, ``down``: where the route's middle is, m about the fleet's origin; by default where the
-    vehicle is, and the origin itself for a route of a file. Sizes in metres, of the routes that have them.
+    vehicle is. Sizes in metres, of the routes that have them.
     """
 
     route: str = "ev3"
-    """ev3, square, circle, lemniscate, steps, or the name of a file"""
+    """ev3, square, circle or lemniscate"""
     speed: float = 1.0
     """m/s at most"""
     controller: str = ""
@@ -67,9 +67,7 @@ class Fly(wire.Order, kw_only=True):
     heading: float = 0.0
     """rad by which the route is turned clockwise"""
     yaw: float | None = None
-    """rad, where the route says none; by default as it is"""
-    rounding: float = 0.0
-    """m before and behind a corner at which it is cut; 0: it stops there"""
+    """rad; by default as it is"""
     dwell: float = 0.0
     """s at each corner"""
     side: float | None = None
@@ -77,7 +75,42 @@ class Fly(wire.Order, kw_only=True):
     radius: float | None = None
     length: float | None = None
     width: float | None = None
-    step: float | None = None
+
+
+class Course:
+    """A trajectory as it is flown from ``start`` (UTC s) on: what of it is due by the clock, and how it is stopped."""
+
+    def __init__(self, trajectory: Trajectory, start: float) -> None:
+        self.trajectory, self.start = trajectory, start
+        self._until = 0.0
+        """s on the trajectory from which nothing is given yet"""
+
+    def due(self, now: float) -> list[wire.SegmentPoint] | None:
+        """The next segment, where it is time to give it (UTC s)."""
+        t = now - self.start
+        if t < self._until - OVERLAP or self._until >= self.trajectory.duration:
+            return None
+        begin = max(t, 0.0)
+        self._until = min(begin + WINDOW, self.trajectory.duration)
+        return self.trajectory.segment(begin, self.start)
+
+    def brake(self, now: float) -> None:
+        """Come to rest along the way; this is due at once."""
+        self.trajectory = self.trajectory.braked(min(max(now + NOTICE - self.start, 0.0), self.trajectory.duration))
+        self._until = 0.0
+
+    def ended(self, now: float) -> bool:
+        return now - self.start >= self.trajectory.duration
+
+    def along(self, now: float) -> float:
+        """m of the route, which is zero on the way to it."""
+        s = float(self.trajectory.law.at(np.array([now - self.start]))[0][0])
+        return max(0.0, s - self.trajectory.route.begins)
+
+    def place(self, now: float) -> wire.Vector:
+        """m NED where it should be"""
+        north, east, down = map(float, self.trajectory.at(np.array([now - self.start])).pos[0])
+        return north, east, down
 
 
 class Navigator(zmav.Agent):
@@ -96,8 +129,6 @@ class Navigator(zmav.Agent):
     }
     verbs: ClassVar = {
         "fly": Verb("fly", Fly, Access.MOVE, "fly a route: returns when it has begun"),
-        "hold": Verb("hold", wire.Order, Access.OPEN, "come to rest along the way, and stay there"),
-        "resume": Verb("resume", wire.Order, Access.MOVE, "go on with what was held or broken off"),
         "abort": Verb("abort", wire.Order, Access.OPEN, "come to rest along the way, and give the vehicle back"),
     }
 
@@ -112,23 +143,17 @@ class Navigator(zmav.Agent):
         """of the last route that was flown to its end, or as far as it was"""
         self._flight: asyncio.Task[None] | None = None
         self._order, self._route = Fly(), shape("ev3")
-        self._left: tuple[Route, float] | None = None
-        """what is left of the route, and what was flown of it (m)"""
-        self._past: Errors | None = None
         self._way: Way | None = None
-        self._ends = self._holds = False
+        self._ends = False
         self._now: dict[str, float] = {}
 
     async def run(self) -> None:
         """Wait for orders, for ever."""
         self.status("idle", "waits for an order to fly")
-        hearing = asyncio.create_task(self._hear())
         try:
-            await hearing
+            await self._hear()
         finally:
-            hearing.cancel()
             await self._end()
-            await asyncio.gather(hearing, return_exceptions=True)
 
     # What it is asked.
 
@@ -137,45 +162,22 @@ class Navigator(zmav.Agent):
             raise Refused(f"it flies {self._route.name} already: abort that first")
         await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
         self._check_airborne()
-        route = self._made(args)
-        self._order, self._route, self._past = args, route, None
-        return await self._begin(route, 0.0, self.vehicle.local)
-
-    async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        course = self._under_way()
-        self._holds = True
-        course.brake(time.time())
-        return {"along": round(course.along(course.start + course.trajectory.duration), 2)}
-
-    async def on_resume(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        course = self.course
-        if self._flying and course is not None:
-            if not self._holds:
-                raise Refused("it is under way: nothing is held")
-            now = time.time()
-            if not course.ended(now):
-                raise Refused("it is not at rest yet: ask again")
-            left, done = course.left(now), course.along(now)
-            if left is None:
-                raise Refused("nothing is left of the route")
-            self._keep()
-            self.course = self._course(left, done, course.place(now))
-            self._holds = False
-            return self._told()
-        if self._left is None:
-            raise Refused("nothing was broken off: give it 'fly'")
-        await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
-        self._check_airborne()
-        return await self._begin(*self._left, self.vehicle.local)
+        here, route = self.vehicle.local, self._made(args)
+        self._order, self._route, self._ends = args, route, False
+        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._flight = asyncio.create_task(self._fly(here, started))
+        self._flight.add_done_callback(_looked_at)
+        await started
+        return self._told()
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         course, flight = self._under_way(), self._flight
         assert flight is not None
-        if not self._holds:
+        if not self._ends:
             course.brake(time.time())
         self._ends = True
         await asyncio.wait({flight})
-        return {"left": self._left is not None}
+        return {}
 
     @property
     def _flying(self) -> bool:
@@ -198,45 +200,21 @@ class Navigator(zmav.Agent):
         if args.yaw is not None:
             check("yaw", args.yaw, -math.tau, math.tau, "rad")
         sizes = {name: getattr(args, name) for name in sorted({size for each in SIZES.values() for size in each})}
-        drawn = args.route in SIZES
-        here = self.vehicle.local if drawn else (0.0, 0.0, 0.0)
         given = (args.north, args.east, args.down)
-        north, east, down = (a if b is None else b for a, b in zip(here, given, strict=True))
-        if drawn:
-            return shape(
-                args.route, (north, east, down), args.heading, rounding=args.rounding, dwell=args.dwell, **sizes
-            )
-        if unfit := [name for name, value in sizes.items() if value is not None]:
-            raise bad(unfit[0], sizes[unfit[0]], "no size for a route of a file")
-        known = ", ".join(SIZES)
-        if not self.settings.routes:
-            raise bad("route", args.route, f"{known}; routes of files want the setting 'routes', their folder")
-        try:
-            return files.load(
-                files.find(args.route, self.settings.routes), (north, east, down), args.heading, args.rounding
-            )
-        except OSError as e:
-            raise bad("routes", self.settings.routes, f"a folder that can be read ({e.strerror})") from e
+        north, east, down = (a if b is None else b for a, b in zip(self.vehicle.local, given, strict=True))
+        return shape(args.route, (north, east, down), args.heading, dwell=args.dwell, **sizes)
 
     # In flight.
 
-    async def _begin(self, route: Route, done: float, here: wire.Vector) -> dict[str, Any]:
-        self._ends = self._holds = False
-        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._flight = asyncio.create_task(self._fly(route, done, here, started))
-        self._flight.add_done_callback(_looked_at)
-        await started
-        return self._told()
-
-    def _course(self, route: Route, done: float, here: wire.Vector) -> Course:
-        """From here to what is flown of the route, and along it."""
+    def _course(self, here: wire.Vector) -> Course:
+        """From here to the route, and along it."""
         state = self.vehicle.last_state
         facing = state.attitude.yaw if state is not None and state.attitude is not None else 0.0
         yaw = facing if self._order.yaw is None else self._order.yaw
         limits = Limits(self._order.speed, self["accel"], self["jerk"])
-        trajectory = Trajectory(route.reached_from(here, yaw, self["settle"]), limits, yaw)
+        trajectory = Trajectory(self._route.reached_from(here, self["settle"]), limits, yaw)
         self.times, self.positions, self._way = [], [], Way(trajectory.route)
-        return Course(trajectory, time.time() + BEGIN, done)
+        return Course(trajectory, time.time() + BEGIN)
 
     def _told(self) -> dict[str, Any]:
         course = self.course
@@ -244,7 +222,7 @@ class Navigator(zmav.Agent):
         seconds = course.trajectory.duration
         return {"route": self._route.name, "length": round(self._route.length, 2), "seconds": round(seconds, 1)}
 
-    async def _fly(self, route: Route, done: float, here: wire.Vector, started: asyncio.Future[None]) -> None:
+    async def _fly(self, here: wire.Vector, started: asyncio.Future[None]) -> None:
         """To the route's end, until it is aborted, or the vehicle is taken from us."""
         name, controller = self._route.name, self._order.controller
         text = f"flew {name}"
@@ -261,14 +239,13 @@ class Navigator(zmav.Agent):
                     outlet = by = ByLease(self.vehicle, await stack.enter_async_context(how))
                     listening = asyncio.create_task(self._listen(by))
                     stack.callback(listening.cancel)
-                self.course = self._course(route, done, here)
-                await self._give(outlet, self.course.due(time.time()))
-                self._left = (route, done)
+                self.course = course = self._course(here)
+                await self._give(outlet, course)
                 started.set_result(None)
                 self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
-                await self._follow(outlet)
-            if self._left is not None:
-                text = f"{name} broken off at {self._left[1]:.1f} m"
+                await self._follow(outlet, course)
+            if self._ends:
+                text = f"{name} broken off at {course.along(time.time()):.1f} m"
         except asyncio.CancelledError:
             text = f"{name} ended with the navigator"
             raise
@@ -281,11 +258,10 @@ class Navigator(zmav.Agent):
             text = await self._back(e, f"{name} broken off: {why}")
             raise
         finally:
-            self._keep()
-            self.course = None
+            flown, self.course = self.course, None
             if not started.done():
                 started.cancel()
-            self._close(text)
+            self._close(text, flown)
 
     async def _back(self, error: Exception, text: str) -> str:
         """After what ended the flight: a vehicle that nobody else has holds."""
@@ -299,25 +275,22 @@ class Navigator(zmav.Agent):
         self.say("flight", "error", text)
         return text
 
-    async def _follow(self, outlet: Outlet) -> None:
+    async def _follow(self, outlet: Outlet, course: Course) -> None:
         """Give what is due and look after it."""
         due = time.monotonic()
         while True:
-            course, now = self.course, time.time()
-            assert course is not None
             self._check_place(course)
             outlet.check()
-            over = course.ended(now)
-            left = course.left(now)
-            self._left = None if left is None else (left, course.along(now))
-            if over and (left is None or self._ends):
+            now = time.time()
+            if course.ended(now):
                 return
-            await self._give(outlet, course.stay(now) if over else course.due(now))
+            await self._give(outlet, course)
             self._tell(course, now)
             due = max(due + TICK, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    async def _give(self, outlet: Outlet, points: list[wire.SegmentPoint] | None) -> None:
+    async def _give(self, outlet: Outlet, course: Course) -> None:
+        points = course.due(time.time())
         if points is not None:
             await outlet.give(points)
 
@@ -385,7 +358,7 @@ class Navigator(zmav.Agent):
 
     def _tell(self, course: Course, now: float) -> None:
         on_way = now - course.start < course.trajectory.begins
-        phase = "hold" if self._holds else "approach" if on_way else "fly"
+        phase = "approach" if on_way else "fly"
         along = course.along(now)
         corners = self._route.corners - self._route.begins
         ahead = corners[corners > along + 1e-6]
@@ -402,23 +375,17 @@ class Navigator(zmav.Agent):
 
     # What it says of it.
 
-    def _keep(self) -> None:
-        """Keep the errors of what was flown of the course, which another may follow."""
-        course = self.course
-        if course is None or not self.times:
-            return
-        times = np.array(self.times) - course.start
-        found = errors(times, np.array(self.positions), course.trajectory, course.done)
-        self._past = found if self._past is None else self._past.then(found)
-
-    def _close(self, text: str) -> None:
-        """Idle again, with what was flown summed up."""
+    def _close(self, text: str, course: Course | None) -> None:
+        """Idle again, with what was flown of the course summed up."""
         detail: dict[str, Any] = {}
-        if self._past is not None and len(self._past.t):
-            self.last = summarise(self._past, self._route, self["near"])
-            detail = {"summary": self.last.told()}
-            text = f"{text}: {self.last}"
-            self.say("summary", "info", text)
+        if course is not None and self.times:
+            times = np.array(self.times) - course.start
+            found = errors(times, np.array(self.positions), course.trajectory)
+            if len(found.t):
+                self.last = summarise(found, self._route, self["near"])
+                detail = {"summary": self.last.told()}
+                text = f"{text}: {self.last}"
+                self.say("summary", "info", text)
         self.status("idle", text, **detail)
 
     async def _end(self) -> None:

@@ -1,15 +1,12 @@
-"""How far along a way one is at a time: with limited speed, acceleration and jerk from rest to rest.
+"""How far along a way one is at a time: each leg from rest to rest, with limited speed, acceleration and jerk.
 
-Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve); it is zero where
-one leg ends and the next begins, so that each is planned by itself between the speeds at its ends.
+Between two speeds the acceleration rises at the jerk's limit, stays, and falls again (an S curve).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -21,16 +18,13 @@ NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Leg:
-    """What is planned at once: ``length`` m at up to ``speed``, ``accel`` and ``jerk`` along the way.
-
-    ``stop``: s at rest at its end; None: it is passed. The last one's way ends at rest in any case.
-    """
+    """``length`` m at up to ``speed``, ``accel`` and ``jerk`` along the way, and ``stop`` s at rest at its end."""
 
     length: float
     speed: float
     accel: float
     jerk: float
-    stop: float | None = 0.0
+    stop: float = 0.0
 
 
 Phase = tuple[float, float, float]
@@ -58,20 +52,6 @@ class Law:
         s = self.s[k] + x * (self.v[k] + x * (self.a[k] / 2.0 + x * j / 6.0))
         return s, np.maximum(self.v[k] + x * (self.a[k] + x * j / 2.0), 0.0), self.a[k] + x * j
 
-    def when(self, s: float) -> float:
-        """The first time at which it is so far."""
-        there = np.flatnonzero(abs(self.s - s) < NOTHING)
-        if len(there):
-            return float(self.t[there[0]])
-        low, high = 0.0, self.end
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            if float(self.at(np.array([middle]))[0][0]) < s - NOTHING:
-                low = middle
-            else:
-                high = middle
-        return high
-
     def braked(self, t: float, accel: float, jerk: float) -> Law:
         """The same until ``t``, and then to rest at these limits, or where it rests next by itself if sooner."""
         (s,), (v,), (a,) = self.at(np.array([t]))
@@ -90,12 +70,11 @@ class Law:
 
 
 def plan(legs: list[Leg]) -> Law:
-    """The quickest of its kind, from rest to rest."""
-    ends = _speeds(legs)
+    """The quickest of its kind."""
     rows: list[tuple[Array, ...]] = []
     t = s = 0.0
-    for leg, (first, last) in zip(legs, pairwise(ends), strict=True):
-        made = _chain(s, first, _phases(leg, first, last), t)
+    for leg in legs:
+        made = _chain(s, 0.0, _phases(leg), t)
         rows.append(tuple(x[:-1] for x in made))
         t, s = float(made[0][-1]), s + leg.length
         if leg.stop:
@@ -105,58 +84,30 @@ def plan(legs: list[Leg]) -> Law:
     return Law(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
 
-def _speeds(legs: list[Leg]) -> list[float]:
-    """At the legs' ends, the first one's beginning included: as high as can be reached and left again."""
-    ends = [0.0]
-    for leg, after in pairwise(legs):
-        ends.append(0.0 if leg.stop is not None else min(leg.speed, after.speed))
-    ends.append(0.0)
-    for k, leg in enumerate(legs):
-        ends[k + 1] = min(ends[k + 1], _reached(ends[k], leg))
-    for k, leg in reversed(list(enumerate(legs))):
-        ends[k] = min(ends[k], _reached(ends[k + 1], leg))
-    return ends
+def _phases(leg: Leg) -> list[Phase]:
+    """Up to the greatest speed that the length is enough for, on at it, and down again."""
+    low, high = 0.0, leg.speed
+    if 2.0 * _way(high, leg) > leg.length:
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if 2.0 * _way(middle, leg) <= leg.length else (low, middle)
+        high = low
+    rest = max(leg.length - 2.0 * _way(high, leg), 0.0)
+    cruise = [(rest / high, 0.0, 0.0)] if rest > NOTHING else []
+    return [*_ramp(high, 1.0, leg), *cruise, *_ramp(high, -1.0, leg)]
 
 
-def _reached(speed: float, leg: Leg) -> float:
-    """The speed that a leg's length is enough for, from this one on; that to slow down from it is the same."""
-    low, high = speed, max(leg.speed, speed)
-    if _way(low, high, leg) <= leg.length:
-        return high
-    return _greatest(low, high, lambda v: _way(speed, v, leg) <= leg.length)
+def _way(speed: float, leg: Leg) -> float:
+    """m from rest to a speed, or back: the curve is symmetric about its middle."""
+    return 0.5 * speed * sum(each[0] for each in _ramp(speed, 1.0, leg))
 
 
-def _phases(leg: Leg, first: float, last: float) -> list[Phase]:
-    low = max(first, last)
-
-    def fits(v: float) -> bool:
-        return _way(first, v, leg) + _way(v, last, leg) <= leg.length
-
-    top = leg.speed if fits(leg.speed) else _greatest(low, max(leg.speed, low), fits)
-    rest = max(leg.length - _way(first, top, leg) - _way(top, last, leg), 0.0)
-    cruise = [(rest / top, 0.0, 0.0)] if rest > NOTHING else []
-    return [*_ramp(first, top, leg), *cruise, *_ramp(top, last, leg)]
-
-
-def _greatest(low: float, high: float, true: Callable[[float], bool]) -> float:
-    """Where a condition that holds at ``low`` and not at ``high`` ends to hold."""
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if true(middle) else (low, middle)
-    return low
-
-
-def _way(v0: float, v1: float, leg: Leg) -> float:
-    """m from one speed to another: the curve is symmetric about its middle."""
-    return 0.5 * (v0 + v1) * sum(each[0] for each in _ramp(v0, v1, leg))
-
-
-def _ramp(v0: float, v1: float, leg: Leg) -> list[Phase]:
-    change, sign = abs(v1 - v0), math.copysign(1.0, v1 - v0)
-    if change < NOTHING:
+def _ramp(speed: float, sign: float, leg: Leg) -> list[Phase]:
+    """From rest to a speed (``sign`` 1.0), or from it to rest (-1.0)."""
+    if speed < NOTHING:
         return []
-    top = min(leg.accel, math.sqrt(change * leg.jerk))
-    rise, flat = top / leg.jerk, change / top - top / leg.jerk
+    top = min(leg.accel, math.sqrt(speed * leg.jerk))
+    rise, flat = top / leg.jerk, speed / top - top / leg.jerk
     middle = [(flat, sign * top, 0.0)] if flat > NOTHING else []
     return [(rise, 0.0, sign * leg.jerk), *middle, (rise, sign * top, -sign * leg.jerk)]
 

@@ -31,9 +31,6 @@ class Line:
         rows = np.ones((len(s), 1))
         return self.a + s[:, None] * self.direction, rows * self.direction, np.zeros((len(s), 3))
 
-    def after(self, s: float) -> Line:
-        return Line(self.a + s * self.direction, self.b)
-
 
 class Curve:
     """A regular curve from the parameter ``u0`` to ``u1``, read by its distance: a table, and cubics in it."""
@@ -54,9 +51,6 @@ class Curve:
 
     def at(self, s: Array) -> tuple[Array, Array, Array]:
         return self._by(self._parameter(s))
-
-    def after(self, s: float) -> Curve:
-        return Curve(self._shape, float(self._parameter(np.array([s]))[0]), float(self._u[-1]))
 
     def _by(self, u: Array) -> tuple[Array, Array, Array]:
         place, first, second = self._shape(u)
@@ -79,7 +73,7 @@ class Curve:
 Piece = Line | Curve
 """A smooth piece of a way, metres NED: its ``length``, its sharpest curvature ``bend`` (1/m; 0: it is straight), and
 ``jolt`` (1/m²), the greatest third derivative of the place by the distance. ``at(s)`` gives (N, 3) each at the
-distances (N,): places, unit tangents and their derivatives by the distance; ``after(s)`` what is left behind one.
+distances (N,): places, unit tangents and their derivatives by the distance.
 """
 
 
@@ -112,17 +106,6 @@ def lemniscate(length: float, width: float) -> Shape:
     return shape
 
 
-def rounded(before: Array, corner: Array, after: Array, reach: float) -> Curve:
-    """A corner cut from ``reach`` metres before it on the way from ``before`` to as far behind it: a Bézier curve of
-    the fifth degree that joins both straight ways without a jump of curvature.
-    """
-    into = (corner - before) / np.linalg.norm(corner - before)
-    out = (after - corner) / np.linalg.norm(after - corner)
-    shares = np.array([1.0, 2.0 / 3.0, 1.0 / 3.0])[:, None] * reach
-    control = np.vstack((corner - shares * into, corner + shares[::-1] * out))
-    return Curve(_bezier(control), 0.0, 1.0)
-
-
 def placed(shape: Shape, centre: Array, heading: float) -> Shape:
     """The same turned clockwise by ``heading`` (rad) and moved."""
     turn = turned(heading)
@@ -138,21 +121,3 @@ def turned(heading: float) -> Array:
     """(3, 3) that turns what looks north to look to ``heading`` (rad, clockwise)."""
     cos, sin = math.cos(heading), math.sin(heading)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _bezier(control: Array) -> Shape:
-    degree = len(control) - 1
-    first = degree * np.diff(control, axis=0)
-    second = (degree - 1) * np.diff(first, axis=0)
-
-    def shape(u: Array) -> tuple[Array, Array, Array]:
-        return _bernstein(control, u), _bernstein(first, u), _bernstein(second, u)
-
-    return shape
-
-
-def _bernstein(control: Array, u: Array) -> Array:
-    n = len(control) - 1
-    weights = np.column_stack([math.comb(n, k) * u**k * (1.0 - u) ** (n - k) for k in range(n + 1)])
-    found: Array = weights @ control
-    return found

@@ -39,14 +39,6 @@ class Errors:
         found: Array = np.linalg.norm(self.off, axis=1)
         return found
 
-    def then(self, other: Errors) -> Errors:
-        """Both, the other one at once after this one."""
-        if not len(self.t) or not len(other.t):
-            return self if len(self.t) else other
-        gap = self.t[-1] - other.t[0]
-        pairs = ((self.off, other.off), (self.along, other.along), (self.cross, other.cross))
-        return Errors(np.concatenate((self.t, other.t + gap)), *(np.concatenate(pair) for pair in pairs))
-
 
 @dataclass(frozen=True)
 class Peak:
@@ -115,20 +107,20 @@ class Way:
         return float(np.linalg.norm(a + share[:, None] * d - place, axis=1).min())
 
 
-def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory, done: float = 0.0) -> Errors:
+def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory) -> Errors:
     """``times`` (N,) s since the trajectory's beginning, ``positions`` (N, 3) m NED: what of it is on the route itself,
-    neither on the way to it nor after its end. ``done``: m of the route that were flown before this trajectory.
+    neither on the way to it nor after its end.
     """
     t, places = np.asarray(times, dtype=float), np.asarray(positions, dtype=float).reshape(-1, 3)
     mine = (t >= trajectory.begins) & (t <= trajectory.duration) & np.isfinite(places).all(axis=1)
     t, places = t[mine], places[mine]
     meant, way = trajectory.at(t), Way(trajectory.route)
     cross = np.array([way.off(place, along) for place, along in zip(places, meant.along, strict=True)])
-    return Errors(t, places - meant.pos, meant.along - trajectory.route.begins + done, cross)
+    return Errors(t, places - meant.pos, meant.along - trajectory.route.begins, cross)
 
 
 def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
-    """Of the errors along a route, which need not be of one flight."""
+    """Of the errors along a route."""
     if not len(found.t):
         raise ValueError("no position is on the route")
     size, corners = found.size, route.corners - route.begins

@@ -21,8 +21,6 @@ WINDOW = 20.0
 """s of the way that a segment has before it brakes"""
 KNOT, REST = 0.25, 5.0
 """s between two points of a segment on a curve, and elsewhere, at most"""
-NEAR = 1e-6
-"""m, m/s, and of an acceleration: no difference"""
 CLOSEST, BESIDE = 0.021, 0.1
 """s between two points at least; beside where the jerk changes, so that what is left out there bends nothing farther"""
 
@@ -43,20 +41,19 @@ class Limits:
 
 @dataclass(frozen=True)
 class Moment:
-    """(N, 3) each: m, m/s and m/s² NED; yaw (N,) rad from -π to π; along (N,) m of the way."""
+    """(N, 3) each: m, m/s and m/s² NED; along (N,) m of the way."""
 
     pos: Array
     vel: Array
     acc: Array
-    yaw: Array
     along: Array
 
 
 class Trajectory:
-    """A route flown from rest to rest within limits, from ``t`` = 0 on. ``yaw``: where the route says none (rad)."""
+    """A route flown from rest to rest within limits, from ``t`` = 0 on, with the heading ``yaw`` (rad)."""
 
     def __init__(self, route: Route, limits: Limits, yaw: float = 0.0, law: Law | None = None) -> None:
-        self.route, self.limits, self.yaw = route.looking(yaw), limits, yaw
+        self.route, self.limits, self.yaw = route, limits, yaw
         self._legs = [_leg(stage, limits) for stage in route.stages]
         self.law = plan(self._legs) if law is None else law
 
@@ -73,45 +70,19 @@ class Trajectory:
         rows = np.flatnonzero(self.law.s > self.route.begins + 1e-9)
         return float(self.law.t[int(rows[0]) - 1]) if len(rows) else math.inf
 
-    @property
-    def corners(self) -> tuple[Array, Array]:
-        """(K,) each: when a corner of the route is reached (s), and how far along the way (m) it is"""
-        ways = self.route.corners
-        return np.array([self.law.when(s) for s in ways]), ways
-
     def at(self, t: Array) -> Moment:
         """What is to be flown at the times ``t`` (N,); at rest before zero and after the end."""
         s, v, a = self.law.at(t)
         place, tangent, bend = self.route.at(s)
-        yaw = self.route.yaw(s)
-        assert yaw is not None
         acc = a[:, None] * tangent + (v * v)[:, None] * bend
-        turned = wrap(yaw)
-        return Moment(place, v[:, None] * tangent, acc, turned, s)
+        return Moment(place, v[:, None] * tangent, acc, s)
 
     def braked(self, t: float) -> Trajectory:
-        """The same until ``t``, and from there to rest along the way, as soon as the limits allow.
-
-        It brakes within the limits of the legs that it then passes. Where that would enter one of them too fast, it
-        goes on as planned to the end of its leg, where the plan has the speed of the next, and brakes there.
+        """The same until ``t``, and from there to rest along the way as soon as the limits allow: on the leg that it is
+        on, at whose end it rests in any case.
         """
-        ends, legs = self.route.starts[1:], self._legs
-        while True:
-            (s,), (v,), (a,) = self.law.at(np.array([t]))
-            first = int(np.searchsorted(ends, s + NEAR))
-            for last in range(first + 1, len(legs) + 1):
-                accel, jerk = (min(getattr(leg, name) for leg in legs[first:last]) for name in ("accel", "jerk"))
-                slows = -a <= accel * (1.0 + NEAR) and (a <= 0.0 or v + 0.5 * a * a / jerk <= legs[first].speed + NEAR)
-                law = self.law.braked(t, accel, jerk)
-                if not slows or law.s[-1] > ends[last - 1] + NEAR:
-                    continue
-                entered = law.at(np.array([law.when(end) for end in ends[first : last - 1]]))
-                speeds = np.array([leg.speed for leg in legs[first + 1 : last]])
-                if (entered[1] <= speeds + NEAR).all() and (entered[2] <= NEAR).all():
-                    return Trajectory(self.route, self.limits, self.yaw, law)
-            if first == len(legs):
-                return self
-            t = self.law.when(ends[first])
+        leg = self._legs[self._stage(t)]
+        return Trajectory(self.route, self.limits, self.yaw, self.law.braked(t, leg.accel, leg.jerk))
 
     def points(self, begin: float, t0: float) -> list[wire.SegmentPoint]:
         """From ``begin`` until it rests; ``t0``: UTC s at which it is at 0. Between two of them the vehicle flies the
@@ -119,12 +90,11 @@ class Trajectory:
         """
         times = np.round(self._knots(begin) + t0, 6) - t0  # it is where it should be at the times that are told
         found = self.at(times)
-        points = []
+        points, yaw = [], round(wrap(self.yaw), 6)
         for k, t in enumerate(times):
             last = k + 1 == len(times)
             pos, vel, acc = (_vector(rows[k]) for rows in (found.pos, found.vel, found.acc))
             still = (0.0, 0.0, 0.0)
-            yaw = round(float(found.yaw[k]), 6)
             points.append(
                 wire.SegmentPoint(
                     t=round(t0 + float(t), 6), pos=pos, vel=still if last else vel, acc=still if last else acc, yaw=yaw
@@ -157,13 +127,15 @@ class Trajectory:
         return np.array(_thinned(found))
 
     def _bends(self, t: float) -> bool:
-        s = float(self.law.at(np.array([t]))[0][0])
-        k = int(np.clip(np.searchsorted(self.route.starts, s, side="right") - 1, 0, len(self.route.stages) - 1))
-        return self.route.stages[k].piece.bend > 0.0
+        return self.route.stages[self._stage(t)].piece.bend > 0.0
+
+    def _stage(self, t: float) -> int:
+        """The index of the stage that it is on at ``t``."""
+        return int(self.route.stage_at(self.law.at(np.array([t]))[0])[0])
 
 
 def _leg(stage: Stage, limits: Limits) -> Leg:
-    piece, speed = stage.piece, min(limits.speed, stage.speed)
+    piece, speed = stage.piece, limits.speed
     if piece.bend == 0.0:
         return Leg(piece.length, speed, limits.accel, limits.jerk, stage.dwell)
     share = limits.accel / math.sqrt(2.0)

@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 
 import zmav
-from agents.demo.rover import Way, drive
+from deploy.demos.drive import Way, drive
 from zmav import keys, wire
 from zmav.children import Children
 from zmav.client import connect_once_up

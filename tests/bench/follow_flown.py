@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rich.console import Console
 
-from agents.demo.rover import Way, eight
+from deploy.demos.drive import Way, eight
 from tests.bench._follow_rig import FLEET, QUAD, Demonstration, Rig, figures, fly, scene
 from tests.bench._video import FAR, BadVideo
 from zmav.children import Children

@@ -3,52 +3,102 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import time
 from pathlib import Path
+from typing import IO
 
 import click
 
 import zmav
-from agents.camera.cli.options import Line, amount, name_option
-from agents.camera.recorder import Recorder
+from agents.camera.cli.options import name_option
 from zmav.cli.common import fleet_option, run, zenoh_options
-from zmav.errors import VehicleError
+from zmav.errors import BadConfig
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
-from zmav.vision.reader import Reader, camera_info
+from zmav.vision.reader import Picture, Reader
 
-USUAL_RATE = 10.0
+COLUMNS = "file,seq,t,arrived,width,height\n"
+TOLD_EVERY = 1.0
+"""s between two lines that say how it goes, and two looks at how much room is left"""
+KEEP_FREE = 1e9
+"""bytes that are left free on the disk"""
+
+
+class Recorder:
+    """Writes JPEGs to ``folder`` as they came, and a table beside them, each line of which names a whole picture.
+
+    Raises :class:`BadConfig` where nobody may write, or a recording is there already. Where less than ``keep_free``
+    bytes are free, :attr:`full` says so and pictures are counted as ``unwritten``.
+    """
+
+    def __init__(self, folder: Path, keep_free: float = KEEP_FREE) -> None:
+        self.written = self.unwritten = self.bytes = 0
+        self.full = ""
+        """why nothing is written at present"""
+        self._folder, self._keep_free, self._looked = folder, keep_free, -TOLD_EVERY
+        table = folder / "pictures.csv"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if table.exists():
+                text = f"{table} is there already: name another folder"
+                raise BadConfig(text, field="folder", value=str(folder), expected="a new folder")
+            self._table: IO[str] = table.open("x", encoding="ascii")
+            self._table.write(COLUMNS)
+            self._table.flush()
+        except OSError as e:
+            text = f"cannot write to {folder}: {e.strerror}"
+            raise BadConfig(text, field="folder", value=str(folder), expected="a place to write to") from e
+
+    def add(self, p: Picture) -> bool:
+        """Write a picture; False where it was not."""
+        if not self._room():
+            self.unwritten += 1
+            return False
+        name = f"{self.written:08d}.jpg"
+        try:
+            part = self._folder / f"{name}.part"
+            part.write_bytes(p.jpeg)
+            part.replace(self._folder / name)  # anyone who is killed meanwhile leaves no torn picture
+            self._table.write(f"{name},{p.seq},{p.t:.6f},{p.arrived:.6f},{p.width},{p.height}\n")
+            self._table.flush()
+        except OSError as e:
+            self.full, self.unwritten = str(e), self.unwritten + 1
+            return False
+        self.written += 1
+        self.bytes += len(p.jpeg)
+        return True
+
+    def close(self) -> None:
+        self._table.close()
+
+    def _room(self) -> bool:
+        now = time.monotonic()
+        if now - self._looked >= TOLD_EVERY:
+            self._looked = now
+            free = shutil.disk_usage(self._folder).free
+            self.full = "" if free > self._keep_free else f"{free / 1e6:.0f} MB are free: nothing is written"
+        return not self.full
 
 
 @click.command("record")
 @click.argument("vehicle")
-@click.argument("target", type=click.Path(path_type=Path), metavar="FILE.avi|FOLDER")
+@click.argument("folder", type=click.Path(path_type=Path))
 @name_option
-@click.option(
-    "--keep-free", callback=amount, default="1GB", show_default=True, help="Write nothing while less is free."
-)
 @fleet_option
 @zenoh_options
-def command(vehicle: str, target: Path, camera: str, keep_free: float, fleet: str, settings: SessionSettings) -> None:
-    """Record a camera's pictures as they came: JPEGs in a folder, or one .avi; and a .csv of when each was taken.
+def command(vehicle: str, folder: Path, camera: str, fleet: str, settings: SessionSettings) -> None:
+    """Record a camera's pictures as they came: JPEGs in a folder, and a .csv of when each was taken.
 
-    What was written stays whole whatever ends the recorder; of an .avi the last second may be missing. It plays at the
-    pictures' mean rate; the true times are in the .csv. Pictures of another size are fitted to the first one's.
+    What was written stays whole whatever ends the recorder. Nothing is written while less than 1 GB is free.
     """
-    run(_record(vehicle, target, camera, keep_free, fleet, settings))
+    run(_record(vehicle, folder, camera, fleet, settings))
 
 
-async def _record(
-    vehicle: str, target: Path, camera: str, keep_free: float, fleet: str, settings: SessionSettings
-) -> None:
+async def _record(vehicle: str, folder: Path, camera: str, fleet: str, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z, Reader(z, vehicle, camera, name="record") as pictures:
-        try:
-            rate = (await camera_info(z, vehicle, camera)).rate_hz
-        except VehicleError as e:
-            say(f"{e}; waiting for it")
-            rate = USUAL_RATE
-        recorder = Recorder(target, rate, keep_free)
-        say(f"recording {fleet}/{vehicle}/{camera} to {target}")
+        recorder = Recorder(folder)
+        say(f"recording {fleet}/{vehicle}/{camera} to {folder}")
         tasks = [asyncio.create_task(_write(pictures, recorder)), asyncio.create_task(_tell(pictures, recorder))]
         stopped = asyncio.create_task(until_stopped())
         try:
@@ -61,7 +111,7 @@ async def _record(
             await asyncio.gather(*tasks, return_exceptions=True)
             recorder.close()
     lost = f", {recorder.unwritten} without room ({recorder.full})" if recorder.unwritten else ""
-    say(f"{recorder.written} pictures, {recorder.bytes / 1e6:.1f} MB{lost}: {target}")
+    say(f"{recorder.written} pictures, {recorder.bytes / 1e6:.1f} MB{lost}: {folder}")
 
 
 async def _write(pictures: Reader, recorder: Recorder) -> None:
@@ -70,12 +120,7 @@ async def _write(pictures: Reader, recorder: Recorder) -> None:
 
 
 async def _tell(pictures: Reader, recorder: Recorder) -> None:
-    line, start = Line(), time.monotonic()
-    try:
-        while True:
-            await asyncio.sleep(1.0)
-            passed = time.strftime("%H:%M:%S", time.gmtime(time.monotonic() - start))
-            counts = f"{recorder.written} pictures, {recorder.bytes / 1e6:.1f} MB, {pictures.assembler.torn} torn"
-            line.show(f"{passed}  {counts}" + (f"  {recorder.full}" if recorder.full else ""))
-    finally:
-        line.end()
+    while True:
+        await asyncio.sleep(TOLD_EVERY)
+        counts = f"{recorder.written} pictures, {recorder.bytes / 1e6:.1f} MB, {pictures.assembler.torn} torn"
+        click.echo(counts + (f"  {recorder.full}" if recorder.full else ""))

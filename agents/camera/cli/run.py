@@ -39,8 +39,6 @@ USUAL_FOV = math.radians(63.0)
     show_default=True,
     help="To begin with, and for readers that do not report.",
 )
-@click.option("--least", callback=rate_bytes, default="4kB/s", show_default=True, help="However bad reports are.")
-@click.option("--most", callback=rate_bytes, default="2MB/s", show_default=True, help="However good they are.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="The file that 'zmav camera calibrate' wrote.")
 @click.option("--fov", type=click.FloatRange(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
 @click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")

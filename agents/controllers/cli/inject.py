@@ -42,7 +42,6 @@ SECONDS = {"step": 5.0, "doublet": 1.0, "chirp": 30.0}
 @click.option("--seconds", type=float, help="It lasts; of a doublet, each half.  [default: 5, 1, of a chirp 30]")
 @click.option("--f0", type=float, default=0.1, show_default=True, help="Hz at which a chirp begins.")
 @click.option("--f1", type=float, default=5.0, show_default=True, help="Hz at which it ends.")
-@click.option("--feed", is_flag=True, help="Feed a chirp's derivative forward, too.")
 @click.option(
     "--after", type=click.FloatRange(0.0, 60.0), default=2.0, show_default=True, help="Seconds recorded after it."
 )
@@ -65,7 +64,6 @@ def inject(
     seconds: float | None,
     f0: float,
     f1: float,
-    feed: bool,
     after: float,
     vehicle: str,
     output: Path | None,
@@ -76,10 +74,10 @@ def inject(
     """Add a signal to a controller's reference, and report how it follows.
 
     'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
-    Reports rise time, overshoot and settling of a step, delay of a doublet, bandwidth and resonance of a chirp.
+    Reports errors, and of a step rise time, overshoot and settling. The signals of all are recorded by 'zmav record'.
     """
     lasts = SECONDS[kind] if seconds is None else seconds
-    args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts, f0=f0, f1=f1, feed=feed)  # type: ignore[arg-type]
+    args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts, f0=f0, f1=f1)  # type: ignore[arg-type]
 
     async def tell() -> None:
         async with zmav.open(fleet=fleet, settings=settings) as z:

@@ -23,7 +23,6 @@ class AttitudeLoop(Controller):
     """
 
     level = "attitude"
-    keeps = ("fading",)
 
     kp_roll = parameter(6.5, 0.0, 12.0, "1/s", "MC_ROLL_P")
     kp_pitch = parameter(6.5, 0.0, 12.0, "1/s", "MC_PITCH_P")
@@ -78,7 +77,6 @@ class RatesLoop(Controller):
     """
 
     level = "rates"
-    keeps = ("axes",)
 
     kp_roll = parameter(0.15, 0.0, 0.6, "s/rad", "MC_ROLLRATE_P")
     ki_roll = parameter(0.2, 0.0, 2.0, "1/rad", "MC_ROLLRATE_I")

@@ -56,7 +56,6 @@ class VelocityLoop(Controller):
 
     level = "velocity"
     gives = "attitude"
-    keeps = ("axes", "hover", "given", "turning")
 
     kp = parameter(1.8, 0.0, 6.0, "1/s", "over the ground (MPC_XY_VEL_P_ACC)")
     ki = parameter(0.4, 0.0, 4.0, "1/s²", "over the ground (MPC_XY_VEL_I_ACC)")
@@ -175,7 +174,6 @@ class AltitudeLoop(Controller):
 
     level = "altitude"
     gives = "attitude"
-    keeps = ("down", "hover", "given")
 
     kp = parameter(1.0, 0.0, 3.0, "1/s", "of the height (MPC_Z_P)")
     vel_kp = parameter(4.0, 0.0, 12.0, "1/s", "of the climb (MPC_Z_VEL_P_ACC)")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import urllib.request
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +12,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from agents.camera.cli import camera
-from agents.camera.mjpeg import part
 from tests.agents.camera.conftest import write_video
-from zmav.errors import BadConfig, PortInUse, TimedOut, VehicleError
-from zmav.vision.opencv import decode
+from zmav.errors import BadConfig, TimedOut, VehicleError
 
 if TYPE_CHECKING:
     from tests.agents.camera.conftest import Run, StartCamera
     from tests.conftest import Net
-
-PATIENCE_S = 30.0
 
 
 def invoke(*arguments: str) -> Result:
@@ -56,24 +51,10 @@ async def test_a_camera_runs_is_listed_and_looked_at(net: Net, start: StartCamer
     assert "pictures sent" in agent.stderr
 
 
-async def test_pictures_for_a_browser(net: Net, run_camera: Run, start: StartCamera) -> None:
+async def test_what_comes_is_told_each_second(net: Net, run_camera: Run, start: StartCamera) -> None:
     _, endpoint = net.router()
     await run_camera(endpoint, budget=1e6)
-    viewer = start("view", "quad1", "--serve", "0", "-e", endpoint)
-    said = await asyncio.to_thread(viewer.expect, "pictures are at")
-    url = said.split()[-1]
-
-    def look() -> tuple[bytes, dict[str, str], bytes]:
-        with urllib.request.urlopen(url, timeout=PATIENCE_S) as page:
-            html = page.read()
-        with urllib.request.urlopen(f"{url}/mjpeg", timeout=PATIENCE_S) as stream:
-            headers, jpeg = part(stream)
-        return html, headers, jpeg
-
-    html, headers, jpeg = await asyncio.to_thread(look)
-    assert b"/mjpeg" in html
-    assert float(headers["x-timestamp"]) > 1e9
-    assert decode(jpeg).ndim == 3
+    viewer = start("view", "quad1", "-e", endpoint)
     line = await asyncio.to_thread(viewer.expect, "Hz")
     assert "torn" in line
     await asyncio.to_thread(viewer.stop)
@@ -94,21 +75,11 @@ async def test_a_camera_without_pictures_is_told_from_none(net: Net, run_camera:
         await asyncio.to_thread(invoke, "view", "quad1", "-e", endpoint, "--wait", "0.1")
 
 
-async def test_a_taken_port_is_said(net: Net, run_camera: Run) -> None:
-    _, endpoint = net.router()
-    await run_camera(endpoint, budget=1e6)
-    server = await asyncio.start_server(lambda reader, writer: None, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    with pytest.raises(PortInUse, match=str(port)):
-        await asyncio.to_thread(invoke, "view", "quad1", "-e", endpoint, "--serve", str(port))
-    server.close()
-
-
 WRONG = {
     "size": (("run", "0", "--vehicle", "quad1", "--size", "big"), "not like 640x480"),
     "mount": (("run", "0", "--vehicle", "quad1", "--mount", "1,2"), "not three numbers"),
     "budget": (("run", "0", "--vehicle", "quad1", "--budget", "much"), "expected 1Mbit/s, 60kB/s"),
-    "room": (("record", "quad1", "out", "--keep-free", "lots"), "not a number of bytes"),
+    "folder": (("calibrate", "none", "--squares", "9x6", "--size", "0.1", "-o", "x.toml"), "does not exist"),
     "vehicle": (("run", "0"), "Missing option '--vehicle'"),
 }
 
@@ -121,13 +92,11 @@ def test_wrong_usage_is_said(what: str) -> None:
     assert words in done.output
 
 
-def test_what_cannot_be_run(tmp_path: Path) -> None:
+def test_what_cannot_be_run() -> None:
     with pytest.raises(BadConfig, match="not both"):
         invoke("run", "0", "--vehicle", "quad1", "--fov", "60", "--calibration", "a.toml")
     with pytest.raises(BadConfig, match="no camera /dev/video99"):
         invoke("run", "99", "--vehicle", "quad1")
-    with pytest.raises(BadConfig, match="neither a folder nor a vehicle"):
-        invoke("calibrate", str(tmp_path / "none"), "--squares", "9x6", "--size", "0.1", "-o", "x.toml")
 
 
 @pytest.mark.parametrize("verb", ["run", "view", "record", "calibrate", "list"])

@@ -16,7 +16,7 @@ import pytest
 from agents.camera.capture import Capture, Lost, Shot, Source
 from agents.camera.mjpeg import MjpegSource
 from agents.camera.simulated import numbers
-from agents.camera.sources import DeviceSource, FileSource, StreamSource, open_source, taken
+from agents.camera.sources import DeviceSource, Replay, StreamSource, open_source, taken
 from tests.agents.camera.conftest import scene, write_video
 from tests.conftest import PATIENCE_S
 from zmav.errors import BadConfig
@@ -255,7 +255,7 @@ def test_a_server_that_dies_and_comes_back(servers: list[Server]) -> None:
 def test_the_latest_picture_wins(tmp_path: Path) -> None:
     write_video(tmp_path / "a.avi", 6, rate=100.0)
     heard = Heard()
-    capture = Capture(FileSource(tmp_path / "a.avi", loop=False), news=heard)
+    capture = Capture(Replay(tmp_path / "a.avi", 10.0, loop=False), news=heard)
     heard.until(lambda: capture.ended, "the end")
     assert capture.count == 6
     latest = capture.latest

@@ -1,4 +1,4 @@
-"""``zmav agent bench``: each measurement's arithmetic against known data, and one quick run of the real thing."""
+"""``python -m tests.bench.controllers``: each measurement's arithmetic against known data, and one quick run."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import pytest
 from rich.console import Console
 
 from agents.controllers import Reference, State
-from agents.controllers.bench import clock, cpu, flight, links, report, tracking
-from agents.controllers.bench.cli import chosen
-from agents.controllers.bench.echo import HANGS, IS_NOT_FINITE, RAISES, Echo
-from agents.controllers.bench.fake import Stick, stick_of
-from agents.controllers.bench.handback import Back
-from agents.controllers.bench.links import Sample
-from agents.controllers.bench.processes import children, cpu_seconds
-from agents.controllers.bench.spread import effects, spread
-from agents.controllers.bench.trip import Trip
 from agents.controllers.loops.parts import GRAVITY
+from tests.bench.controllers import clock, cpu, flight, links, report, tracking
+from tests.bench.controllers.__main__ import chosen
+from tests.bench.controllers.echo import HANGS, IS_NOT_FINITE, RAISES, Echo
+from tests.bench.controllers.fake import Stick, stick_of
+from tests.bench.controllers.handback import Back
+from tests.bench.controllers.links import Sample
+from tests.bench.controllers.processes import children, cpu_seconds
+from tests.bench.controllers.spread import effects, spread
+from tests.bench.controllers.trip import Trip
 from zmav.children import Children
 from zmav.errors import BadInput, Stale, ZmavError
 
@@ -100,7 +100,7 @@ def test_the_controllers_output_tells_the_stick(pwm: int) -> None:
 
 def test_the_echo_fails_as_it_is_told_and_on_a_full_stick_only(monkeypatch: pytest.MonkeyPatch) -> None:
     slept: list[float] = []
-    monkeypatch.setattr("agents.controllers.bench.echo.time.sleep", slept.append)
+    monkeypatch.setattr("tests.bench.controllers.echo.time.sleep", slept.append)
     echo, away, reference = Echo(), State(sticks=np.array([0.0, 0.0, 0.5, 1.0])), Reference("rates")
     echo.tune("fails", RAISES)
     assert np.isfinite(echo.update(State(), reference).rates).all()
@@ -298,7 +298,7 @@ def zmavs(token: str) -> list[int]:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_quick_run(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from agents.controllers.bench.cli import bench; bench()"]
+    command = [sys.executable, "-m", "tests.bench.controllers"]
     given = ["--only", "links,trip", "--quick", "-o", str(tmp_path)]
     for _ in range(3):  # where other tests hold the machine up, the guard rightly breaks a flight off
         done = subprocess.run([*command, *given], capture_output=True, text=True, timeout=300)
@@ -322,7 +322,7 @@ def test_whoever_is_interrupted_leaves_nothing_behind(number: int, tmp_path: Pat
         **os.environ,
         "TMPDIR": str(tmp_path),
     }  # its folder is on the simulator's and the agent's command lines
-    command = [sys.executable, "-c", "from agents.controllers.bench.cli import bench; bench()", "--only", "links"]
+    command = [sys.executable, "-m", "tests.bench.controllers", "--only", "links"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment)
     with process:
         try:

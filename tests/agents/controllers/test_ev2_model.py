@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from agents.controllers import Array, Reference, State, TorqueThrust, Trim
 from agents.controllers.backstepping import Backstepping, Inner, Vec, angle_rates, rates_of
 from agents.controllers.ev2 import Ev2
-from agents.controllers.stack import Stack
 from tests.agents.controllers.rigid import CYCLE, GRAVITY, HOVER, Body, fly, quaternion
 from zmav.sim.control.allocation import Allocator
 from zmav.sim.dynamics.airframe import AIR_DENSITY, airframe
@@ -282,16 +280,3 @@ def test_a_gain_changed_in_flight_does_not_jump() -> None:
     assert isinstance(before, TorqueThrust) and isinstance(after, TorqueThrust)
     assert after.thrust == pytest.approx(before.thrust, abs=1e-3)
     assert after.torque == pytest.approx(before.torque, abs=0.01)
-
-
-def test_loaded_again_it_flies_on_as_if_nothing_had_been() -> None:
-    body = Body(force=np.array([3.0, 0.0, 2.0]))
-    ev2 = begun(body)
-    fly(ev2, body, Reference(pos=np.array([1.0, 0.5, 0.0]), yaw=0.5), 1.0)
-    fresh, old = Stack(Ev2()), Stack(ev2)
-    fresh.keep(pickle.loads(pickle.dumps(old.kept())))  # as between two processes
-    for _ in range(5):
-        before, after = old.update(body.state(), HOVER), fresh.update(body.state(), HOVER)
-        assert isinstance(before, TorqueThrust) and isinstance(after, TorqueThrust)
-        assert after.thrust == before.thrust and (after.torque == before.torque).all()
-        body.step(after)

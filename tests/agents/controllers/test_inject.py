@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.controllers.inject import CHANNELS, LONGEST, Inject, Injection, duration, turned
+from agents.controllers.inject import CHANNELS, Inject, Injection, duration, turned
 from agents.controllers.types import LEVELS, Level, Reference, State
 from zmav import wire
 from zmav.errors import BadInput
@@ -124,7 +124,7 @@ def chirp(seconds: float = 60.0, f0: float = 0.1, f1: float = 5.0, **rest: float
 def test_a_chirp_goes_from_the_one_frequency_to_the_other_by_the_same_factor_each_second() -> None:
     injection = Injection(chirp(), "position", 0.0)
     t = np.arange(0.0, 60.0, 0.001)
-    y = np.array([injection.value(float(each))[0] for each in t])
+    y = np.array([injection.value(float(each)) for each in t])
     up = t[1:][(y[:-1] < 0.0) & (y[1:] >= 0.0)]
     middles, found = (up[1:] + up[:-1]) / 2.0, 1.0 / np.diff(up)
     # Over a period the frequency grows by a factor itself, so its mean is a little off that in the middle.
@@ -135,39 +135,6 @@ def test_a_chirp_goes_from_the_one_frequency_to_the_other_by_the_same_factor_eac
     assert np.abs(y[(t > 3.0) & (t < 57.0)]).max() == pytest.approx(0.5, rel=1e-3)
     assert np.abs(y[t < 0.3]).max() < 0.02
     assert np.abs(y[t > 59.9]).max() < 0.01
-
-
-@given(st.floats(0.05, 2.0), st.floats(1.2, 20.0), st.floats(1.0, 30.0), st.floats(0.01, 0.99))
-def test_what_is_fed_forward_is_the_derivative(f0: float, factor: float, periods: float, at: float) -> None:
-    seconds = min(periods / f0 * 1.001, LONGEST)
-    injection = Injection(chirp(seconds, f0, min(f0 * factor, 50.0), feed=True), "position", 0.0)
-    t, step = at * seconds, 1e-5 / f0 / factor
-    slope = (injection.value(t + step)[0] - injection.value(t - step)[0]) / (2.0 * step)
-    reference = Reference()
-    added = injection.apply(reference, t)
-    assert reference.pos.tolist() == [added, 0.0, 0.0]
-    assert reference.vel.tolist()[1:] == [0.0, 0.0]
-    assert reference.vel[0] == pytest.approx(slope, abs=1e-4 * 2.0 * math.pi * f0 * factor)
-
-
-@pytest.mark.parametrize(
-    ("level", "channel", "fed"),
-    [
-        ("position", "z", "vz"),
-        ("velocity", "vy", "ay"),
-        ("position", "yaw", "yaw_rate"),
-        ("attitude", "yaw", "yaw_rate"),
-    ],
-)
-def test_it_is_fed_forward_where_there_is_a_place_and_only_if_asked(level: Level, channel: str, fed: str) -> None:
-    for feed in (False, True):
-        args = Inject(kind="chirp", channel=channel, amplitude=SMALL[channel], seconds=20.0, feed=feed)
-        injection, reference, before = Injection(args, level, 0.0), tilted(level), numbers(tilted(level))
-        added = injection.apply(reference, 7.0)
-        _, slope = injection.value(7.0)
-        assert abs(slope) > 1e-3
-        expected = {**before, channel: before[channel] + added, fed: before[fed] + (slope if feed else 0.0)}
-        assert numbers(reference) == pytest.approx(expected, abs=1e-12)
 
 
 ANGLE = st.floats(-0.6, 0.6)
@@ -219,8 +186,6 @@ def test_a_channel_that_the_reference_lacks_is_refused_with_those_that_it_has(le
         ("f1", order("chirp", seconds=20.0, f0=1.0, f1=1.0)),
         ("f1", order("chirp", seconds=20.0, f0=2.0, f1=1.0)),
         ("seconds", order("chirp", seconds=9.0, f0=0.1)),
-        ("feed", order(feed=True)),
-        ("feed", order("doublet", feed=True)),
     ],
 )
 def test_what_is_no_number_or_beyond_what_is_sane_is_refused_by_its_name(field: str, args: Inject) -> None:
@@ -228,13 +193,6 @@ def test_what_is_no_number_or_beyond_what_is_sane_is_refused_by_its_name(field: 
         Injection(args, "position", START)
     assert refused.value.detail["field"] == field
     assert refused.value.detail["expected"]
-
-
-def test_a_chirp_of_a_tilt_has_no_place_to_feed_forward() -> None:
-    args = Inject(kind="chirp", channel="roll", amplitude=0.1, seconds=20.0, feed=True)
-    with pytest.raises(BadInput, match=r"yaw") as refused:
-        Injection(args, "attitude", START)
-    assert refused.value.detail["field"] == "feed"
 
 
 def test_rates_that_would_turn_it_over_are_refused() -> None:
@@ -257,14 +215,14 @@ def test_a_chirp_of_rates_turns_no_farther_than_is_reckoned_with(f0: float, fact
     injection = Injection(args, "rates", 0.0)
     step = 0.002 / f0 / factor
     t = np.arange(0.0, args.seconds, step)
-    turn = np.cumsum([injection.value(float(each))[0] for each in t]) * step
+    turn = np.cumsum([injection.value(float(each)) for each in t]) * step
     assert np.abs(turn).max() < 0.8
 
 
 def test_the_order_is_read_from_json_and_its_fields_are_named_when_wrong() -> None:
     said = b'{"kind": "chirp", "channel": "roll", "amplitude": 0.1, "seconds": 20, "f0": 0.2, "f1": 8}'
     args = wire.decode(said, Inject, "inject")
-    assert (args.kind, args.f1, args.feed) == ("chirp", 8.0, False)
+    assert (args.kind, args.f1) == ("chirp", 8.0)
     for wrong, field in ((b'"ramp"', "kind"), (b"null", "kind")):
         with pytest.raises(BadInput, match=field):
             wire.decode(said.replace(b'"chirp"', wrong), Inject, "inject")

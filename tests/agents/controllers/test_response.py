@@ -15,9 +15,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from agents.controllers.drawing import picture
-from agents.controllers.frequency import Chirp
 from agents.controllers.inject import Inject, Injection, duration
-from agents.controllers.response import Doublet, Report, Step, examine
+from agents.controllers.response import Report, Step, examine
 from agents.controllers.types import Array
 from zmav.errors import BadConfig, BadInput
 
@@ -31,7 +30,7 @@ def times(args: Inject, before: float = 1.0, after: float = 2.0, hz: float = HZ)
 def injected(args: Inject, t: Array) -> Array:
     level: Any = {"z": "position", "x": "position", "yaw": "position", "roll": "attitude"}[args.channel]
     injection = Injection(args, level, 0.0)
-    return np.array([injection.value(float(each))[0] for each in t])
+    return np.array([injection.value(float(each)) for each in t])
 
 
 def step(seconds: float = 8.0, amplitude: float = 1.0, channel: str = "z") -> Inject:
@@ -153,30 +152,6 @@ def test_what_does_not_follow_or_has_not_come_to_rest_is_told() -> None:
     assert any("does not follow" in note for note in backwards.notes)
 
 
-@given(st.integers(5, 60))
-@hypothesis_settings(max_examples=20)
-def test_a_doublet_that_comes_late_is_late_by_that(late: int) -> None:
-    args = Inject(kind="doublet", channel="z", amplitude=0.7, seconds=1.0)
-    t = times(args)
-    u = injected(args, t)
-    y = np.concatenate([np.zeros(late), u[:-late]])
-    report = examine(args, t, u, y, u)
-    assert isinstance(report.found, Doublet)
-    assert report.found.delay == pytest.approx(late / HZ, abs=0.5 / HZ)
-    assert (report.found.first, report.found.second) == (1.0, 1.0)
-    assert report.found.correlation == pytest.approx(1.0, abs=1e-3)
-    # Late at three edges, of heights 1, 2 and 1, of which the last comes after it.
-    share = (late * 1.0 + late * 4.0) / (2.0 * HZ)
-    assert report.rms == pytest.approx(0.7 * math.sqrt(share), rel=1e-3)
-    still = examine(args, t, u, 0.0 * u, u)
-    assert isinstance(still.found, Doublet)
-    assert still.found.delay is None
-
-
-def sweep(seconds: float = 60.0) -> Inject:
-    return Inject(kind="chirp", channel="x", amplitude=0.5, seconds=seconds, f0=0.1, f1=5.0)
-
-
 def filtered(u: Array, wn: float, zeta: float) -> Array:
     """By integration of wn²/(s² + 2 zeta wn s + wn²) at four steps a sample, the input held."""
     y, v, found, dt = 0.0, 0.0, np.empty(len(u)), 1.0 / HZ / 4.0
@@ -188,42 +163,15 @@ def filtered(u: Array, wn: float, zeta: float) -> Array:
     return found
 
 
-@pytest.mark.parametrize("zeta", [0.3, 0.7])
-@pytest.mark.parametrize("noise", [0.0, 0.02])
-def test_a_chirp_finds_bandwidth_resonance_gain_and_phase(zeta: float, noise: float) -> None:
-    args, wn = sweep(), 2.0 * math.pi
+@pytest.mark.parametrize("kind", ["doublet", "chirp"])
+def test_of_other_signals_the_errors_are_told(kind: str) -> None:
+    args = Inject(kind=kind, channel="x", amplitude=0.5, seconds=12.0)  # type: ignore[arg-type]
     t = times(args)
     u = injected(args, t)
-    y = filtered(u, wn, zeta) + noise * np.random.default_rng(2).standard_normal(len(t))
-    found = examine(args, t, u, y, u).found
-    assert isinstance(found, Chirp)
-    width = math.sqrt(1.0 - 2.0 * zeta**2 + math.sqrt(4.0 * zeta**4 - 4.0 * zeta**2 + 2.0))
-    assert found.bandwidth == pytest.approx(width, rel=0.02)
-    s = 1j * found.frequency  # wn is 1 Hz
-    exact = 1.0 / (s * s + 2.0 * zeta * s + 1.0)
-    low = found.frequency < 2.0
-    np.testing.assert_allclose(found.gain[low], np.abs(exact)[low], rtol=0.05)
-    np.testing.assert_allclose(found.phase[low], np.unwrap(np.angle(exact))[low], atol=0.08)
-    assert found.coherence[low].min() > 0.95
-    if zeta == 0.3:
-        assert found.peak == pytest.approx(1.0 / (2.0 * zeta * math.sqrt(1.0 - zeta**2)), rel=0.03)
-        assert found.peak_frequency == pytest.approx(math.sqrt(1.0 - 2.0 * zeta**2), rel=0.08)
-    else:
-        assert ("resonance peak", "none") in found.rows()
-
-
-def test_a_chirp_that_is_drowned_in_noise_gives_no_bandwidth() -> None:
-    args = sweep(30.0)
-    t = times(args)
-    u = injected(args, t)
-    report = examine(args, t, u, np.random.default_rng(3).standard_normal(len(t)), u)
-    assert isinstance(report.found, Chirp)
-    assert report.found.bandwidth is None
-    assert any("coherence" in note for note in report.notes)
-    wholly = examine(args, t, u, u, u)
-    assert isinstance(wholly.found, Chirp)
-    assert wholly.found.bandwidth is None
-    assert any("bandwidth is above" in note for note in wholly.notes)
+    report = examine(args, t, u, 0.0 * u, u)
+    assert report.found is None
+    assert report.peak_error == pytest.approx(0.5, rel=1e-3)
+    assert "RMS error" in report.text() and "rise" not in report.text()
 
 
 def test_samples_that_are_no_numbers_or_lost_are_counted_and_do_little() -> None:
@@ -256,8 +204,6 @@ def test_too_short_too_many_gaps_and_nothing_injected_are_refused() -> None:
             examine(args, t[kept], u[kept], u[kept], u[kept])
     with pytest.raises(BadInput, match="20 at least"):
         examine(args, t, u, np.full(len(t), np.nan), u)
-    with pytest.raises(BadInput, match="measured has the shape"):
-        examine(args, t, u, u[1:], u)
     with pytest.raises(BadInput, match="20 at least"):
         examine(args, np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -33,21 +32,18 @@ LEAN = np.array([math.cos(0.1), math.sin(0.1), 0.0, 0.0])
 class Seen(Controller):
     """Remembers what it was handed."""
 
-    keeps = ("count",)
     gain = parameter(1.0, 0.0, 2.0, "1/s", "of nothing")
 
     def __init__(self) -> None:
         super().__init__()
         self.resets: list[Reference] = []
         self.updates: list[Reference] = []
-        self.count = 0
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         self.resets.append(reference)
 
     def update(self, state: State, reference: Reference) -> Output:
         self.updates.append(reference)
-        self.count += 1
         self.signal(mine=1.0)
         return TorqueThrust(np.zeros(3), reference.thrust)
 
@@ -227,22 +223,6 @@ class TestTuning:
             assert isinstance(output, TorqueThrust)
             torques.append(output.torque)
         assert torques[0][2] == 0.0 and torques[1][2] < -0.05 and torques[0][:2].tolist() == torques[1][:2].tolist()
-
-
-def test_what_is_kept_goes_over_to_another_process() -> None:
-    """The integrators of the loops above, and of the controller what its class says."""
-    first, second = Stack(SeesRates()), Stack(SeesRates())
-    for k in range(500):
-        first.update(State(t=k * 0.004, motors=np.full(6, 0.5)), full("position"))
-    second.reset(State(), full("position"), Trim())
-    second.keep(pickle.loads(pickle.dumps(first.kept())))
-    assert second.controller.count == 500  # type: ignore[attr-defined]
-    now = State(t=2.0)
-    first.update(now, full("position"))
-    second.update(now, full("position"))
-    assert first.signals == second.signals
-    second.keep({"elsewhere": {"x": 1}, "velocity": {"kp": 9.0}})
-    assert second.loops["velocity"].kp == 1.8, "only state is kept"  # type: ignore[attr-defined]
 
 
 def test_a_copy_flies_on_by_itself() -> None:

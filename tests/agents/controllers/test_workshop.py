@@ -31,7 +31,6 @@ from agents.controllers import Controller, RatesThrust, parameter
 class Mine(Controller):
     level = "attitude"
     kp = parameter(6.0, 0.0, 20.0)
-    keeps = ("kept",)
     # more
 
     def __init__(self, tuned=None):
@@ -104,47 +103,6 @@ async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
         yield bench
     finally:
         bench.shop.close()
-
-
-@pytest.mark.parametrize(
-    ("kept", "why"),
-    [("lambda: None", "cannot go over"), ("np.zeros(100_000)", "at most 1"), ("threading.Lock()", "cannot go over")],
-)
-async def test_what_cannot_go_over_leaves_what_flies(bench: Bench, kept: str, why: str) -> None:
-    text = GOOD.replace("self.kept = 0.0\n        # reset", "pass").replace("self.kept += 1.0", "pass")
-    await bench.load(text.replace("kept=self.kept, ", "").replace("self.kept = 0.0", f"self.kept = {kept}"))
-    flies = bench.shop.worker
-    with pytest.raises(BadConfig, match=why):
-        await bench.load(GOOD)
-    assert bench.shop.worker is flies is bench.flies[-1]
-    await bench.cycle()
-    assert bench.failed.empty()
-    bench.path.write_text(GOOD)
-    await bench.shop.load({}, kept=False)
-    assert (await bench.cycle())["kept"] == 1.0
-
-
-async def test_a_class_that_cannot_go_on_with_what_was_kept_leaves_what_flies(bench: Bench) -> None:
-    await bench.load(GOOD)
-    assert (await bench.cycle())["kept"] == 1.0
-    with pytest.raises(BadConfig, match=r"mine.py:2\d: AttributeError"):
-        await bench.load(GOOD.replace("self.kept += 1.0", "self.kept.append(1.0)").replace("kept = 0.0", "kept = []"))
-    assert (await bench.cycle())["kept"] == 2.0
-    await bench.load(GOOD + "\n")
-    assert (await bench.cycle())["kept"] == 3.0
-
-
-async def test_a_class_that_dies_as_it_is_asked_what_it_keeps(bench: Bench) -> None:
-    dies = "class Dies:\n    def __reduce__(self):\n        os._exit(3)\n\nclass Mine("
-    text = GOOD.replace("self.kept += 1.0", "self.kept = Dies()").replace("kept=self.kept, ", "")
-    await bench.load(text.replace("class Mine(", dies))
-    await bench.cycle()
-    with pytest.raises(ZmavError, match="exit status 3"):
-        await bench.load(GOOD)
-    assert bench.shop.broken
-    assert "exit status 3" in await asyncio.wait_for(bench.failed.get(), 30.0)
-    await bench.load(GOOD)
-    assert (await bench.cycle())["kept"] == 1.0
 
 
 async def test_a_class_loaded_in_place_of_a_dead_one_is_reset_before_it_flies(bench: Bench) -> None:

@@ -8,9 +8,9 @@ import sys
 
 from click.testing import CliRunner
 
-from agents.demo.rover import eight, walk
 from agents.demo.story import find
 from agents.follower.agent import Follower
+from deploy.demos.drive import eight, walk
 from zmav.cli.agent import command
 from zmav.sim.fleetfile import load_simulated
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agents.demo.picture import animate, draw, drawn, shown
+from agents.demo.picture import draw, drawn, shown
 from agents.demo.play import Mark
 from agents.demo.truth import Row, Truth
+from deploy.demos.pictures import animate
 from zmav.errors import BadInput
 
 ROWS = [Row(0.2 * k, ((0.1 * k, 0.0, 5.0), (0.0, 8.0 - 0.1 * k, 5.0))) for k in range(60)]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -24,7 +22,6 @@ from tests.agents.helipad.generator import (
     render,
     truth_of,
 )
-from tests.agents.helipad.letters import ink
 from tests.agents.helipad.test_recall import away, off
 from zmav.errors import BadInput
 
@@ -200,58 +197,6 @@ def test_the_same_frame_gives_the_same(detector: Detector, pad_frame: Sample) ->
     kept = pad_frame.frame.copy()
     assert detector.detect(pad_frame.frame) == first == Detector(CAMERA).detect(pad_frame.frame)
     assert np.array_equal(kept, pad_frame.frame)
-
-
-def picture_of(letter: str, path: Path, width: float = 0.7) -> Path:
-    y, x = np.mgrid[0:200, 0 : round(200 * width)]
-    mask = ink(letter, (x + 0.5) / 200.0 - width / 2.0, 0.5 - (y + 0.5) / 200.0, width, 0.18)
-    assert cv2.imwrite(str(path), mask.astype(np.uint8) * 255)
-    return path
-
-
-@pytest.mark.parametrize("letter", ["A", "N", "E"])
-def test_another_symbol_is_found_by_its_file(letter: str, tmp_path: Path) -> None:
-    detector = Detector(CAMERA, template=picture_of(letter, tmp_path / "symbol.png"))
-    made = shot([Pad(0.3, 0.2, 0.8, letter=letter)], 4.0, 0.1, 0.1, things=0)
-    one = only(detector.detect(made.frame, 4.0, 0.1, 0.1))
-    assert away(one, made.pads[0]) < 0.05 * one.scale_px
-    assert off(one, made.pads[0]) < 4.0
-    other = shot([Pad(0.3, 0.2, 0.8, letter="H")], 4.0, 0.1, 0.1, things=0)
-    assert detector.detect(other.frame, 4.0, 0.1, 0.1) == []
-
-
-def test_a_file_of_an_h_does_as_the_built_in_one(tmp_path: Path, pad_frame: Sample) -> None:
-    detector = Detector(CAMERA, template=str(picture_of("H", tmp_path / "h.png")))
-    assert at_pad(
-        only(detector.detect(pad_frame.frame, pad_frame.height_m, pad_frame.roll, pad_frame.pitch)), pad_frame
-    )
-
-
-def _empty(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def _text(path: Path) -> None:
-    path.write_text("no picture")
-
-
-def _flat(path: Path) -> None:
-    cv2.imwrite(str(path), np.full((40, 40), 255, dtype=np.uint8))
-
-
-def _small(path: Path) -> None:
-    cv2.imwrite(str(path), np.eye(5, dtype=np.uint8) * 255)
-
-
-@pytest.mark.parametrize("make", [None, _empty, _text, _flat, _small])
-def test_a_template_that_is_none_is_refused(make: Callable[[Path], None] | None, tmp_path: Path) -> None:
-    path = tmp_path / "symbol.png"
-    if make is not None:
-        make(path)
-    with pytest.raises(BadInput) as caught:
-        Detector(CAMERA, template=path)
-    assert caught.value.detail["field"] == "template"
-    assert "symbol.png" in str(caught.value)
 
 
 @pytest.mark.parametrize(

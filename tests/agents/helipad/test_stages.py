@@ -12,7 +12,7 @@ from agents.helipad import channels, polar
 from agents.helipad.candidates import Kernels, Room
 from agents.helipad.geometry import View
 from agents.helipad.refine import Aligner, heading, turned
-from agents.helipad.templates import Symbol, competitors, letter_h, turns_alike
+from agents.helipad.templates import Symbol, letter_h
 from tests.agents.helipad.generator import (
     CAMERA,
     SIZE,
@@ -121,13 +121,6 @@ def test_alignment_ends_where_the_symbol_is() -> None:
     assert middles[0] == pytest.approx([31.3, 32.6], abs=0.03)
     assert heading(affines)[0] == pytest.approx(0.6, abs=0.004)
     assert np.linalg.norm(affines[0, :, 1]) == pytest.approx(14.0, rel=0.01)
-
-
-def test_competitors_are_other_letters() -> None:
-    without = competitors([])
-    assert len(competitors(letter_h())) == len(without) - 1
-    assert turns_alike(letter_h()[0])
-    assert not all(turns_alike(symbol) for symbol in without)
 
 
 def test_the_generator_paints_exactly_what_its_truth_says() -> None:

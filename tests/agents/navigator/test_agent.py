@@ -1,4 +1,4 @@
-"""The navigator among simulated copters: it flies, holds, goes on and gives up, and says how it went."""
+"""The navigator among simulated copters: it flies, gives up, and says how it went."""
 
 from __future__ import annotations
 
@@ -85,15 +85,13 @@ class Field:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field]:
-    routes = tmp_path_factory.mktemp("routes")
-    (routes / "hop.csv").write_text("north,east,down\n0,0,-5\n2,0,-5\n")
+async def field() -> AsyncIterator[Field]:
     async with contextlib.AsyncExitStack() as stack:
         patient, fence = Failsafe(land_after="never"), Geofence(radius=60.0)
         fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 5.0, failsafe=patient, geofence=fence))
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        navigator = Navigator(z, "quad1", Settings(routes=str(routes)), {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
+        navigator = Navigator(z, "quad1", Settings(), {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
         controller = Controller(z, "quad1")
         for agent in (navigator, controller):
             await stack.enter_async_context(agent)
@@ -110,7 +108,6 @@ async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field
     ("arguments", "named"),
     [
         ({"route": "octagon"}, "route"),
-        ({"route": "hop", "side": 3.0}, "side"),
         ({"route": "circle", "side": 3.0}, "side"),
         ({"speed": 0.0}, "speed"),
         ({"speed": "fast"}, "speed"),
@@ -126,32 +123,17 @@ async def test_an_order_that_cannot_be_is_refused_by_its_field(
     assert refused.value.detail["field"] == named
 
 
-async def test_who_flies_nothing_cannot_hold_and_not_go_on(field: Field) -> None:
-    for verb in ("hold", "abort"):
-        with pytest.raises(Refused, match="flies nothing"):
-            await field.me.tell("navigator", verb)
-    with pytest.raises(Refused, match="nothing was broken off"):
-        await field.me.tell("navigator", "resume")
+async def test_who_flies_nothing_has_nothing_to_abort(field: Field) -> None:
+    with pytest.raises(Refused, match="flies nothing"):
+        await field.me.tell("navigator", "abort")
 
 
-async def test_it_holds_on_its_way_goes_on_and_says_how_well_it_followed(field: Field) -> None:
+async def test_it_flies_to_the_end_and_says_how_well_it_followed(field: Field) -> None:
     navigator = field.navigator
     told = await field.fly(route="square", side=4.0, heading=0.5)
     assert told["length"] == 16.0
     with pytest.raises(Refused, match="flies square already"):
         await field.fly(route="circle")
-    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 5.0, "half way")
-    stop = await field.me.tell("navigator", "hold")
-    course = navigator.course
-    assert course is not None
-    await field.until(lambda: course.ended(time.time()), "at rest")
-    assert 5.0 < stop["along"] < 8.0
-    await field.me.wait_until(
-        lambda s: s.velocity is not None and math.hypot(*s.velocity) < 0.1 and s.lease is not None, PATIENCE_S
-    )
-    assert math.dist(field.me.local, course.place(time.time())) < 0.5
-    assert field.words[-1].state == "hold"
-    await field.me.tell("navigator", "resume")
     await field.ended("flew square: 16.0 m")
     found = navigator.last
     assert found is not None
@@ -164,24 +146,23 @@ async def test_it_holds_on_its_way_goes_on_and_says_how_well_it_followed(field: 
     assert state.lease_end is not None
     assert state.lease_end.reason == "released"
     phases = [word.state for word in field.words]
-    assert [phases.index(name) for name in ("approach", "fly", "hold")] == sorted(
-        phases.index(name) for name in ("approach", "fly", "hold")
-    )
+    assert phases.index("approach") < phases.index("fly")
 
 
-async def test_what_was_aborted_can_be_gone_on_with_from_elsewhere(field: Field) -> None:
-    await field.fly(route="hop", down=0.0, speed=1.5)
+async def test_what_is_aborted_comes_to_rest_on_its_way_and_is_given_back(field: Field) -> None:
     navigator = field.navigator
-    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 0.2, "under way")
-    assert (await field.me.tell("navigator", "abort"))["left"] is True
-    await field.ended("hop broken off at")
-    await field.me.wait_until(lambda s: s.lease is None, PATIENCE_S)
-    await field.me.goto(pos=(0.0, 3.0, -5.0), tolerance=0.5)
-    await field.me.tell("navigator", "resume")
-    await field.ended("flew hop: 2.0 m")
-    assert math.dist(field.me.local, (2.0, 0.0, -5.0)) < 0.5
-    with pytest.raises(Refused, match="nothing was broken off"):
-        await field.me.tell("navigator", "resume")
+    await field.fly(route="square", side=4.0, speed=1.5)
+    await field.until(lambda: navigator.course is not None and navigator.course.along(time.time()) > 5.0, "half way")
+    course = navigator.course
+    assert course is not None
+    await field.me.tell("navigator", "abort")
+    await field.ended("square broken off at")
+    await field.me.wait_until(
+        lambda s: s.lease is None and s.velocity is not None and math.hypot(*s.velocity) < 0.1, PATIENCE_S
+    )
+    assert course.ended(time.time())
+    assert 5.0 < course.along(time.time()) < 8.0
+    assert math.dist(field.me.local, course.place(time.time())) < 0.5
 
 
 async def test_a_route_beyond_the_fence_is_not_begun_and_the_vehicle_s_reason_is_told(field: Field) -> None:

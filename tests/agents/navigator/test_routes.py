@@ -1,17 +1,15 @@
-"""Routes: shapes that are what they are called, waypoints from files, refusals that name field, value and what fits."""
+"""Routes: shapes that are what they are called, refusals that name field, value and what fits."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.navigator.files import find, load
-from agents.navigator.routes import SIZES, Route, Waypoint, shape, through
+from agents.navigator.routes import SIZES, Route, shape
 from zmav.errors import BadInput
 
 CENTRE = (3.0, -2.0, -8.0)
@@ -39,12 +37,11 @@ def test_ev3_is_a_level_square_and_an_upright_rectangle_that_share_a_side() -> N
 
 
 @given(
-    name=st.sampled_from(["ev3", "square", "circle", "lemniscate", "steps"]),
+    name=st.sampled_from(["ev3", "square", "circle", "lemniscate"]),
     heading=st.floats(-math.pi, math.pi),
-    rounding=st.sampled_from([0.0, 1.0]),
 )
-def test_every_shape_is_closed_and_only_turned_by_its_heading(name: str, heading: float, rounding: float) -> None:
-    plain, route = shape(name, rounding=rounding), shape(name, CENTRE, heading, rounding=rounding)
+def test_every_shape_is_closed_and_only_turned_by_its_heading(name: str, heading: float) -> None:
+    plain, route = shape(name), shape(name, CENTRE, heading)
     ways = np.linspace(0.0, route.length, 200)
     places, tangents, _ = route.at(ways)
     assert route.length == pytest.approx(plain.length)
@@ -70,53 +67,14 @@ def test_a_curve_is_read_by_its_distance(name: str) -> None:
         assert route.stages[0].piece.bend == pytest.approx(0.2)
 
 
-def test_rounded_corners_are_cut_and_not_stopped_at() -> None:
-    sharp, route = shape("square", side=10.0), shape("square", side=10.0, rounding=2.0)
-    assert [stage.dwell for stage in route.stages].count(None) == len(route.stages) - 1
-    assert route.length < sharp.length
-    corners = sharp.at(sharp.corners[1:-1])[0]
-    away = np.linalg.norm(route.at(route.corners[1:-1])[0] - corners, axis=1)
-    assert (away > 0.3).all()
-    assert (away < 2.0).all()
-
-
-def test_it_stops_at_corners_and_passes_what_lies_on_the_way() -> None:
-    places = [(0.0, 0.0, -5.0), (4.0, 0.0, -5.0), (9.0, 0.0, -5.0), (9.0, 3.0, -5.0), (5.0, 3.0, -5.0)]
-    route = through("tour", [Waypoint(place) for place in places])
-    assert [stage.dwell for stage in route.stages] == [None, 0.0, 0.0, 0.0]
-    assert route.corners == pytest.approx([0.0, 9.0, 12.0, 16.0])
-    dwelling = through("tour", [Waypoint(place, dwell=2.0 if place[0] == 4.0 else 0.0) for place in places])
-    assert dwelling.stages[0].dwell == 2.0
-
-
-def test_what_is_left_of_a_route_is_its_end() -> None:
-    for name, done in (("ev3", 23.0), ("circle", 7.0), ("lemniscate", 30.0), ("square", 10.0)):
-        route = shape(name, CENTRE)
-        left = route.after(done)
-        assert left is not None
-        assert left.length == pytest.approx(route.length - done, abs=1e-6)
-        ways = np.linspace(0.0, left.length, 50)
-        assert left.at(ways)[0] == pytest.approx(route.at(ways + done)[0], abs=1e-4)
-        assert left.corners[1:] + done == pytest.approx(route.corners[route.corners > done + 1e-6])
-    assert shape("square").after(40.0) is None
-
-
 def test_the_way_to_a_route_does_not_count() -> None:
     route = shape("square", CENTRE)
-    joined = route.reached_from((0.0, 0.0, -5.0), 0.5, 2.0)
+    joined = route.reached_from((0.0, 0.0, -5.0), 2.0)
     assert joined.length == pytest.approx(route.length)
     assert joined.corners - joined.begins == pytest.approx(route.corners, abs=1e-9)
     assert joined.at(np.zeros(1))[0][0] == pytest.approx((0.0, 0.0, -5.0))
     assert joined.stages[0].dwell == 2.0
-    assert route.reached_from(tuple(route.at(np.zeros(1))[0][0]), 0.0) is route
-
-
-def test_a_yaw_is_turned_the_short_way_along_the_leg() -> None:
-    points = [Waypoint((0, 0, 0), yaw=3.0), Waypoint((10, 0, 0), yaw=-3.0), Waypoint((10, 10, 0), yaw=0.0)]
-    yaw = through("tour", points).yaw(np.array([0.0, 5.0, 10.0, 15.0]))
-    assert yaw is not None
-    assert np.cos(yaw) == pytest.approx(np.cos([3.0, math.pi, -3.0, -1.5]))
-    assert np.sin(yaw) == pytest.approx(np.sin([3.0, math.pi, -3.0, -1.5]), abs=1e-9)
+    assert route.reached_from(tuple(route.at(np.zeros(1))[0][0])) is route
 
 
 @pytest.mark.parametrize(
@@ -128,7 +86,6 @@ def test_a_yaw_is_turned_the_short_way_along_the_leg() -> None:
         ({"name": "circle", "height": 5.0}, "height"),
         ({"name": "square", "heading": math.inf}, "heading"),
         ({"name": "square", "centre": (0.0, 1e9, 0.0)}, "east"),
-        ({"name": "square", "rounding": -1.0}, "rounding"),
         ({"name": "square", "dwell": -1.0}, "dwell"),
     ],
 )
@@ -141,64 +98,4 @@ def test_a_shape_that_cannot_be_is_refused_by_its_field(arguments: dict[str, obj
 def test_sizes_are_told_for_every_shape() -> None:
     for name, sizes in SIZES.items():
         smallest = {size: low for size, (_, low, _) in sizes.items()}
-        assert shape(name, (0.0, 0.0, 0.0), 0.0, rounding=0.0, dwell=0.0, **smallest).length > 0.0
-
-
-TOML = """
-rounding = 0.0
-[[waypoint]]
-pos = [0.0, 0.0, -5.0]
-[[waypoint]]
-pos = [10.0, 0.0, -5.0]
-speed = 0.5
-dwell = 2.0
-[[waypoint]]
-pos = [10.0, 5.0, -6.0]
-"""
-CSV = "north, east, down, speed, dwell\n0,0,-5,,\n10,0,-5,0.5,2\n10,5,-6,,\n"
-
-
-def test_both_kinds_of_files_say_the_same(tmp_path: Path) -> None:
-    (tmp_path / "one.toml").write_text(TOML)
-    (tmp_path / "two.csv").write_text(CSV)
-    routes = [load(find(name, tmp_path)) for name in ("one", "two")]
-    for route in routes:
-        assert ends(route) == pytest.approx(np.array([(0, 0, -5), (10, 0, -5), (10, 5, -6)], dtype=float))
-        assert [stage.speed for stage in route.stages] == [0.5, math.inf]
-        assert [stage.dwell for stage in route.stages] == [2.0, 0.0]
-    assert [route.name for route in routes] == ["one", "two"]
-    moved = load(tmp_path / "two.csv", (1.0, 2.0, 0.0), math.pi / 2)
-    assert ends(moved)[1] == pytest.approx((1.0, 12.0, -5.0))
-
-
-@pytest.mark.parametrize(
-    ("file", "text", "field"),
-    [
-        ("a.toml", "waypoint = 3", "waypoint"),
-        ("a.toml", "[[waypoint]]\npos = [0, 0]", "waypoint"),
-        ("a.toml", "[[waypoint]]\npos = [0, 0, 0]\nheight = 3", "waypoint"),
-        ("a.toml", "[[waypoint]]\npos = [0, 0, 0]", "waypoints"),
-        ("a.toml", "not toml", "file"),
-        ("a.csv", "north,east\n1,2\n", "columns"),
-        ("a.csv", "north,east,down,colour\n1,2,3,4\n", "columns"),
-        ("a.csv", "north,east,down\n1,2,-3\n1,two,-3\n", "line 3, east"),
-        ("a.csv", "north,east,down\n1,2,\n", "line 2, down"),
-        ("a.csv", "north,east,down\n1,2,3,4\n", "line 2"),
-        ("a.csv", "north,east,down\n1,2,-3\n1,2,-3\n", "waypoint[1].pos"),
-        ("a.csv", "north,east,down,speed\n1,2,-3,\n4,2,-3,0\n", "waypoint[1].speed"),
-        ("a.csv", "north,east,down,yaw\n1,2,-3,1\n4,2,-3,\n", "waypoint[1].yaw"),
-        ("a.csv", "north,east,down\n1,2,nan\n4,2,-3\n", "waypoint[0].down"),
-        ("a.txt", "", "file"),
-    ],
-)
-def test_a_bad_file_is_refused_by_name_and_field(tmp_path: Path, file: str, text: str, field: str) -> None:
-    (tmp_path / file).write_text(text)
-    with pytest.raises(BadInput, match=r"a\.\w+") as refused:
-        load(tmp_path / file)
-    assert field in str(refused.value.detail["field"])
-
-
-def test_a_route_that_is_not_there_is_refused_naming_those_that_are(tmp_path: Path) -> None:
-    (tmp_path / "tour.csv").write_text(CSV)
-    with pytest.raises(BadInput, match="tour"):
-        find("../etc/passwd", tmp_path)
+        assert shape(name, (0.0, 0.0, 0.0), 0.0, dwell=0.0, **smallest).length > 0.0

@@ -10,7 +10,7 @@ from agents.navigator.routes import shape
 from agents.navigator.tracking import Summary, errors, summarise
 from agents.navigator.trajectory import Limits, Trajectory
 
-TRAJECTORY = Trajectory(shape("ev3", (0.0, 0.0, -6.0)).reached_from((0.0, 0.0, -5.0), 0.0, 2.0), Limits())
+TRAJECTORY = Trajectory(shape("ev3", (0.0, 0.0, -6.0)).reached_from((0.0, 0.0, -5.0), 2.0), Limits())
 T = np.arange(0.0, TRAJECTORY.duration, 0.05)
 MEANT = TRAJECTORY.at(T)
 
@@ -56,18 +56,6 @@ def test_peaks_near_corners_are_told_from_those_between() -> None:
     assert [peak.to_corner for peak in near.peaks] == pytest.approx([0.8] * 8, abs=0.1)
     assert [peak.error for peak in between.peaks] == pytest.approx([1.0] * 8, abs=0.05)
     assert near.time_near == between.time_near < 0.5
-
-
-def test_a_flight_in_two_parts_is_summed_up_as_one() -> None:
-    places = bumps(0.8)
-    whole = errors(T, places, TRAJECTORY)
-    cut = 0.5 * TRAJECTORY.duration
-    first, second = (errors(T[mine], places[mine], TRAJECTORY) for mine in (cut > T, cut <= T))
-    assert len(first.t) > 0 < len(second.t)
-    told, meant = (summarise(each, TRAJECTORY.route) for each in (first.then(second), whole))
-    assert (told.rms, told.cross_peak, told.samples) == (meant.rms, meant.cross_peak, meant.samples)
-    assert [peak.along for peak in told.peaks] == [peak.along for peak in meant.peaks]
-    assert told.seconds == pytest.approx(meant.seconds, abs=0.06)
 
 
 def test_what_is_not_of_the_route_has_no_summary() -> None:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from agents.camera.settings import Calibration
-from agents.navigator.files import load as load_route
 from agents.planner.model.plans import read_plan
 from agents.planner.model.scene import read_scene
 from ground.record import mcapfile
@@ -180,17 +179,6 @@ MOTIONS = b"""{"status": "ok", "planning_time_s": 0.5, "trajectories": {"q1": [[
 "error": {"code": "invalid_scene", "ids": ["q1"], "message": "no"}}"""
 LEDGER_FILE = b"""{"fleet": "alpha", "number": 3, "t": 1.7e9, "entries": [{"name": "quad1", "role": "vehicle",
 "fingerprint": "00112233445566ff", "not_before": 1.7e9, "not_after": 1.8e9, "serial": "7"}]}"""
-ROUTE = b"""rounding = 1.5
-[[waypoint]]
-pos = [0.0, 0.0, -5.0]
-[[waypoint]]
-pos = [20.0, 5.0, -8.0]
-speed = 4.0
-dwell = 2.0
-[[waypoint]]
-pos = [20.0, 30.0, -8.0]
-"""
-ROUTE_CSV = b"north,east,down,speed,dwell,yaw\n0,0,-5,,,0\n20,5,-8,4,2,1.57\n20,30,-8,,,2\n"
 META_FILE = b'{"origin": "/a.bin", "identity": "x", "size": 3, "missing": [[0, 3]], "t": 1.7e9}'
 CALIBRATION = b"""width = 640
 height = 480
@@ -221,8 +209,6 @@ TARGETS = (
     Target("dialect_name", pure(lambda data: load_dialect(data.decode("utf-8", "replace"))), lambda: [b"common"], 300),
     Target("stored", filed(f"a{META}", lambda path: Store(path.parent).files), lambda: [META_FILE], 700),
     Target("calibration", filed("a.toml", Calibration.load), lambda: [CALIBRATION], 700),
-    Target("route", filed("r.toml", load_route), lambda: [ROUTE], 700),
-    Target("route_csv", filed("r.csv", load_route), lambda: [ROUTE_CSV], 1000),
     Target("camera_scene", filed("s.toml", load_scene), found_in("deploy/demos/scenes/*.toml"), 500),
     Target("link_url", pure(lambda data: str(parse_url(data.decode("latin-1")))), lambda: URLS, 3000),
 )

@@ -6,8 +6,8 @@ import asyncio
 
 import msgspec
 
-from agents.controllers.bench.flight import airborne, follow
-from agents.controllers.bench.processes import Rig, children, cpu_seconds, load
+from tests.bench.controllers.flight import airborne, follow
+from tests.bench.controllers.processes import Rig, children, cpu_seconds, load
 
 AGENT = "ev1"
 SIMULATOR, UP, SUPERVISOR, CONTROLLER = "simulator", "vehicle agent and router", "supervisor", "controller"

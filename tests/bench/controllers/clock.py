@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agents.controllers.bench import clocked
-from agents.controllers.bench.flight import airborne
-from agents.controllers.bench.processes import frames_key, signals_key, signals_of
+from tests.bench.controllers import clocked
+from tests.bench.controllers.flight import airborne
+from tests.bench.controllers.processes import frames_key, signals_key, signals_of
 from zmav.errors import Stale
 from zmav.mavlink import decode, parse_frame
 
@@ -66,7 +66,7 @@ class _Clocks:
 
 
 async def measure(runs: int, seconds: float) -> Clock:
-    """Of so many engagements of :class:`~agents.controllers.bench.clocked.Clocked` in one flight."""
+    """Of so many engagements of :class:`~tests.bench.controllers.clocked.Clocked` in one flight."""
     found = Clock([], [], [], seconds)
     async with airborne() as run:
         run.run_controller(clocked.__file__, AGENT)

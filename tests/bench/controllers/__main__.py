@@ -1,4 +1,4 @@
-"""``zmav agent bench``: what the MAS paper measured, on this machine."""
+"""What the MAS paper measured, on this machine: ``python -m tests.bench.controllers``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from agents.controllers.bench import clock, cpu, handback, links, report, tracking, trip
-from agents.controllers.bench.processes import load
+from tests.bench.controllers import clock, cpu, handback, links, report, tracking, trip
+from tests.bench.controllers.processes import load
 from zmav.cli.common import console
 from zmav.errors import BadInput, ZmavError
 from zmav.process import run, say
@@ -17,7 +17,7 @@ from zmav.process import run, say
 ALL = ("links", "trip", "clock", "cpu", "tracking")
 
 
-@click.command("bench")
+@click.command()
 @click.option("--only", metavar="NAMES", help=f"Some of {','.join(ALL)}.  [default: all, in half an hour]")
 @click.option("--quick", is_flag=True, help="Few samples: to see that it works.")
 @click.option("-o", "--output", "folder", metavar="DIR", help="Where bench.json and pictures go.  [default: none]")
@@ -76,3 +76,7 @@ async def _measure(name: str, found: report.Report, quick: bool) -> None:
         case _:
             found.tracking = tracking.Tracking({}, {})  # flights that were flown stay, whatever becomes of the others
             await tracking.measure(found.tracking, *((15.0, 4.0, 2.0) if quick else (45.0, 10.0, 5.0)))
+
+
+if __name__ == "__main__":
+    bench()

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.flight import airborne, follow
-from agents.controllers.bench.processes import FLEET, VEHICLE, Rig, frames_key, signals_key, signals_of
+from tests.bench.controllers.flight import airborne, follow
+from tests.bench.controllers.processes import FLEET, VEHICLE, Rig, frames_key, signals_key, signals_of
 from zmav import keys, wire
 from zmav.errors import Stale
 from zmav.mavlink import decode, parse_frame

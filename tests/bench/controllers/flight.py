@@ -12,8 +12,8 @@ from collections.abc import AsyncIterator
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.processes import START, VEHICLE, Rig, fleet_file, last_words, rig
 from agents.controllers.types import Array, plain
+from tests.bench.controllers.processes import START, VEHICLE, Rig, fleet_file, last_words, rig
 from zmav import wire
 from zmav.process import free_port
 from zmav.sim import Remote

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.fake import Stick
+from tests.bench.controllers.fake import Stick
 from zmav.errors import Stale
 
 LATEST = 4.0

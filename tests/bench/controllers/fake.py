@@ -16,7 +16,7 @@ from collections import deque
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from agents.controllers.bench.processes import SWITCH
+from tests.bench.controllers.processes import SWITCH
 from zmav.mavlink import Packer, Splitter, decode, load_dialect
 
 CYCLE = 0.004

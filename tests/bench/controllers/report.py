@@ -10,16 +10,16 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
-from agents.controllers.bench import links as linked
-from agents.controllers.bench import trip as tripped
-from agents.controllers.bench.clock import Clock
-from agents.controllers.bench.cpu import Cpu
-from agents.controllers.bench.flight import lemniscate
-from agents.controllers.bench.handback import Back
-from agents.controllers.bench.links import Links
-from agents.controllers.bench.spread import Spread
-from agents.controllers.bench.tracking import PX4, Tracking
-from agents.controllers.bench.trip import Trip
+from tests.bench.controllers import links as linked
+from tests.bench.controllers import trip as tripped
+from tests.bench.controllers.clock import Clock
+from tests.bench.controllers.cpu import Cpu
+from tests.bench.controllers.flight import lemniscate
+from tests.bench.controllers.handback import Back
+from tests.bench.controllers.links import Links
+from tests.bench.controllers.spread import Spread
+from tests.bench.controllers.tracking import PX4, Tracking
+from tests.bench.controllers.trip import Trip
 from zmav import figures
 
 if TYPE_CHECKING:

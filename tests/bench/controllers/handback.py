@@ -13,11 +13,11 @@ from typing import Any
 
 import msgspec
 
-from agents.controllers.bench.echo import HANGS, IS_NOT_FINITE, RAISES
-from agents.controllers.bench.fake import OFFBOARD, FakeAutopilot
-from agents.controllers.bench.processes import START, Rig, signals_key, signals_of
-from agents.controllers.bench.spread import Spread, spread
-from agents.controllers.bench.trip import AGENT, echoing, engage
+from tests.bench.controllers.echo import HANGS, IS_NOT_FINITE, RAISES
+from tests.bench.controllers.fake import OFFBOARD, FakeAutopilot
+from tests.bench.controllers.processes import START, Rig, signals_key, signals_of
+from tests.bench.controllers.spread import Spread, spread
+from tests.bench.controllers.trip import AGENT, echoing, engage
 from zmav.errors import TimedOut
 
 KINDS = {"the pilot's switch": 0, "killed with -9": 0, "raises": RAISES, "hangs": HANGS, "gives nan": IS_NOT_FINITE}

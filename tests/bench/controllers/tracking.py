@@ -15,11 +15,11 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from agents.controllers.bench.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate, rest
-from agents.controllers.bench.processes import Rig, frames_key
 from agents.controllers.estimate import Estimate
 from agents.controllers.loops.parts import GRAVITY, attitude_of
 from agents.controllers.types import Array
+from tests.bench.controllers.flight import BUILD_UP, CENTRE, STILL, YAW, airborne, follow, lemniscate, rest
+from tests.bench.controllers.processes import Rig, frames_key
 from zmav.errors import Refused, Stale, TimedOut
 from zmav.mavlink import decode, parse_frame
 from zmav.vehicle.lease import Lease

@@ -14,9 +14,9 @@ from typing import Any
 
 import msgspec
 
-from agents.controllers.bench import echo
-from agents.controllers.bench.fake import CYCLE, MID, FakeAutopilot, Stick, stick_of
-from agents.controllers.bench.processes import (
+from tests.bench.controllers import echo
+from tests.bench.controllers.fake import CYCLE, MID, FakeAutopilot, Stick, stick_of
+from tests.bench.controllers.processes import (
     FLEET,
     VEHICLE,
     Rig,
@@ -27,7 +27,7 @@ from agents.controllers.bench.processes import (
     signals_key,
     signals_of,
 )
-from agents.controllers.bench.spread import Spread, effects, spread
+from tests.bench.controllers.spread import Spread, effects, spread
 from zmav import keys, wire
 from zmav.mavlink import decode, parse_frame
 from zmav.process import free_port
@@ -101,7 +101,7 @@ class Taps:
 
 @contextlib.asynccontextmanager
 async def echoing() -> AsyncIterator[tuple[Rig, FakeAutopilot]]:
-    """A supervisor that runs :class:`~agents.controllers.bench.echo.Echo` for an autopilot that is only a link."""
+    """A supervisor that runs :class:`~tests.bench.controllers.echo.Echo` for an autopilot that is only a link."""
     with last_words() as processes:
         port = free_port(socket.SOCK_DGRAM)
         file = fleet_file(processes, f"udpin:127.0.0.1:{port}")

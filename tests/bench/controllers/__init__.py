@@ -1,0 +1,1 @@
+"""``python -m tests.bench.controllers``: the MAS paper's measurements, on this machine, with programs of their own."""
