@@ -112,7 +112,6 @@ class Bridge:
                 self.downlink.on_frame,
                 self.z.fleet_name,
                 self.settings.vehicles,
-                once=False,
             )
         except BaseException:
             await self.__aexit__()

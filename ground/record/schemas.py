@@ -7,7 +7,6 @@ Foxglove's schemas: https://docs.foxglove.dev/docs/sdk/schemas
 
 from __future__ import annotations
 
-import base64
 import math
 from typing import Any, NamedTuple
 
@@ -137,19 +136,6 @@ LOG = _schema(
         },
     },
 )
-PICTURE = _schema(
-    "foxglove.CompressedImage",
-    {
-        "type": "object",
-        "title": "foxglove.CompressedImage",
-        "properties": {
-            "timestamp": _TIME,
-            "frame_id": _STRING,
-            "data": {"type": "string", "contentEncoding": "base64"},
-            "format": _STRING,
-        },
-    },
-)
 _LEVELS: dict[str, int] = {
     "debug": 1,
     "info": 2,
@@ -197,9 +183,3 @@ def log_line(event: wire.Event, name: str) -> bytes:
             "line": 0,
         }
     )
-
-
-def picture(data: bytes, t: float, camera: str, form: str = "jpeg") -> bytes:
-    """A picture for Foxglove's image panel."""
-    text = base64.b64encode(data).decode("ascii")
-    return msgspec.json.encode({"timestamp": _time(t), "frame_id": camera, "data": text, "format": form})

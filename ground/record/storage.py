@@ -20,10 +20,10 @@ from pathlib import Path
 
 import msgspec
 
-from ground.record.decoder import Decoder
+from ground.record.decoder import Decoder, is_frame
 from ground.record.folder import Folder
 from ground.record.history import History
-from ground.record.part import Kinds, Part
+from ground.record.part import Part
 from ground.record.route import Route
 from zmav.errors import BadInput, BadKey
 from zmav.mavlink import Dialect
@@ -48,7 +48,8 @@ ROOM_AFTER_FULL = 4 << 20
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """How a session is recorded: sizes in bytes, times in seconds."""
 
-    kinds: Kinds = Kinds()
+    mcap: bool = True
+    """one of everything, besides a .tlog of each vehicle"""
     split_size: int = 512 << 20
     split_time: float = 1800.0
     keep_free: int = 1 << 30
@@ -103,10 +104,6 @@ class Storage:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
 
-    @property
-    def kinds(self) -> Kinds:
-        return self._settings.kinds
-
     def start(self) -> None:
         self._thread.start()
 
@@ -156,7 +153,7 @@ class Storage:
             self.counts.taken += 1
             self._went += len(data)
             route = self._route(key)
-            if route is None or (route.frames and not route.takes(data)):
+            if route is None or (route.frames and not is_frame(data)):
                 self.counts.refused += 1
                 continue
             batch.append((route, at, data))
@@ -178,13 +175,13 @@ class Storage:
         return route
 
     def _write(self, batch: list[tuple[Route, int, bytes]]) -> None:
-        self.history.add_all([each for each in batch if not each[0].picture])
+        self.history.add_all(batch)
         rest = len(batch)
         try:
             part, json = self.part or self._begin(), self._decoder.json
             if part is None:
                 return
-            decode = self._settings.kinds.mcap
+            decode = self._settings.mcap
             for route, at, data in batch:
                 if route.frames:
                     part.frame(route, at, data, json(data) if decode else None)
@@ -205,7 +202,7 @@ class Storage:
         if self._short_of_room(self._room_to_begin()):
             return None
         about = {"session": self.session.name, "part": str(self.counts.parts + 1), "dialect": self._dialect.name}
-        self.part = Part(self.session, self.counts.parts + 1, self._settings.kinds, self._dialect, about)
+        self.part = Part(self.session, self.counts.parts + 1, self._settings.mcap, self._dialect, about)
         self.counts.parts += 1
         self._opened = self._synced = now
         if self.paused:

@@ -191,7 +191,6 @@ def key(data: bytes) -> None:
         assert number is None or number > 0
     stamp(payload)
     route = Route(text, the_dialect())
-    route.takes(payload)
     route.made_of(payload)
     route.schema(payload)
     keys.expression(text)
