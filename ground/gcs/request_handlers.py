@@ -13,7 +13,8 @@ import time
 from collections.abc import Callable, Hashable, Iterable
 from typing import NamedTuple
 
-from ground.gcs.answerer import GcsClient, Ground
+from ground.gcs.answerer import Ground
+from ground.gcs.client import Client
 from ground.gcs.words import Words
 from zmav import wire
 from zmav.errors import ZmavError
@@ -46,7 +47,7 @@ class Owed(NamedTuple):
 class RequestHandlers:
     """:meth:`ask` may be called from any thread, the rest on the event loop."""
 
-    def __init__(self, client: GcsClient, ground: Ground, words: Words) -> None:
+    def __init__(self, client: Client, ground: Ground, words: Words) -> None:
         self.client, self._ground, self._words = client, ground, words
         self._asked: collections.deque[tuple[Handler, Frame]] = collections.deque()
         self._answers: collections.deque[bytes] = collections.deque()
@@ -155,12 +156,12 @@ class HandlersByClient:
     """The handlers of all clients. Thread-safe but for :meth:`close`."""
 
     def __init__(self, ground: Ground) -> None:
-        self._ground, self._words = ground, Words(ground.dialect)
-        self._by_client: dict[GcsClient, RequestHandlers] = {}
+        self._ground, self._words = ground, Words(ground.pack)
+        self._by_client: dict[Client, RequestHandlers] = {}
         self.forget: list[Callable[[RequestHandlers], None]] = []
         """called on the event loop with the handlers of a client that has left"""
 
-    def of(self, client: GcsClient) -> RequestHandlers:
+    def of(self, client: Client) -> RequestHandlers:
         handlers = self._by_client.get(client)
         if handlers is None:
             handlers = RequestHandlers(client, self._ground, self._words)
@@ -168,7 +169,7 @@ class HandlersByClient:
                 handlers = self._by_client.setdefault(client, handlers)
         return handlers
 
-    def left(self, client: GcsClient) -> None:
+    def left(self, client: Client) -> None:
         handlers = self._by_client.pop(client, None)
         if handlers is not None:
             on_loop(self._ground.loop, self._close)(handlers)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from zmav import wire
-from zmav.mavlink import Dialect, Packer
 
 COMPANION = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER: so that the autopilot's own words and numbers stay its own"""
@@ -34,26 +33,24 @@ MOST = 1000
 
 
 class Words:
-    """Makes STATUSTEXT frames of texts. Thread-safe."""
+    """Makes STATUSTEXT frames of texts by ``pack`` (:meth:`ground.gcs.answerer.Ground.pack`). Thread-safe."""
 
-    def __init__(self, dialect: Dialect) -> None:
-        self._dialect = dialect
+    def __init__(self, pack: Callable[..., bytes]) -> None:
+        self._pack = pack
         self._numbers = itertools.count(1)
-        self._packers: dict[int, Packer] = {}
 
     def frames(self, sysid: int, severity: wire.Severity, text: str) -> Iterator[bytes]:
         """The frames of one text, in pieces of 50 bytes (https://mavlink.io/en/messages/common.html#STATUSTEXT)."""
-        packer = self._packers.setdefault(sysid, Packer(self._dialect, sysid, COMPANION))
         plain = text.replace("µ", "u").replace("—", "-").encode("ascii", "replace").decode()[:LONGEST]
         level = SEVERITIES.index(severity)
         if len(plain) <= PIECE:
-            yield packer.pack("STATUSTEXT", severity=level, text=plain)
+            yield self._pack(sysid, COMPANION, "STATUSTEXT", severity=level, text=plain)
             return
         number = next(self._numbers) % 0xFFFF + 1
         # A text ends with a piece that is not full: one of 100 characters has a third, empty piece.
         for seq, start in enumerate(range(0, len(plain) + 1, PIECE)):
             piece = plain[start : start + PIECE]
-            yield packer.pack("STATUSTEXT", severity=level, text=piece, id=number, chunk_seq=seq)
+            yield self._pack(sysid, COMPANION, "STATUSTEXT", severity=level, text=piece, id=number, chunk_seq=seq)
 
 
 class Limiter:
