@@ -7,9 +7,9 @@ import contextlib
 import time
 from collections.abc import Sequence
 
+import msgspec
 import zenoh
 
-from ground.view import meshgraph
 from ground.view.table import Table
 from mesh import graph
 from zmav import keys
@@ -114,7 +114,7 @@ class Watch:
         while True:
             with contextlib.suppress(ZmavError):
                 found = await graph.gather(self._z, tries=2)
-                self._table.put("graph", (), meshgraph.encode(meshgraph.shown(found)))
+                self._table.put("graph", (), msgspec.json.encode(found))
             await asyncio.sleep(GRAPH_EVERY)
 
     async def _plans(self) -> None:
