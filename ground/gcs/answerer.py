@@ -8,18 +8,26 @@ autopilot hears of it.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import threading
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import Any
 
 import zmav
 from ground.feed import Origin
 from ground.gcs.client import Client
 from ground.gcs.routes import Routes
+from zmav import wire
 from zmav.errors import Clash, NoSuchVehicle
 from zmav.mavlink import Frame, Packer, targets
+from zmav.services.status.events import SEVERITIES
 
 MOST_PACKERS = 4096
+COMPANION = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER: so that the autopilot's own words and numbers stay its own"""
+PIECE, LONGEST = 50, 200
+"""characters of one STATUSTEXT, and of a text"""
 
 
 class Ground:
@@ -29,6 +37,7 @@ class Ground:
         self.z, self.loop, self.dialect, self._routes = z, loop, z.dialect, routes
         self._packers: dict[tuple[int, int], Packer] = {}
         self._packing = threading.Lock()
+        self._texts = itertools.count(1)
 
     def vehicle(self, sysid: int) -> zmav.Vehicle | None:
         """The vehicle that frames for that system go to; None where there is none, or two autopilots claim it."""
@@ -72,6 +81,18 @@ class Ground:
                     self._packers.clear()
                 packer = self._packers[sysid, compid] = Packer(self.dialect, sysid, compid)
         return packer.pack(name, **fields)
+
+    def words(self, sysid: int, severity: wire.Severity, text: str) -> Iterator[bytes]:
+        """A text in a vehicle's name, from its companion's component, as STATUSTEXTs of 50 bytes
+        (https://mavlink.io/en/messages/common.html#STATUSTEXT).
+        """
+        plain = text.replace("µ", "u").replace("—", "-").encode("ascii", "replace").decode()[:LONGEST]
+        # A text of several ends with a piece that is not full: one of 100 characters has a third, empty piece.
+        pieces = [plain[at : at + PIECE] for at in range(0, len(plain) + 1, PIECE)] if len(plain) > PIECE else [plain]
+        number = next(self._texts) % 0xFFFF + 1 if len(pieces) > 1 else 0
+        for seq, piece in enumerate(pieces):
+            fields = {"severity": SEVERITIES.index(severity), "text": piece, "id": number, "chunk_seq": seq}
+            yield self.pack(sysid, COMPANION, "STATUSTEXT", **fields)
 
 
 class Answerer(ABC):

@@ -20,7 +20,7 @@ from ground.gcs.downlink import Downlink
 from ground.gcs.missions import Missions
 from ground.gcs.options import Endpoint, Options
 from ground.gcs.params import Params
-from ground.gcs.places import Running
+from ground.gcs.places import StationEndpoint
 from ground.gcs.request_handlers import HandlersByClient
 from ground.gcs.routes import Known, Routes
 from ground.gcs.serial import Serial
@@ -28,12 +28,16 @@ from ground.gcs.streams import GCS, Streams
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn, UdpOut
 from ground.gcs.uplink import Uplink
-from ground.gcs.words import TOLD, Limiter, Words
 from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.mavlink import Dialect, Frame, decode
+from zmav.seldom import Seldom
 from zmav.services.link.port import on_loop
 
+TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
+"""kinds of events that somebody at a station must see, and the autopilot does not say"""
+AGAIN, MOST_SAID = 5.0, 1000
+"""s for which the same words about a vehicle are not repeated; words that are let through in that time"""
 TICK = 0.2
 """s between two looks at who is there"""
 
@@ -76,9 +80,9 @@ class Bridge:
         standard = GCS if settings.streams else {}
         self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, standard)
         self.uplink = Uplink(self, self.routes, self.streams, self._answerers)
-        self.limiter = Limiter()
-        self._words = Words(self.ground.pack)
-        self.endpoints: list[Running] = []
+        self._said: Seldom[tuple[object, str]] = Seldom(AGAIN, MOST_SAID)
+        """words about a vehicle, to a client or to all"""
+        self.endpoints: list[StationEndpoint] = []
         self._present: set[Client] = set()
         self._silent: set[Client] = set()
         self._tasks: list[asyncio.Task[None]] = []
@@ -119,7 +123,7 @@ class Bridge:
         self._by_client.close()
         self.streams.close()
 
-    def _open(self, endpoint: Endpoint) -> Running:
+    def _open(self, endpoint: Endpoint) -> StationEndpoint:
         if endpoint.kind == "udp":
             return UdpOut(endpoint, self)
         if endpoint.kind == "udpin":
@@ -170,8 +174,8 @@ class Bridge:
 
     def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
         system = sysid if sysid in self.routes.systems else self._any_system(client)
-        if system and self.limiter.admits((client.name, sysid), text):
-            for frame in self._words.frames(system, severity, f"zmav: {text}"):
+        if system and self._said.take(((client.name, sysid), text)) is not None:
+            for frame in self.ground.words(system, severity, f"zmav: {text}"):
                 client.send(frame)
 
     def _any_system(self, client: Client) -> int:
@@ -182,7 +186,7 @@ class Bridge:
     def _tell_all(self, known: Known, severity: wire.Severity, text: str) -> None:
         for client in self.clients:
             if client.options.sees(known.name) and known.sysid not in client.systems:
-                for frame in self._words.frames(known.sysid, severity, text):
+                for frame in self.ground.words(known.sysid, severity, text):
                     client.send(frame)
 
     async def _tell_events(self) -> None:
@@ -195,7 +199,7 @@ class Bridge:
                     event = wire.decode(sample.payload.to_bytes(), wire.Event, f"event of {name}")
                 except BadInput:
                     continue
-                if known is None or event.kind not in TOLD or not self.limiter.admits(known.place, event.text):
+                if known is None or event.kind not in TOLD or self._said.take((known.place, event.text)) is None:
                     continue
                 self._tell_all(known, event.severity, event.text)
                 if event.kind == "refused":

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 from ground.gcs.answerer import Ground
 from ground.gcs.client import Client
-from ground.gcs.words import Words
 from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Frame
@@ -47,8 +46,8 @@ class Owed(NamedTuple):
 class RequestHandlers:
     """:meth:`ask` may be called from any thread, the rest on the event loop."""
 
-    def __init__(self, client: Client, ground: Ground, words: Words) -> None:
-        self.client, self._ground, self._words = client, ground, words
+    def __init__(self, client: Client, ground: Ground) -> None:
+        self.client, self._ground = client, ground
         self._asked: collections.deque[tuple[Handler, Frame]] = collections.deque()
         self._answers: collections.deque[bytes] = collections.deque()
         self._lists: dict[Hashable, Owed] = {}
@@ -99,7 +98,7 @@ class RequestHandlers:
 
     def tell(self, sysid: int, severity: wire.Severity, text: str) -> None:
         """Words about a vehicle."""
-        self.answer(*self._words.frames(sysid, severity, text))
+        self.answer(*self._ground.words(sysid, severity, text))
 
     def close(self) -> None:
         if self._sending is not None:
@@ -156,7 +155,7 @@ class HandlersByClient:
     """The handlers of all clients. Thread-safe but for :meth:`close`."""
 
     def __init__(self, ground: Ground) -> None:
-        self._ground, self._words = ground, Words(ground.pack)
+        self._ground = ground
         self._by_client: dict[Client, RequestHandlers] = {}
         self.forget: list[Callable[[RequestHandlers], None]] = []
         """called on the event loop with the handlers of a client that has left"""
@@ -164,7 +163,7 @@ class HandlersByClient:
     def of(self, client: Client) -> RequestHandlers:
         handlers = self._by_client.get(client)
         if handlers is None:
-            handlers = RequestHandlers(client, self._ground, self._words)
+            handlers = RequestHandlers(client, self._ground)
             if not client.gone:  # or it would be kept for ever
                 handlers = self._by_client.setdefault(client, handlers)
         return handlers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-import threading
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,6 +23,7 @@ from zmav.errors import Clash, NoSuchVehicle, ZmavError
 from zmav.mavlink import Frame, decode, targets
 from zmav.mavlink.results import CommandResult
 from zmav.mavlink.signing import SETUP_SIGNING
+from zmav.seldom import Seldom
 
 logger = logging.getLogger(__name__)
 BEAT = 0.4
@@ -59,10 +60,10 @@ class Uplink:
         self.refused: Counter[str] = Counter()
         """frames of clients that went nowhere, by reason"""
         self.sent = 0
-        self._beats: dict[tuple[int, int, tuple[str, ...]], float] = {}
-        """monotonic s, by system, component and the vehicles that are seen"""
-        self._once: set[tuple[object, ...]] = set()
-        self._lock = threading.Lock()
+        self._beats: Seldom[tuple[int, int, tuple[str, ...]]] = Seldom(BEAT, MOST_SAID)
+        """by system, component and the vehicles that are seen: of two stations with one id that see other vehicles each
+        beats for its own"""
+        self._once: Seldom[tuple[object, ...]] = Seldom(math.inf, MOST_SAID)
 
     def said(self, client: Client, frame: Frame) -> None:
         """A frame of a client. Never raises."""
@@ -74,7 +75,7 @@ class Uplink:
             self._say_once(("error", type(e).__name__), f"{client.name}: {e}")
         except Exception:
             self._refuse(client, "error")
-            if self._first(("fault",)):
+            if self._once.take(("fault",)) is not None:
                 logger.exception("%s: a frame of message %d; said once", client.name, frame.msgid)
 
     # Who speaks.
@@ -127,7 +128,7 @@ class Uplink:
                 named = self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}"
                 client.kind_of_station = named.removeprefix("MAV_TYPE_")
                 self._bridge.identified(client)
-            if not self._is_new_beat(client, frame):
+            if self._beats.take((frame.sysid, frame.compid, client.options.vehicles)) is None:
                 return
         self.route(client, frame)
 
@@ -135,7 +136,7 @@ class Uplink:
         try:
             return answerer.offer(client, frame)
         except Exception:
-            if self._first(("answerer", type(answerer).__name__)):
+            if self._once.take(("answerer", type(answerer).__name__)) is not None:
                 logger.exception("%s failed; said once", type(answerer).__name__)
             return False
 
@@ -152,17 +153,6 @@ class Uplink:
             return
         if self._streams.interval_of(frame) is not None:
             self._bridge.ack(client, frame, result)
-
-    def _is_new_beat(self, client: Client, frame: Frame) -> bool:
-        # Of two stations with one id that see other vehicles each beats for its own.
-        source, now = (frame.sysid, frame.compid, client.options.vehicles), time.monotonic()
-        with self._lock:
-            if now - self._beats.get(source, -BEAT) < BEAT:
-                return False
-            if len(self._beats) >= MOST_SAID:
-                self._beats.clear()
-            self._beats[source] = now
-        return True
 
     # To whom.
 
@@ -232,12 +222,5 @@ class Uplink:
         self._bridge.news(f"{client.name}: {text}")
 
     def _say_once(self, about: tuple[object, ...], text: str) -> None:
-        if self._first(about):
+        if self._once.take(about) is not None:
             self._bridge.news(text)
-
-    def _first(self, about: tuple[object, ...]) -> bool:
-        with self._lock:
-            if about in self._once or len(self._once) > MOST_SAID:
-                return False
-            self._once.add(about)
-        return True
