@@ -87,7 +87,6 @@ OBJECT: dict[str, Any] = {"type": "object"}
 JSON, FORM, BYTES = "application/json", "application/x-www-form-urlencoded", "application/octet-stream"
 BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
     ("put", "/keys/{key}"): ("", {JSON: {}, BYTES: {"description": "a raw MAVLink frame"}}),
-    ("post", "/keys/{key}"): ("", {JSON: OBJECT}),
     ("post", "/v1/mavlink"): ("a message as the helper gives it", {JSON: {**OBJECT, "required": ["message"]}}),
     ("post", "/do/{vehicle}/{verb}"): (
         "the arguments of the order: see the orders one by one",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -103,6 +104,7 @@ class McapFile:
             self.flush()
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._tail.flush()
+            os.fdatasync(self.fd)
         finally:
             self._tail.close()
 

@@ -56,9 +56,10 @@ class Part:
         """Whether somebody took one of the files away."""
         return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
 
-    def dup_fds(self) -> list[int]:
-        """Descriptors of all files, that anyone who takes them closes: they outlive the files' own."""
-        return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
+    def sync(self) -> None:
+        """Have the kernel bring what was flushed to the disk. OSError where that takes nothing."""
+        for fd in (*([self.mcap.fd] if self.mcap else []), *(tail.fd for tail in self.tlogs.values())):
+            os.fdatasync(fd)
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
         """``at``: ns UTC."""
@@ -107,11 +108,11 @@ class Part:
         if topic is None:
             return
         self.mcap.add(topic, at, data, int(t * 1e9) if t and 0.0 < t < FAR else at)
-        made = route.made_of(data)
-        if made is not None:
-            extra = self.mcap.topic(made.topic, mcapfile.JSON, mcapfile.DERIVED, made.schema)
+        if (place := route.location(data)) is not None:
+            name = f"{route.base}/location"
+            extra = self.mcap.topic(name, mcapfile.JSON, mcapfile.DERIVED, schemas.LOCATION)
             if extra is not None:
-                self.mcap.add(extra, at, made.data, at)
+                self.mcap.add(extra, at, place, at)
 
     def _document_topic(self, route: Route, first: bytes) -> tuple[int | None, None]:
         from ground.record import mcapfile
@@ -129,11 +130,12 @@ class Part:
             self.mcap.flush()
 
     def finish(self) -> None:
-        """Complete and close every file; the first OSError, once all are closed."""
+        """Complete and close every file, on the disk; the first OSError, once all are closed."""
         failed: OSError | None = None
         for tail in self.tlogs.values():
             try:
                 tail.flush()
+                os.fdatasync(tail.fd)
             except OSError as e:
                 failed = failed or e
             finally:

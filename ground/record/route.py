@@ -25,14 +25,6 @@ class Asked(NamedTuple):
     what: str
 
 
-class Made(NamedTuple):
-    """Something made of a document for a reader's sake: its topic, schema and data."""
-
-    topic: str
-    schema: Schema
-    data: bytes
-
-
 class _Stamped(msgspec.Struct):
     t: float | None = None
 
@@ -69,15 +61,11 @@ class Route:
         kind = self.channel.payload
         return schemas.of_payload(kind) if kind else schemas.of_any(f"zmav.{self.channel.name}")
 
-    def made_of(self, document: bytes) -> Made | None:
-        """A state's place for a map, and an event for a list of what happened; None of what is no such thing."""
+    def location(self, document: bytes) -> bytes | None:
+        """A state's place for a map; None of what is no such thing."""
         with contextlib.suppress(BadInput):
             if self.channel is keys.STATE:
-                place = schemas.location(wire.decode(document, wire.VehicleState, "state"))
-                return Made(f"{self.base}/location", schemas.LOCATION, place) if place else None
-            if self.channel is keys.EVENT:
-                event = wire.decode(document, wire.Event, "event")
-                return Made(f"{self.base}/log", schemas.LOG, schemas.log_line(event, self.vehicle))
+                return schemas.location(wire.decode(document, wire.VehicleState, "state"))
         return None
 
 

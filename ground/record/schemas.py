@@ -121,31 +121,6 @@ LOCATION = _schema(
         },
     },
 )
-LOG = _schema(
-    "foxglove.Log",
-    {
-        "type": "object",
-        "title": "foxglove.Log",
-        "properties": {
-            "timestamp": _TIME,
-            "level": {"type": "integer"},
-            "message": _STRING,
-            "name": _STRING,
-            "file": _STRING,
-            "line": {"type": "integer"},
-        },
-    },
-)
-_LEVELS: dict[str, int] = {
-    "debug": 1,
-    "info": 2,
-    "notice": 2,
-    "warning": 3,
-    "error": 4,
-    "critical": 5,
-    "alert": 5,
-    "emergency": 5,
-}
 
 
 def _time(t: float) -> Table:
@@ -167,19 +142,5 @@ def location(state: wire.VehicleState) -> bytes | None:
             "altitude": place.alt_amsl,
             "position_covariance": [0.0] * 9,
             "position_covariance_type": 0,
-        }
-    )
-
-
-def log_line(event: wire.Event, name: str) -> bytes:
-    """An event for Foxglove's log panel."""
-    return msgspec.json.encode(
-        {
-            "timestamp": _time(event.t),
-            "level": _LEVELS[event.severity],
-            "message": event.text,
-            "name": name,
-            "file": event.kind,
-            "line": 0,
         }
     )

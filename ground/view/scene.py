@@ -9,7 +9,7 @@ from collections.abc import Callable
 import msgspec
 import rerun as rr
 
-from ground.view import meshlinks, pictures, plans, topics
+from ground.view import meshlinks, pictures, topics
 from ground.view.canvas import Canvas
 from ground.view.craft import Craft
 from ground.view.frames import Datum
@@ -51,10 +51,7 @@ class Scene:
         """values left out because they were not what they should be"""
         self._graph: Graph | None = None
         self._mesh_at = -math.inf
-        self._plans: dict[tuple[str, ...], Item] = {}
         self._topics: dict[str, Item] = {}
-        self._agents: dict[tuple[str, ...], str] = {}
-        """what each said last that it does"""
         self._signals = Signals()
         self._lines: list[tuple[str, str, str]] = []
         self._take: dict[str, Callable[[Item], None]] = {
@@ -64,9 +61,6 @@ class Scene:
             "link": self._on_link,
             "fleet": self._on_topic,
             "graph": self._on_graph,
-            "mission": self._on_plan,
-            "home": self._on_plan,
-            "agent_status": self._on_agent,
             "camera_frame": self._on_frame,
             "camera_detection": self._on_detection,
             "agent_out": self._on_signals,
@@ -165,17 +159,6 @@ class Scene:
                 if (arrives := way.delivery(back=True)) is not None:
                     craft.plot(self._canvas, "loss", 100.0 * (1.0 - arrives))
 
-    def _on_plan(self, item: Item) -> None:
-        self._plans[(item.kind, *item.place)] = item
-        craft = self._craft(item.place)
-        if item.kind == "home":
-            home = plans.home_of(wire.decode(item.payload, wire.LastMessage, "home"))
-            if home is not None:
-                plans.paint_home(self._canvas, craft.path, home, craft.label, self.datum)
-            return
-        plan = wire.decode(item.payload, wire.Mission, "mission")
-        plans.paint_plan(self._canvas, craft.path, plan, self.datum, craft.home_amsl, craft.colour)
-
     def _on_topic(self, item: Item) -> None:
         topic = item.place[1]
         if topic == "origin":
@@ -185,15 +168,6 @@ class Scene:
         self._topics[topic] = item
         if unknown := topics.paint(self._canvas, topic, item.payload, self.datum):
             self.say("fleet", "info", unknown)
-
-    def _on_agent(self, item: Item) -> None:
-        status = wire.decode(item.payload, wire.AgentStatus, "agent status")
-        before = self._agents.get(item.place)
-        if len(self._agents) < MOST or before is not None:
-            self._agents[item.place] = status.state
-        if before != status.state:
-            text = f"{status.agent} on {item.place[1]}: {status.state} {status.text}".rstrip()
-            self.say("agents", "info", text)
 
     def _on_signals(self, item: Item) -> None:
         self.bad += self._signals.take(self._canvas, item.place, self._label(item.place), item.payload)
@@ -220,7 +194,5 @@ class Scene:
         for craft in self.crafts.values():
             craft.forget_trail()
             craft.place(self.datum)
-        for item in list(self._plans.values()):
-            self._on_plan(item)
         for topic, item in self._topics.items():
             topics.paint(self._canvas, topic, item.payload, self.datum)

@@ -82,7 +82,6 @@ def test_documents_are_kept_as_they_came_with_what_foxglove_wants(desk: Any) -> 
     assert read(path, mcapfile.AS_IT_CAME) == kept
     made = dict(read(path, mcapfile.DERIVED))
     assert json.loads(made[f"{QUAD1}/location"])["latitude"] == 1.0
-    assert json.loads(made[f"{QUAD1}/log"])["message"] == "GUIDED"
     times = [(m.log_time, m.publish_time) for m in records(path) if type(m).__name__ == "Message"]
     assert times[0] == (1_700_000_005_000_000_000, 1_700_000_000_500_000_000)
 
@@ -181,7 +180,8 @@ def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
     counts = here.storage.counts
     assert counts.written > written
     assert counts.written + counts.unwritten == counts.taken == len(make.made)
-    assert [frame for _, frame in read(cut, mcapfile.ALL_FRAMES)] == make.made[:100], "it got its summary afterwards"
+    assert repair(cut).messages == 200
+    assert [frame for _, frame in read(cut, mcapfile.ALL_FRAMES)] == make.made[:100]
     last = read(here.files("mcap")[-1], mcapfile.ALL_FRAMES)
     assert last[-1][1] == make.made[-1]
     assert tlog(here.files("tlog")[0])[:100] == make.made[:100]

@@ -201,47 +201,6 @@ def test_a_vehicle_with_both_positions_betrays_the_origin(paint: Make, state: Ma
     assert geo.to_ned(ORIGIN, origin.lat_deg, origin.lon_deg, origin.alt_amsl) == pytest.approx((0, 0, 0), abs=0.01)
 
 
-def test_fence_mission_and_home_are_drawn_in_ned(paint: Make, state: Make) -> None:
-    painted = paint()
-    corners = [global_of(p) for p in ((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (50.0, 60.0, 0.0))]
-    vertex = "MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION"
-    fence = [wire.MissionItem(command=vertex, params=[3.0], x=c.lat_deg, y=c.lon_deg) for c in corners]
-    top = global_of((20.0, 30.0, -25.0))
-    way = [
-        wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=top.lat_deg, y=top.lon_deg, z=25.0),
-        wire.MissionItem(command="MAV_CMD_DO_CHANGE_SPEED", params=[0.0, 5.0]),
-    ]
-    fields = {"latitude": round(52.756e7), "longitude": round(-1.246e7), "altitude": 60000}
-    home = wire.LastMessage(
-        name="HOME_POSITION",
-        id=242,
-        sysid=1,
-        compid=1,
-        seq=0,
-        age=0.0,
-        count=1,
-        signed=False,
-        verified=False,
-        fields=fields,
-        units={},
-    )
-    painted.step(
-        ("state", Q1, state(local=(0.0, 0.0, -5.0), position=global_of((0.0, 0.0, -5.0)))),
-        ("mission", (*Q1, "fence"), wire.Mission(kind="fence", items=fence)),
-        ("mission", (*Q1, "mission"), wire.Mission(items=way)),
-        ("home", Q1, home),
-    )
-    painted.step(("mission", (*Q1, "fence"), wire.Mission(kind="fence")))
-    rows = painted.rows()
-    drawn = rows[f"{BODY}/fence"]
-    loop = drawn[0].values["LineStrips3D:strips"][0]
-    assert [p[:2] for p in loop] == [pytest.approx(p, abs=0.01) for p in ((0, 0), (50, 0), (50, 60), (0, 0))]
-    assert rgba(drawn[0].values["LineStrips3D:colors"][0]) == style.STAY_INSIDE
-    assert "Clear:is_recursive" in drawn[1].values
-    assert rows[f"{BODY}/mission"][0].values["Points3D:positions"] == [pytest.approx([20.0, 30.0, -25.0], abs=0.01)]
-    assert rows[f"{BODY}/home"][0].values["Points3D:positions"] == [pytest.approx([0.0, 0.0, 0.0], abs=0.01)]
-
-
 def test_the_area_of_a_search_is_an_outline_on_its_floor_and_hides_nobody(paint: Make) -> None:
     """In the planner's own book: no walls, nothing above the ground, whatever height the search flies at."""
     painted = paint()
