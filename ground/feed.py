@@ -2,16 +2,14 @@
 
 feed = Feed(z.session, z.is_vehicle, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"], messages=["ATTITUDE"])
 
-Nothing is decoded here. Where one autopilot is heard over two links, say by its companion and by a radio on the ground,
-each of its frames comes once: the first one that came.
+Nothing is decoded here.
 """
 
 from __future__ import annotations
 
 import functools
 import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import zenoh
@@ -19,10 +17,8 @@ import zenoh
 from zmav import keys
 from zmav.errors import BadKey
 
-WINDOW = 1.0
-"""s within which the same bytes of the same system, heard of another vehicle's agent, are the same frame"""
 MOST = 8192
-"""frames remembered for that, and origins: invented keys must not fill the memory"""
+"""origins: invented keys must not fill the memory"""
 
 
 class Origin(NamedTuple):
@@ -46,8 +42,8 @@ class Feed:
 
     ``on_frame`` must be quick and must not raise: what it does not take in time is held back in the session, and then
     dropped by the routers. What comes under a name that ``is_vehicle`` denies is left out. ``frame`` are the bytes as
-    the vehicle sent them. Without ``once`` a frame that is heard over two links comes twice, for who chooses a link
-    himself. Raises :class:`~zmav.errors.BadKey` for vehicles or messages that cannot stand in a key expression.
+    the vehicle sent them. Raises :class:`~zmav.errors.BadKey` for vehicles or messages that cannot stand in a key
+    expression.
     """
 
     def __init__(
@@ -58,26 +54,18 @@ class Feed:
         fleet: str = "*",
         vehicles: Sequence[str] = ("*",),
         messages: Sequence[str] = ("*",),
-        once: bool = True,
     ) -> None:
-        self._is_vehicle, self._on_frame, self._once = is_vehicle, on_frame, once
+        self._is_vehicle, self._on_frame = is_vehicle, on_frame
         self._replay = keys.is_replay(fleet)
         self._origins: dict[str, Origin] = {}
         self._lock = threading.Lock()
         """each subscriber has a thread of its own"""
-        self._owners: dict[tuple[int, int], str] = {}
-        self._shared: set[tuple[int, int]] = set()
-        """systems that more than one vehicle's agent speaks for"""
-        self._seen: dict[bytes, tuple[str, float]] = {}
         self.frames = 0
-        self.twice = 0
-        """frames left out because they had come over another link already"""
         self.foreign = 0
         """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""
-        wanted = {
+        self._wanted = apart(
             keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
-        }
-        self._wanted = _apart(sorted(wanted))
+        )
         self._subscribers = [
             session.declare_subscriber(str(key), functools.partial(self._on_sample, index))
             for index, key in enumerate(self._wanted)
@@ -103,42 +91,20 @@ class Feed:
                 return
             if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):
                 return  # an expression before this one brings it, too
-            frame = sample.payload.to_bytes()
-            if self._shared and origin[2:4] in self._shared and self._came_already(origin, frame):
-                self.twice += 1
-                return
             self.frames += 1
-            self._on_frame(origin, frame)
+            self._on_frame(origin, sample.payload.to_bytes())
 
     def _new_origin(self, key: str) -> Origin | None:
         origin = origin_of(key)
-        if origin is None or len(self._origins) >= MOST or not self._is_vehicle(*origin[:2]):
-            return origin
-        self._origins[key] = origin
-        place = (origin.sysid, origin.compid)
-        if (
-            self._once
-            and self._owners.setdefault(place, f"{origin.fleet}/{origin.vehicle}") != f"{origin.fleet}/{origin.vehicle}"
-        ):
-            self._shared.add(place)
+        if origin is not None and len(self._origins) < MOST and self._is_vehicle(*origin[:2]):
+            self._origins[key] = origin
         return origin
 
-    def _came_already(self, origin: Origin, frame: bytes) -> bool:
-        now, owner = time.monotonic(), f"{origin.fleet}/{origin.vehicle}"
-        before = self._seen.get(frame)
-        if before is not None and before[0] != owner and now - before[1] < WINDOW:
-            return True
-        self._seen.pop(frame, None)  # the oldest are to stand first
-        self._seen[frame] = (owner, now)
-        if len(self._seen) > MOST:
-            del self._seen[next(iter(self._seen))]
-        return False
 
-
-def _apart(expressions: Sequence[str]) -> list[zenoh.KeyExpr]:
+def apart(expressions: Iterable[str]) -> list[zenoh.KeyExpr]:
     """Key expressions without those that another one includes: what both want would come twice."""
     kept: list[zenoh.KeyExpr] = []
-    for each in map(zenoh.KeyExpr, expressions):
+    for each in map(zenoh.KeyExpr, sorted(set(expressions))):
         if not any(other.includes(each) for other in kept):
             kept = [other for other in kept if not each.includes(other)] + [each]
     return kept

@@ -8,40 +8,38 @@ a station says: a second bridge changes nothing.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import threading
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 
 import zmav
 from ground.feed import Feed
-from ground.gcs.answerer import Answerer, GcsClient
+from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
 from ground.gcs.downlink import Downlink
-from ground.gcs.files import Files
 from ground.gcs.missions import Missions
 from ground.gcs.options import Endpoint, Options
 from ground.gcs.params import Params
-from ground.gcs.places import Running
+from ground.gcs.places import StationEndpoint
 from ground.gcs.request_handlers import HandlersByClient
 from ground.gcs.routes import Known, Routes
 from ground.gcs.serial import Serial
-from ground.gcs.standard import SETS
-from ground.gcs.streams import Streams
+from ground.gcs.streams import GCS, Streams
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn, UdpOut
 from ground.gcs.uplink import Uplink
-from ground.gcs.words import TOLD, Limiter, Words
 from zmav import keys, wire
-from zmav.errors import BadInput, Clash, NoSuchVehicle
-from zmav.mavlink import Dialect, Frame, Packer, decode
+from zmav.errors import BadInput
+from zmav.mavlink import Dialect, Frame, decode
+from zmav.seldom import Seldom
 from zmav.services.link.port import on_loop
 
+TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
+"""kinds of events that somebody at a station must see, and the autopilot does not say"""
+AGAIN, MOST_SAID = 5.0, 1000
+"""s for which the same words about a vehicle are not repeated; words that are let through in that time"""
 TICK = 0.2
 """s between two looks at who is there"""
-MOST_PACKERS = 4096
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,8 +47,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     endpoints: tuple[Endpoint, ...]
     vehicles: tuple[str, ...] = ("*",)
-    streams: str = "gcs"
-    """which messages are wanted while a client is there: :data:`ground.gcs.standard.SETS`"""
+    streams: bool = True
+    """the messages that stations need (:data:`ground.gcs.streams.GCS`) are wanted while a client is there"""
 
     def read_only(self) -> Settings:
         """The same, and nothing that a station says reaches a vehicle."""
@@ -75,17 +73,16 @@ class Bridge:
         self.loop = asyncio.get_running_loop()
         self.news: Callable[[str], None] = on_loop(self.loop, say)
         self.routes = Routes(Options(vehicles=settings.vehicles))
-        self.downlink = Downlink(self.dialect, self.routes)
-        self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, SETS[settings.streams])
-        self.uplink = Uplink(z, self.dialect, self.routes, self.streams, self._tell, self.news)
-        self.uplink.on_new_id, self.uplink.ack = self._on_new_id, self._ack
-        self.limiter = Limiter()
-        self._words = Words(self.dialect)
-        self._packers: dict[tuple[int, int], Packer] = {}
-        self._packing = threading.Lock()
-        self.endpoints: list[Running] = []
-        self._by_client = HandlersByClient(self)
-        self._answerers: list[Answerer] = []
+        self.ground = Ground(z, self.loop, self.routes)
+        self._by_client = HandlersByClient(self.ground)
+        self._answerers: list[Answerer] = [each(self.ground, self._by_client) for each in (Params, Missions)]
+        self.downlink = Downlink(self.dialect, self.routes, self._answerers)
+        standard = GCS if settings.streams else {}
+        self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, standard)
+        self.uplink = Uplink(self, self.routes, self.streams, self._answerers)
+        self._said: Seldom[tuple[object, str]] = Seldom(AGAIN, MOST_SAID)
+        """words about a vehicle, to a client or to all"""
+        self.endpoints: list[StationEndpoint] = []
         self._present: set[Client] = set()
         self._silent: set[Client] = set()
         self._tasks: list[asyncio.Task[None]] = []
@@ -96,11 +93,6 @@ class Bridge:
         return self.downlink.clients
 
     async def __aenter__(self) -> Bridge:
-        by_client = self._by_client
-        params = Params(self, by_client)
-        self._answerers = [params, Missions(self, by_client), Files(self, by_client, params)]
-        self.downlink.set_answerers(self._answerers)
-        self.uplink.answerers = self._answerers
         self.endpoints = [self._open(endpoint) for endpoint in self.settings.endpoints]
         self._look()
         try:
@@ -112,7 +104,6 @@ class Bridge:
                 self.downlink.on_frame,
                 self.z.fleet_name,
                 self.settings.vehicles,
-                once=False,
             )
         except BaseException:
             await self.__aexit__()
@@ -132,7 +123,7 @@ class Bridge:
         self._by_client.close()
         self.streams.close()
 
-    def _open(self, endpoint: Endpoint) -> Running:
+    def _open(self, endpoint: Endpoint) -> StationEndpoint:
         if endpoint.kind == "udp":
             return UdpOut(endpoint, self)
         if endpoint.kind == "udpin":
@@ -149,58 +140,26 @@ class Bridge:
     def left(self, client: Client, why: str) -> None:
         client.close()
         self.downlink.remove(client)
-        for answerer in self._answerers:
-            with contextlib.suppress(Exception):
-                answerer.left(client)
         self._by_client.left(client)
         self.news(f"{client.name} is gone: {why}")
 
     def said(self, client: Client, frame: Frame) -> None:
         self.uplink.said(client, frame)
 
-    def _on_new_id(self, client: Client) -> None:
+    def identified(self, client: Client) -> None:
         self.downlink.changed()
         if client.kind_of_station:
             ids = ", ".join(f"{system}/{component}" for system, component in sorted(client.ids))
             self.news(f"{client.name} is {ids} ({client.kind_of_station})")
 
-    # What answerers have of us.
-
-    def vehicle(self, sysid: int) -> zmav.Vehicle | None:
-        try:
-            fleet, name = self.routes.way_to(sysid)
-        except (Clash, NoSuchVehicle):
-            return None
-        return zmav.Vehicle(self.z, name, fleet)
-
-    def systems(self) -> list[int]:
-        return list(self.routes.systems)
-
-    def component(self, sysid: int) -> int:
-        known = self.routes.systems.get(sysid)
-        return known[0].compid if known else 1
-
-    def pack(self, sysid: int, compid: int, name: str, **fields: Any) -> bytes:
-        with self._packing:
-            packer = self._packers.get((sysid, compid))
-            if packer is None:
-                if len(self._packers) >= MOST_PACKERS:
-                    self._packers.clear()
-                packer = self._packers[sysid, compid] = Packer(self.dialect, sysid, compid)
-        return packer.pack(name, **fields)
-
-    def put(self, client: GcsClient, frame: Frame) -> None:
-        if isinstance(client, Client) and not client.read_only:
-            self.uplink.route(client, frame)
-
-    def _ack(self, client: Client, frame: Frame, result: int) -> None:
+    def ack(self, client: Client, frame: Frame, result: int) -> None:
         """Answer a command in the vehicle's place; one to all, in the place of each."""
         fields = decode(frame, self.dialect)
         command, system = fields["command"], fields["target_system"]
         for known in self.routes.vehicles.values():
             if system in (0, known.sysid) and client.options.sees(known.name):
                 client.send(
-                    self.pack(
+                    self.ground.pack(
                         known.sysid,
                         known.compid,
                         "COMMAND_ACK",
@@ -213,10 +172,10 @@ class Bridge:
 
     # What clients are told.
 
-    def _tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
+    def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
         system = sysid if sysid in self.routes.systems else self._any_system(client)
-        if system and self.limiter.admits((client.name, sysid), text):
-            for frame in self._words.frames(system, severity, f"zmav: {text}"):
+        if system and self._said.take(((client.name, sysid), text)) is not None:
+            for frame in self.ground.words(system, severity, f"zmav: {text}"):
                 client.send(frame)
 
     def _any_system(self, client: Client) -> int:
@@ -227,7 +186,7 @@ class Bridge:
     def _tell_all(self, known: Known, severity: wire.Severity, text: str) -> None:
         for client in self.clients:
             if client.options.sees(known.name) and known.sysid not in client.systems:
-                for frame in self._words.frames(known.sysid, severity, text):
+                for frame in self.ground.words(known.sysid, severity, text):
                     client.send(frame)
 
     async def _tell_events(self) -> None:
@@ -240,7 +199,7 @@ class Bridge:
                     event = wire.decode(sample.payload.to_bytes(), wire.Event, f"event of {name}")
                 except BadInput:
                     continue
-                if known is None or event.kind not in TOLD or not self.limiter.admits(known.place, event.text):
+                if known is None or event.kind not in TOLD or self._said.take((known.place, event.text)) is None:
                     continue
                 self._tell_all(known, event.severity, event.text)
                 if event.kind == "refused":

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import click
 
 import zmav
 from ground.gcs.bridge import Bridge, Settings
-from ground.gcs.figures import Figures
-from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_hz, read_messages, read_rate, read_vehicles
-from ground.gcs.standard import SETS
+from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_hz, read_rate, read_vehicles
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import Forbidden
 from zmav.links.url import LOOPBACK
-from zmav.mavlink import Dialect, load_dialect
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
 DEFAULT = "14550"
 """where QGroundControl and Mission Planner wait"""
-STATS_EVERY = 5.0
 
 
 @click.command("gcs")
@@ -34,17 +28,8 @@ STATS_EVERY = 5.0
 @click.option("--vehicles", default="*", show_default=True, help="Which, by name: 'quad*,rover1'.")
 @click.option("--rate", help="Bytes a second to each station: '4kB/s'.")
 @click.option("--hz", help="Of each telemetry message at most.")
-@click.option("--only", default="", help="Telemetry that passes: 'ATTITUDE,GPS*'.")
-@click.option("--drop", default="", help="Messages that do not pass.")
 @click.option("--read-only", is_flag=True, help="Nothing a station says reaches a vehicle.")
-@click.option(
-    "--streams",
-    type=click.Choice(list(SETS)),
-    default="gcs",
-    show_default=True,
-    help="Messages that vehicles are asked for while a station is there.",
-)
-@click.option("--stats", is_flag=True, help="Say every five seconds what flows.")
+@click.option("--streams/--no-streams", default=True, show_default=True, help="Ask vehicles for what stations need.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
 @zenoh_options
@@ -56,11 +41,8 @@ def command(
     vehicles: str,
     rate: str | None,
     hz: str | None,
-    only: str,
-    drop: str,
     read_only: bool,
-    streams: str,
-    stats: bool,
+    streams: bool,
     dialect: str,
     fleet: str,
     settings: SessionSettings,
@@ -68,43 +50,33 @@ def command(
     """Connect QGroundControl, Mission Planner, MAVProxy or any MAVLink program to the whole fleet.
 
     Without an endpoint, vehicles appear in a QGroundControl on this machine by themselves. An endpoint may have options
-    of its own: --tcp '0.0.0.0:5760?rate=4kB/s&hz=5&only=ATTITUDE,GPS*&drop=VIBRATION&vehicles=quad*&read_only=1'.
+    of its own: --tcp '0.0.0.0:5760?rate=4kB/s&hz=5&vehicles=quad*&read_only=1'.
     Only a HOST that is written out listens to other machines, and anyone who reaches it may command the vehicles.
     """
-    known = load_dialect(dialect)
     defaults = Options(
         rate=read_rate(rate) if rate is not None else None,
         hz=read_hz(hz) if hz is not None else None,
-        only=read_messages(only, known, "--only"),
-        drop=read_messages(drop, known, "--drop"),
         read_only=read_only,
     )
     given = {"udp": udp, "udpin": udpin, "tcp": tcp, "serial": serial}
-    bridge = Settings(endpoints=endpoints(given, defaults, known), vehicles=read_vehicles(vehicles), streams=streams)
-    run(_bridge(bridge, fleet, dialect, settings, STATS_EVERY if stats else None))
+    bridge = Settings(endpoints=endpoints(given, defaults), vehicles=read_vehicles(vehicles), streams=streams)
+    run(_bridge(bridge, fleet, dialect, settings))
 
 
-def endpoints(given: dict[str, tuple[str, ...]], defaults: Options, dialect: Dialect) -> tuple[Endpoint, ...]:
+def endpoints(given: dict[str, tuple[str, ...]], defaults: Options) -> tuple[Endpoint, ...]:
     """What the options name; QGroundControl's own port where they name nothing."""
     kinds: tuple[Kind, ...] = ("udp", "udpin", "tcp", "serial")
-    found = [parse_endpoint(kind, text, defaults, dialect) for kind in kinds for text in given[kind]]
-    return tuple(found) or (parse_endpoint("udp", DEFAULT, defaults, dialect),)
+    found = [parse_endpoint(kind, text, defaults) for kind in kinds for text in given[kind]]
+    return tuple(found) or (parse_endpoint("udp", DEFAULT, defaults),)
 
 
-async def _bridge(
-    settings: Settings, fleet: str, dialect: str, session: SessionSettings, stats_every: float | None
-) -> None:
+async def _bridge(settings: Settings, fleet: str, dialect: str, session: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=session, dialect=dialect) as z:
         settings = allowed(z, settings)
-        async with Bridge(z, settings, say) as bridge:
+        async with Bridge(z, settings, say):
             for endpoint in settings.endpoints:
                 say(_words(endpoint))
-            telling = asyncio.create_task(_tell(bridge, stats_every)) if stats_every else None
-            try:
-                await until_stopped()
-            finally:
-                if telling is not None:
-                    telling.cancel()
+            await until_stopped()
 
 
 def allowed(z: zmav.Client, settings: Settings) -> Settings:
@@ -129,8 +101,6 @@ def _words(endpoint: Endpoint) -> str:
     notes = [
         f"{options.rate:g} B/s" if options.rate else "",
         f"{options.hz:g} Hz" if options.hz else "",
-        f"only {','.join(options.only)}" if options.only else "",
-        f"without {','.join(options.drop)}" if options.drop else "",
         f"vehicles {','.join(options.vehicles)}" if options.vehicles != ("*",) else "",
         "read-only" if options.read_only else "",
     ]
@@ -142,10 +112,3 @@ def _words(endpoint: Endpoint) -> str:
         notes.append("anyone who reaches it may command the vehicles")
     said = "; ".join(filter(None, notes))
     return f"{endpoint.kind}: {does[endpoint.kind]} {where}" + (f" ({said})" if said else "")
-
-
-async def _tell(bridge: Bridge, every: float) -> None:
-    figures = Figures(bridge)
-    while True:
-        await asyncio.sleep(every)
-        say(figures.line())

@@ -35,27 +35,24 @@ class Counters(msgspec.Struct):
 
 
 class Routed(Kind):
-    """``getters`` and ``losers`` are the clients that get it, and those for whom it is left out; good for as long as
-    ``version`` is the bridge's.
-    """
+    """``getters`` are the clients that get it; good for as long as ``version`` is the bridge's."""
 
-    __slots__ = ("getters", "losers", "version")
+    __slots__ = ("getters", "version")
 
     def __init__(self, origin: Origin, dialect: Dialect, track: Track, watched: frozenset[str]) -> None:
         super().__init__(origin, dialect, track, watched)
         self.version = -1
         self.getters: tuple[Client, ...] = ()
-        self.losers: tuple[Client, ...] = ()
 
 
 class Downlink:
     """:meth:`on_frame` is the feed's; the rest may be called from any thread."""
 
-    def __init__(self, dialect: Dialect, routes: Routes) -> None:
+    def __init__(self, dialect: Dialect, routes: Routes, answerers: Sequence[Answerer]) -> None:
         self._dialect, self._routes = dialect, routes
         self.counters = Counters()
-        self._answerers: Sequence[Answerer] = ()
-        self._watched: frozenset[str] = frozenset()
+        self._answerers = answerers
+        self._watched = frozenset(name for answerer in answerers for name in answerer.watches)
         self._clients: tuple[Client, ...] = ()
         self._kinds: dict[str, Routed] = {}
         self._version = 0
@@ -65,11 +62,6 @@ class Downlink:
     @property
     def clients(self) -> tuple[Client, ...]:
         return self._clients
-
-    def set_answerers(self, answerers: Sequence[Answerer]) -> None:
-        """Before the first frame."""
-        self._answerers = answerers
-        self._watched = frozenset(name for answerer in answerers for name in answerer.watches)
 
     def add(self, client: Client) -> None:
         with self._lock:
@@ -99,7 +91,7 @@ class Downlink:
             self._aim(kind)
         if kind.watched and self._is_withheld(origin, data):
             counters.withheld += 1
-            for client in kind.getters + kind.losers:
+            for client in kind.getters:
                 client.leave_out(kind, data)
             return
         if kind.target_at is not None and (target := kind.target(data)):
@@ -107,8 +99,6 @@ class Downlink:
             return
         for client in kind.getters:
             client.deliver(kind, data)
-        for client in kind.losers:
-            client.leave_out(kind, data)
 
     def _new_kind(self, origin: Origin) -> Routed:
         track = self._routes.track((origin.fleet, origin.vehicle), origin.sysid)
@@ -118,17 +108,15 @@ class Downlink:
         return kind
 
     def _aim(self, kind: Routed) -> None:
-        """Work out who gets it: all whose options let it through, but nobody what he says himself."""
+        """Work out who gets it: all who see the vehicle, but nobody what he says himself."""
         kind.version = self._version
         origin = kind.origin
         place = origin.fleet, origin.vehicle
         if (place, origin.sysid) in self._routes.spare:
-            kind.getters = kind.losers = ()
+            kind.getters = ()
             return
-        must = kind.must or kind.beat
-        seeing = [c for c in self._clients if c.options.sees(origin.vehicle) and origin.sysid not in c.systems]
-        kind.getters = tuple(client for client in seeing if client.options.passes(origin.message, must))
-        kind.losers = tuple(client for client in seeing if client not in kind.getters)
+        seeing = (c for c in self._clients if c.options.sees(origin.vehicle) and origin.sysid not in c.systems)
+        kind.getters = tuple(seeing)
 
     def _deliver_to(self, target: int, kind: Routed, data: bytes) -> None:
         """What is said to somebody: to the clients that are meant, and among several of one id to who has just spoken
@@ -138,7 +126,7 @@ class Downlink:
             since, place = time.monotonic() - LATELY, kind.track.place
             lately = [client for client in meant if client.addressed.get(place, 0.0) > since]
             meant = lately or meant
-        for client in kind.getters + kind.losers:
+        for client in kind.getters:
             if client in meant:
                 client.deliver(kind, data)
             else:

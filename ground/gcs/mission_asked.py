@@ -16,7 +16,6 @@ from zmav.mavlink.results import MissionResult
 from zmav.services.missions.items import HOME, KINDS, Items, Raw, raw_from
 from zmav.wire import MissionKind
 
-"""MAV_MISSION_RESULT"""
 BY_NUMBER = {number: kind for kind, number in KINDS.items()}
 BEYOND = 2**31 - 2
 """no place on Earth, and not the number that means "here" either"""

@@ -12,7 +12,6 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Protocol
 
-from ground.gcs.request_handlers import RequestHandlers
 from zmav.services.missions.items import Raw
 from zmav.waiting import within
 
@@ -36,11 +35,10 @@ class Silent(Exception):
 
 
 class Upload:
-    """Items ``first`` to ``last`` of a plan. Lives on the event loop."""
+    """The ``count`` items of a plan. Lives on the event loop."""
 
-    def __init__(self, handlers: RequestHandlers, say: Talk, first: int, last: int, as_float: bool) -> None:
-        self.handlers, self.first, self.last = handlers, first, last
-        self._say = say
+    def __init__(self, say: Talk, count: int, as_float: bool) -> None:
+        self._say, self.count = say, count
         self._as_float = as_float
         """the client is of old: it knows neither MISSION_REQUEST_INT nor MISSION_ITEM_INT"""
         self.items: list[Raw] = []
@@ -48,24 +46,19 @@ class Upload:
         self._came = asyncio.Event()
 
     @property
-    def next(self) -> int:
-        """The item that is asked for."""
-        return self.first + len(self.items)
-
-    @property
     def complete(self) -> bool:
-        return self.next > self.last
+        return len(self.items) >= self.count
 
     def take(self, seq: int, item: Raw, as_float: bool) -> None:
         """An item came; one that came before is let pass."""
-        if seq == self.next and not self.complete:
+        if seq == len(self.items) and not self.complete:
             self._as_float = as_float
             self.items.append(item)
             self._came.set()
 
     def ask(self) -> None:
         """For the next item."""
-        self._request(self.next)
+        self._request(len(self.items))
 
     async def collect(self) -> list[Raw]:
         """All items; raises :class:`Silent`."""
@@ -89,11 +82,11 @@ class Upload:
     async def keep_waiting(self, work: Awaitable[object]) -> None:
         """See ``work`` through, and keep the client patient meanwhile. Raises what it raises."""
         task = asyncio.ensure_future(work)
-        pause = WAITING if self.last > self.first else WAITING_FOR_ONE
+        pause = WAITING if self.count > 1 else WAITING_FOR_ONE
         back = True
         try:
             while not (await asyncio.wait({task}, timeout=pause))[0]:
-                self._request(self.last - int(back and self.last > self.first))
+                self._request(self.count - 1 - int(back and self.count > 1))
                 back = not back
             task.result()
         finally:

@@ -11,12 +11,12 @@ Items that are orders in disguise (``current`` 2 and 3: fly there now) pass, and
 from __future__ import annotations
 
 import asyncio
-import functools
 import time
 from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 
-from ground.gcs.answerer import Answerer, GcsClient, Ground
+from ground.gcs.answerer import Answerer, Ground
+from ground.gcs.client import Client
 from ground.gcs.mission_asked import (
     BY_NUMBER,
     Asked,
@@ -25,7 +25,6 @@ from ground.gcs.mission_asked import (
 )
 from ground.gcs.mission_upload import Silent, Upload
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
-from ground.gcs.target import is_for_autopilots, vehicles
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
 from zmav.mavlink.results import MissionResult
@@ -50,21 +49,6 @@ class Ended(NamedTuple):
 
 
 class Missions(Answerer):
-    takes = frozenset(
-        {
-            "MISSION_REQUEST_LIST",
-            "MISSION_REQUEST_INT",
-            "MISSION_REQUEST",
-            "MISSION_ACK",
-            "MISSION_COUNT",
-            "MISSION_ITEM_INT",
-            "MISSION_ITEM",
-            "MISSION_CLEAR_ALL",
-            "MISSION_SET_CURRENT",
-            "MISSION_WRITE_PARTIAL_LIST",
-        }
-    )
-
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._shown: dict[Line, tuple[list[Raw], int]] = {}
@@ -73,29 +57,30 @@ class Missions(Answerer):
         self._ended: dict[Line, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
-        self._handlers: dict[str, Callable[[RequestHandlers, Frame], None]] = {
-            "MISSION_REQUEST_LIST": functools.partial(self._each, self._list),
-            "MISSION_REQUEST_INT": functools.partial(self._each, self._item),
-            "MISSION_REQUEST": functools.partial(self._each, self._item),
-            "MISSION_ACK": functools.partial(self._each, self._over),
-            "MISSION_COUNT": functools.partial(self._each, self._count),
-            "MISSION_WRITE_PARTIAL_LIST": functools.partial(self._each, self._partial),
-            "MISSION_ITEM_INT": functools.partial(self._each, self._take),
-            "MISSION_ITEM": functools.partial(self._each, self._take),
-            "MISSION_CLEAR_ALL": functools.partial(self._each, self._clear),
-            "MISSION_SET_CURRENT": functools.partial(self._each, self._current),
+        self._handlers: dict[str, Callable[[Asked], None]] = {
+            "MISSION_REQUEST_LIST": self._list,
+            "MISSION_REQUEST_INT": self._item,
+            "MISSION_REQUEST": self._item,
+            "MISSION_ACK": self._over,
+            "MISSION_COUNT": self._count,
+            "MISSION_WRITE_PARTIAL_LIST": lambda asked: asked.ack(MissionResult.UNSUPPORTED),
+            "MISSION_ITEM_INT": self._take,
+            "MISSION_ITEM": self._take,
+            "MISSION_CLEAR_ALL": self._clear,
+            "MISSION_SET_CURRENT": self._current,
         }
+        self.takes = frozenset(self._handlers)
         by_client.forget.append(self._forget)
 
     # On the carrying threads.
 
-    def offer(self, client: GcsClient, frame: Frame) -> bool:
+    def offer(self, client: Client, frame: Frame) -> bool:
         name = self._dialect.name_of(frame.msgid)
-        if not is_for_autopilots(self._ground, client, frame):
+        if not self._ground.is_for_autopilots(client, frame):
             return False
         if name in ("MISSION_ITEM", "MISSION_ITEM_INT") and decode(frame, self._dialect)["current"] in ORDERS:
             return False
-        self._by_client.of(client).ask(self._handlers[name], frame)
+        self._by_client.of(client).ask(self._handle, frame)
         return True
 
     def close(self) -> None:
@@ -113,10 +98,10 @@ class Missions(Answerer):
             if not upload.complete and upload.task is not None:  # what it sent whole is done, who would undo it?
                 upload.task.cancel()
 
-    def _each(self, handle: Callable[[Asked], None], handlers: RequestHandlers, frame: Frame) -> None:
-        """Handle a frame for each vehicle that it is for."""
-        fields = decode(frame, self._dialect)
-        for sysid, vehicle in vehicles(self._ground, handlers.client, frame):
+    def _handle(self, handlers: RequestHandlers, frame: Frame) -> None:
+        """A frame, for each vehicle that it is for."""
+        handle, fields = self._handlers[self._dialect.name_of(frame.msgid)], decode(frame, self._dialect)
+        for sysid, vehicle in self._ground.vehicles(handlers.client, frame):
             handle(Asked(self._ground, handlers, frame, fields, sysid, vehicle))
 
     def _work(self, key: tuple[Any, ...], work: Coroutine[Any, Any, None]) -> asyncio.Task[None] | None:
@@ -182,64 +167,43 @@ class Missions(Answerer):
         if line is None:
             asked.ack(MissionResult.UNSUPPORTED)
         elif self._may_change(asked, line):
-            self._begin(asked, line, 0, count - 1)
-
-    def _partial(self, asked: Asked) -> None:
-        if asked.line is None:
-            asked.ack(MissionResult.UNSUPPORTED)
-        elif self._may_change(asked, asked.line):
-            self._work(("partial", asked.line), self._begin_partial(asked, asked.line))
-
-    async def _begin_partial(self, asked: Asked, line: Line) -> None:
-        """Some items of the plan that is there; the vehicle gets the plan with them in their places."""
-        try:
-            raws = asked.raws(line.kind, await asked.vehicle.missions.get(line.kind))
-        except ZmavError as e:
-            asked.refuse(e, f"{WORDS[line.kind]} not changed")
-            return
-        first, last = asked.fields["start_index"], asked.fields["end_index"]
-        last = len(raws) - 1 if last < 0 else last
-        if 0 <= first <= last < len(raws):
-            self._begin(asked, line, first, last, raws)
-        else:
-            asked.ack(MissionResult.INVALID_SEQUENCE)
+            self._begin(asked, line, count)
 
     def _may_change(self, asked: Asked, line: Line) -> bool:
         if asked.handlers.client.read_only:
             asked.refuse(Forbidden("read-only"), f"{WORDS[line.kind]} not changed")
         return not asked.handlers.client.read_only
 
-    def _begin(self, asked: Asked, line: Line, first: int, last: int, old: list[Raw] | None = None) -> None:
+    def _begin(self, asked: Asked, line: Line, count: int) -> None:
         before = self._uploads.get(line)
-        if before is not None and not before.items and (before.first, before.last) == (first, last) and last >= first:
+        if before is not None and not before.items and before.count == count > 0:
             before.ask()  # it has not heard that we ask
             return
         if before is not None and not before.complete and before.task is not None:
             before.task.cancel()
         self._ended.pop(line, None)
-        upload = self._uploads[line] = Upload(asked.handlers, asked.say, first, last, asked.frame.version == 1)
-        upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload, old))
+        upload = self._uploads[line] = Upload(asked.say, count, asked.frame.version == 1)
+        upload.task = self._work(("upload", line, id(upload)), self._run(asked, line, upload))
         if upload.task is None:
             del self._uploads[line]
             asked.ack(MissionResult.DENIED)
 
-    async def _run(self, asked: Asked, line: Line, upload: Upload, old: list[Raw] | None) -> None:
+    async def _run(self, asked: Asked, line: Line, upload: Upload) -> None:
         result: int = MissionResult.OPERATION_CANCELLED
         try:
             came = await upload.collect()
-            raws = came if old is None else [*old[: upload.first], *came, *old[upload.last + 1 :]]
-            order = asked.vehicle.missions.upload(asked.decode(line.kind, raws), line.kind)
+            order = asked.vehicle.missions.upload(asked.decode(line.kind, came), line.kind)
             await (upload.keep_waiting(order) if came else order)
             result = MissionResult.ACCEPTED
         except Silent:
-            asked.tell("warning", f"{WORDS[line.kind]} not uploaded: item {upload.next} did not come")
+            asked.tell("warning", f"{WORDS[line.kind]} not uploaded: item {len(upload.items)} did not come")
         except ZmavError as e:
             result = result_of(e, self._dialect.enums["MAV_MISSION_RESULT"])
             asked.tell("warning", f"{WORDS[line.kind]} not uploaded: {e}")
         finally:
             if self._uploads.get(line) is upload:
                 del self._uploads[line]
-                self._ended[line] = Ended(upload.last, result, time.monotonic())
+                self._ended[line] = Ended(upload.count - 1, result, time.monotonic())
                 asked.ack(result)
 
     def _take(self, asked: Asked) -> None:

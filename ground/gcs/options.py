@@ -5,8 +5,8 @@
     /dev/ttyUSB0,57600?read_only=1      behind a radio
 
 Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``hz`` (of each telemetry
-message), ``only`` and ``drop`` (messages by name, ``*`` for any part of it, joined by commas), ``vehicles`` (likewise),
-``read_only`` (1: nothing a client says reaches a vehicle).
+message), ``vehicles`` (by name, ``*`` for any part of it, joined by commas), ``read_only`` (1: nothing a client says
+reaches a vehicle).
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from mesh.units import bits_per_second
 from zmav import keys
 from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK
-from zmav.mavlink import Dialect
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
-NAMES = ("rate", "hz", "only", "drop", "vehicles", "read_only")
+NAMES = ("rate", "hz", "vehicles", "read_only")
 LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
 
 
@@ -36,20 +35,11 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
     """bytes a second; None: no limit"""
     hz: float | None = None
     """of each telemetry message of each component; None: as it comes"""
-    only: tuple[str, ...] = ()
-    """telemetry that passes, by name; empty: all. HEARTBEATs and what must arrive (answers, words) pass all the same"""
-    drop: tuple[str, ...] = ()
-    """messages that never pass"""
     vehicles: tuple[str, ...] = ("*",)
     read_only: bool = False
 
     def sees(self, vehicle: str) -> bool:
         return any(fnmatch.fnmatchcase(vehicle, pattern) for pattern in self.vehicles)
-
-    def passes(self, message: str, must_arrive: bool) -> bool:
-        if any(fnmatch.fnmatchcase(message, pattern) for pattern in self.drop):
-            return False
-        return must_arrive or not self.only or any(fnmatch.fnmatchcase(message, pattern) for pattern in self.only)
 
 
 class Endpoint(msgspec.Struct, frozen=True):
@@ -70,13 +60,13 @@ class Endpoint(msgspec.Struct, frozen=True):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
-def parse_endpoint(kind: Kind, text: str, defaults: Options, dialect: Dialect) -> Endpoint:
+def parse_endpoint(kind: Kind, text: str, defaults: Options) -> Endpoint:
     """What stands behind ``--udp`` and the others; raises :class:`BadConfig` that names the option and its value.
 
     An option that is not there is as in ``defaults``.
     """
     place, _, query = text.partition("?")
-    options = parse_options(query, defaults, dialect, f"--{kind} {text}")
+    options = parse_options(query, defaults, f"--{kind} {text}")
     if kind == "serial":
         if not place:
             raise _bad(kind, text, "a device, such as /dev/ttyUSB0,57600", text)
@@ -89,7 +79,7 @@ def parse_endpoint(kind: Kind, text: str, defaults: Options, dialect: Dialect) -
     return Endpoint(kind, place, host or LOOPBACK, number, options)
 
 
-def parse_options(query: str, defaults: Options, dialect: Dialect, where: str) -> Options:
+def parse_options(query: str, defaults: Options, where: str) -> Options:
     """``rate=4kB/s&hz=5`` on top of the defaults; raises :class:`BadConfig`."""
     given: dict[str, str] = {}
     for part in filter(None, query.split("&")):
@@ -104,8 +94,6 @@ def parse_options(query: str, defaults: Options, dialect: Dialect, where: str) -
     return Options(
         rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
         hz=read_hz(given["hz"], where) if "hz" in given else defaults.hz,
-        only=read_messages(given["only"], dialect, where) if "only" in given else defaults.only,
-        drop=read_messages(given["drop"], dialect, where) if "drop" in given else defaults.drop,
         vehicles=read_vehicles(given["vehicles"], where) if "vehicles" in given else defaults.vehicles,
         read_only=_read_flag(given["read_only"], where) if "read_only" in given else defaults.read_only,
     )
@@ -132,19 +120,6 @@ def read_hz(text: str, where: str = "--hz") -> float:
     if not LEAST_HZ <= hz <= MOST_HZ:
         raise BadConfig(f"{where}: hz is {text!r}; expected {expected}", field="hz", value=text, expected=expected)
     return hz
-
-
-def read_messages(text: str, dialect: Dialect, where: str) -> tuple[str, ...]:
-    """Names joined by commas; a name without ``*`` must be the dialect's, or ``UNKNOWN_44000``."""
-    names = tuple(filter(None, (name.strip().upper() for name in text.split(","))))
-    for name in names:
-        known = any(fnmatch.fnmatchcase(each, name) for each in dialect.by_name) or name.startswith("UNKNOWN_")
-        if not known:
-            close = difflib.get_close_matches(name, dialect.by_name, 3)
-            hint = f"; did you mean {', '.join(close)}?" if close else ""
-            text = f"{where}: dialect {dialect.name} has no message {name}{hint}"
-            raise BadConfig(text, field="message", value=name, expected=f"a message of {dialect.name}")
-    return names
 
 
 def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:

@@ -6,37 +6,39 @@ and is answered with what the parameter really is then; clients that know the ve
 whomever. The autopilot's own PARAM_VALUEs (its agent reads them all) are therefore nobody's business, except while its
 set is not known to its agent yet: then who waits for the list gets them as they come, and the rest afterwards.
 
-Other components' parameters (a gimbal's) are theirs and pass.
+Other components' parameters (a gimbal's) are theirs and pass; a list for all components is the autopilot's. ArduPilot's
+parameter file (``@PARAM/param.pck`` by MAVFTP), which QGroundControl asks for first, is denied: it then asks for the
+list.
 """
 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Coroutine, Iterator
 from typing import Any, NamedTuple
 
 import msgspec
 
 from ground.feed import Origin
-from ground.gcs.answerer import Answerer, GcsClient, Ground
+from ground.gcs.answerer import Answerer, Ground
+from ground.gcs.client import Client
 from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
-from ground.gcs.target import is_for_autopilots, vehicles
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
-from zmav.mavlink import Frame, decode, encode, paramvalue, parse_frame, targets
+from zmav.mavlink import Frame, decode, paramvalue
+from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
+from zmav.mavlink.packed_params import PATH
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.link.port import on_loop
-from zmav.services.params.values import HASH_CHECK, is_name
+from zmav.services.params.values import is_name
 
 MOST_SETS = 64
 """orders of one client under way; it repeats what gets no answer"""
 MOST_QUESTIONS = 4096
 """questions of one client that wait for a set to be read"""
-HASH_ASKED = 5.0
-"""s for which an answer to a question about PX4's checksum is awaited"""
 DOES_NOT_EXIST = 1
+FTP = "FILE_TRANSFER_PROTOCOL"
 Place = tuple[str, str]
 
 
@@ -60,44 +62,42 @@ class System:
         self.questions: dict[RequestHandlers, list[Question]] = {}
         self.setting: dict[tuple[RequestHandlers, str], bytes] = {}
         """what is being set for whom, as it came"""
-        self.hash_asked: dict[RequestHandlers, float] = {}
 
     def forget(self, handlers: RequestHandlers) -> None:
         self.listeners.discard(handlers)
-        for waiting in (self.listing, self.questions, self.hash_asked):
-            waiting.pop(handlers, None)
+        self.listing.pop(handlers, None)
+        self.questions.pop(handlers, None)
 
 
 class Params(Answerer):
-    takes = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
-    watches = frozenset({"PARAM_VALUE", "HEARTBEAT"})
+    takes = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET", FTP})
+    watches = frozenset({"PARAM_VALUE"})
 
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
         self._systems: dict[Place, System] = {}
-        self._others: dict[Place, set[tuple[int, int]]] = {}
-        """components of each vehicle that beat and are not its autopilot"""
         self._tasks: set[asyncio.Task[None]] = set()
         self._on_value = on_loop(ground.loop, self._heard)
         by_client.forget.append(self._forget)
 
     # On the carrying threads.
 
-    def offer(self, client: GcsClient, frame: Frame) -> bool:
-        if not is_for_autopilots(self._ground, client, frame):
+    def offer(self, client: Client, frame: Frame) -> bool:
+        name = self._dialect.name_of(frame.msgid)
+        if not self._ground.is_for_autopilots(client, frame) or (name == FTP and not self._opens_the_file(frame)):
             return False
-        handler = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
-        self._by_client.of(client).ask(handler[self._dialect.name_of(frame.msgid)], frame)
+        handlers = {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
+        self._by_client.of(client).ask(handlers.get(name, self._deny_file), frame)
         return True
 
+    def _opens_the_file(self, frame: Frame) -> bool:
+        packet = unpack(decode(frame, self._dialect)["payload"])
+        return packet.opcode == Op.OPEN_FILE_RO and packet.data.rstrip(b"\0") == PATH.encode()
+
     def withhold(self, origin: Origin, data: bytes) -> bool:
-        place, source = (origin.fleet, origin.vehicle), (origin.sysid, origin.compid)
-        if origin.message == "HEARTBEAT":
-            if origin.compid != self._ground.component(origin.sysid):
-                self._others.setdefault(place, set()).add(source)
+        if not self._ground.is_autopilot(origin.sysid, origin.compid):
             return False
-        if origin.sysid not in self._ground.systems() or origin.compid != self._ground.component(origin.sysid):
-            return False
+        place = origin.fleet, origin.vehicle
         if place in self._systems:
             self._on_value(place, data)
         return True
@@ -116,7 +116,7 @@ class Params(Answerer):
 
     def meant(self, handlers: RequestHandlers, frame: Frame) -> Iterator[System]:
         """The autopilots that a frame is for."""
-        for sysid, vehicle in vehicles(self._ground, handlers.client, frame):
+        for sysid, vehicle in self._ground.vehicles(handlers.client, frame):
             place = vehicle.fleet, vehicle.name
             system = self._systems.get(place)
             if system is None or system.sysid != sysid:
@@ -139,8 +139,6 @@ class Params(Answerer):
     def _list(self, handlers: RequestHandlers, frame: Frame) -> None:
         for system in self.meant(handlers, frame):
             system.listeners.add(handlers)
-            if targets(frame, self._dialect)[1] == 0:
-                self._pass_to_others(handlers, frame, system)
             if handlers not in system.listing and not handlers.owes(system):  # else it is impatient
                 system.listing[handlers] = {}
                 self.in_background(self._send_list(handlers, system))
@@ -169,10 +167,6 @@ class Params(Answerer):
         by_name = fields["param_index"] < 0
         question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
         for system in self.meant(handlers, frame):
-            if question.name == HASH_CHECK:
-                system.hash_asked[handlers] = time.monotonic()
-                self._ground.put(handlers.client, self._aimed(frame, system.sysid, self._component(system)))
-                continue
             system.listeners.add(handlers)
             if system.copy.fresh and self._answer(handlers, system, question):
                 continue
@@ -204,16 +198,14 @@ class Params(Answerer):
         return frame is not None
 
     async def _find(self, handlers: RequestHandlers, system: System, question: Question) -> None:
-        """One that is not in the set: hidden from it, another component's, or none at all."""
+        """One that is not in the set: hidden from it, or none at all."""
         try:
             if not is_name(question.name):
                 raise BadInput(f"no parameter {question.name or question.place!r}", field="param_id")
             param = await system.copy.vehicle.params.get(question.name)
             handlers.answer(system.copy.frame_of(system.sysid, self._component(system), param))
         except BadInput:
-            for_all = targets(question.frame, self._dialect)[1] == 0
-            if not (for_all and self._pass_to_others(handlers, question.frame, system)):
-                self._say_there_is_none(handlers, question.frame, system, question.name, question.place)
+            self._say_there_is_none(handlers, question.frame, system, question.name, question.place)
         except ZmavError:
             pass  # as a vehicle that does not answer
 
@@ -225,27 +217,13 @@ class Params(Answerer):
             about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
             handlers.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
 
-    def _pass_to_others(self, handlers: RequestHandlers, frame: Frame, system: System) -> bool:
-        """Give what was for all components to those that are no autopilot's; False: there are none."""
-        vehicle = system.copy.vehicle
-        others = [source for source in self._others.get((vehicle.fleet, vehicle.name), ()) if source[0] == system.sysid]
-        for sysid, compid in others:
-            self._ground.put(handlers.client, self._aimed(frame, sysid, compid))
-        return bool(others)
-
-    def _aimed(self, frame: Frame, sysid: int, compid: int) -> Frame:
-        """The same for one component."""
-        fields = {**decode(frame, self._dialect), "target_system": sysid, "target_component": compid}
-        data = encode(
-            self._dialect,
-            self._dialect.name_of(frame.msgid),
-            fields,
-            sysid=frame.sysid,
-            compid=frame.compid,
-            seq=frame.seq,
-            version=frame.version,
-        )
-        return parse_frame(data, self._dialect)
+    def _deny_file(self, handlers: RequestHandlers, frame: Frame) -> None:
+        asked = unpack(decode(frame, self._dialect)["payload"])
+        denied = Packet(asked.seq + 1, asked.session, Op.NAK, 1, asked.opcode, data=bytes((Nak.FILE_NOT_FOUND,)))
+        target = {"target_network": 0, "target_system": frame.sysid, "target_component": frame.compid}
+        for system in self.meant(handlers, frame):
+            component = self._component(system)
+            handlers.answer(self._ground.pack(system.sysid, component, FTP, **target, payload=pack(denied)))
 
     # Setting.
 
@@ -253,9 +231,6 @@ class Params(Answerer):
         fields = decode(frame, self._dialect)
         name, raw = fields["param_id"], frame.payload[:4].ljust(4, b"\0")
         for system in self.meant(handlers, frame):
-            if name == HASH_CHECK:
-                handlers.forget(system)  # QGroundControl has that very set already
-                continue
             system.listeners.add(handlers)
             if system.setting.get((handlers, name)) == raw or len(system.setting) >= MOST_SETS:
                 continue
@@ -322,9 +297,7 @@ class Params(Answerer):
         if system is None:
             return
         heard = read_value(data)
-        if heard.name == HASH_CHECK:
-            self._answer_hash(system, data)
-        elif is_name(heard.name):
+        if is_name(heard.name):
             if system.copy.hear(heard):
                 setting = {handlers for handlers, name in system.setting if name == heard.name}  # they get an answer
                 self._tell(system, heard.name, system.listeners - setting - set(system.listing))
@@ -338,13 +311,6 @@ class Params(Answerer):
         for handlers, got in system.listing.items():
             if got.get(heard.name) != value and len(got) < heard.of and handlers.answer(data):
                 got[heard.name] = value
-
-    def _answer_hash(self, system: System, data: bytes) -> None:
-        now = time.monotonic()
-        for handlers, asked in system.hash_asked.items():
-            if now - asked < HASH_ASKED:
-                handlers.answer(data)
-        system.hash_asked.clear()
 
     def _tell(self, system: System, name: str, receivers: set[RequestHandlers]) -> None:
         """Say a value to those who do not get it anyway: it is in a list that they are being sent."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import socket
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Protocol
 
 from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
+from zmav.links.sockets import Address
 from zmav.mavlink import Dialect, Frame
 
 MOST_CLIENTS = 64
@@ -30,17 +34,55 @@ class Hub(Protocol):
         """A line for anyone who watches the terminal."""
 
 
-class Running(Protocol):
-    """An endpoint at work."""
+class StationEndpoint(ABC):
+    """An endpoint at work: where one ground control station is, or several."""
 
-    endpoint: Endpoint
-    turned_away: int
-    """peers that were one too many, or not who may speak here"""
+    def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
+        self.endpoint, self._hub = endpoint, hub
+        self.turned_away = 0
+        """peers that were one too many, or not who may speak here"""
 
+    @abstractmethod
     def start(self) -> None:
         """Raises a typed error where it cannot be had; from then on it keeps itself open."""
 
+    @abstractmethod
     def close(self) -> None: ...
 
     @property
+    @abstractmethod
     def clients(self) -> Sequence[Client]: ...
+
+    def _take(self, client: Client, data: bytes) -> None:
+        """What came from it."""
+        for frame in client.feed(data):
+            self._hub.said(client, frame)
+
+
+class SocketEndpoint(StationEndpoint):
+    """One with a socket, and a thread that reads it."""
+
+    def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
+        super().__init__(endpoint, hub)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"gcs {endpoint}", daemon=True)
+        self._sock: socket.socket | None = None
+
+    @property
+    def address(self) -> Address:
+        """Where its socket is bound, once it is started."""
+        assert self._sock is not None
+        return self._sock.getsockname()  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        self._closing.set()
+        if self._thread.ident is not None:
+            self._thread.join(1.0)
+        for client in self.clients:
+            client.close()
+        if self._sock is not None:
+            self._sock.close()
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Read until :attr:`_closing`."""

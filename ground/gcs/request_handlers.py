@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Hashable, Iterable
 from typing import NamedTuple
 
-from ground.gcs.answerer import GcsClient, Ground
-from ground.gcs.words import Words
+from ground.gcs.answerer import Ground
+from ground.gcs.client import Client
 from zmav import wire
 from zmav.errors import ZmavError
 from zmav.mavlink import Frame
@@ -46,8 +46,8 @@ class Owed(NamedTuple):
 class RequestHandlers:
     """:meth:`ask` may be called from any thread, the rest on the event loop."""
 
-    def __init__(self, client: GcsClient, ground: Ground, words: Words) -> None:
-        self.client, self._ground, self._words = client, ground, words
+    def __init__(self, client: Client, ground: Ground) -> None:
+        self.client, self._ground = client, ground
         self._asked: collections.deque[tuple[Handler, Frame]] = collections.deque()
         self._answers: collections.deque[bytes] = collections.deque()
         self._lists: dict[Hashable, Owed] = {}
@@ -98,7 +98,7 @@ class RequestHandlers:
 
     def tell(self, sysid: int, severity: wire.Severity, text: str) -> None:
         """Words about a vehicle."""
-        self.answer(*self._words.frames(sysid, severity, text))
+        self.answer(*self._ground.words(sysid, severity, text))
 
     def close(self) -> None:
         if self._sending is not None:
@@ -155,20 +155,20 @@ class HandlersByClient:
     """The handlers of all clients. Thread-safe but for :meth:`close`."""
 
     def __init__(self, ground: Ground) -> None:
-        self._ground, self._words = ground, Words(ground.dialect)
-        self._by_client: dict[GcsClient, RequestHandlers] = {}
+        self._ground = ground
+        self._by_client: dict[Client, RequestHandlers] = {}
         self.forget: list[Callable[[RequestHandlers], None]] = []
         """called on the event loop with the handlers of a client that has left"""
 
-    def of(self, client: GcsClient) -> RequestHandlers:
+    def of(self, client: Client) -> RequestHandlers:
         handlers = self._by_client.get(client)
         if handlers is None:
-            handlers = RequestHandlers(client, self._ground, self._words)
+            handlers = RequestHandlers(client, self._ground)
             if not client.gone:  # or it would be kept for ever
                 handlers = self._by_client.setdefault(client, handlers)
         return handlers
 
-    def left(self, client: GcsClient) -> None:
+    def left(self, client: Client) -> None:
         handlers = self._by_client.pop(client, None)
         if handlers is not None:
             on_loop(self._ground.loop, self._close)(handlers)

@@ -10,7 +10,7 @@ import msgspec
 
 from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
-from ground.gcs.places import Hub
+from ground.gcs.places import Hub, StationEndpoint
 from zmav.errors import BadConfig
 from zmav.links import Link, LinkState, SerialUrl, open_link, parse_url
 
@@ -40,14 +40,13 @@ class Line:
         """The link is the endpoint's."""
 
 
-class Serial:
+class Serial(StationEndpoint):
     """``--serial``: reopened when the device was unplugged and came back. Without a ``rate`` of its own it is paced by
     the line's.
     """
 
     def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
-        self.endpoint, self._hub = endpoint, hub
-        self.turned_away = 0
+        super().__init__(endpoint, hub)
         url = parse_url(endpoint.text)
         if not isinstance(url, SerialUrl):
             expected = "a device, such as /dev/ttyUSB0,57600"
@@ -82,8 +81,7 @@ class Serial:
         self._link.close()
 
     def _on_data(self, data: bytes) -> None:
-        for frame in self._client.feed(data):
-            self._hub.said(self._client, frame)
+        self._take(self._client, data)
 
     def _on_state(self, state: LinkState, detail: str) -> None:
         if state is LinkState.DOWN:

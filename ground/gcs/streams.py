@@ -14,7 +14,6 @@ import zenoh
 
 from ground.gcs.client import Client
 from ground.gcs.kinds import Place
-from ground.gcs.standard import STREAMS
 from zmav import keys
 from zmav.mavlink import Dialect, Frame, decode
 from zmav.mavlink.results import CommandResult
@@ -22,13 +21,71 @@ from zmav.vehicle.rates import MAX_HZ, want_key
 
 SET_MESSAGE_INTERVAL = 511
 REQUEST_DATA_STREAM = "REQUEST_DATA_STREAM"
-"""MAV_RESULT"""
 MOST = 4096
 """messages of vehicles that may be asked for: each costs every router a little memory"""
 LEAST_HZ = 0.01
 EVERY = ("*",)
 """vehicles, where nobody chose"""
 
+GCS: Mapping[str, float] = {
+    "ATTITUDE": 4.0,
+    "GLOBAL_POSITION_INT": 4.0,
+    "VFR_HUD": 4.0,
+    "NAV_CONTROLLER_OUTPUT": 2.0,
+    "GPS_RAW_INT": 2.0,
+    "RC_CHANNELS": 2.0,
+    "SYS_STATUS": 2.0,
+    "BATTERY_STATUS": 1.0,
+    "MISSION_CURRENT": 1.0,
+    "POSITION_TARGET_GLOBAL_INT": 1.0,
+    "SYSTEM_TIME": 1.0,
+    "EXTENDED_SYS_STATE": 1.0,
+    "VIBRATION": 1.0,
+    "SERVO_OUTPUT_RAW": 1.0,
+    "HOME_POSITION": 0.2,
+}
+"""Hz. Only what ArduPilot and PX4 both send: an autopilot that is asked for what it lacks says so, each time"""
+STREAMS: Mapping[int, tuple[str, ...]] = {
+    0: (
+        *GCS,
+        "EKF_STATUS_REPORT",
+        "RAW_IMU",
+        "SCALED_PRESSURE",
+        "LOCAL_POSITION_NED",
+        "POWER_STATUS",
+        "MEMINFO",
+        "AHRS",
+    ),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"),
+    2: (
+        "SYS_STATUS",
+        "POWER_STATUS",
+        "MEMINFO",
+        "MISSION_CURRENT",
+        "GPS_RAW_INT",
+        "GPS2_RAW",
+        "NAV_CONTROLLER_OUTPUT",
+        "FENCE_STATUS",
+        "POSITION_TARGET_GLOBAL_INT",
+    ),
+    3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
+    4: ("ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED"),
+    6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
+    10: ("ATTITUDE", "AHRS2"),
+    11: ("VFR_HUD",),
+    12: (
+        "AHRS",
+        "SYSTEM_TIME",
+        "WIND",
+        "RANGEFINDER",
+        "DISTANCE_SENSOR",
+        "BATTERY_STATUS",
+        "EKF_STATUS_REPORT",
+        "VIBRATION",
+    ),
+}
+"""messages by MAV_DATA_STREAM, with those that ArduPilot sends in each
+(https://ardupilot.org/dev/docs/mavlink-requesting-data.html); older stations ask by these. 0: all"""
 Want = tuple[str, str, str]
 """fleet, vehicle (a pattern perhaps) and message"""
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import select
 import socket
-import threading
 
 from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
-from ground.gcs.places import MOST_CLIENTS, Hub
-from zmav.links.sockets import DONTWAIT, MAX_READ, READ_WAKE_S, Address, bind_error, resolve, show
+from ground.gcs.places import MOST_CLIENTS, Hub, SocketEndpoint
+from zmav.links.sockets import DONTWAIT, MAX_READ, READ_WAKE_S, bind_error, resolve, show
 from zmav.links.tcp import set_stream_options, shut
 
 WEB = (b"GET ", b"POST ", b"PUT ", b"HEAD ", b"OPTIONS ", b"DELETE ", b"PATCH ")
@@ -40,29 +39,19 @@ class Connection:
         shut(self.sock)
 
 
-class TcpIn:
+class TcpIn(SocketEndpoint):
     """``--tcp``: one thread accepts and reads. A station that stops reading is cut off after a while (by
     TCP_USER_TIMEOUT); until then the newest telemetry waits for it, and nobody waits with it.
     """
 
     def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
-        self.endpoint, self._hub = endpoint, hub
-        self.turned_away = 0
+        super().__init__(endpoint, hub)
         self._clients: dict[int, tuple[Client, Connection]] = {}
-        self._closing = threading.Event()
         self._poll = select.poll()
-        self._thread = threading.Thread(target=self._run, name=f"gcs {endpoint}", daemon=True)
-        self._listener: socket.socket | None = None
 
     @property
     def clients(self) -> list[Client]:
         return [client for client, _ in list(self._clients.values())]
-
-    @property
-    def address(self) -> Address:
-        """Where it listens, once it is started."""
-        assert self._listener is not None
-        return self._listener.getsockname()  # type: ignore[no-any-return]
 
     def start(self) -> None:
         family, address = resolve(self.endpoint.host, self.endpoint.port, socket.SOCK_STREAM)[0]
@@ -75,27 +64,22 @@ class TcpIn:
             sock.close()
             raise bind_error(error, address, "tcpin") from error
         sock.setblocking(False)
-        self._listener = sock
+        self._sock = sock
         self._poll.register(sock, select.POLLIN)
         self._thread.start()
 
     def close(self) -> None:
-        self._closing.set()
-        if self._thread.ident is not None:
-            self._thread.join(1.0)
-        for client, connection in self._clients.values():
-            client.close()
+        super().close()
+        for _, connection in self._clients.values():
             connection.sock.close()
-        if self._listener is not None:
-            self._listener.close()
 
     def _run(self) -> None:
-        assert self._listener is not None
-        listener = self._listener.fileno()
+        assert self._sock is not None
+        listener = self._sock.fileno()
         while not self._closing.is_set():
             for fd, _ in self._poll.poll(READ_WAKE_S * 1000):
                 if fd == listener:
-                    self._accept(self._listener)
+                    self._accept(self._sock)
                 elif fd in self._clients:
                     self._read(fd, *self._clients[fd])
 
@@ -137,5 +121,4 @@ class TcpIn:
             self._hub.left(client, why)
             connection.sock.close()
             return
-        for frame in client.feed(data):
-            self._hub.said(client, frame)
+        self._take(client, data)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import socket
-import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 
 from ground.gcs.client import SILENCE, Client
 from ground.gcs.options import Endpoint
-from ground.gcs.places import MOST_CLIENTS, Hub
+from ground.gcs.places import MOST_CLIENTS, Hub, SocketEndpoint
 from zmav.links.sockets import (
     DONTWAIT,
     MAX_READ,
@@ -23,7 +22,7 @@ from zmav.links.sockets import (
     set_read_wake,
     show,
 )
-from zmav.mavlink import Frame, Splitter
+from zmav.mavlink import Splitter
 
 SEND_BUFFER = 1 << 20
 """bytes: a burst of a whole fleet's telemetry"""
@@ -50,34 +49,8 @@ class Peer:
         """The socket is the endpoint's."""
 
 
-class _Udp(ABC):
-    """A socket and the thread that reads it."""
-
-    def __init__(self, endpoint: Endpoint, hub: Hub) -> None:
-        self.endpoint, self._hub = endpoint, hub
-        self.turned_away = 0
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"gcs {endpoint}", daemon=True)
-        self._sock: socket.socket | None = None
-
-    def close(self) -> None:
-        self._closing.set()
-        if self._thread.ident is not None:
-            self._thread.join(1.0)
-        for client in self.clients:
-            client.close()
-        if self._sock is not None:
-            self._sock.close()
-
-    @property
-    @abstractmethod
-    def clients(self) -> list[Client]: ...
-
-    @property
-    def address(self) -> Address:
-        """Where its socket is bound, once it is started."""
-        assert self._sock is not None
-        return self._sock.getsockname()  # type: ignore[no-any-return]
+class _Udp(SocketEndpoint):
+    """A socket for datagrams."""
 
     def _bind(self, family: int, address: Address, scheme: str) -> socket.socket:
         sock = socket.socket(family, socket.SOCK_DGRAM)
@@ -103,10 +76,10 @@ class _Udp(ABC):
                 self._idle(time.monotonic())
                 continue
             if data:
-                self._take(data, address)
+                self._hear(data, address)
 
     @abstractmethod
-    def _take(self, data: bytes, address: Address) -> None: ...
+    def _hear(self, data: bytes, address: Address) -> None: ...
 
     @abstractmethod
     def _idle(self, now: float) -> None:
@@ -137,7 +110,7 @@ class UdpOut(_Udp):
         self._hub.joined(self._client)
         self._thread.start()
 
-    def _take(self, data: bytes, address: Address) -> None:
+    def _hear(self, data: bytes, address: Address) -> None:
         client = self._client
         if client is None or (address[0] != self._target[0] and not self._for_many):
             self.turned_away += 1
@@ -171,21 +144,13 @@ class UdpIn(_Udp):
         self._bind(family, address, "udpin")
         self._thread.start()
 
-    def _take(self, data: bytes, address: Address) -> None:
+    def _hear(self, data: bytes, address: Address) -> None:
         now = time.monotonic()
         if now >= self._sweep_at:
             self._idle(now)
-        client = self._clients.get(address)
-        frames: list[Frame]
+        client = self._clients.get(address) or self._welcome(data, address)
         if client is not None:
-            frames = client.feed(data)
-        else:
-            client = self._welcome(data, address)
-            if client is None:
-                return
-            frames = client.feed(data)
-        for frame in frames:
-            self._hub.said(client, frame)
+            self._take(client, data)
 
     def _welcome(self, data: bytes, address: Address) -> Client | None:
         """A client for somebody new, where it speaks MAVLink and there is room."""

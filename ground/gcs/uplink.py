@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-import threading
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import zenoh
 
@@ -19,9 +20,10 @@ from ground.gcs.streams import Streams
 from zmav import keys, wire
 from zmav.autopilots.safety import makes_safe
 from zmav.errors import Clash, NoSuchVehicle, ZmavError
-from zmav.mavlink import Dialect, Frame, decode, targets
+from zmav.mavlink import Frame, decode, targets
 from zmav.mavlink.results import CommandResult
 from zmav.mavlink.signing import SETUP_SIGNING
+from zmav.seldom import Seldom
 
 logger = logging.getLogger(__name__)
 BEAT = 0.4
@@ -31,35 +33,37 @@ AUTOPILOTS = (0, 1)
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 MOST_SAID = 1000
 
-Tell = Callable[[Client, int, wire.Severity, str], None]
-"""(client, system id, severity, text): a STATUSTEXT about that system, 0: whichever vehicle the client knows"""
+
+class ClientNotices(Protocol):
+    """What is said to clients and to who watches, and by whom: the bridge. Thread-safe."""
+
+    z: zmav.Client
+    news: Callable[[str], None]
+    """a line on the terminal"""
+
+    def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
+        """A STATUSTEXT about that system, 0: whichever vehicle the client knows."""
+
+    def ack(self, client: Client, frame: Frame, result: int) -> None:
+        """Answer a command in the vehicle's place."""
+
+    def identified(self, client: Client) -> None:
+        """It speaks as another system and component, or said what it is."""
 
 
 class Uplink:
-    """:meth:`said` runs on the endpoints' threads. ``tell`` and ``news`` are how it complains."""
+    """:meth:`said` runs on the endpoints' threads."""
 
-    def __init__(
-        self,
-        z: zmav.Client,
-        dialect: Dialect,
-        routes: Routes,
-        streams: Streams,
-        tell: Tell,
-        news: Callable[[str], None],
-    ) -> None:
-        self._z, self._dialect, self._routes, self._streams = z, dialect, routes, streams
-        self._tell, self._news = tell, news
-        self.answerers: Sequence[Answerer] = ()
-        self.on_new_id: Callable[[Client], None] = lambda client: None
-        self.ack: Callable[[Client, Frame, int], None] = lambda client, frame, result: None
-        """answers a command in the vehicle's place"""
+    def __init__(self, bridge: ClientNotices, routes: Routes, streams: Streams, answerers: Sequence[Answerer]) -> None:
+        self._bridge, self._routes, self._streams, self._answerers = bridge, routes, streams, answerers
+        self._dialect = bridge.z.dialect
         self.refused: Counter[str] = Counter()
         """frames of clients that went nowhere, by reason"""
         self.sent = 0
-        self._beats: dict[tuple[int, int, tuple[str, ...]], float] = {}
-        """monotonic s, by system, component and the vehicles that are seen"""
-        self._once: set[tuple[object, ...]] = set()
-        self._lock = threading.Lock()
+        self._beats: Seldom[tuple[int, int, tuple[str, ...]]] = Seldom(BEAT, MOST_SAID)
+        """by system, component and the vehicles that are seen: of two stations with one id that see other vehicles each
+        beats for its own"""
+        self._once: Seldom[tuple[object, ...]] = Seldom(math.inf, MOST_SAID)
 
     def said(self, client: Client, frame: Frame) -> None:
         """A frame of a client. Never raises."""
@@ -71,7 +75,7 @@ class Uplink:
             self._say_once(("error", type(e).__name__), f"{client.name}: {e}")
         except Exception:
             self._refuse(client, "error")
-            if self._first(("fault",)):
+            if self._once.take(("fault",)) is not None:
                 logger.exception("%s: a frame of message %d; said once", client.name, frame.msgid)
 
     # Who speaks.
@@ -98,7 +102,7 @@ class Uplink:
             self._refuse(client, "ids")
             self._complain(client, ("ids",), 0, "error", "refused: you speak as too many systems and components")
             return False
-        self.on_new_id(client)
+        self._bridge.identified(client)
         return True
 
     # What it wants.
@@ -109,12 +113,12 @@ class Uplink:
         if component in AUTOPILOTS and self._streams.takes(frame):
             self._ask(client, frame, system)
             return
-        if any(name in answerer.takes and self._offer(answerer, client, frame) for answerer in self.answerers):
+        if any(name in answerer.takes and self._offer(answerer, client, frame) for answerer in self._answerers):
             return
         if client.read_only:
             self._refuse(client, "read-only")
             if name in COMMANDS and component in AUTOPILOTS:
-                self.ack(client, frame, CommandResult.DENIED)
+                self._bridge.ack(client, frame, CommandResult.DENIED)
             if name != HEARTBEAT:
                 self._complain(client, ("read-only",), system, "notice", "read-only: what you send reaches no vehicle")
             return
@@ -123,8 +127,8 @@ class Uplink:
                 kind = decode(frame, self._dialect)["type"]
                 named = self._dialect.enum_name("MAV_TYPE", kind) or f"type {kind}"
                 client.kind_of_station = named.removeprefix("MAV_TYPE_")
-                self.on_new_id(client)
-            if not self._is_new_beat(client, frame):
+                self._bridge.identified(client)
+            if self._beats.take((frame.sysid, frame.compid, client.options.vehicles)) is None:
                 return
         self.route(client, frame)
 
@@ -132,7 +136,7 @@ class Uplink:
         try:
             return answerer.offer(client, frame)
         except Exception:
-            if self._first(("answerer", type(answerer).__name__)):
+            if self._once.take(("answerer", type(answerer).__name__)) is not None:
                 logger.exception("%s failed; said once", type(answerer).__name__)
             return False
 
@@ -148,18 +152,7 @@ class Uplink:
             self._not_routed(client, system, e)
             return
         if self._streams.interval_of(frame) is not None:
-            self.ack(client, frame, result)
-
-    def _is_new_beat(self, client: Client, frame: Frame) -> bool:
-        # Of two stations with one id that see other vehicles each beats for its own.
-        source, now = (frame.sysid, frame.compid, client.options.vehicles), time.monotonic()
-        with self._lock:
-            if now - self._beats.get(source, -BEAT) < BEAT:
-                return False
-            if len(self._beats) >= MOST_SAID:
-                self._beats.clear()
-            self._beats[source] = now
-        return True
+            self._bridge.ack(client, frame, result)
 
     # To whom.
 
@@ -199,13 +192,13 @@ class Uplink:
         return bool(meant)
 
     def _put(self, place: Place, system: int, component: int, name: str, frame: Frame) -> None:
-        self._z.put(keys.TX, keys.TX.key(*place, sys=system, comp=component, msg=name), frame.data)
+        self._bridge.z.put(keys.TX, keys.TX.key(*place, sys=system, comp=component, msg=name), frame.data)
         self.sent += 1
 
     def _not_routed(self, client: Client, system: int, error: ZmavError) -> None:
         if isinstance(error, Clash):
             self._refuse(client, "clash")
-            self._tell(client, system, "error", f"refused: {error}")
+            self._bridge.tell(client, system, "error", f"refused: {error}")
             self._say_once(("clash", system), f"refused for {client.name}: {error}")
         else:
             self._refuse(client, "target")
@@ -225,16 +218,9 @@ class Uplink:
         if name in client.told or len(client.told) > MOST_SAID:
             return
         client.told.add(name)
-        self._tell(client, system, severity, text)
-        self._news(f"{client.name}: {text}")
+        self._bridge.tell(client, system, severity, text)
+        self._bridge.news(f"{client.name}: {text}")
 
     def _say_once(self, about: tuple[object, ...], text: str) -> None:
-        if self._first(about):
-            self._news(text)
-
-    def _first(self, about: tuple[object, ...]) -> bool:
-        with self._lock:
-            if about in self._once or len(self._once) > MOST_SAID:
-                return False
-            self._once.add(about)
-        return True
+        if self._once.take(about) is not None:
+            self._bridge.news(text)

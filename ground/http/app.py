@@ -5,6 +5,7 @@ from __future__ import annotations
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute
@@ -23,8 +24,13 @@ def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
     """The faces' routes in order, the first that fits answers; each face is a module with ``routes(gateway)``."""
     routes: list[BaseRoute] = [route for face in FACES for route in face.routes(gateway)]
     handlers = {Failure: _on_failure, ZmavError: _on_error, HTTPException: _on_http}
-    guard = Middleware(Guard, rules=rules or Rules(read_only=gateway.read_only))
-    middleware = [Middleware(Envelope), guard]
+    rules = rules or Rules(read_only=gateway.read_only)
+    middleware = [Middleware(Envelope), Middleware(Guard, rules=rules)]
+    if rules.origins:
+        methods, headers = ("GET", "POST", "PUT"), ("authorization", "content-type")
+        origins = tuple(rules.origins)
+        cors = Middleware(CORSMiddleware, allow_origins=origins, allow_methods=methods, allow_headers=headers)
+        middleware.insert(1, cors)
     return Starlette(routes=routes, middleware=middleware, exception_handlers=handlers)  # type: ignore[arg-type]
 
 

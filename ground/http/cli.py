@@ -34,13 +34,6 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
-@click.option(
-    "--stream-timeout",
-    type=click.FloatRange(min=1.0),
-    default=60.0,
-    show_default=True,
-    help="Seconds after which a UDP stream ends that nobody receives.",
-)
 @click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
 @fleet_option
 @zenoh_options
@@ -52,7 +45,6 @@ def command(
     read_only: bool,
     allow_host: tuple[str, ...],
     allow_origin: tuple[str, ...],
-    stream_timeout: float,
     dialect: str,
     fleet: str,
     settings: SessionSettings,
@@ -80,12 +72,10 @@ def command(
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
     rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
-    run(_serve(host, port, rules, stream_timeout, dialect, fleet, settings))
+    run(_serve(host, port, rules, dialect, fleet, settings))
 
 
-async def _serve(
-    host: str, port: int, rules: Rules, stream_timeout: float, dialect: str, fleet: str, settings: SessionSettings
-) -> None:
+async def _serve(host: str, port: int, rules: Rules, dialect: str, fleet: str, settings: SessionSettings) -> None:
     from ground.http.app import make_app
     from ground.http.gateway import Gateway
     from ground.http.server import bound, serving
@@ -93,7 +83,7 @@ async def _serve(
     sock = bound(host, port)
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        Gateway(z, rules.read_only, stream_timeout) as gateway,
+        Gateway(z, rules.read_only) as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host

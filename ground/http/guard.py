@@ -62,12 +62,6 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        origin = headers.get("origin", "")
-        if origin in self._rules.origins:
-            send = _with_headers(send, _cors(origin))
-            if scope.get("method") == "OPTIONS":
-                await Response(status_code=204)(scope, receive, send)
-                return
         try:
             scope = self._admit(scope, headers)
             scope.get("state", {})[ADMITTED] = True
@@ -203,25 +197,6 @@ def _without_token(query: bytes) -> tuple[bytes, bytes]:
     pairs = parse_qsl(query.decode("latin-1"), keep_blank_values=True, encoding="utf-8", errors="replace")
     token = next((value for name, value in pairs if name == "token"), "")
     return urlencode([pair for pair in pairs if pair[0] != "token"]).encode(), token.encode("utf-8", "replace")
-
-
-def _cors(origin: str) -> list[tuple[bytes, bytes]]:
-    """What lets the pages of one site read our answers."""
-    return [
-        (b"access-control-allow-origin", origin.encode()),
-        (b"access-control-allow-headers", b"authorization, content-type"),
-        (b"access-control-allow-methods", b"GET, POST, PUT"),
-        (b"vary", b"Origin"),
-    ]
-
-
-def _with_headers(send: Send, headers: list[tuple[bytes, bytes]]) -> Send:
-    async def sending(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", ()), *headers]}
-        await send(message)
-
-    return sending
 
 
 async def _whole_body(headers: Headers, receive: Receive) -> Receive:

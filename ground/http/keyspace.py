@@ -32,7 +32,7 @@ ADMIN = zenoh.KeyExpr("@/**")
 """routers' own keys; no wildcard but one that begins with the @ takes them in"""
 FRAMES = zenoh.KeyExpr(keys.RX.key("*", "*", sys="*", comp="*", msg="*"))
 ORDERS = (keys.DO, keys.AGENT_DO)
-"""asked by POST"""
+"""given by POST /do and /agent"""
 TOPIC_PAYLOADS: dict[str, type[wire.Wire]] = {"origin": wire.Origin}
 """the fleet's topics of which the payload is laid down"""
 
@@ -179,13 +179,13 @@ def _check_readable(expression: zenoh.KeyExpr) -> None:
     for channel in (*ORDERS, keys.SWARM, keys.UPLOAD, keys.BENCH):
         every = channel.key("*", "*", agent="*", verb="*", file="*", offset="*", order="*")
         if zenoh.KeyExpr(every).includes(expression):
-            how = "POST gives an order" if channel in ORDERS else f"{channel.name} is not for the gateway"
+            how = "POST /do and /agent give orders" if channel in ORDERS else f"{channel.name} is not for the gateway"
             raise Forbidden(f"{expression} is not looked at, it does something: {how}", channel=channel.name)
 
 
 def _not_written(key: str, channel: keys.Channel) -> ZmavError:
     if channel in ORDERS:
-        return BadInput(f"{key} is an order: use POST", field="method", value="PUT", expected="POST")
+        return BadInput(f"{key} is an order: POST /do or /agent gives it", field="method", value="PUT", expected="POST")
     who = "a token" if channel.kind == "token" else f"written by {' or '.join(channel.writers)}"
     if channel.kind == "query":
         who = "asked, and not written"

@@ -1,7 +1,7 @@
 """``/openapi.json``: what the gateway serves, as OpenAPI 3.1, made of the application's routes and of the registry.
 
 Paths, methods and summaries come from the routes and the docstrings of what answers them; orders and their arguments
-from :data:`zmav.verbs.VERBS`; :mod:`ground.http.described` adds what a route does not say of itself.
+from :data:`zmav.verbs.VERBS`; the tables here add what a route does not say of itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 
-from ground.http.described import BODIES, GROUP, PATH, QUERY, TAGS, Parameter
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from ground.http.setpoints import Point
@@ -25,6 +24,85 @@ from zmav.verbs import VERBS, Verb
 
 REF = "#/components/schemas/{name}"
 DO = "/do/{vehicle}/{verb}"
+POINT = "/setpoint/{vehicle}"
+TEXT: dict[str, Any] = {"type": "string"}
+NUMBER: dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
+
+
+TAGS = {
+    "Key space": "every key by its name: asked, written, read live",
+    "Orders": "do this; the answer is how it ended",
+    "Setpoints": "streams for scripts, under a lease that the gateway holds",
+    "Text": "for what can GET text and no more, such as MATLAB's urlread",
+    "mavlink2rest": "the interface of mavlink2rest",
+    "Pages": "for people and for monitoring",
+}
+"""groups of paths, in the order in which they are shown"""
+GROUP = {
+    "keys": "Key space",
+    "/ws": "Key space",
+    "do": "Orders",
+    "agent": "Orders",
+    "fleet": "Orders",
+    "setpoint": "Setpoints",
+    "release": "Setpoints",
+    **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics"), "Pages"),
+}
+"""a path's group, by all of it or by its first part; any other is mavlink2rest's"""
+PATH = {
+    "vehicle": "the vehicle's name, as in quad1",
+    "agent": "the agent's name, as in ev1: what 'zmav agent run' was started with",
+    "verb": "the order",
+    "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
+    "sys": "MAVLink system id",
+    "comp": "MAVLink component id; 0: all of the system's",
+    "message": "name of a MAVLink message",
+    "path": "vehicles/1/components/1/messages/ATTITUDE, and on to message/roll or status/time",
+}
+"""parts of paths by their names"""
+
+_HOLDER = ("as", "a name for this caller, under which it holds the lease", TEXT)
+_PORT = ("port", "UDP port to send to", {"type": "integer", "minimum": 1, "maximum": 65535})
+QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
+    "/keys/{key}": (("timeout", "s to wait for answers", NUMBER),),
+    "/stream/{sys}/{comp}": (
+        _PORT,
+        ("msg", "messages, with commas between them; all without", TEXT),
+        ("hz", "how often, at most", NUMBER),
+    ),
+    "/stop/{sys}/{comp}": (_PORT,),
+    "/setpoint/{vehicle}": (_HOLDER,),
+    "/release/{vehicle}": (_HOLDER,),
+    "/ws": (
+        ("key", "key expression to subscribe to from the start; may be repeated", TEXT),
+        ("hz", "samples of a key a second, at most", NUMBER),
+    ),
+    "/v1/helper/mavlink": (("name", "name of a MAVLink message", TEXT),),
+    "/v1/ws/mavlink": (("filter", "regular expression that is found in the names of messages; all without", TEXT),),
+}
+"""query parameters by path: name, what it is, schema. A setpoint's are the fields of a :class:`Point`, too"""
+
+OBJECT: dict[str, Any] = {"type": "object"}
+JSON, FORM, BYTES = "application/json", "application/x-www-form-urlencoded", "application/octet-stream"
+BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
+    ("put", "/keys/{key}"): ("", {JSON: {}, BYTES: {"description": "a raw MAVLink frame"}}),
+    ("post", "/v1/mavlink"): ("a message as the helper gives it", {JSON: {**OBJECT, "required": ["message"]}}),
+    ("post", "/do/{vehicle}/{verb}"): (
+        "the arguments of the order: see the orders one by one",
+        {JSON: OBJECT, FORM: OBJECT},
+    ),
+    ("post", "/fleet/{verb}"): (
+        "vehicles (a list of names or patterns; all without), id and wait, and the order's arguments",
+        {JSON: OBJECT},
+    ),
+    ("post", "/agent/{vehicle}/{agent}/{verb}"): (
+        "its arguments: name and value for set, none for params; others as the agent itself says",
+        {JSON: OBJECT, FORM: OBJECT},
+    ),
+    ("post", "/setpoint/{vehicle}"): ("", {JSON: {"$ref": "#/components/schemas/Point"}}),
+}
+"""bodies by method and path: what they are, schemas by their type"""
 
 
 class Error(wire.Wire, kw_only=True):
@@ -89,7 +167,7 @@ def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
             operation["responses"] = {"101": {"description": "a WebSocket from here on"}, "default": _error()}
             paths.setdefault(route.path_format, {})["get"] = operation
     if DO in paths:
-        names = [_parameter(Parameter("vehicle", PATH["vehicle"]), "path")]
+        names = [_parameter("vehicle", PATH["vehicle"], TEXT, "path")]
         paths |= {DO.replace("{verb}", verb.name): {"post": _order(verb, names)} for verb in VERBS.values()}
     return paths
 
@@ -101,14 +179,20 @@ def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> d
         "summary": " ".join(summary.split()),
         "operationId": "_".join([method, *(part.strip("{}.").replace(".", "_") for part in path.split("/") if part)]),
         "tags": [GROUP.get(path, GROUP.get(path.split("/")[1], "mavlink2rest"))],
-        "parameters": [_parameter(Parameter(name, PATH.get(name, name)), "path") for name in names],
+        "parameters": [_parameter(name, PATH.get(name, name), TEXT, "path") for name in names],
         "responses": {"200": {"description": "done"}, "default": _error()},
     }
-    operation["parameters"] += [_parameter(each, "query") for each in QUERY.get(path, ())]
+    operation["parameters"] += [_parameter(*each, "query") for each in QUERY.get(path, ())]
+    if path == POINT:
+        fields = msgspec.json.schema(Point)["$defs"]["Point"]["properties"]
+        docs = {name: schema.pop("description", name) for name, schema in fields.items()}
+        operation["parameters"] += [_parameter(name, docs[name], fields[name], "query") for name in fields]
     if more:
         operation["description"] = " ".join(more.split())
     if (method, path) in BODIES:
-        operation["requestBody"] = BODIES[method, path]
+        about, schemas = BODIES[method, path]
+        content = {kind: {"schema": schema} for kind, schema in schemas.items()}
+        operation["requestBody"] = {"content": content, **({"description": about} if about else {})}
     return operation
 
 
@@ -118,7 +202,7 @@ def _order(verb: Verb, names: list[dict[str, Any]]) -> dict[str, Any]:
         "operationId": f"do_{verb.name}",
         "tags": ["Orders"],
         "parameters": names,
-        "requestBody": _body(verb.args),
+        "requestBody": {"content": _json({"$ref": REF.format(name=verb.args.__name__)})},
         "responses": {
             "200": {"description": "how it ended", "content": _json({"$ref": REF.format(name="Outcome")})},
             "default": _error(),
@@ -128,18 +212,8 @@ def _order(verb: Verb, names: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _parameter(parameter: Parameter, where: str) -> dict[str, Any]:
-    return {
-        "name": parameter.name,
-        "in": where,
-        "required": where == "path",
-        "description": parameter.doc,
-        "schema": parameter.schema,
-    }
-
-
-def _body(kind: type[wire.Wire]) -> dict[str, Any]:
-    return {"content": _json({"$ref": REF.format(name=kind.__name__)})}
+def _parameter(name: str, doc: str, schema: dict[str, Any], where: str) -> dict[str, Any]:
+    return {"name": name, "in": where, "required": where == "path", "description": doc, "schema": schema}
 
 
 def _json(schema: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more, and the ``do`` keys by ``POST``;
-to several vehicles by ``POST /fleet/{verb}``, under the rule of :mod:`zmav.swarm`; to the agents that run for a vehicle
-by ``POST /agent/{vehicle}/{agent}/{verb}`` and by their keys.
+"""Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more; to several vehicles by ``POST
+/fleet/{verb}``, under the rule of :mod:`zmav.swarm`; to the agents that run for a vehicle by ``POST
+/agent/{vehicle}/{agent}/{verb}``.
 
 The answer is the vehicle's outcome. Without an ``id`` it comes when the order has ended, which the vehicle sees to by
 itself even where nobody waits any longer; with one it says after ``wait`` seconds that it is still ``running``, and the
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import fnmatch
-import re
 import time
 from collections.abc import Coroutine
 from typing import Any
@@ -33,10 +32,6 @@ from zmav.verbs import VERBS
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
-ORDER = re.compile(
-    rf"((?:{keys.ROOT}/)?(?P<fleet>[^/]+)/)?(?P<vehicle>[^/]+)(?:/agent/(?P<agent>[^/]+))?/do/(?P<verb>[^/]+)"
-)
-"""a key of an order as people type it"""
 
 
 class FleetOrders:
@@ -116,17 +111,10 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         vehicle = gateway.client.vehicle(parts["vehicle"])
         return answer(await tell(gateway, vehicle, parts["agent"], parts["verb"], request))
 
-    async def do_key(request: Request) -> Response:
-        """Give an order by its key: /keys/quad1/do/hold, /keys/zmav/demo/quad1/agent/ev1/do/engage."""
-        vehicle, name, verb = _order_of(gateway, request.path_params["key"])
-        outcome = tell(gateway, vehicle, name, verb, request) if name else give(gateway, vehicle, verb, request)
-        return answer(await outcome)
-
     return [
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
         Route("/fleet/{verb}", fleet_orders.give, methods=["POST"]),
         Route("/agent/{vehicle}/{agent}/{verb}", agent, methods=["POST"]),
-        Route("/keys/{key:path}", do_key, methods=["POST"]),
     ]
 
 
@@ -175,19 +163,3 @@ async def _once(gateway: Gateway, vehicle: Vehicle, key: str, payload: bytes) ->
     if vehicle.present:
         raise TimedOut(f"{vehicle.name} does not answer on {key}", vehicle=vehicle.name)
     raise NoSuchVehicle(f"no vehicle {vehicle.name} is present in fleet {vehicle.fleet}", vehicle=vehicle.name)
-
-
-def _order_of(gateway: Gateway, text: str) -> tuple[Vehicle, str, str]:
-    """Vehicle, agent ("" where it is the vehicle itself) and verb of a ``do`` key, its root and its fleet given or not;
-    raises :class:`BadKey` for any other.
-    """
-    found = ORDER.fullmatch(text)
-    if found is None:
-        text = f"{text!r} is no order: POST is for VEHICLE[/agent/AGENT]/do/VERB, PUT for keys that are written"
-        raise BadKey(text, field="key", value=text, expected="VEHICLE/do/VERB")
-    client, agent, verb = gateway.client, found["agent"] or "", found["verb"]
-    if found["fleet"] is None:
-        return client.vehicle(found["vehicle"]), agent, verb
-    fleet, name = keys.check_name(found["fleet"], "fleet"), keys.check_name(found["vehicle"], "vehicle")
-    gateway.check_fleet(fleet)
-    return Vehicle(client, name, fleet), agent, verb

@@ -5,20 +5,22 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
+import re
+from collections.abc import Callable, Iterable
 
 import msgspec
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from ground.feed import Origin
 from ground.http.arguments import object_of
-from ground.http.batches import Batch, Batches
-from ground.http.filters import matching
 from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.guard import deny
 from ground.http.reply import Failure, failure_of, refusal
 from ground.http.restjson import document, frame_of
 from zmav.errors import BadInput, BadMessage, ZmavError
 from zmav.mavlink import parse_frame
+from zmav.services.link.port import on_loop
 from zmav.waiting import together
 
 MOST = 100
@@ -28,6 +30,14 @@ QUEUE = 2000
 FEW = 8
 """messages that a filter may match to count as asking for them"""
 ASK_EVERY = 10.0
+FRAMES = 10_000
+"""that wait for a loop that is busy; then the oldest go"""
+LONGEST, MOST_STARS, MOST_GROUPS = 500, 2, 2
+"""characters of an expression; ``.*`` in each of its alternatives; groups in it"""
+FORM = "names, '.', '.*', [A-Z], (A|B), ^, $ and |"
+_ALTERNATIVE = r"\^?(?:\.\*|[\w.]|\[[\w-]+\]|\((?:\w+\|)*\w+\))*\$?"
+_PATTERN = re.compile(rf"{_ALTERNATIVE}(?:\|{_ALTERNATIVE})*", re.ASCII)
+_OUTSIDE_GROUPS = re.compile(r"\|(?![\w|]*\))")
 
 
 class _Gone(Exception):
@@ -39,22 +49,14 @@ class Reader:
 
     def __init__(self, names: frozenset[str]) -> None:
         self.names = names
+        self.waiting: asyncio.Queue[str] = asyncio.Queue(QUEUE)
         self.full = asyncio.Event()
-        self._waiting: collections.deque[str] = collections.deque()
-        self._news = asyncio.Event()
 
     def put(self, text: str) -> None:
-        if len(self._waiting) >= QUEUE:
+        try:
+            self.waiting.put_nowait(text)
+        except asyncio.QueueFull:
             self.full.set()
-            return
-        self._waiting.append(text)
-        self._news.set()
-
-    async def get(self) -> str:
-        while not self._waiting:
-            self._news.clear()
-            await self._news.wait()
-        return self._waiting.popleft()
 
 
 class RestSockets:
@@ -68,8 +70,10 @@ class RestSockets:
         self._readers: set[Reader] = set()
         self.dropped = 0
         """clients cut off because they did not read"""
-        self._batches: Batches | None = None
         self._encoder = msgspec.json.Encoder()
+        self._frames: collections.deque[tuple[Origin, bytes]] = collections.deque(maxlen=FRAMES)
+        self._called = False
+        self._remove: Callable[[], None] = lambda: None
 
     def __len__(self) -> int:
         return len(self._readers)
@@ -95,7 +99,7 @@ class RestSockets:
         except (OSError, _Gone):
             return  # what it has not read is cut off with the connection: see ground.http.server
         finally:
-            self._remove(reader)
+            self._leave(reader)
 
     async def _end(self, reader: Reader) -> None:
         await reader.full.wait()
@@ -104,7 +108,7 @@ class RestSockets:
 
     async def _send(self, send: Send, reader: Reader) -> None:
         while True:  # straight to the server: what WebSocket adds costs more than all the rest of it
-            await send({"type": "websocket.send", "text": await reader.get()})
+            await send({"type": "websocket.send", "text": await reader.waiting.get()})
 
     async def _receive(self, socket: WebSocket, reader: Reader) -> None:
         while True:
@@ -139,18 +143,28 @@ class RestSockets:
         await asyncio.Event().wait()
 
     def _add(self, reader: Reader) -> None:
+        if not self._readers:
+            self._wake = on_loop(asyncio.get_running_loop(), self._deliver)
+            self._remove = self._gateway.add_listener(self._on_frame)
         self._readers.add(reader)
-        if self._batches is None:
-            self._batches = Batches(self._gateway, self._on_batch)
 
-    def _remove(self, reader: Reader) -> None:
+    def _leave(self, reader: Reader) -> None:
         self._readers.discard(reader)
-        if not self._readers and self._batches is not None:
-            self._batches.close()
-            self._batches = None
+        if not self._readers:
+            self._remove()
+            self._frames.clear()
 
-    def _on_batch(self, batch: Batch) -> None:
-        for origin, frame in batch:
+    def _on_frame(self, origin: Origin, frame: bytes) -> None:
+        """On a thread of Zenoh's: one wake-up of the loop for all that comes meanwhile."""
+        self._frames.append((origin, frame))
+        if not self._called:
+            self._called = True
+            self._wake()
+
+    def _deliver(self) -> None:
+        self._called = False  # first: a frame that comes from now on wakes us again
+        for _ in range(len(self._frames)):
+            origin, frame = self._frames.popleft()
             readers = [reader for reader in self._readers if origin.message in reader.names]
             if not readers:
                 continue
@@ -159,3 +173,21 @@ class RestSockets:
                 text = self._encoder.encode(document(parse_frame(frame, dialect), dialect)).decode()
                 for reader in readers:
                     reader.put(text)
+
+
+def matching(pattern: str, names: Iterable[str]) -> frozenset[str]:
+    """The names in which ``pattern`` is found, at a bounded cost: Python's expressions can take time exponential in the
+    text; names, ``.``, ``.*``, sets of characters and alternatives cannot. Raises :class:`BadInput` for any other.
+    """
+    stars = max(part.count(".*") for part in _OUTSIDE_GROUPS.split(pattern[:LONGEST]))
+    if len(pattern) > LONGEST or stars > MOST_STARS or pattern.count("(") > MOST_GROUPS:
+        most = f"{LONGEST} characters, {MOST_STARS} times '.*' in each alternative and {MOST_GROUPS} groups"
+        raise BadInput(f"the filter has more than {most}", field="filter", value=pattern[:80], expected=most)
+    try:
+        if not _PATTERN.fullmatch(pattern):
+            raise ValueError(pattern)
+        compiled = re.compile(pattern)
+    except (ValueError, re.error):
+        text = f"the filter {pattern[:80]!r} is not understood: it may be made of {FORM}"
+        raise BadInput(text, field="filter", value=pattern[:80], expected=FORM) from None
+    return frozenset(name for name in names if compiled.search(name))

@@ -12,6 +12,7 @@ import time
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
+from msgspec import Meta
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -39,22 +40,20 @@ MOST = 200
 class Point(wire.Wire, kw_only=True):
     """One outer-loop point: fields as in :class:`zmav.wire.Setpoint`; ``n``, ``e``, ``d`` stand for ``pos``."""
 
-    pos: wire.Vector | None = None
-    n: float | None = None
-    e: float | None = None
-    d: float | None = None
+    pos: Annotated[wire.Vector | None, Meta(description="m, north, east, down: [20,0,-6]")] = None
+    n: Annotated[float | None, Meta(description="m north of the fleet's origin")] = None
+    e: Annotated[float | None, Meta(description="m east")] = None
+    d: Annotated[float | None, Meta(description="m down")] = None
     lat_deg: float | None = None
     lon_deg: float | None = None
     alt_amsl: float | None = None
     alt_rel: float | None = None
-    vel: wire.Vector | None = None
-    acc: wire.Vector | None = None
-    yaw: float | None = None
-    yaw_rate: float | None = None
-    valid: Annotated[float, msgspec.Meta(gt=0.0, le=SILENCE)] = 1.0
-    """s from now for which it may be flown"""
-    priority: Annotated[int, msgspec.Meta(ge=0, le=100)] = 0
-    """of the lease, when the first point takes it"""
+    vel: Annotated[wire.Vector | None, Meta(description="m/s, north, east, down")] = None
+    acc: Annotated[wire.Vector | None, Meta(description="m/s², north, east, down")] = None
+    yaw: Annotated[float | None, Meta(description="radians from north, clockwise")] = None
+    yaw_rate: Annotated[float | None, Meta(description="radians a second")] = None
+    valid: Annotated[float, Meta(gt=0.0, le=SILENCE, description="s from now for which it may be flown")] = 1.0
+    priority: Annotated[int, Meta(ge=0, le=100, description="of the lease, when the first point takes it")] = 0
 
     def fields(self) -> dict[str, Any]:
         """What :meth:`Lease.setpoint` takes; raises :class:`BadInput` where nothing says where to go."""

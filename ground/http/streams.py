@@ -14,12 +14,9 @@ from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from zmav.links.sockets import is_loopback
 from zmav.process import free_port
-from zmav.services.link.port import on_loop
 
 MOST = 64
 """streams at once"""
-PORTS = range(14600, 14700)
-"""where streams go to on other hosts, unless the asker names a port"""
 REFUSED_FOR = 5.0
 """s after the last refusal for which a port counts as unreachable: routers and kernels say it once a second at most"""
 ASK_EVERY = 10.0
@@ -41,30 +38,24 @@ class Wish:
 
 
 class Stream:
-    """One stream: frames go out on Zenoh's thread as they come, capped ones late on the event loop, the newest only.
-
-    ``sent`` and ``dropped`` count datagrams: what the kernel does not take at once is dropped.
+    """One stream: frames go out on Zenoh's thread as they come; those that come too soon for the cap are left out, and
+    so is what the kernel does not take at once.
     """
 
     def __init__(self, wish: Wish, host: str, port: int) -> None:
         self.wish, self.host, self.port = wish, host, port
-        self.sent = self.dropped = 0
         self.asked = self.renewed = time.monotonic()
         self._refused = self._first_refused = 0.0
         self._due: dict[Origin, float] = {}
-        self._late: dict[Origin, bytes] = {}
         self._lock = threading.Lock()
-        self._loop = asyncio.get_running_loop()
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.connect((host, port))
-        self._later = on_loop(self._loop, self._schedule)
 
     def close(self) -> None:
         with self._lock:
             self._socket.close()
-            self._late.clear()
 
     def on_frame(self, origin: Origin, frame: bytes) -> None:
         wish = self.wish
@@ -73,7 +64,7 @@ class Stream:
         if wish.messages and origin.message not in wish.messages:
             return
         with self._lock:
-            if not wish.hz or self._is_due(origin, frame):
+            if not wish.hz or self._is_due(origin):
                 self._send(frame)
 
     def unreachable(self, now: float) -> float:
@@ -83,42 +74,26 @@ class Stream:
                 self._first_refused = 0.0
             return now - self._first_refused if self._first_refused else 0.0
 
-    def _is_due(self, origin: Origin, frame: bytes) -> bool:
-        """It may go now; else it waits for its time, in the place of one that waits already."""
-        now = time.monotonic()
+    def _is_due(self, origin: Origin) -> bool:
+        now, period = time.monotonic(), 1.0 / self.wish.hz
         due = self._due.get(origin, 0.0)
-        if now >= due and origin not in self._late:
-            if len(self._due) >= MOST_ORIGINS:
-                self._due.clear()  # invented messages: the others may come too soon, once
-            self._due[origin] = max(due + 1.0 / self.wish.hz, now)
-            return True
-        if origin not in self._late:
-            self._later(origin, due - now)
-        self._late[origin] = frame
-        return False
-
-    def _schedule(self, origin: Origin, delay: float) -> None:
-        self._loop.call_later(delay, self._send_late, origin)
-
-    def _send_late(self, origin: Origin) -> None:
-        with self._lock:
-            frame = self._late.pop(origin, None)
-            if frame is not None:
-                self._due[origin] = time.monotonic() + (1.0 / self.wish.hz if self.wish.hz else 0.0)
-                self._send(frame)
+        if now < due:
+            return False
+        if len(self._due) >= MOST_ORIGINS:
+            self._due.clear()  # invented messages: the others may come too soon, once
+        self._due[origin] = max(due + period, now + 0.5 * period)  # what is a little early is not left out
+        return True
 
     def _send(self, frame: bytes) -> None:
         for _ in range(2):  # the first may only tell that an earlier one was refused
             try:
                 self._socket.send(frame)
-                self.sent += 1
                 return
             except BlockingIOError:
-                break
+                return
             except OSError:
                 self._refused = time.monotonic()
                 self._first_refused = self._first_refused or self._refused
-        self.dropped += 1
 
 
 class Streams:
@@ -186,12 +161,10 @@ class Streams:
         stream.close()
 
     def _open(self, wish: Wish, host: str, port: int | None) -> Stream:
-        taken = {stream.port for stream in self.of(host)}
         if port is None:
-            others = (p for p in PORTS if p not in taken)
-            port = free_port(socket.SOCK_DGRAM, host) if is_loopback(host) else next(others, None)
-        if port is None:
-            raise Failure(429, "too_many", f"all ports from {PORTS[0]} to {PORTS[-1]} are taken: name one with ?port=")
+            if not is_loopback(host):
+                raise Failure(400, "bad_input", "say with ?port= to which UDP port of yours")
+            port = free_port(socket.SOCK_DGRAM, host)
         try:
             return Stream(wish, host, port)
         except OSError as e:

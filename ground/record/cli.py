@@ -8,9 +8,7 @@ import importlib
 import re
 import shutil
 import sys
-import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,22 +27,14 @@ if TYPE_CHECKING:
     from ground.record.storage import Settings
 
 UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
-TIMES = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
-def amount(units: dict[str, float], least: float, example: str) -> Callable[..., float]:
-    """An option's callback that reads a number with its unit: ``512MB``, ``30min``."""
-
-    def read(ctx: click.Context, option: click.Parameter, text: str) -> float:
-        found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
-        if found is None or found[2] not in units:
-            raise click.BadParameter(f"{text!r} is not a number with its unit, as in {example}", ctx, option)
-        value = float(found[1]) * units[found[2]]
-        if value < least:
-            raise click.BadParameter(f"{text!r} is too little: expected {least:g} at least", ctx, option)
-        return value
-
-    return read
+def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
+    """An option's callback that reads bytes with their unit: ``5GB``."""
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
+    if found is None or found[2] not in UNITS:
+        raise click.BadParameter(f"{text!r} is not a number with its unit, as in 1GB", ctx, option)
+    return int(float(found[1]) * UNITS[found[2]])
 
 
 @click.command("record")
@@ -61,28 +51,11 @@ def amount(units: dict[str, float], least: float, example: str) -> Callable[...,
 @click.option(
     "--want", multiple=True, metavar="MSG=HZ", help="Have the autopilots send a message so fast (repeatable)."
 )
-@click.option("--tlog/--no-tlog", default=True, show_default=True, help="A .tlog of each vehicle.")
-@click.option("--mcap/--no-mcap", default=True, show_default=True, help="One .mcap of everything.")
 @click.option(
-    "--split-size",
-    callback=amount(UNITS, 100e3, "512MB"),
-    default="512MB",
-    show_default=True,
-    help="Begin new files at this size.",
+    "--mcap/--no-mcap", default=True, show_default=True, help="Besides the .tlog files, one .mcap of everything."
 )
 @click.option(
-    "--split-time",
-    callback=amount(TIMES, 1.0, "30min"),
-    default="30min",
-    show_default=True,
-    help="Begin new files after so long.",
-)
-@click.option(
-    "--keep-free",
-    callback=amount(UNITS, 0.0, "1GB"),
-    default="1GB",
-    show_default=True,
-    help="Write nothing while less is free.",
+    "--keep-free", callback=amount, default="1GB", show_default=True, help="Write nothing while less is free."
 )
 @click.option("--name", help="Name under which questions are answered. [default: the credentials', or this machine's]")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
@@ -99,11 +72,8 @@ def command(
     out: Path,
     vehicles: tuple[str, ...],
     want: tuple[str, ...],
-    tlog: bool,
     mcap: bool,
-    split_size: float,
-    split_time: float,
-    keep_free: float,
+    keep_free: int,
     name: str | None,
     dialect: str,
     repair: tuple[Path, ...],
@@ -126,15 +96,10 @@ def command(
         for path in repair:
             _repair(path)
         return
-    if not (tlog or mcap):
-        raise BadConfig(
-            "nothing is left to be written without .tlog and .mcap", field="mcap", expected="one of the two"
-        )
-    from ground.record.part import Kinds
     from ground.record.recorder import Wanted
     from ground.record.storage import Settings
 
-    how = Settings(kinds=Kinds(tlog, mcap), split_size=int(split_size), split_time=split_time, keep_free=int(keep_free))
+    how = Settings(mcap=mcap, keep_free=keep_free)
     whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
     with Folder(out) as folder:
         run(_record(folder, how, whom, dialect, fleet, settings))
@@ -147,61 +112,39 @@ async def _record(
     from ground.record.storage import size_words
 
     start = time.monotonic()
-    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.kinds.mcap else None
-    line = Line()
+    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.mcap else None
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        Recorder(z, folder, how, whom, line.say) as recorder,
+        Recorder(z, folder, how, whom, _say) as recorder,
     ):
-        line.say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
-        telling = asyncio.create_task(_tell(recorder, line))
+        _say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
+        telling = asyncio.create_task(_tell(recorder))
         await until_stopped()
         telling.cancel()
-        line.end()
     if unfinished is not None:
         await unfinished
     counts = recorder.storage.counts
     rest = {"dropped": counts.dropped, "without room": counts.unwritten, "refused": counts.refused}
     lost = "".join(f", {number} {what}" for what, number in rest.items() if number)
     minutes = (time.monotonic() - start) / 60
-    say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
+    _say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
 
 
-class Line:
-    """The terminal: lines that stay, and below them one that changes. From any thread; no terminal, no such line."""
-
-    def __init__(self) -> None:
-        self._changes = sys.stderr.isatty()
-        self._lock = threading.Lock()
-
-    def say(self, line: str) -> None:
-        with self._lock:
-            say(self._clear + line)
-
-    def show(self, line: str) -> None:
-        if self._changes:
-            with self._lock, contextlib.suppress(OSError, ValueError):
-                width = shutil.get_terminal_size().columns - 1
-                sys.stderr.write(self._clear + line[:width])
-                sys.stderr.flush()
-
-    def end(self) -> None:
-        self.show("")
-
-    @property
-    def _clear(self) -> str:
-        return "\r\x1b[K" if self._changes else ""
+def _say(line: str) -> None:
+    """A line that stays, in place of the one that changes, where a terminal shows that. From any thread."""
+    say(f"\r\x1b[K{line}" if sys.stderr.isatty() else line)
 
 
-async def _tell(recorder: Recorder, line: Line) -> None:
+async def _tell(recorder: Recorder) -> None:
     """Once a second, for a person."""
-    start, before = time.monotonic(), 0
-    while True:
-        counts = recorder.storage.counts
-        passed = time.strftime("%H:%M:%S", time.gmtime(time.monotonic() - start))
+    before = 0
+    while sys.stderr.isatty():
+        taken, width = recorder.storage.counts.taken, shutil.get_terminal_size().columns - 1
         vehicles = len(recorder.storage.history.vehicles())
-        line.show(f"{passed}  {vehicles} vehicles  {counts.taken - before}/s  {recorder.status().text}")
-        before = counts.taken
+        line = f"{vehicles} vehicles  {taken - before}/s  {recorder.status().text}"[:width]
+        with contextlib.suppress(OSError, ValueError):
+            click.echo(f"\r\x1b[K{line}", err=True, nl=False)
+        before = taken
         await asyncio.sleep(1.0)
 
 

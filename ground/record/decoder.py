@@ -34,11 +34,6 @@ def is_frame(data: bytes) -> bool:
     return len(data) == HEADER_V2 + data[1] + CHECKSUM + (SIGNATURE if data[2] else 0)
 
 
-def message_id(frame: bytes) -> int:
-    """Of a frame that :func:`is_frame` takes."""
-    return int.from_bytes(frame[7:10], "little") if frame[0] == MAGIC_V2 else frame[5]
-
-
 class Decoder:
     """Decodes frames of one dialect. One thread at a time."""
 

@@ -13,12 +13,8 @@ from ground.record.decoder import Decoder
 from ground.record.route import Asked, Route
 from zmav import keys, wire
 
-RING = 200
+RING = 500
 """entries that are kept of one key"""
-YOUNG = 3_000_000_000
-"""ns: what came since then is kept as well, since it may not be in the files yet"""
-MOST = 5000
-"""but not more of one key than that"""
 ROOM = 128 << 20
 """bytes of payload; when they are full, each key keeps fewer"""
 MOST_KEYS = 20_000
@@ -68,11 +64,7 @@ class History:
         entries = ring.entries
         entries.append(held)
         self._size += len(held.data) + COST
-        young = held.at - YOUNG
-        while len(entries) > 1:
-            many = len(entries) > self._ring and (entries[0].at < young or len(entries) > MOST)
-            if not many and self._size <= self._room:
-                return
+        while len(entries) > 1 and (len(entries) > self._ring or self._size > self._room):
             gone = entries.popleft()
             self._size -= len(gone.data) + COST
             ring.cut["at"] = gone.at + 1
@@ -92,33 +84,30 @@ class History:
             return list(self._known.get(asked, ()))
 
     def newest(self, asked: Asked, since: int, until: int, most: int) -> tuple[list[wire.HistoryEntry], int]:
-        """The newest entries between two times (ns UTC), the oldest of them first, and from when on memory is whole:
-        what was before that is for the files to tell.
-        """
+        """The newest entries between two times (ns UTC), the oldest first, and from when on nothing is missing."""
         found: list[tuple[str, Held]] = []
         with self._lock:
             rings = {key: self._rings[key] for key in self._known.get(asked, ())}
             whole_from = max((ring.cut.get("at", 0) for ring in rings.values()), default=0)
-            whole_from = max(whole_from, self._since)
             for key, ring in rings.items():
-                fitting = [held for held in ring.entries if max(since, whole_from) <= held.at <= until]
+                fitting = [held for held in ring.entries if since <= held.at <= until]
                 found += [(key, held) for held in fitting[-most:]]
         found.sort(key=lambda each: each[1].at)
-        return [self._entry(key, held, rings[key].route) for key, held in found[-most:]], whole_from
+        entries = [self._entry(key, held, rings[key].route) for key, held in found[-most:]]
+        return entries, max(whole_from, self._since)
 
     def _entry(self, key: str, held: Held, route: Route) -> wire.HistoryEntry:
         """As it is answered: a frame by its fields."""
-        data = held.data
-        if route.frames:
-            data = self._decoder_of(data)
-        return wire.HistoryEntry(key=key, t=held.at / 1e9, value=readable(data))
+        return wire.HistoryEntry(key=key, t=held.at / 1e9, value=_readable(self._json(held.data, route)))
 
-    def _decoder_of(self, frame: bytes) -> bytes:
+    def _json(self, data: bytes, route: Route) -> bytes:
+        if not route.frames:
+            return data
         with self._lock:  # a decoder is one thread's at a time
-            return self._decoder.json(frame) or msgspec.json.encode({"frame": frame.hex()})
+            return self._decoder.json(data) or msgspec.json.encode({"frame": data.hex()})
 
 
-def readable(data: bytes) -> object:
+def _readable(data: bytes) -> object:
     """JSON as it is; other bytes in hexadecimal digits."""
     try:
         return msgspec.json.decode(data)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import io
+import os
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
+from ground.record.folder import is_whole
 from ground.record.schemas import Schema
 from ground.record.tail import Tail
 from zmav.errors import BadInput
@@ -45,24 +46,6 @@ ABOUT = "zmav"
 """name of the metadata at the beginning of a file"""
 
 
-class Read(NamedTuple):
-    """One recorded message."""
-
-    at: int
-    """ns UTC at which it was recorded"""
-    topic: str
-    data: bytes
-
-
-class _Span(NamedTuple):
-    """What one flush wrote: its messages' times, and its place in the file."""
-
-    first: int
-    last: int
-    begin: int
-    end: int
-
-
 class McapFile:
     """OSError where it cannot be made; after one out of :meth:`flush` only :meth:`abandon` is left to be done."""
 
@@ -80,9 +63,7 @@ class McapFile:
             raise
         self._schemas: dict[Schema, int] = {}
         self._topics: dict[str, int] = {}
-        self._names: dict[int, str] = {}
-        self._spans: list[_Span] = []
-        self._first = self._last = 0
+        self._begin = self._tail.size
 
     @property
     def size(self) -> int:
@@ -108,21 +89,14 @@ class McapFile:
                 self._schemas[schema] = number
             found = self._writer.register_channel(name, encoding, number, {HOLDS: holds, KEY: key or name})
             self._topics[name] = found
-            self._names[found] = name
         return found
 
     def add(self, topic: int, at: int, data: bytes, published: int) -> None:
         """``at`` and ``published`` are ns UTC: when it was recorded, and when its source says that it was sent."""
         self._writer.add_message(topic, at, data, published)
-        self._first = min(self._first or at, at)  # the clock may be set back
-        self._last = max(self._last, at)
 
     def flush(self) -> None:
-        begin = self._tail.size
         self._writer.flush()  # type: ignore[no-untyped-call]
-        if self._first:
-            self._spans.append(_Span(self._first, self._last, begin, self._tail.size))
-            self._first = self._last = 0
 
     def finish(self) -> None:
         """Write the summary and close it; after an OSError the file is as if it had been cut short before."""
@@ -130,71 +104,17 @@ class McapFile:
             self.flush()
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._tail.flush()
+            os.fdatasync(self.fd)
         finally:
             self._tail.close()
 
     def abandon(self) -> bool:
         """Close it without what was not flushed and without its summary. False: that is nothing, so it is gone."""
         self._tail.close()
-        if not self._spans:
-            self.path.unlink(missing_ok=True)
-        return bool(self._spans)
-
-    def read(self, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
-        """What was flushed of these topics, the newest first; from any thread, while the file is written."""
-        for span in reversed(list(self._spans)):
-            if span.last < since or span.first > until:
-                continue
-            with self.path.open("rb") as file:
-                file.seek(span.begin)
-                data = file.read(span.end - span.begin)
-            found = [
-                Read(record.log_time, self._names[record.channel_id], record.data)
-                for record in _records(data)
-                if self._names.get(record.channel_id) in topics and since <= record.log_time <= until
-            ]
-            yield from reversed(found)
-
-
-def _records(data: bytes) -> Iterator[Message]:
-    try:
-        for record in StreamReader(io.BytesIO(data), skip_magic=True).records:
-            if isinstance(record, Message):
-                yield record
-    except EndOfFile:
-        return
-
-
-class Contents(NamedTuple):
-    """What a finished file holds; times are ns UTC."""
-
-    first: int
-    last: int
-    topics: list[str]
-
-
-def contents(path: Path) -> Contents | None:
-    """By its summary; None for what has none: it is being written, was cut short, is empty, or is something else."""
-    try:
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-    except (OSError, *DAMAGE):
-        return None
-    counts = summary.statistics if summary else None
-    if summary is None or counts is None or not counts.message_count:
-        return None
-    topics = [channel.topic for channel in summary.channels.values()]
-    return Contents(counts.message_start_time, counts.message_end_time, topics)
-
-
-def read_back(path: Path, topics: Collection[str], since: int, until: int) -> Iterator[Read]:
-    """Of a finished file's topics what was recorded between two times, the newest first. Raises :class:`BadInput` for a
-    damaged one, OSError where it cannot be read.
-    """
-    with path.open("rb") as file, _reading(path):
-        found = make_reader(file).iter_messages(list(topics), starting_at=since, ending_at=until, reverse=True)
-        for _, channel, message in found:
-            yield Read(message.log_time, channel.topic, message.data)
+        if self._tail.size > self._begin:
+            return True
+        self.path.unlink(missing_ok=True)
+        return False
 
 
 class Found(NamedTuple):
@@ -214,7 +134,7 @@ def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
     """
     with path.open("rb") as file, _reading(path):
         try:
-            if contents(path) is not None:
+            if is_whole(path):
                 found = make_reader(file).iter_messages(starting_at=since, ending_at=until, log_time_order=False)
             else:
                 found = NonSeekingReader(file).iter_messages(log_time_order=False)
@@ -252,11 +172,11 @@ def about(path: Path) -> dict[str, str]:
 
 def topics(path: Path) -> list[str]:
     """Of a file, also of one that was cut short. Raises as :func:`read_forth` does."""
-    known = contents(path)
-    if known is not None:
-        return known.topics
     found: dict[str, None] = {}
     with path.open("rb") as file, _reading(path), contextlib.suppress(*TORN):
+        if is_whole(path) and (summary := make_reader(file).get_summary()) is not None:
+            return [channel.topic for channel in summary.channels.values()]
+        file.seek(0)
         for record in StreamReader(file).records:
             if isinstance(record, Channel):
                 found[record.topic] = None

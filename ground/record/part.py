@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from ground.record import schemas
 from ground.record.decoder import STAMP
@@ -24,21 +24,14 @@ FAR = 4_102_444_800.0
 """the year 2100: a source's time behind it is none"""
 
 
-class Kinds(NamedTuple):
-    """Which files are wanted."""
-
-    tlog: bool = True
-    mcap: bool = True
-
-
 class Part:
     """Part ``number`` of a session. OSError where files cannot be made or written: then :meth:`abandon` it."""
 
-    def __init__(self, folder: Path, number: int, kinds: Kinds, dialect: Dialect, about: dict[str, str]) -> None:
-        self._folder, self.number, self._kinds, self._dialect = folder, number, kinds, dialect
+    def __init__(self, folder: Path, number: int, mcap: bool, dialect: Dialect, about: dict[str, str]) -> None:
+        self._folder, self.number, self._dialect = folder, number, dialect
         self.tlogs: dict[tuple[str, str], Tail] = {}
         self.mcap: McapFile | None = None
-        if kinds.mcap:
+        if mcap:
             from ground.record.mcapfile import McapFile
 
             self.mcap = McapFile(folder / f"record.{number:03}.mcap", about)
@@ -63,21 +56,19 @@ class Part:
         """Whether somebody took one of the files away."""
         return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
 
-    def dup_fds(self) -> list[int]:
-        """Descriptors of all files, that anyone who takes them closes: they outlive the files' own."""
-        return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
+    def sync(self) -> None:
+        """Have the kernel bring what was flushed to the disk. OSError where that takes nothing."""
+        for fd in (*([self.mcap.fd] if self.mcap else []), *(tail.fd for tail in self.tlogs.values())):
+            os.fdatasync(fd)
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
         """``at``: ns UTC."""
-        if self._kinds.tlog:
-            tlog = self.tlogs.get((route.fleet, route.vehicle)) or self._new_tlog(route)
-            if tlog is not None:
-                tlog.write(STAMP.pack(at // 1000) + data)
+        tlog = self.tlogs.get((route.fleet, route.vehicle)) or self._new_tlog(route)
+        if tlog is not None:
+            tlog.write(STAMP.pack(at // 1000) + data)
         if self.mcap is None:
             return
         raw, plain = self._topics.get(route.key) or self._frame_topics(route)
-        if not route.is_told_by_header(data):
-            raw, plain = self._odd_topic(route), plain
         if raw is not None:
             self.mcap.add(raw, at, data, at)
         if plain is not None and decoded is not None:
@@ -103,25 +94,12 @@ class Part:
         self._topics[route.key] = raw, plain
         return raw, plain
 
-    def _odd_topic(self, route: Route) -> int | None:
-        """Of a frame under a key that is not its own by its header: kept with that key."""
-        from ground.record import mcapfile
-
-        assert self.mcap is not None
-        return self.mcap.topic(f"{route.key}/frame", mcapfile.FRAMES, mcapfile.AS_IT_CAME, key=route.key)
-
     def document(self, route: Route, at: int, data: bytes) -> None:
-        """JSON, a picture, or whatever else came on a key."""
+        """JSON, or whatever else came on a key."""
         if self.mcap is None:
             return
         from ground.record import mcapfile
 
-        if route.picture:
-            topic = self.mcap.topic(f"{route.key}/image", mcapfile.JSON, mcapfile.DERIVED, schemas.PICTURE)
-            data = schemas.picture(data, at / 1e9, route.vehicle, str(route.channel.encoding).rpartition("/")[2])
-            if topic is not None:
-                self.mcap.add(topic, at, data, at)
-            return
         t = stamp(data)
         if t is None:
             topic = self.mcap.topic(f"{route.key}/bytes", mcapfile.BYTES, mcapfile.AS_IT_CAME, key=route.key)
@@ -130,11 +108,11 @@ class Part:
         if topic is None:
             return
         self.mcap.add(topic, at, data, int(t * 1e9) if t and 0.0 < t < FAR else at)
-        made = route.made_of(data)
-        if made is not None:
-            extra = self.mcap.topic(made.topic, mcapfile.JSON, mcapfile.DERIVED, made.schema)
+        if (place := route.location(data)) is not None:
+            name = f"{route.base}/location"
+            extra = self.mcap.topic(name, mcapfile.JSON, mcapfile.DERIVED, schemas.LOCATION)
             if extra is not None:
-                self.mcap.add(extra, at, made.data, at)
+                self.mcap.add(extra, at, place, at)
 
     def _document_topic(self, route: Route, first: bytes) -> tuple[int | None, None]:
         from ground.record import mcapfile
@@ -152,11 +130,12 @@ class Part:
             self.mcap.flush()
 
     def finish(self) -> None:
-        """Complete and close every file; the first OSError, once all are closed."""
+        """Complete and close every file, on the disk; the first OSError, once all are closed."""
         failed: OSError | None = None
         for tail in self.tlogs.values():
             try:
                 tail.flush()
+                os.fdatasync(tail.fd)
             except OSError as e:
                 failed = failed or e
             finally:

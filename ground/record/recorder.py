@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import re
 import socket
 import time
@@ -13,6 +14,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from ground.feed import apart
 from ground.record.answers import Answers
 from ground.record.folder import Folder
 from ground.record.storage import Settings, Storage, size_words
@@ -67,13 +69,12 @@ class Recorder:
     async def _begin(self) -> None:
         session, instance = self._z.session, str(self._z.session.info.zid())
         self.storage.start()
-        for number, pattern in enumerate(patterns(self._wanted.vehicles)):
-            self._subscribe(number, pattern)
+        self._subscribe(patterns(self._wanted.vehicles))
         for channel in shared_channels():
             key = channel.key(self._fleet, topic="*", group="*", name="*")
-            self._held.append(session.declare_subscriber(key, self._take))
+            self._held.append(session.declare_subscriber(key, functools.partial(self._take, ())))
         if await self._is_first():
-            self._answers = Answers(session, self.storage, self._folder, self._fleet, self.name)
+            self._answers = Answers(session, self.storage.history, self._fleet, self.name)
         else:
             self._agent = f"{AGENT}-{instance[:4]}"
             self._tell(f"another recorder of {self.name} answers questions of what was; --name tells two apart")
@@ -97,35 +98,31 @@ class Recorder:
                 self._held.pop().undeclare()
         await asyncio.to_thread(self.storage.close)
 
-    def _subscribe(self, number: int, pattern: str) -> None:
-        """To all that is recorded of the vehicles that ``pattern`` names; what an earlier one brings is left to it."""
-        earlier = [zenoh.KeyExpr(keys.expression(f"{p}/**", self._fleet)) for p in self._wanted.vehicles[:number]]
-        take: Callable[[zenoh.Sample], None] = self._take
-
-        if earlier:
-
-            def take_others(sample: zenoh.Sample) -> None:
-                if not any(expression.intersects(sample.key_expr) for expression in earlier):
-                    self._take(sample)
-
-            take = take_others
+    def _subscribe(self, vehicles: list[str]) -> None:
+        """To all that is recorded of these vehicles, once each where two patterns name one."""
         for rest in vehicle_channels():
-            key = keys.expression(f"{pattern}/{rest}", self._fleet)
-            if rest in BELIEVED:  # with credentials, what their vehicle did not sign is left out
-                self._tasks.append(asyncio.create_task(self._believe(key, take)))
-            else:
-                self._held.append(self._z.session.declare_subscriber(key, take))
-        for message, hz in self._wanted.rates.items():
-            key = keys.expression(f"{pattern}/mav/rx/*/*/{keys.check_message(message)}", self._fleet)
-            self._held.append(self._z.session.liveliness().declare_token(want_key(key, hz, AGENT)))
+            wanted = apart(keys.expression(f"{vehicle}/{rest}", self._fleet) for vehicle in vehicles)
+            for number, key in enumerate(wanted):
+                take = functools.partial(self._take, wanted[:number])
+                if rest in BELIEVED:  # with credentials, what their vehicle did not sign is left out
+                    self._tasks.append(asyncio.create_task(self._believe(str(key), take)))
+                else:
+                    self._held.append(self._z.session.declare_subscriber(str(key), take))
+        for vehicle in vehicles:
+            for message, hz in self._wanted.rates.items():
+                frames = keys.expression(f"{vehicle}/mav/rx/*/*/{keys.check_message(message)}", self._fleet)
+                self._held.append(self._z.session.liveliness().declare_token(want_key(frames, hz, AGENT)))
 
     async def _believe(self, key: str, take: Callable[[zenoh.Sample], None]) -> None:
         async with self._z.subscribe(key) as samples:
             async for sample in samples:
                 take(sample)
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _take(self, earlier: Sequence[zenoh.KeyExpr], sample: zenoh.Sample) -> None:
+        """``earlier``: the expressions of the other subscribers, to whom what they bring is left."""
         key = str(sample.key_expr)
+        if any(expression.intersects(sample.key_expr) for expression in earlier):
+            return
         heard = keys.hears(f"{keys.ROOT}/{self._fleet}", key)
         if sample.kind == zenoh.SampleKind.PUT and heard and self._is_worth_it(key):
             self.storage.put(key, sample.payload.to_bytes())

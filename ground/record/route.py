@@ -6,19 +6,15 @@ import contextlib
 from typing import NamedTuple
 
 import msgspec
-import zenoh
 
 from ground.record import schemas
-from ground.record.decoder import is_frame, message_id
 from ground.record.schemas import Schema
 from zmav import keys, wire
 from zmav.errors import BadInput, BadKey
 from zmav.mavlink import Dialect
-from zmav.mavlink.frame import MAGIC_V2
 
 SHARED = "fleet"
 """who is said to own what the whole fleet shares, where history is asked"""
-PICTURES = (zenoh.Encoding.IMAGE_JPEG, zenoh.Encoding.IMAGE_PNG)
 
 
 class Asked(NamedTuple):
@@ -27,14 +23,6 @@ class Asked(NamedTuple):
     fleet: str
     of: str
     what: str
-
-
-class Made(NamedTuple):
-    """Something made of a document for a reader's sake: its topic, schema and data."""
-
-    topic: str
-    schema: Schema
-    data: bytes
 
 
 class _Stamped(msgspec.Struct):
@@ -54,24 +42,11 @@ class Route:
         self.key, self.channel = key, channel
         self.fleet, self.vehicle = parts["fleet"], parts.get("vehicle", SHARED)
         self.frames = channel in (keys.RX, keys.TX)
-        self.picture = channel.encoding in PICTURES
         self.asked = asked_of(key)
         self.base = f"{keys.ROOT}/{self.fleet}/{self.vehicle}"
         self.all_frames = f"{self.base}/mav/{channel.name}"
         """topic of every frame of the vehicle, in one direction"""
-        self._head = _head(parts, dialect) if channel is keys.RX else None
         self.message = dialect.by_name.get(parts["msg"]) if self.frames else None
-
-    def takes(self, data: bytes) -> bool:
-        """Whether a frame is one: others would spoil a recording of frames."""
-        return is_frame(data)
-
-    def is_told_by_header(self, frame: bytes) -> bool:
-        """Whether the key can be told from the frame; of one for the vehicle nobody need tell it."""
-        if self._head is None:
-            return self.channel is keys.TX
-        source = frame[5:7] if frame[0] == MAGIC_V2 else frame[3:5]
-        return (source, message_id(frame)) == self._head
 
     def schema(self, first: bytes) -> Schema:
         """Of the documents that come on this key; ``first`` is the first one of a file: signals have names of
@@ -86,15 +61,11 @@ class Route:
         kind = self.channel.payload
         return schemas.of_payload(kind) if kind else schemas.of_any(f"zmav.{self.channel.name}")
 
-    def made_of(self, document: bytes) -> Made | None:
-        """A state's place for a map, and an event for a list of what happened; None of what is no such thing."""
+    def location(self, document: bytes) -> bytes | None:
+        """A state's place for a map; None of what is no such thing."""
         with contextlib.suppress(BadInput):
             if self.channel is keys.STATE:
-                place = schemas.location(wire.decode(document, wire.VehicleState, "state"))
-                return Made(f"{self.base}/location", schemas.LOCATION, place) if place else None
-            if self.channel is keys.EVENT:
-                event = wire.decode(document, wire.Event, "event")
-                return Made(f"{self.base}/log", schemas.LOG, schemas.log_line(event, self.vehicle))
+                return schemas.location(wire.decode(document, wire.VehicleState, "state"))
         return None
 
 
@@ -118,14 +89,3 @@ def _what(channel: keys.Channel, parts: dict[str, str]) -> str:
     if channel is keys.RX:
         return parts["msg"]
     return parts["topic"] if channel is keys.FLEET else channel.name
-
-
-def _head(parts: dict[str, str], dialect: Dialect) -> tuple[bytes, int] | None:
-    """What the header of frames on this key says: source and message id."""
-    name = parts["msg"]
-    found = dialect.by_name.get(name)
-    number = found.id if found else name.removeprefix("UNKNOWN_")
-    try:
-        return bytes((int(parts["sys"]), int(parts["comp"]))), int(number)
-    except ValueError:
-        return None

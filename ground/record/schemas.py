@@ -7,7 +7,6 @@ Foxglove's schemas: https://docs.foxglove.dev/docs/sdk/schemas
 
 from __future__ import annotations
 
-import base64
 import math
 from typing import Any, NamedTuple
 
@@ -122,44 +121,6 @@ LOCATION = _schema(
         },
     },
 )
-LOG = _schema(
-    "foxglove.Log",
-    {
-        "type": "object",
-        "title": "foxglove.Log",
-        "properties": {
-            "timestamp": _TIME,
-            "level": {"type": "integer"},
-            "message": _STRING,
-            "name": _STRING,
-            "file": _STRING,
-            "line": {"type": "integer"},
-        },
-    },
-)
-PICTURE = _schema(
-    "foxglove.CompressedImage",
-    {
-        "type": "object",
-        "title": "foxglove.CompressedImage",
-        "properties": {
-            "timestamp": _TIME,
-            "frame_id": _STRING,
-            "data": {"type": "string", "contentEncoding": "base64"},
-            "format": _STRING,
-        },
-    },
-)
-_LEVELS: dict[str, int] = {
-    "debug": 1,
-    "info": 2,
-    "notice": 2,
-    "warning": 3,
-    "error": 4,
-    "critical": 5,
-    "alert": 5,
-    "emergency": 5,
-}
 
 
 def _time(t: float) -> Table:
@@ -183,23 +144,3 @@ def location(state: wire.VehicleState) -> bytes | None:
             "position_covariance_type": 0,
         }
     )
-
-
-def log_line(event: wire.Event, name: str) -> bytes:
-    """An event for Foxglove's log panel."""
-    return msgspec.json.encode(
-        {
-            "timestamp": _time(event.t),
-            "level": _LEVELS[event.severity],
-            "message": event.text,
-            "name": name,
-            "file": event.kind,
-            "line": 0,
-        }
-    )
-
-
-def picture(data: bytes, t: float, camera: str, form: str = "jpeg") -> bytes:
-    """A picture for Foxglove's image panel."""
-    text = base64.b64encode(data).decode("ascii")
-    return msgspec.json.encode({"timestamp": _time(t), "frame_id": camera, "data": text, "format": form})

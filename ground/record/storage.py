@@ -11,21 +11,19 @@ import collections
 import contextlib
 import errno
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 
-from ground.record.decoder import Decoder
+from ground.record.decoder import Decoder, is_frame
 from ground.record.folder import Folder
 from ground.record.history import History
-from ground.record.part import Kinds, Part
+from ground.record.part import Part
 from ground.record.route import Route
-from zmav.errors import BadInput, BadKey
+from zmav.errors import BadKey
 from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
@@ -48,7 +46,8 @@ ROOM_AFTER_FULL = 4 << 20
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """How a session is recorded: sizes in bytes, times in seconds."""
 
-    kinds: Kinds = Kinds()
+    mcap: bool = True
+    """one of everything, besides a .tlog of each vehicle"""
     split_size: int = 512 << 20
     split_time: float = 1800.0
     keep_free: int = 1 << 30
@@ -95,17 +94,8 @@ class Storage:
         self._retry = 0.0
         self._was_full = False
         self._finished_bytes = 0
-        self._torn: list[Path] = []
-        """files that a full disk cut short: they get their summary when there is room"""
-        self._syncing: Future[None] | None = None
-        self._helper = ThreadPoolExecutor(2, "record-disk")
-        """syncs, and mends: what may take long, while writing goes on"""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
-
-    @property
-    def kinds(self) -> Kinds:
-        return self._settings.kinds
 
     def start(self) -> None:
         self._thread.start()
@@ -124,7 +114,6 @@ class Storage:
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join()
-        self._helper.shutdown()
         with contextlib.suppress(OSError):
             self.session.rmdir()  # where nothing came
 
@@ -146,7 +135,6 @@ class Storage:
                 self._fail(e)
             except Exception:
                 logger.exception("recording goes on after an error that nobody foresaw")
-        self._mend_torn()  # close() waits for it
 
     def _write_some(self) -> None:
         """So many that, however fast they come, the files are flushed in time."""
@@ -156,7 +144,7 @@ class Storage:
             self.counts.taken += 1
             self._went += len(data)
             route = self._route(key)
-            if route is None or (route.frames and not route.takes(data)):
+            if route is None or (route.frames and not is_frame(data)):
                 self.counts.refused += 1
                 continue
             batch.append((route, at, data))
@@ -178,13 +166,13 @@ class Storage:
         return route
 
     def _write(self, batch: list[tuple[Route, int, bytes]]) -> None:
-        self.history.add_all([each for each in batch if not each[0].picture])
+        self.history.add_all(batch)
         rest = len(batch)
         try:
             part, json = self.part or self._begin(), self._decoder.json
             if part is None:
                 return
-            decode = self._settings.kinds.mcap
+            decode = self._settings.mcap
             for route, at, data in batch:
                 if route.frames:
                     part.frame(route, at, data, json(data) if decode else None)
@@ -205,13 +193,12 @@ class Storage:
         if self._short_of_room(self._room_to_begin()):
             return None
         about = {"session": self.session.name, "part": str(self.counts.parts + 1), "dialect": self._dialect.name}
-        self.part = Part(self.session, self.counts.parts + 1, self._settings.kinds, self._dialect, about)
+        self.part = Part(self.session, self.counts.parts + 1, self._settings.mcap, self._dialect, about)
         self.counts.parts += 1
         self._opened = self._synced = now
         if self.paused:
             self.paused, self._was_full = None, False
             self._tell("there is room again: recording goes on")
-            self._mend_torn()
         return self.part
 
     def _room_to_begin(self) -> float:
@@ -247,9 +234,9 @@ class Storage:
         large, old = part.size >= how.split_size, now - self._opened >= how.split_time
         if self._short_of_room(how.keep_free) or large or old:
             self._close_part()
-        elif now - self._synced >= SYNC_S and (self._syncing is None or self._syncing.done()):
+        elif now - self._synced >= SYNC_S:
             self._synced = now
-            self._syncing = self._helper.submit(_sync, part.dup_fds())
+            part.sync()
 
     def _note_written(self, part: Part) -> None:
         self.counts.written += self._pending
@@ -264,14 +251,7 @@ class Storage:
         part, self.part = self.part, None
         if part is None:
             return
-        fds = part.dup_fds()
-        try:
-            part.finish()
-        except OSError:
-            self._torn += part.files
-            raise
-        finally:
-            self._helper.submit(_sync, fds)
+        part.finish()
         self._note_written(part)
         self._finished_bytes += part.total
 
@@ -281,40 +261,12 @@ class Storage:
         if part is not None:
             part.abandon()
             left = [path for path in part.files if path.exists()]
-            self._torn += left
             self._finished_bytes += sum(path.stat().st_size for path in left)
         self._lose_pending()
         self._retry = time.monotonic() + RETRY_S
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")
-
-    def _mend_torn(self) -> None:
-        torn, self._torn = [path for path in self._torn if path.suffix == ".mcap"], []
-        if torn:
-            self._helper.submit(_mend, torn)
-
-
-def _mend(paths: list[Path]) -> None:
-    """A minute for one of 512 MB, about."""
-    from ground.record.repair import repair
-
-    for path in paths:
-        try:
-            repair(path)
-        except (OSError, BadInput) as e:
-            logger.warning("%s has no summary ('zmav record --repair' gives it one): %s", path, e)
-
-
-def _sync(fds: list[int]) -> None:
-    """Bring files to the disk, and close these descriptors of them."""
-    for fd in fds:
-        try:
-            os.fdatasync(fd)
-        except OSError as e:
-            logger.warning("the disk did not take what was written: %s", e.strerror)
-        finally:
-            os.close(fd)
 
 
 def size_words(size: float) -> str:

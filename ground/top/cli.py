@@ -27,9 +27,6 @@ from zmav.session import SessionSettings
 @click.option("--once", is_flag=True, help="Print the table once; with --json one document.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document (implies --once).")
 @click.option(
-    "--watch", "every", type=click.FloatRange(0.1, 3600.0), metavar="SECONDS", help="A line of JSON every so often."
-)
-@click.option(
     "--wait",
     type=click.FloatRange(0.1, 60.0),
     default=2.0,
@@ -38,24 +35,19 @@ from zmav.session import SessionSettings
 )
 @fleet_option
 @zenoh_options
-def command(once: bool, as_json: bool, every: float | None, wait: float, fleet: str, settings: SessionSettings) -> None:
+def command(once: bool, as_json: bool, wait: float, fleet: str, settings: SessionSettings) -> None:
     """Watch the fleet in the terminal: who is well, who is not, and why, in words.
 
     Keys: q quits, up and down select a vehicle, enter shows it in full, < and > choose the column to sort by, r turns
-    the order round, / filters by words (names, modes, STALE, reasons), p pauses, n shows places as metres north, east
-    and down of the fleet's origin, w leaves more room for the reasons.
+    the order round, / filters by words (names, modes, STALE, reasons).
 
     For scripts: 'zmav top --json | jq ".vehicles[] | select(.level != \\"ok\\") | .name, .reasons[].text"'. It only
     listens and asks; any number of them may run.
     """
-    if every is not None and once:
-        raise click.UsageError("--once and --watch exclude each other")
-    if every is not None:
-        run(_show(_print_json, every, wait, fleet, settings))
-    elif once or as_json or not (usable(0) and usable(1)):
-        run(_show(_print_json if as_json else _print, None, wait, fleet, settings))
+    if once or as_json or not (usable(0) and usable(1)):
+        run(_show(_print_json if as_json else _print, wait, fleet, settings))
         if not (once or as_json):
-            click.echo("no terminal to draw on: shown once; 'zmav top --watch 1' goes on, as JSON", err=True)
+            click.echo("no terminal to draw on: shown once; 'zmav top --json' is for scripts", err=True)
     else:
         run(_live(fleet, settings))
 
@@ -65,21 +57,13 @@ async def _live(fleet: str, settings: SessionSettings) -> None:
         await Live(Watch(z), 0).run()
 
 
-async def _show(
-    show: Callable[[Report], None], every: float | None, wait: float, fleet: str, settings: SessionSettings
-) -> None:
-    """Once, or ``every`` so many seconds."""
+async def _show(show: Callable[[Report], None], wait: float, fleet: str, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         watch = Watch(z)
         watching = asyncio.create_task(watch.run())
         try:
             await watch.settle(wait)
             show(watch.report())
-            while every is not None:
-                await asyncio.wait({watching}, timeout=every)
-                if watching.done():
-                    return watching.result()
-                show(watch.report())
         finally:
             watching.cancel()
 

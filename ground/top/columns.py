@@ -39,10 +39,6 @@ def _height(v: VehicleReport) -> float | None:
     return v.position.alt_rel if v.position else None
 
 
-def _ned(v: VehicleReport) -> str:
-    return "-" if v.local is None else "{:.1f} {:.1f} {:.1f}".format(*v.local)
-
-
 def _gps(v: VehicleReport) -> str:
     if v.gps is None:
         return "-"
@@ -99,72 +95,56 @@ def _link(v: VehicleReport, what: str) -> float | None:
     return getattr(v.link, what) if v.link else None
 
 
-def _columns(ned: bool) -> tuple[Column, ...]:
-    """In the order in which they are shown, but for the reasons, which take what is left."""
-    place = (
-        Column("north east down", 20, 11, _ned, lambda v: v.local, right=True)
-        if ned
-        else Column("latitude longitude", 19, 11, _place, lambda v: v.position and v.position.lat_deg, right=True)
-    )
-    return (
-        Column(NAME, 8, 0, lambda v: v.name, lambda v: v.name),
-        Column(FLEET, 8, 0, lambda v: v.fleet, lambda v: v.fleet),
-        Column("is", 6, 0, condition, _badness),
-        Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
-        Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
-        Column("id", 3, 16, lambda v: str(v.sysid or "-"), lambda v: v.sysid, right=True),
-        Column(MODE, 8, 2, lambda v: v.mode or "-", lambda v: v.mode),
-        Column("armed", 5, 3, _armed, lambda v: v.armed),
-        place,
-        Column("alt", 6, 5, lambda v: number(_height(v)), _height, right=True),
-        Column("m/s", 4, 6, lambda v: number(v.speed), lambda v: v.speed, right=True),
-        Column("batt", 5, 4, _battery, lambda v: v.battery, right=True),
-        Column("gps", 7, 8, _gps, lambda v: v.gps and v.gps.satellites),
-        Column("age", 5, 1, lambda v: duration(v.age), lambda v: v.age, right=True),
-        Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), lambda v: _link(v, "rate"), right=True),
-        Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), lambda v: _link(v, "loss"), right=True),
-        Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), lambda v: v.network.rtt, right=True),
-        Column(
-            "hops",
-            4,
-            12,
-            lambda v: "-" if v.network.hops is None else str(v.network.hops),
-            lambda v: v.network.hops,
-            right=True,
-        ),
-        Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
-        Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
-        Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
-        Column(EVENT, 34, 13, event, lambda v: v.events[0].age if v.events else None),
-    )
-
-
-GLOBAL, LOCAL = _columns(ned=False), _columns(ned=True)
+COLUMNS = (
+    Column(NAME, 8, 0, lambda v: v.name, lambda v: v.name),
+    Column(FLEET, 8, 0, lambda v: v.fleet, lambda v: v.fleet),
+    Column("is", 6, 0, condition, _badness),
+    Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
+    Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
+    Column("id", 3, 16, lambda v: str(v.sysid or "-"), lambda v: v.sysid, right=True),
+    Column(MODE, 8, 2, lambda v: v.mode or "-", lambda v: v.mode),
+    Column("armed", 5, 3, _armed, lambda v: v.armed),
+    Column("latitude longitude", 19, 11, _place, lambda v: v.position and v.position.lat_deg, right=True),
+    Column("alt", 6, 5, lambda v: number(_height(v)), _height, right=True),
+    Column("m/s", 4, 6, lambda v: number(v.speed), lambda v: v.speed, right=True),
+    Column("batt", 5, 4, _battery, lambda v: v.battery, right=True),
+    Column("gps", 7, 8, _gps, lambda v: v.gps and v.gps.satellites),
+    Column("age", 5, 1, lambda v: duration(v.age), lambda v: v.age, right=True),
+    Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), lambda v: _link(v, "rate"), right=True),
+    Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), lambda v: _link(v, "loss"), right=True),
+    Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), lambda v: v.network.rtt, right=True),
+    Column(
+        "hops",
+        4,
+        12,
+        lambda v: "-" if v.network.hops is None else str(v.network.hops),
+        lambda v: v.network.hops,
+        right=True,
+    ),
+    Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
+    Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
+    Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
+    Column(EVENT, 34, 13, event, lambda v: v.events[0].age if v.events else None),
+)
+"""in the order in which they are shown, but for the reasons, which take what is left"""
 REASONS = Column(WHY, NARROW_WHY, 0, why, _badness)
-NAMES = tuple(column.name for column in GLOBAL)
+NAMES = tuple(column.name for column in COLUMNS)
 """what can be sorted by"""
 
 
-def columns(ned: bool = False) -> tuple[Column, ...]:
-    return LOCAL if ned else GLOBAL
-
-
-def choose(width: int, vehicles: list[VehicleReport], *, ned: bool = False, narrow: bool = False) -> list[Column]:
+def choose(width: int, vehicles: list[VehicleReport]) -> list[Column]:
     """The columns that fit, the reasons last with what is left: never more than ``width`` cells, a space between two.
     The fleet is one of them where there are several.
-
-    ``narrow``: no more than 80 columns would hold, and the more words.
     """
-    have = min(width, 80) if narrow else width
     longest = {
         NAME: min(max((len(v.name) for v in vehicles), default=0), NAME_MOST),
         MODE: min(max((len(v.mode or "") for v in vehicles), default=0), MODE_MOST),
     }
     one_fleet = len({v.fleet for v in vehicles}) < 2
     every = [
-        replace(c, width=max(longest.get(c.name, 0), c.width)) for c in columns(ned) if c.name != FLEET or not one_fleet
+        replace(c, width=max(longest.get(c.name, 0), c.width)) for c in COLUMNS if c.name != FLEET or not one_fleet
     ]
-    left = have - (WIDE_WHY if have >= 120 else NARROW_WHY)
+    left = width - (WIDE_WHY if width >= 120 else NARROW_WHY)
     shown: set[str] = set()
     for column in sorted(every, key=lambda c: c.rank):
         if column.rank and left < column.width + 1:

@@ -110,8 +110,7 @@ class Live:
                 await watching
 
     def _draw(self, terminal: Terminal) -> None:
-        if self._report is None or not self._ui.paused:
-            self._report = self._watch.report()
+        self._report = self._watch.report()
         width, height = terminal.size
         frame = self._painter.paint(draw(self._ui, self._report, width, height, self._notes.recent()), width)
         if frame != self._shown and terminal.show(frame):

@@ -6,24 +6,16 @@ computer. What is not known is null. Fields are only ever added.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import msgspec
 
-from zmav.doctor.facts import AgentReport, Happening, Presence
-from zmav.doctor.rules import Level, Reason
+from mesh.topology import Graph, Link, Way
+from zmav import wire
+from zmav.doctor.facts import AgentReport, Facts, Happening, Presence
+from zmav.doctor.rules import Level, Reason, reasons
 from zmav.wire import Vector
-
-
-class Position(msgspec.Struct, kw_only=True, frozen=True):
-    lat_deg: float
-    lon_deg: float
-    alt_amsl: float
-    alt_rel: float
-
-
-class GpsReport(msgspec.Struct, kw_only=True, frozen=True):
-    fix: str
-    satellites: int | None
-    hdop: float | None
 
 
 class LeaseReport(msgspec.Struct, kw_only=True, frozen=True):
@@ -87,7 +79,7 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     status: str | None = None
     armed: bool | None = None
     ready: bool | None = None
-    position: Position | None = None
+    position: wire.GlobalPosition | None = None
     local: Vector | None = None
     """m, NED about the fleet's origin"""
     speed: float | None = None
@@ -99,7 +91,7 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     battery: float | None = None
     """0 to 1"""
     voltage: float | None = None
-    gps: GpsReport | None = None
+    gps: wire.Gps | None = None
     lease: LeaseReport | None = None
     mover: str = ""
     """who moves it; see :class:`zmav.wire.VehicleState`"""
@@ -137,3 +129,68 @@ def condition(vehicle: VehicleReport) -> str:
     if vehicle.presence != "ok":
         return vehicle.presence.upper()
     return vehicle.level.upper() if vehicle.level in ("warn", "bad") else vehicle.level
+
+
+SAID = (
+    *("sysid", "kind", "autopilot", "firmware", "mode", "status", "armed", "ready"),
+    *("local", "position", "gps", "mover"),
+)
+"""what a report has of a vehicle's state as it is"""
+
+
+def describe(facts: Facts, fleet: str, twins: tuple[str, ...], graph: Graph | None, several: bool) -> VehicleReport:
+    """``several``: the graph is of many fleets, and names its hosts ``fleet/name``."""
+    host = f"{fleet}/{facts.name}" if several else facts.name
+    way = graph.ways.get(host) if graph else None
+    facts = replace(facts, twins=twins, way=way)
+    found = reasons(facts)
+    report = VehicleReport(
+        name=facts.name,
+        fleet=fleet,
+        presence=facts.presence,
+        age=facts.age,
+        reasons=found,
+        level=found[0].level if found else "ok",
+        network=_network(facts, way, host, graph),
+        agents=[agent.name for agent in facts.agents],
+        events=list(facts.events),
+    )
+    if facts.link is not None:
+        link = facts.link
+        report.link = LinkReport(
+            state=link.state, url=link.url, age=link.age, rate=link.rx_rate, loss=link.loss, rtt=link.rtt
+        )
+    if facts.state is not None:
+        _add_state(report, facts.state, facts.now)
+    return report
+
+
+def _add_state(report: VehicleReport, state: wire.VehicleState, now: float) -> None:
+    """What the vehicle says of itself."""
+    for name in SAID:
+        setattr(report, name, getattr(state, name))
+    if state.velocity is not None:
+        north, east, down = state.velocity
+        report.speed, report.climb = math.hypot(north, east), -down
+    if state.attitude is not None:
+        report.heading_deg = math.degrees(state.attitude.yaw) % 360.0
+    if state.battery is not None:
+        report.battery, report.voltage = state.battery.remaining, state.battery.voltage
+    if state.lease is not None:
+        lease = state.lease
+        report.lease = LeaseReport(holder=lease.holder, ends_in=lease.expires - now, priority=lease.priority)
+
+
+def _network(facts: Facts, way: Way | None, host: str, graph: Graph | None) -> NetworkReport:
+    if way is None:
+        here = graph is not None and graph.start == host
+        return NetworkReport(rtt=facts.rtt, hops=0 if here else None, way=[], complete=here, weakest=None)
+    return NetworkReport(
+        rtt=facts.rtt, hops=len(way.links), way=list(way.hops), complete=way.complete, weakest=_weak(way.weakest)
+    )
+
+
+def _weak(link: Link | None) -> WeakHop | None:
+    if link is None:
+        return None
+    return WeakHop(ends=(link.a, link.b), state=link.state, grade=link.grade, loss=link.worst_loss, rtt=link.rtt)

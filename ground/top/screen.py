@@ -13,7 +13,7 @@ from zmav.doctor.words import clean, duration
 
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
 BAD = "bold red"
-HELP = ("q quit", "/ filter", "<> sort", "r reverse", "enter details", "p pause", "n NED", "w words")
+HELP = ("q quit", "/ filter", "<> sort", "r reverse", "enter details")
 LEAST_TABLE = 4
 """rows of the table that details leave"""
 
@@ -22,7 +22,7 @@ def draw(ui: Ui, report: Report, width: int, height: int, notes: tuple[str, ...]
     """At most ``height`` lines. ``notes``: what this program has to say itself, the newest last."""
     rows = ui.rows(report)
     chosen = ui.chosen(report) if ui.details else None
-    head = [_title(ui, report, len(rows)), *_agents(report)]
+    head = [_title(report, len(rows)), *_agents(report)]
     foot = [*([[(note, "yellow")] for note in notes[-1:]]), _foot(ui, width)]
     room = max(height - len(head) - len(foot) - 1, 1)
     below: list[Line] = []
@@ -38,7 +38,7 @@ def draw(ui: Ui, report: Report, width: int, height: int, notes: tuple[str, ...]
 
 def table(rows: list[VehicleReport], ui: Ui, width: int, room: int | None = None) -> list[Line]:
     """A head and a line a vehicle; with ``room``, as many as have room around the selected one."""
-    shown = choose(width, rows, ned=ui.ned, narrow=ui.narrow)
+    shown = choose(width, rows)
     index = ui.index(rows)
     above, end = 0, len(rows)
     more = ""
@@ -91,14 +91,12 @@ def _style(column: Column, v: VehicleReport, lost: bool) -> str:
     return "bold" if column.name == NAME else ""
 
 
-def _title(ui: Ui, report: Report, shown: int) -> Line:
+def _title(report: Report, shown: int) -> Line:
     counts = report.count()
     lost: Line = [] if report.router else [("  NO ROUTER: nothing can be heard", BAD)]
     total = len(report.vehicles)
     fleet = "all fleets" if report.fleet == "*" else report.fleet
     line: Line = [("zmav top ", "bold"), (time.strftime("%H:%M:%S", time.localtime(report.t)), "dim")]
-    if ui.paused:
-        line.append((f" PAUSED {duration(time.time() - report.t)} ago", "bold yellow"))
     line += lost
     line.append((f"  {fleet}  {total} vehicle{'' if total == 1 else 's'}", ""))
     if shown != total:

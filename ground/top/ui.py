@@ -1,10 +1,10 @@
-"""What the viewer has chosen: order, filter, selection, pause. Keys change it; nothing here knows a terminal."""
+"""What the viewer has chosen: order, filter, selection. Keys change it; nothing here knows a terminal."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ground.top.columns import NAME, NAMES, Column, columns
+from ground.top.columns import COLUMNS, NAME, NAMES, Column
 from ground.top.report import Report, VehicleReport, condition
 from zmav.doctor.words import clean
 
@@ -20,9 +20,6 @@ class Ui:
     filter: str = ""
     typing: bool = False
     """keys go into the filter"""
-    paused: bool = False
-    ned: bool = False
-    narrow: bool = False
     details: bool = False
     selected: tuple[str, str] | None = None
     """fleet and name of the vehicle; it stays chosen wherever it is sorted to"""
@@ -43,7 +40,7 @@ class Ui:
     def column(self) -> Column:
         """What is sorted by."""
         index = NAMES.index(self.sort) if self.sort in NAMES else 0
-        return columns(self.ned)[index]
+        return COLUMNS[index]
 
     def press(self, key: str, report: Report) -> None:
         if self.typing:
@@ -64,20 +61,10 @@ class Ui:
             if self.chosen(report) is None:
                 self._move("home", self.rows(report))
             self.details = not self.details
-        else:
-            self._toggle(key)
-
-    def _toggle(self, key: str) -> None:
-        if key == "/":
+        elif key == "/":
             self.typing = True
         elif key == "r":
             self.reverse = not self.reverse
-        elif key in ("p", " "):
-            self.paused = not self.paused
-        elif key == "n":
-            self.ned = not self.ned
-        elif key == "w":
-            self.narrow = not self.narrow
 
     def _type(self, key: str) -> None:
         if key == "enter":

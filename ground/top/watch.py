@@ -13,8 +13,7 @@ import zenoh
 from zenoh import handlers
 
 import mesh.graph
-from ground.top.describe import describe
-from ground.top.report import Report
+from ground.top.report import Report, describe
 from mesh.topology import Graph
 from zmav import keys, wire
 from zmav.client import Client

@@ -51,12 +51,7 @@ def blueprint(places: Sequence[Vector] = ()) -> rrb.Blueprint:
         rrb.TextLogView(
             origin="/events", name="Events", columns=rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
         ),
-        rrb.Tabs(
-            rrb.TextDocumentView(origin="/fleet", name="Table"),
-            rrb.Spatial2DView(origin="/camera", name="Camera"),
-            rrb.TextDocumentView(origin="/text", name="Topics"),
-            active_tab=0,
-        ),
+        rrb.Spatial2DView(origin="/camera", name="Camera"),
         column_shares=[3, 4],
     )
     return rrb.Blueprint(

@@ -30,7 +30,6 @@ from zmav.session import SessionSettings
     show_default=True,
     help="Of the web page; its data come over the next one.",
 )
-@click.option("--viewer", "url", metavar="URL", help="A viewer that runs: rerun+http://HOST:9876/proxy.")
 @click.option("--vehicles", multiple=True, metavar="PATTERN", help="Only these: quad1, quad*  (repeatable).")
 @click.option(
     "--size",
@@ -47,7 +46,6 @@ def command(
     save: str | None,
     web: bool,
     port: int,
-    url: str | None,
     vehicles: tuple[str, ...],
     size: float,
     cameras: bool,
@@ -61,14 +59,12 @@ def command(
     ends when the window is closed, or with Ctrl-C.
     """
     viewer.check_extra()
-    sinks = sinks_of(save, web, port, url)
+    sinks = sinks_of(save, web, port)
     run(_view(sinks, vehicles or ("*",), size, cameras, signals, fleet, settings))
 
 
-def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Sink]:
+def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
     """Where to log to; raises :class:`BadConfig` for what cannot be."""
-    if web and url:
-        raise BadConfig("--web and --viewer are two viewers: choose one", field="web", expected="one of them")
     found = []
     if save is not None:
         path = Path(save)
@@ -83,12 +79,6 @@ def sinks_of(save: str | None, web: bool, port: int, url: str | None) -> list[Si
         except OSError as e:
             raise BadConfig(f"cannot write {save}: {e.strerror}", field="save", value=save, expected="a file") from e
         found.append(Sink("save", path=str(path)))
-    if url is not None:
-        if not url.startswith(("rerun+http://", "rerun+https://", "rerun://")):
-            text = f"{url!r} is no address of a viewer: it is like rerun+http://127.0.0.1:9876/proxy"
-            raise BadConfig(text, field="viewer", value=url, expected="rerun+http://HOST:PORT/proxy")
-        viewer.check_running(url)
-        found.append(Sink("connect", url=url))
     if web:
         found.append(viewer.web_sink(port))
     if not found:
@@ -126,7 +116,7 @@ async def _view(
         for task, sink in zip(serving, sinks, strict=True):
             if task in done and (code := task.result()) != 0:
                 if code == LOST:
-                    raise ZmavError(sink.lost)
+                    raise ZmavError(f"{sink.path} does not grow any more: is its disk full, or has it been deleted?")
                 raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
 
 

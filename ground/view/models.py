@@ -53,9 +53,10 @@ class _Builder:
             self.quad(corner(-1, i, -1), corner(1, i, -1), corner(1, i, 1), corner(-1, i, 1), tint)
             self.quad(corner(-1, -1, i), corner(1, -1, i), corner(1, 1, i), corner(-1, 1, i), tint)
 
-    def disc(self, center: Vector, radius: float, tint: Tint, axis: int = 2, sides: int = 14) -> None:
+    def disc(self, center: Vector, radius: float, tint: Tint, axis: int = 2) -> None:
         """A thin disc about the axis of that number."""
         one, other = [i for i in range(3) if i != axis]
+        sides = 14
 
         def rim(step: int) -> Vector:
             point = list(center)
@@ -119,46 +120,11 @@ def _rover(b: _Builder) -> None:
             b.disc((x, y * 1.13, -0.24), 0.1, DIM, axis=1)
 
 
-def _boat(b: _Builder) -> None:
-    left, right, bow, stern = -0.42, 0.42, 0.95, -0.8
-    deck, keel = -0.2, 0.14
-    b.quad((stern, left, deck), (0.3, left, deck), (0.3, right, deck), (stern, right, deck), BRIGHT)
-    b.triangle((0.3, left, deck), (bow, 0.0, deck), (0.3, right, deck), BRIGHT)
-    for side in (left, right):
-        b.quad((stern, side, deck), (0.3, side, deck), (0.3, side * 0.5, keel), (stern, side * 0.5, keel), DIM)
-        b.triangle((0.3, side, deck), (bow, 0.0, deck), (0.3, side * 0.5, keel), DIM)
-    b.box((-0.3, 0.0, -0.36), (0.5, 0.44, 0.32), DARK)
-
-
-def _sub(b: _Builder) -> None:
-    b.box((0.0, 0.0, 0.0), (1.1, 0.4, 0.3), BRIGHT)
-    b.cone((0.9, 0.0, 0.0), (0.55, 0.0, 0.0), 0.2, DARK)
-    for y in (-0.36, 0.36):
-        b.box((0.0, y, 0.0), (0.9, 0.16, 0.16), DIM)
-
-
-def _vtol(b: _Builder) -> None:
-    _plane(b)
-    for y in (-0.7, 0.7):
-        b.box((0.15, y, 0.0), (1.3, 0.06, 0.06), DIM)
-        for x in (-0.4, 0.75):
-            b.disc((x, y, -0.12), 0.28, BRIGHT)
-
-
-def _heli(b: _Builder) -> None:
-    b.box((0.1, 0.0, 0.0), (0.7, 0.3, 0.32), BRIGHT)
-    b.cone((0.75, 0.0, 0.05), (0.45, 0.0, 0.05), 0.17, DARK)
-    b.box((-0.65, 0.0, -0.06), (0.9, 0.07, 0.07), DIM)
-    b.disc((0.05, 0.0, -0.3), 0.95, DIM, sides=20)
-    b.disc((-1.05, 0.05, -0.06), 0.18, BRIGHT, axis=1)
-
-
 def _other(b: _Builder) -> None:
     b.cone((0.9, 0.0, 0.0), (-0.5, 0.0, 0.0), 0.4, BRIGHT, sides=4)
-    b.disc((-0.5, 0.0, 0.0), 0.4, DIM, axis=0, sides=4)
 
 
-_KINDS = {"copter": _copter, "plane": _plane, "rover": _rover, "boat": _boat, "sub": _sub, "vtol": _vtol, "heli": _heli}
+_KINDS = {"copter": _copter, "heli": _copter, "plane": _plane, "vtol": _plane, "rover": _rover, "boat": _rover}
 
 
 def model(kind: str | None, size: float = 1.0) -> Model:

@@ -6,14 +6,16 @@ import logging
 import math
 from collections.abc import Callable
 
+import msgspec
 import rerun as rr
 
-from ground.view import meshgraph, meshlinks, pictures, plans, topics
+from ground.view import meshlinks, pictures, topics
 from ground.view.canvas import Canvas
 from ground.view.craft import Craft
 from ground.view.frames import Datum
 from ground.view.signals import Signals
 from ground.view.table import Batch, Item
+from mesh.topology import Graph
 from zmav import wire
 from zmav.errors import ZmavError
 
@@ -22,8 +24,8 @@ CROWD = 12
 """vehicles above which names stand without modes"""
 MOST = 1000
 """vehicles drawn"""
-MESH_EVERY, TABLE_EVERY = 0.5, 1.0
-"""s between two drawings of links that follow their vehicles, and of the table"""
+MESH_EVERY = 0.5
+"""s between two drawings of links that follow their vehicles"""
 LINES_A_STEP = 20
 """events logged in one step; the others wait for the next"""
 LEVELS = {
@@ -47,11 +49,9 @@ class Scene:
         self.crafts: dict[tuple[str, ...], Craft] = {}
         self.bad = 0
         """values left out because they were not what they should be"""
-        self._graph: meshgraph.GraphShown | None = None
-        self._mesh_at = self._table_at = -math.inf
-        self._plans: dict[tuple[str, ...], Item] = {}
+        self._graph: Graph | None = None
+        self._mesh_at = -math.inf
         self._topics: dict[str, Item] = {}
-        self._agents: dict[tuple[str, ...], wire.AgentStatus] = {}
         self._signals = Signals()
         self._lines: list[tuple[str, str, str]] = []
         self._take: dict[str, Callable[[Item], None]] = {
@@ -61,9 +61,6 @@ class Scene:
             "link": self._on_link,
             "fleet": self._on_topic,
             "graph": self._on_graph,
-            "mission": self._on_plan,
-            "home": self._on_plan,
-            "agent_status": self._on_agent,
             "camera_frame": self._on_frame,
             "camera_detection": self._on_detection,
             "agent_out": self._on_signals,
@@ -95,9 +92,6 @@ class Scene:
             self._mesh_at = now
             places = {craft.label: craft.position for craft in self.crafts.values() if craft.position is not None}
             meshlinks.paint(self._canvas, self._graph, places)
-        if now - self._table_at >= TABLE_EVERY and self.crafts:
-            self._table_at = now
-            self._canvas.put(("fleet",), rr.TextDocument(self._table(now), media_type=rr.MediaType.MARKDOWN))
         said, self._lines = self._lines[:LINES_A_STEP], self._lines[LINES_A_STEP:]
         for who, severity, text in said:
             level = LEVELS.get(severity, rr.TextLogLevel.INFO)
@@ -155,26 +149,15 @@ class Scene:
                 craft.plot(self._canvas, "rtt", 1e3 * quality.rtt, "autopilot", dim=True)
 
     def _on_graph(self, item: Item) -> None:
-        self._graph = meshgraph.decode(item.payload)
+        self._graph = msgspec.json.decode(item.payload, type=Graph)
         self._mesh_at = -math.inf
         by_label = {craft.label: craft for craft in self.crafts.values()}
         for name, way in self._graph.ways.items():
             if (craft := by_label.get(name)) is not None:
                 if way.rtt is not None:
                     craft.plot(self._canvas, "rtt", 1e3 * way.rtt)
-                if way.lost is not None:
-                    craft.plot(self._canvas, "loss", 100.0 * way.lost)
-
-    def _on_plan(self, item: Item) -> None:
-        self._plans[(item.kind, *item.place)] = item
-        craft = self._craft(item.place)
-        if item.kind == "home":
-            home = plans.home_of(wire.decode(item.payload, wire.LastMessage, "home"))
-            if home is not None:
-                plans.paint_home(self._canvas, craft.path, home, craft.label, self.datum)
-            return
-        plan = wire.decode(item.payload, wire.Mission, "mission")
-        plans.paint_plan(self._canvas, craft.path, plan, self.datum, craft.home_amsl, craft.colour)
+                if (arrives := way.delivery(back=True)) is not None:
+                    craft.plot(self._canvas, "loss", 100.0 * (1.0 - arrives))
 
     def _on_topic(self, item: Item) -> None:
         topic = item.place[1]
@@ -186,15 +169,6 @@ class Scene:
         if unknown := topics.paint(self._canvas, topic, item.payload, self.datum):
             self.say("fleet", "info", unknown)
 
-    def _on_agent(self, item: Item) -> None:
-        status = wire.decode(item.payload, wire.AgentStatus, "agent status")
-        before = self._agents.get(item.place)
-        if len(self._agents) < MOST or before is not None:
-            self._agents[item.place] = status
-        if before is None or before.state != status.state:
-            text = f"{status.agent} on {item.place[1]}: {status.state} {status.text}".rstrip()
-            self.say("agents", "info", text)
-
     def _on_signals(self, item: Item) -> None:
         self.bad += self._signals.take(self._canvas, item.place, self._label(item.place), item.payload)
 
@@ -203,8 +177,8 @@ class Scene:
             self.bad += 1
 
     def _on_detection(self, item: Item) -> None:
-        if not pictures.paint_detection(self._canvas, self._craft(item.place).label, item.place[2], item.payload):
-            self.bad += 1
+        seen = wire.decode(item.payload, wire.Detections, "detection")
+        pictures.paint_detection(self._canvas, self._craft(item.place).label, item.place[2], seen)
 
     # The origin.
 
@@ -220,35 +194,5 @@ class Scene:
         for craft in self.crafts.values():
             craft.forget_trail()
             craft.place(self.datum)
-        for item in list(self._plans.values()):
-            self._on_plan(item)
         for topic, item in self._topics.items():
             topics.paint(self._canvas, topic, item.payload, self.datum)
-
-    # The table.
-
-    def _table(self, now: float) -> str:
-        """Everybody in words, as Markdown."""
-        head = "| vehicle | mode | armed | battery | lease | heard |\n|---|---|---|---|---|---|\n"
-        lines = []
-        for craft in sorted(self.crafts.values(), key=lambda craft: craft.label)[:100]:
-            state = craft.state
-            if state is None:
-                continue
-            left = state.battery.remaining if state.battery else None
-            battery = "–" if left is None else f"{left:.0%}"
-            armed = "–" if state.armed is None else ("**armed**" if state.armed else "no")
-            age = now - craft.heard
-            heard = f"**silent {age:.0f} s**" if craft.silent else f"{age:.1f} s"
-            cells = [_plain(craft.label), _plain(state.mode or "–"), armed, battery, _plain(craft.holder or ""), heard]
-            lines.append(f"| {' | '.join(cells)} |")
-        agents = [
-            f"- {_plain(status.agent)} on {_plain(place[1])}: {_plain(status.state)} {_plain(status.text)}"
-            for place, status in list(self._agents.items())[:20]
-        ]
-        return head + "\n".join(lines) + ("\n\n" + "\n".join(agents) if agents else "")
-
-
-def _plain(text: str) -> str:
-    """Text that is not taken for Markdown."""
-    return "".join("\\" + c if c in "\\`*_{}[]<>()#|!" else (c if c.isprintable() else " ") for c in text[:80])

@@ -18,7 +18,7 @@ LOST = 3
 class Sink(msgspec.Struct, frozen=True):
     """Where a painter logs to."""
 
-    kind: Literal["native", "web", "save", "connect"]
+    kind: Literal["native", "web", "save"]
     path: str = ""
     """of the file, for ``save``"""
     url: str = ""
@@ -30,16 +30,7 @@ class Sink(msgspec.Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        return {"native": "the viewer", "web": "the web viewer's server", "save": self.path, "connect": self.url}[
-            self.kind
-        ]
-
-    @property
-    def lost(self) -> str:
-        """Why a painter ended with :data:`LOST`."""
-        if self.kind == "save":
-            return f"{self.path} does not grow any more: is its disk full, or has it been deleted?"
-        return f"no viewer answers at {self.url}: 'rerun' starts one"
+        return {"native": "the viewer", "web": "the web viewer's server", "save": self.path}[self.kind]
 
 
 class PainterSettings(msgspec.Struct, frozen=True):

@@ -1,9 +1,9 @@
 """What the fleet's topics (goal, plan, obstacle and others) hold that can be drawn, found in any JSON.
 
 Who publishes them decides their shape; here it is only looked for what has a place: a vector of three numbers is a
-point (NED about the fleet's origin; where a document's ``frame`` says ENU, it is turned), a list of them a path, and
-an object with ``min`` and ``max``, ``center`` and ``radius``, or ``polygon``, ``floor`` and ``ceiling`` a body; without
-a ceiling a polygon is an area, drawn as its outline at its floor. Both are heights above the origin, up positive.
+point (NED about the fleet's origin), a list of them a path, and an object with ``min`` and ``max``, or with ``center``
+and ``radius`` or ``polygon``, ``floor`` and ``ceiling`` a body; without a ceiling a polygon is an area, drawn as its
+outline at its floor. Both are heights above the origin, up positive.
 """
 
 from __future__ import annotations
@@ -38,11 +38,6 @@ class Box(NamedTuple):
     high: Vector
 
 
-class Ball(NamedTuple):
-    center: Vector
-    radius: float
-
-
 class Prism(NamedTuple):
     """An upright body; a cylinder's outline has many corners. Heights are down positive, as all of NED."""
 
@@ -58,17 +53,16 @@ class Shapes:
     marks: list[Mark] = field(default_factory=list)
     lines: list[Line] = field(default_factory=list)
     boxes: list[Box] = field(default_factory=list)
-    balls: list[Ball] = field(default_factory=list)
     prisms: list[Prism] = field(default_factory=list)
 
     def __bool__(self) -> bool:
-        return any((self.marks, self.lines, self.boxes, self.balls, self.prisms))
+        return any((self.marks, self.lines, self.boxes, self.prisms))
 
 
 def find(document: Any, datum: Datum, label: str = "") -> Shapes:
     """The shapes in a decoded JSON document; empty where there is nothing of a known form."""
     finder = _Finder(datum)
-    finder.look(document, label, enu=False, deep=0)
+    finder.look(document, label, deep=0)
     return finder.found
 
 
@@ -77,45 +71,44 @@ class _Finder:
         self.found = Shapes()
         self._datum, self._left = datum, MANY
 
-    def look(self, value: Any, label: str, enu: bool, deep: int) -> None:
+    def look(self, value: Any, label: str, deep: int) -> None:
         self._left -= 1
         if deep > DEEP or self._left < 0:
             return
         if isinstance(value, dict):
-            self._object(value, label, enu, deep)
+            self._object(value, label, deep)
         elif isinstance(value, list):
-            self._list(value, label, enu, deep)
+            self._list(value, label, deep)
 
-    def _list(self, value: list[Any], label: str, enu: bool, deep: int) -> None:
-        if (point := vector(value, enu)) is not None:
+    def _list(self, value: list[Any], label: str, deep: int) -> None:
+        if (point := vector(value)) is not None:
             self.found.marks.append(Mark(point, label))
             return
-        line = [self._point(each, enu) for each in value[:MANY]]
+        line = [self._point(each) for each in value[:MANY]]
         if len(line) > 1 and all(point is not None for point in line):
             self.found.lines.append(Line([point for point in line if point is not None], label))
             return
         for each in value:
-            self.look(each, label, enu, deep + 1)
+            self.look(each, label, deep + 1)
 
-    def _object(self, value: dict[str, Any], label: str, enu: bool, deep: int) -> None:
-        enu = "ENU" in value["frame"].upper() if isinstance(value.get("frame"), str) else enu
+    def _object(self, value: dict[str, Any], label: str, deep: int) -> None:
         named = next((value[key] for key in NAMES if isinstance(value.get(key), str)), label)[:40]
-        if self._body(value, enu):
+        if self._body(value):
             return
-        if (point := self._point(value, enu)) is not None:
+        if (point := self._point(value)) is not None:
             self.found.marks.append(Mark(point, named))
         for key, inner in value.items():
             if not isinstance(inner, (dict, list)) or (point is not None and key in PLACES):
                 continue
-            self.look(inner, named if key in PATHS + PLACES or named != label else str(key)[:40], enu, deep + 1)
+            self.look(inner, named if key in PATHS + PLACES or named != label else str(key)[:40], deep + 1)
 
-    def _point(self, value: Any, enu: bool) -> Vector | None:
+    def _point(self, value: Any) -> Vector | None:
         """A point given as a vector, as ``[t, x, y, z]``, or as an object that holds it."""
         if isinstance(value, list):
-            return vector(value, enu) or (vector(value[1:], enu) if len(value) == 4 else None)
+            return vector(value) or (vector(value[1:]) if len(value) == 4 else None)
         if not isinstance(value, dict):
             return None
-        held = (vector(value.get(key), enu) for key in PLACES)
+        held = (vector(value.get(key)) for key in PLACES)
         found = next((point for point in held if point is not None), None)
         if found is None and (place := numbers(value, "lat_deg", "lon_deg")):
             origin = self._datum.origin
@@ -125,16 +118,15 @@ class _Finder:
             found = self._datum.place(place[0], place[1], alt) if alt is not None else None
         return found
 
-    def _body(self, value: dict[str, Any], enu: bool) -> bool:
-        low, high = vector(value.get("min"), enu), vector(value.get("max"), enu)
+    def _body(self, value: dict[str, Any]) -> bool:
+        low, high = vector(value.get("min")), vector(value.get("max"))
         if low and high:
             lower, upper = tuple(map(min, low, high)), tuple(map(max, low, high))
             self.found.boxes.append(Box(lower, upper))  # type: ignore[arg-type]  # map forgets how many there are
             return True
         radius, bottom, top = number(value.get("radius")), _down(value, "floor"), _down(value, "ceiling")
-        center = value.get("center", value.get("pos"))
         if "polygon" in value:
-            corners = [pair(each, enu) for each in value["polygon"][:MANY]] if _is_list(value["polygon"]) else []
+            corners = [pair(each) for each in value["polygon"][:MANY]] if _is_list(value["polygon"]) else []
             outline = [corner for corner in corners if corner is not None]
             if len(outline) < 3:
                 return False
@@ -146,13 +138,10 @@ class _Finder:
             return True
         if radius is None or not 0.0 < radius <= FAR:
             return False
-        flat, solid = pair(center, enu), vector(center, enu)
-        if flat and (bottom is not None or top is not None or solid is None):
-            self.found.prisms.append(Prism(circle(flat, radius), -50.0 if top is None else top, bottom or 0.0))
-            return True
-        if solid:
-            self.found.balls.append(Ball(solid, radius))
-        return solid is not None
+        if (flat := pair(value.get("center", value.get("pos")))) is None:
+            return False
+        self.found.prisms.append(Prism(circle(flat, radius), -50.0 if top is None else top, bottom or 0.0))
+        return True
 
 
 def number(value: Any) -> float | None:
@@ -167,24 +156,24 @@ def numbers(value: dict[str, Any], *names: str) -> list[float] | None:
     return [each for each in found if each is not None] if None not in found else None
 
 
-def vector(value: Any, enu: bool = False) -> Vector | None:
+def vector(value: Any) -> Vector | None:
     """Three numbers, in NED."""
     if not isinstance(value, (list, tuple)) or len(value) != 3:
         return None
     x, y, z = map(number, value)
     if x is None or y is None or z is None:
         return None
-    return (y, x, -z) if enu else (x, y, z)
+    return x, y, z
 
 
-def pair(value: Any, enu: bool = False) -> tuple[float, float] | None:
+def pair(value: Any) -> tuple[float, float] | None:
     """North and east of two or three numbers."""
     if not isinstance(value, (list, tuple)) or len(value) not in (2, 3):
         return None
     x, y = number(value[0]), number(value[1])
     if x is None or y is None:
         return None
-    return (y, x) if enu else (x, y)
+    return x, y
 
 
 def circle(center: tuple[float, float], radius: float, sides: int = 24) -> list[tuple[float, float]]:

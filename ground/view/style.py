@@ -13,10 +13,6 @@ WHITE: Colour = (235, 238, 242, 255)
 SETPOINT: Colour = (255, 255, 255, 230)
 ERROR_LINE: Colour = (255, 70, 70, 230)
 SEGMENT: Colour = (255, 255, 255, 120)
-MISSION: Colour = (90, 200, 255, 200)
-HOME: Colour = (250, 220, 90, 255)
-STAY_INSIDE: Colour = (80, 220, 120, 220)
-STAY_OUT: Colour = (255, 90, 70, 220)
 GRADES: dict[str, Colour] = {
     "good": (60, 210, 110, 255),
     "fair": (250, 205, 60, 255),

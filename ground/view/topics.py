@@ -11,10 +11,8 @@ from ground.view import shapes, style
 from ground.view.canvas import NED, Canvas, Path
 from ground.view.frames import Datum
 
-WORDS = 4000
-"""characters of a document that are shown where it cannot be drawn"""
 SAID = 200
-"""of it in a line of the log"""
+"""characters of a document that are shown in a line of the log where it cannot be drawn"""
 
 
 def paint(canvas: Canvas, topic: str, payload: bytes, datum: Datum) -> str | None:
@@ -29,13 +27,9 @@ def paint(canvas: Canvas, topic: str, payload: bytes, datum: Datum) -> str | Non
     _marks(canvas, (*path, "points"), found.marks, shade)
     _lines(canvas, (*path, "lines"), found.lines, shade)
     _boxes(canvas, (*path, "boxes"), found.boxes, shade)
-    _balls(canvas, (*path, "balls"), found.balls, shade)
     _prisms(canvas, (*path, "prisms"), found.prisms, shade)
     if found or document in (None, {}, []):
-        canvas.clear(("text", topic))
         return None
-    text = json.dumps(document, indent=2, ensure_ascii=False)
-    canvas.put(("text", topic), rr.TextDocument(f"{topic}\n{text[:WORDS]}"))
     return f"{topic}: {json.dumps(document, ensure_ascii=False)[:SAID]}"
 
 
@@ -68,18 +62,6 @@ def _boxes(canvas: Canvas, path: Path, boxes: list[shapes.Box], shade: style.Col
     low, high = np.array([box.low for box in boxes]), np.array([box.high for box in boxes])
     solid = rr.Boxes3D(
         centers=(low + high) / 2, half_sizes=(high - low) / 2, colors=shade, fill_mode=rr.components.FillMode.Solid
-    )
-    return canvas.put(path, solid)
-
-
-def _balls(canvas: Canvas, path: Path, balls: list[shapes.Ball], shade: style.Colour) -> None:
-    if not balls:
-        return canvas.clear(path)
-    solid = rr.Ellipsoids3D(
-        centers=[ball.center for ball in balls],
-        radii=[ball.radius for ball in balls],
-        colors=shade,
-        fill_mode=rr.components.FillMode.Solid,
     )
     return canvas.put(path, solid)
 

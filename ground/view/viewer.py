@@ -9,15 +9,13 @@ import subprocess
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from ground.view.settings import Sink
 from zmav.errors import BadConfig, missing_extra
 from zmav.process import free_port
 
 HOST = "127.0.0.1"
-PORT = 9876
-"""that a viewer listens at where its address names none"""
 MEMORY, SERVER_MEMORY = "2GB", "512MB"
 """that the viewer and its server keep at most; the oldest is forgotten first"""
 START = 20.0
@@ -35,16 +33,6 @@ def check_display(environment: Mapping[str, str] = os.environ) -> None:
     if not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         text = "there is no display to open a window on: use --web (a page for a browser) or --save FILE.rrd"
         raise BadConfig(text, field="DISPLAY", value=None, expected="a display, --web or --save")
-
-
-def check_running(url: str) -> None:
-    """Raises :class:`BadConfig` where nobody listens at a viewer's address: Rerun would wait for ever."""
-    try:
-        place = urlsplit(url)
-        socket.create_connection((place.hostname or HOST, place.port or PORT), timeout=5.0).close()
-    except (OSError, ValueError) as e:
-        text = f"no viewer answers at {url}: {e}; 'rerun' starts one"
-        raise BadConfig(text, field="viewer", value=url, expected="a viewer that runs") from e
 
 
 def native_sink() -> Sink:

@@ -107,7 +107,7 @@ NOT_RUN: dict[str, str] = {
     ),
     r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*": "needs a device: tests/hil, tests/agents/camera",
     r"pip install .*": "a network to the package registries; what it names is looked up among its extras",
-    r"zmav view|zmav view --viewer .*": "opens a window, or wants one elsewhere: tests/ground/view",
+    r"zmav view": "opens a window, or wants one elsewhere: tests/ground/view",
     r"zmav mesh bench (?!quad1 ground$).*|zmav mesh bench quad1 ground": "wants two hosts: tests/mesh/bench",
     r"zmav (up|router) --file fleet.toml .*": "wants a fleet's radios: tests/mesh/test_running.py",
     r"docs/.*\.md: zmav swarm (takeoff|formation|planner) .*|zmav swarm cancel g1|zmav router &": (

@@ -64,27 +64,6 @@ def test_frames_come_with_the_parts_of_their_keys_and_in_order(ground: Ground) -
         assert origin.key == "zmav/demo/quad2/mav/rx/7/1/UNKNOWN_410" and feed.frames == 51
 
 
-def test_an_autopilot_heard_by_two_agents_is_heard_once(ground: Ground) -> None:
-    heard = Heard()
-    with Feed(ground.session, keys.anything, heard, "demo") as feed:
-        put(ground, "near", b"0")
-        put(ground, "far", b"1")  # from now on it is known that there are two ways
-        for frame in (b"a", b"b", b"b"):  # an autopilot may repeat itself; a second way to it may not
-            put(ground, "near", frame)
-            put(ground, "far", frame)
-        put(ground, "far", b"c")
-        assert heard.until_last(b"c") == [b"0", b"1", b"a", b"b", b"b", b"c"]
-        assert feed.twice == 3
-
-
-def test_who_chooses_a_way_himself_hears_both(ground: Ground) -> None:
-    heard = Heard()
-    with Feed(ground.session, keys.anything, heard, "demo", once=False):
-        put(ground, "near", b"a")
-        put(ground, "far", b"a")
-        heard.until(lambda: len(heard.frames) == 2)
-
-
 def test_expressions_that_overlap_bring_a_frame_once(ground: Ground) -> None:
     heard = Heard()
     with Feed(ground.session, keys.anything, heard, "demo", ["quad*", "quad1", "*1"], ["ATTITUDE", "*"]):

@@ -30,8 +30,6 @@ from zmav.mavlink import load_dialect
 from zmav.services.files.store import META, Store
 from zmav.sim.camera.scene import load_scene
 
-FAR = (1 << 63) - 1
-
 
 def filed(name: str, read: Callable[[Path], object]) -> Callable[[], contextlib.AbstractContextManager[Run]]:
     """``Target.open`` for what reads a file: each input lies there as ``name``."""
@@ -85,16 +83,13 @@ def tlogs() -> list[bytes]:
 
 
 def replayed(path: Path) -> None:
-    """As ``zmav replay`` reads it, as the recorder's history does, and as one that was cut off is completed."""
+    """As ``zmav replay`` reads it, and as one that was cut off is completed."""
     mcapfile.about(path)
     source = Mcap(path)
     with contextlib.suppress(BadInput):
         source.vehicles()
     with contextlib.suppress(BadInput):
         list(source.records())
-    if found := mcapfile.contents(path):
-        with contextlib.suppress(BadInput):
-            list(mcapfile.read_back(path, found.topics, 0, FAR))
     repair(path)
     assert is_whole(path)
 

@@ -69,10 +69,6 @@ def _setpoint(point: wire.Setpoint) -> None:
         segment.at(t)
 
 
-def _event(event: wire.Event) -> None:
-    schemas.log_line(event, "quad1")
-
-
 def _state(state: wire.VehicleState) -> None:
     schemas.location(state)
     of_state(state)
@@ -82,7 +78,6 @@ def _state(state: wire.VehicleState) -> None:
 USED: dict[type, Callable[[Any], object]] = {
     wire.Setpoint: _setpoint,
     wire.GoTo: _fly,
-    wire.Event: _event,
     wire.VehicleState: _state,
     swarm.Submit: lambda order: check_goal(order.goal),
     swarm.Obstacle: check_obstacle,
@@ -191,8 +186,7 @@ def key(data: bytes) -> None:
         assert number is None or number > 0
     stamp(payload)
     route = Route(text, the_dialect())
-    route.takes(payload)
-    route.made_of(payload)
+    route.location(payload)
     route.schema(payload)
     keys.expression(text)
 

@@ -185,17 +185,16 @@ class Scene:
         return self.crafts[-1]
 
     async def bridge(
-        self, tcp: str = "", udpin: str = "", *, udp: int = 0, vehicles: str = "*", streams: str = "none"
+        self, tcp: str = "", udpin: str = "", *, udp: int = 0, vehicles: str = "*", streams: bool = False
     ) -> Bridge:
         """One with a TCP and a UDP server on free ports; ``tcp`` and ``udpin`` are their options."""
         z = await self._stack.enter_async_context(zmav.open(connect=[self.router_endpoint]))
-        dialect = load_dialect()
         ends = [
-            parse_endpoint("tcp", f"0?{tcp}", Options(), dialect),
-            parse_endpoint("udpin", f"0?{udpin}", Options(), dialect),
+            parse_endpoint("tcp", f"0?{tcp}", Options()),
+            parse_endpoint("udpin", f"0?{udpin}", Options()),
         ]
         if udp:
-            ends.append(parse_endpoint("udp", str(udp), Options(), dialect))
+            ends.append(parse_endpoint("udp", str(udp), Options()))
         await self.known(z)
         settings = Settings(endpoints=tuple(ends), vehicles=tuple(vehicles.split(",")), streams=streams)
         bridge = await self._stack.enter_async_context(Bridge(z, settings, self.said.append))

@@ -17,7 +17,7 @@ from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
 from tests.conftest import endpoint_of
 from tests.ground.gcs.conftest import PATIENCE_S, Station
-from zmav.mavlink import decode, load_dialect
+from zmav.mavlink import decode
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import SimVehicle, VehicleSpec, World
@@ -71,11 +71,8 @@ class Fleet:
                     await vehicle.wait_until(lambda s: s.connected, PATIENCE_S)
                     await vehicle.params.list()  # answered once its agent has read them all
                 asked: tuple[tuple[Kind, str], ...] = (("tcp", "tcp"), ("udpin", "udpin"), ("tcp", "slow"))
-                ends = [
-                    parse_endpoint(kind, f"0?{self._options.get(name, '')}", Options(), load_dialect())
-                    for kind, name in asked
-                ]
-                async with Bridge(z, Settings(endpoints=tuple(ends), streams="none"), lambda line: None) as bridge:
+                ends = [parse_endpoint(kind, f"0?{self._options.get(name, '')}", Options()) for kind, name in asked]
+                async with Bridge(z, Settings(endpoints=tuple(ends), streams=False), lambda line: None) as bridge:
                     self.bridge = bridge
                     ready.set_result(None)
                     await self._stop.wait()

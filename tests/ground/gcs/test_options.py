@@ -8,37 +8,27 @@ import pytest
 
 from ground.gcs.options import Options, parse_endpoint
 from zmav.errors import BadConfig
-from zmav.mavlink import load_dialect
 
 
 def test_an_endpoint_is_on_loopback_unless_its_host_is_written_out() -> None:
-    dialect = load_dialect()
-    end = parse_endpoint("tcp", "5760", Options(), dialect)
+    end = parse_endpoint("tcp", "5760", Options())
     assert (end.host, end.port, str(end)) == ("127.0.0.1", 5760, "tcp 127.0.0.1:5760")
-    assert parse_endpoint("udpin", "0.0.0.0:14550", Options(), dialect).host == "0.0.0.0"
-    assert str(parse_endpoint("udp", "[::1]:14550", Options(), dialect)) == "udp [::1]:14550"
-    assert parse_endpoint("serial", "/dev/ttyUSB0,57600?hz=1", Options(), dialect).text == "/dev/ttyUSB0,57600"
+    assert parse_endpoint("udpin", "0.0.0.0:14550", Options()).host == "0.0.0.0"
+    assert str(parse_endpoint("udp", "[::1]:14550", Options())) == "udp [::1]:14550"
+    assert parse_endpoint("serial", "/dev/ttyUSB0,57600?hz=1", Options()).text == "/dev/ttyUSB0,57600"
 
 
 def test_options_go_before_the_defaults() -> None:
-    defaults = Options(rate=500.0, hz=2.0, drop=("VIBRATION",))
-    text = "5760?rate=4kB/s&only=attitude,GPS*&vehicles=quad*,rover1&read_only=1"
-    options = parse_endpoint("tcp", text, defaults, load_dialect()).options
+    defaults = Options(rate=500.0, hz=2.0)
+    text = "5760?rate=4kB/s&vehicles=quad*,rover1&read_only=1"
+    options = parse_endpoint("tcp", text, defaults).options
     assert options == Options(
         rate=4000.0,
         hz=2.0,
-        only=("ATTITUDE", "GPS*"),
-        drop=("VIBRATION",),
         vehicles=("quad*", "rover1"),
         read_only=True,
     )
     assert options.sees("quad7") and not options.sees("rover2")
-
-
-def test_what_must_arrive_passes_a_list_of_telemetry_but_not_what_drops_it() -> None:
-    only = Options(only=("ATTITUDE",))
-    assert only.passes("ATTITUDE", False) and only.passes("COMMAND_ACK", True) and not only.passes("VFR_HUD", False)
-    assert not Options(drop=("STATUS*",)).passes("STATUSTEXT", True)
 
 
 @pytest.mark.parametrize(
@@ -54,13 +44,11 @@ def test_what_must_arrive_passes_a_list_of_telemetry_but_not_what_drops_it() -> 
         ("tcp", "5760?rate=4", "rate", "4kB/s"),
         ("tcp", "5760?rate=5B/s", "rate", "100 B/s at least"),
         ("tcp", "5760?hz=nan", "hz", "0.1 to 500"),
-        ("tcp", "5760?only=ATTITUD", "message", "did you mean ATTITUDE"),
-        ("tcp", "5760?drop=NO*SUCH", "message", "no message"),
         ("tcp", "5760?vehicles=Quad", "vehicles", "a-z"),
         ("tcp", "5760?read_only=yes", "read_only", "0 or 1"),
     ],
 )
 def test_bad_ones_name_the_field_and_what_was_expected(kind: Any, text: str, field: str, words: str) -> None:
     with pytest.raises(BadConfig) as caught:
-        parse_endpoint(kind, text, Options(), load_dialect())
+        parse_endpoint(kind, text, Options())
     assert caught.value.detail["field"] == field and words in str(caught.value)

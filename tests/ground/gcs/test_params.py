@@ -181,23 +181,6 @@ def test_read_only_answers_questions_and_sets_nothing(fleet: Fleet) -> None:
         viewer.close()
 
 
-def test_the_checksum_of_a_px4_is_the_autopilot_s_own(fleet: Fleet) -> None:
-    """QGroundControl asks for it, and where it has that very set it says so, to be sent no list."""
-    gcs = fleet.caller(249, slow=True)
-    try:
-        gcs.beat()
-        said = gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", PX4, param_id="_HASH_CHECK", param_index=-1)
-        assert (said["param_id"], said["param_index"]) == ("_HASH_CHECK", 65535)
-        gcs.to("PARAM_REQUEST_LIST", PX4)
-        gcs.wait(lambda: len(frames(gcs, PX4)) > 20, "the list")
-        gcs.to("PARAM_SET", PX4, param_id="_HASH_CHECK", param_value=said["param_value"], param_type=5)
-        gcs.silent_about("_NOTHING")
-        assert len(frames(gcs, PX4)) < len(fleet.params(PX4))
-        gcs.silent_about("PARAM_VALUE", PX4)
-    finally:
-        gcs.close()
-
-
 def test_the_vehicle_s_own_flood_reaches_nobody(fleet: Fleet, gcs: Caller) -> None:
     gcs.answer("PARAM_REQUEST_READ", "PARAM_VALUE", param_id="WPNAV_SPEED", param_index=-1)
     withheld = fleet.bridge.downlink.counters.withheld
@@ -238,23 +221,12 @@ def test_a_list_over_a_narrow_link_lets_answers_through(fleet: Fleet) -> None:
         radio.close()
 
 
-def test_the_parameter_file_is_made_of_the_copy(fleet: Fleet, gcs: Caller) -> None:
-    """As QGroundControl fetches it: opened, read in a burst to its end, closed; the autopilot hears nothing of it."""
+def test_the_parameter_file_is_denied_so_that_the_list_is_asked_for(fleet: Fleet, gcs: Caller) -> None:
+    """QGroundControl asks for it first; the autopilot hears nothing of it."""
     gcs.silent_about("_NOTHING")  # the heartbeat before it has gone to the vehicles
-    sent, offset = fleet.bridge.uplink.sent, 0
-    size = ftp(gcs, Packet(10, 3, Op.OPEN_FILE_RO, len(PATH), data=PATH.encode())).data
-    data = bytearray(struct.unpack("<I", size)[0])
-    gcs.to("FILE_TRANSFER_PROTOCOL", ARDUPILOT, payload=pack(Packet(20, 3, Op.BURST_READ_FILE, 239)))
-    gcs.wait(lambda: packets(gcs)[-1].burst_complete, "the end of the burst")
-    for number, packet in enumerate(packets(gcs)[1:], start=21):
-        assert (packet.seq, packet.session, packet.offset) == (number, 3, offset)
-        data[offset : offset + len(packet.data)] = packet.data
-        offset += len(packet.data)
-    assert offset == len(data)
-    assert ftp(gcs, Packet(90, 3, Op.BURST_READ_FILE, 239, offset=offset)).nak is Nak.EOF
-    assert {p.name: p.value for p in unpack_params(bytes(data))} == pytest.approx(fleet.params(ARDUPILOT), rel=1e-6)
-    assert ftp(gcs, Packet(91, 3, Op.READ_FILE, 80, offset=0)).size == 80
-    assert ftp(gcs, Packet(92, 3, Op.TERMINATE_SESSION)).opcode == Op.ACK
+    sent = fleet.bridge.uplink.sent
+    denied = ftp(gcs, Packet(10, 3, Op.OPEN_FILE_RO, len(PATH), data=PATH.encode()))
+    assert (denied.opcode, denied.req_opcode, denied.nak) == (Op.NAK, Op.OPEN_FILE_RO, Nak.FILE_NOT_FOUND)
     assert fleet.bridge.uplink.sent == sent
 
 
@@ -264,10 +236,6 @@ def test_other_files_are_between_the_client_and_the_autopilot(fleet: Fleet, gcs:
     assert ftp(gcs, Packet(5, 0, Op.LIST_DIRECTORY, 1, data=b"/")).opcode == Op.ACK
     assert ftp(gcs, Packet(6, 0, Op.OPEN_FILE_RO, 12, data=b"/no/such/one")).nak is not None
     assert fleet.bridge.uplink.sent == sent + 2
-
-
-def packets(caller: Caller) -> list[Packet]:
-    return [unpack(fields["payload"]) for fields in caller.fields("FILE_TRANSFER_PROTOCOL")]
 
 
 def ftp(caller: Caller, packet: Packet) -> Packet:

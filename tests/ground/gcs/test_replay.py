@@ -139,8 +139,8 @@ async def test_a_bridge_of_a_recording_shows_it_and_takes_no_order(scene: Scene)
         while z.heard("old", "demo-replay") is None:
             scene.router.put(keys.STATE.key("demo-replay", "old"), wire.encode(state))
             await z.news(0.05)
-        ends = (parse_endpoint("tcp", "0", Options(), dialect),)
-        async with Bridge(z, Settings(endpoints=ends, streams="none"), scene.said.append) as bridge:
+        ends = (parse_endpoint("tcp", "0", Options()),)
+        async with Bridge(z, Settings(endpoints=ends, streams=False), scene.said.append) as bridge:
             await scene.heard("old is there: system 1, a recording, which takes no orders")
             station = await scene.tcp(bridge)
             (end,) = (each for each in bridge.endpoints if isinstance(each, TcpIn))

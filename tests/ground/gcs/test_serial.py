@@ -61,7 +61,7 @@ def radio(tmp_path: Path) -> Iterator[Radio]:
 
 
 def settings(text: str) -> Settings:
-    return Settings(endpoints=(parse_endpoint("serial", text, Options(), load_dialect()),), streams="none")
+    return Settings(endpoints=(parse_endpoint("serial", text, Options()),), streams=False)
 
 
 async def test_a_radio_carries_both_ways_and_is_taken_up_again(scene: Scene, radio: Radio) -> None:

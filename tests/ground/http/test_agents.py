@@ -74,23 +74,20 @@ def counter(served: Served) -> Iterator[Counter]:
     served.call(end())
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/agent/quad1/counter",
-        "/keys/quad1/agent/counter/do",
-        "/keys/demo/quad1/agent/counter/do",
-        "/keys/zmav/demo/quad1/agent/counter/do",
-    ],
-)
-def test_an_agent_is_asked_by_every_name_of_its_orders(served: Served, counter: Counter, path: str) -> None:
-    reply = served.post(f"{path}/count", {"to": 7, "agent": "ann"})
+def test_an_agent_is_asked(served: Served, counter: Counter) -> None:
+    reply = served.post("/agent/quad1/counter/count", {"to": 7, "agent": "ann"})
     assert (reply.status, reply.json["verb"], reply.json["status"]) == (200, "count", "done"), reply.text
     assert reply.json["result"] == {"counted": 7, "by": "ann"}
-    form = served.post(f"{path}/set", "name=gain&value=2.5", content_type="application/x-www-form-urlencoded")
+    form = served.post(
+        "/agent/quad1/counter/set", "name=gain&value=2.5", content_type="application/x-www-form-urlencoded"
+    )
     assert (form.status, counter["gain"]) == (200, 2.5), form.text
-    assert served.post(f"{path}/set?name=gain&value=1").json["result"] == {"name": "gain", "value": 1.0, "before": 2.5}
-    assert served.post(f"{path}/params").json["result"]["gain"]["high"] == 5.0
+    assert served.post("/agent/quad1/counter/set?name=gain&value=1").json["result"] == {
+        "name": "gain",
+        "value": 1.0,
+        "before": 2.5,
+    }
+    assert served.post("/agent/quad1/counter/params").json["result"]["gain"]["high"] == 5.0
 
 
 def test_parameters_are_keys(served: Served, counter: Counter) -> None:
@@ -109,7 +106,7 @@ def test_an_order_with_an_id_is_asked_after(served: Served, counter: Counter) ->
     assert (first.status, first.json["status"], first.json["result"]) == (200, "running", {"at": 1}), first.text
     asked = len(counter.askers)
     served.loop.call_soon_threadsafe(counter.go.set)
-    while (said := served.post("/keys/quad1/agent/counter/do/count", order).json)["status"] == "running":
+    while (said := served.post("/agent/quad1/counter/count", order).json)["status"] == "running":
         pass
     assert said["result"]["counted"] == 3
     assert len(counter.askers) == asked, "it is done once"
@@ -128,8 +125,6 @@ def test_an_order_with_an_id_is_asked_after(served: Served, counter: Counter) ->
         ("/agent/quad1/*/count", {}, 400, "lower-case"),
         ("/agent/*/counter/count", {}, 400, "lower-case"),
         ("/agent/quad9/counter/count", {}, 404, "quad9"),
-        ("/keys/quad1/agent/counter/count", {}, 400, "agent/AGENT"),
-        ("/keys/other/quad1/agent/counter/do/count", {}, 404, "fleet"),
     ],
 )
 def test_what_cannot_be_done_is_named(

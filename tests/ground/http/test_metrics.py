@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 import zenoh
 
-from ground.http.exposition import Exposition
+from ground.http.metrics import Exposition
 from zmav import keys, wire
 
 if TYPE_CHECKING:

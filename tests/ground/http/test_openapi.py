@@ -13,7 +13,7 @@ import pytest
 from starlette.routing import Match, Route, WebSocketRoute
 
 from ground.http.app import make_app
-from ground.http.described import BODIES, QUERY
+from ground.http.openapi import BODIES, QUERY
 from ground.http.setpoints import Point
 from zmav.verbs import VERBS
 

@@ -79,9 +79,8 @@ def test_orders_by_get_by_form_and_by_json(airborne: Scene) -> None:
     form = served.post("/do/quad1/goto", "pos=[0,0,-6]&arrive=false", content_type=kind)
     assert form.status == 200, form.text
     assert served.get("/do/quad1/goto", pos="[1,1,-6]", arrive="false").status == 200
-    for key in ("quad1/do/hold", "demo/quad1/do/hold", "zmav/demo/quad1/do/hold"):
-        held = served.post(f"/keys/{key}")
-        assert (held.status, held.json["verb"], held.json["status"]) == (200, "hold", "done"), held.text
+    held = served.post("/do/quad1/hold")
+    assert (held.status, held.json["verb"], held.json["status"]) == (200, "hold", "done"), held.text
 
 
 def test_an_order_with_an_id_is_asked_after(airborne: Scene) -> None:
@@ -112,8 +111,6 @@ def test_an_order_with_an_id_is_asked_after(airborne: Scene) -> None:
         ("/do/quad*/hold", {}, 400, "lower-case"),
         ("/do/quad1/set_mode", {"mode": "WARP"}, 400, "WARP"),
         ("/do/quad1/reboot", {}, 409, "armed"),
-        ("/keys/quad1/state", {}, 400, "PUT"),
-        ("/keys/other/quad1/do/hold", {}, 404, "fleet"),
         ("/setpoint/quad1", {}, 400, "where to go"),
         ("/setpoint/quad1", {"n": 1, "e": 2}, 400, "all three"),
         ("/setpoint/quad1", {"pos": [1, 2]}, 400, "pos"),

@@ -96,7 +96,6 @@ from typing import Any
 from click.testing import CliRunner
 from ground.record import cli, replay
 from ground.record.folder import Folder
-from ground.record.part import Kinds
 from ground.record.sources import open_all
 from ground.record.storage import Settings, Storage
 from zmav.mavlink import Packer, load_dialect
@@ -106,7 +105,7 @@ assert "pip install 'zmav[ground]'" in str(told.exception), told
 told = CliRunner().invoke(replay.command, [__file__.replace(".py", ".mcap")])
 assert "pip install 'zmav[ground]'" in str(told.exception), told
 with Folder(Path({str(tmp_path / "out")!r})) as folder:
-    storage = Storage(folder, Settings(kinds=Kinds(mcap=False), keep_free=0), load_dialect(), print)
+    storage = Storage(folder, Settings(mcap=False, keep_free=0), load_dialect(), print)
     storage.start()
     frame = Packer(load_dialect(), sysid=1, compid=1).pack("HEARTBEAT")
     storage.put("zmav/demo/quad1/mav/rx/1/1/HEARTBEAT", frame)

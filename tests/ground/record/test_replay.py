@@ -151,7 +151,7 @@ class Recorded:
         for _ in range(20):
             self.came += [(f"zmav/demo/quad1/{make.key}", make()), (f"zmav/demo/quad2/{other.key}", other())]
         self.came += [
-            ("zmav/demo/quad1/mav/rx/9/9/ATTITUDE", make()),
+            ("zmav/demo/quad1/mav/rx/1/1/ATTITUDE", make()),
             ("zmav/demo/quad1/event", EVENT),
             ("zmav/demo/quad1/setpoint/swap", SETPOINT),
             ("zmav/demo/quad1/mav/tx/1/1/ATTITUDE", make()),

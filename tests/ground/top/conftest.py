@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from ground.top.report import GpsReport, LeaseReport, NetworkReport, Position, Report, VehicleReport
+from ground.top.report import LeaseReport, NetworkReport, Report, VehicleReport
+from zmav import wire
 from zmav.doctor.facts import AgentReport, Happening
 from zmav.doctor.rules import LEVELS, Reason
 
@@ -33,8 +34,8 @@ def make() -> Make:
             "speed": 1.5,
             "battery": 0.9,
             "local": (1.0, 2.0, -10.0),
-            "position": Position(lat_deg=-35.363261, lon_deg=149.16523, alt_amsl=594.0, alt_rel=10.0),
-            "gps": GpsReport(fix="3D_FIX", satellites=14, hdop=0.8),
+            "position": wire.GlobalPosition(lat_deg=-35.363261, lon_deg=149.16523, alt_amsl=594.0, alt_rel=10.0),
+            "gps": wire.Gps(fix="3D_FIX", satellites=14, hdop=0.8),
             "lease": LeaseReport(holder="planner", ends_in=2.6, priority=0),
             "network": NetworkReport(rtt=0.0021, hops=2, way=["quad0", "x", name], complete=True, weakest=None),
             "events": [Happening(age=3.0, kind="mode", severity="info", text="mode GUIDED")],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ground.top.keyboard import Keyboard
+from ground.top.terminal import Keyboard
 
 
 def test_sequences_plain_keys_and_a_lone_escape() -> None:

@@ -193,16 +193,12 @@ def test_without_a_terminal_it_is_printed_once_and_says_what_to_do(voice: Voice)
     assert row.split()[:2] == ["quad1", "BAD"]
     assert below == ["quad1: autopilot silent (link down)"]
     assert "\x1b" not in result.stdout
-    assert "zmav top --watch 1" in result.stderr
+    assert "zmav top --json" in result.stderr
 
 
 def test_an_empty_fleet_is_said(voice: Voice) -> None:
     assert "no vehicle is heard" in once(voice, "--once", "--wait", "0.3").stdout
     assert document(voice, "--wait", "0.3")["vehicles"] == []
-
-
-def test_once_and_watch_exclude_each_other() -> None:
-    assert CliRunner().invoke(command, ["--once", "--watch", "1"]).exit_code == 2
 
 
 # On a terminal.

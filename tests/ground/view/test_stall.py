@@ -198,9 +198,6 @@ def _beyond_loopback(pid: int) -> list[str]:
     [
         ({"save": "/nowhere/at/all.rrd"}, "save"),
         ({"save": "/dev/full"}, "save"),
-        ({"url": "http://127.0.0.1:1"}, "viewer"),
-        ({"url": "rerun+http://127.0.0.1:1/proxy"}, "viewer"),
-        ({"web": True, "url": "rerun+http://127.0.0.1:9876/proxy"}, "web"),
         ({}, "DISPLAY"),
     ],
 )
@@ -210,7 +207,7 @@ def test_what_cannot_be_shown_is_said_with_what_to_do(
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(BadConfig) as raised:
-        sinks_of(options.get("save"), options.get("web", False), 9090, options.get("url"))
+        sinks_of(options.get("save"), options.get("web", False), 9090)
     assert raised.value.detail["field"] == field
     if field == "DISPLAY":
         assert "--web" in str(raised.value) and "--save" in str(raised.value)
@@ -222,4 +219,4 @@ def test_a_port_that_is_taken_is_named() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(BadConfig, match=f"port {port}"):
-            sinks_of(None, True, port, None)
+            sinks_of(None, True, port)

@@ -91,7 +91,7 @@ async def test_frames_under_a_name_that_is_no_vehicles_reach_no_reader(
     station.bind(("127.0.0.1", 0))
     station.settimeout(PATIENCE_S)
     to = f"127.0.0.1:{station.getsockname()[1]}"
-    endpoint = parse_endpoint("udp", to, Options(), load_dialect())
+    endpoint = parse_endpoint("udp", to, Options())
     folder = Folder(tmp_path / "recorded")
     async with (
         client(fleet, door) as z,
