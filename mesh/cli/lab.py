@@ -85,12 +85,14 @@ async def _up(made: Lab, *, live: bool) -> None:
 async def _show(made: Lab, ready: asyncio.Future[None], *, live: bool) -> None:
     """The live table, or two lines: it is made, it is up."""
     begun, hosts = time.monotonic(), len(made.hosts)
-    click.echo(f"lab {made.scenario.name}: {hosts} hosts, {len(made.network.links())} links; files in {made.directory}")
+    click.echo(
+        f"lab {made.scenario.name}: {hosts} hosts, {len(made.network.wiring.edges)} links; files in {made.directory}"
+    )
     if not live:
         await ready
         click.echo(f"up in {time.monotonic() - begun:.1f} s")
         await asyncio.Event().wait()
-    picture = Picture(made.mobility.simulator)
+    picture = Picture()
     with Live(console=console(), refresh_per_second=2) as view:
         while True:
             view.update(await asyncio.to_thread(picture.of, status_of(made)))
@@ -107,7 +109,7 @@ def status(name: str | None, as_json: bool) -> None:
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
         return
-    console().print(Picture(Path(found.directory) / "sim.sock").of(found))
+    console().print(Picture().of(found))
 
 
 @lab.command("list")
@@ -124,8 +126,8 @@ def list_labs() -> None:
 def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> None:
     """Change a link: 'zmav lab set 2-3 loss=0.2 delay=100ms rate=1M'.
 
-    Also jitter, ordered (true or false), burst (frames lost in a row, on average), duplicate, queue (bytes that may
-    wait), bucket (bytes that may go at once) and up. rate=max: no limit.
+    Also jitter, ordered (true or false), burst (frames lost in a row, on average), queue (bytes that may wait)
+    and up. rate=max: no limit.
     """
     with Remote(name) as remote:
         remote.call("set", link=link, conditions=assignments(conditions))
@@ -146,7 +148,7 @@ def _add_order(verb: str, about: str, text: str) -> None:
     @lab.command(verb, help=text)
     @click.argument(about)
     @lab_option
-    def command(name: str | None, **which: str) -> None:
+    def command(name: str | None, **which: Any) -> None:
         with Remote(name) as remote:
             remote.call(verb, **which)
 
@@ -219,24 +221,3 @@ def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> i
 def _as_a_shell_would() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     kernel.die_with_parent(signal.SIGKILL)
-
-
-@lab.command("pcap")
-@click.argument("link")
-@click.argument("file")
-@click.option("--for", "seconds", type=click.FloatRange(min=0.1), help="Seconds.  [default: until Ctrl-C]")
-@lab_option
-def pcap(link: str, file: str, seconds: float | None, name: str | None) -> None:
-    """Write what arrives over a link to a FILE that Wireshark reads."""
-    path = str(Path(file).absolute())
-    with Remote(name) as remote:
-        remote.call("record", link=link, path=path)
-        try:
-            run(_until(seconds))
-        finally:
-            remote.call("record", path=path)
-
-
-async def _until(seconds: float | None) -> None:
-    with contextlib.suppress(asyncio.TimeoutError):
-        await asyncio.wait_for(until_stopped(), seconds)

@@ -31,14 +31,10 @@ class Conditions(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_field
     """share of the frames that is lost, from 0 to 1"""
     burst: float = 1.0
     """frames in a row that are lost, on average: Gilbert's model with a state in which all are; 1: each by itself"""
-    duplicate: float = 0.0
-    """share of the frames that arrives twice"""
     rate: float | None = None
     """bit/s, of Ethernet frames; None: no limit"""
     queue: int = 64_000
     """bytes that may wait for their turn; what comes then is dropped"""
-    bucket: int = 0
-    """bytes that may go at once after a pause (the token bucket's depth); 0: each frame takes its time"""
 
 
 class Counters(msgspec.Struct):
@@ -53,7 +49,6 @@ class Counters(msgspec.Struct):
     down: int = 0
     """while the channel was down, or on their way when it went down"""
     queue_full: int = 0
-    duplicated: int = 0
 
 
 class Agenda:
@@ -114,12 +109,11 @@ class Air:
         """When a frame that comes now has left; None if it finds the queue full."""
         if rate is None:
             return now
-        earliest = now - 8.0 * c.bucket / rate
-        begin = self.free_at if self.free_at > earliest else earliest
+        begin = self.free_at if self.free_at > now else now
         if (begin - now) * rate > 8.0 * c.queue:
             return None
-        self.free_at = end = begin + 8.0 * size / rate
-        return end if end > now else now
+        self.free_at = begin + 8.0 * size / rate
+        return self.free_at
 
 
 class Channel:
@@ -129,8 +123,6 @@ class Channel:
         self.conditions, self.air, self.counters = conditions, air, Counters()
         self.epoch = 0
         """counts outages: what was under way before one does not arrive"""
-        self.capture: Deliver | None = None
-        """is shown what arrives"""
         self._agenda, self._deliver = agenda, deliver
         self._random = random.Random(seed).random
         self._in_burst = False
@@ -173,12 +165,6 @@ class Channel:
         if c.loss and self._is_lost(c):
             self.counters.lost += 1
             return
-        self._bring(frame, left, c, now)
-        if c.duplicate and self._random() < c.duplicate:
-            self.counters.duplicated += 1
-            self._bring(frame, left, c, now)
-
-    def _bring(self, frame: bytes, left: float, c: Conditions, now: float) -> None:
         due = left + c.delay
         if c.jitter:
             due += c.jitter * (2.0 * self._random() - 1.0)
@@ -195,8 +181,6 @@ class Channel:
         """Give a frame to the receiver."""
         self.counters.arrived += 1
         self.counters.arrived_bytes += len(frame)
-        if self.capture is not None:
-            self.capture(frame, now)
         self._deliver(frame, now)
 
     def _is_lost(self, c: Conditions) -> bool:

@@ -32,13 +32,6 @@ class SetArgs(OnLink, forbid_unknown_fields=True):
     conditions: dict[str, Any]
 
 
-class RecordArgs(msgspec.Struct, forbid_unknown_fields=True):
-    """A pcap file; without a link it ends."""
-
-    path: str
-    link: str | None = None
-
-
 class MoveArgs(msgspec.Struct, forbid_unknown_fields=True):
     """A host and where it goes, in m."""
 
@@ -78,7 +71,6 @@ class Control(Server):
             "cut": (OnLink, lambda args: lab.cut(args.link)),
             "heal": (OnLink, lambda args: lab.heal(args.link)),
             "set": (SetArgs, lambda args: lab.network.set(args.link, ask_from(args.conditions))),
-            "record": (RecordArgs, self._record),
             "move": (MoveArgs, lambda args: lab.move(args.host, args.north, args.east)),
             "start": (OnHost, lambda args: lab.start(args.host)),
             "stop": (OnHost, lambda args: lab.stop(args.host)),
@@ -112,12 +104,6 @@ class Control(Server):
             return Reply(error=Failure(e.code, e.message, e.detail))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as e:
             return Reply(error=Failure(BadInput.code, f"not a request: {e}"))
-
-    def _record(self, args: RecordArgs) -> None:
-        if args.link is None:
-            self._lab.network.stop_record(args.path)
-        else:
-            self._lab.network.start_record(args.link, args.path)
 
     def _room(self, args: OnHost) -> Room:
         network = self._lab.network

@@ -62,8 +62,7 @@ def _place(scenario: Scenario, wiring: Wiring, name: str) -> dict[str, Any]:
         if interface.host != name:
             continue
         medium = media[interface.medium]
-        length = (medium.network or "").rpartition("/")[2]
-        radio: dict[str, Any] = {"interface": interface.name, "address": f"{interface.address}/{length}"}
+        radio: dict[str, Any] = {"interface": interface.name, "address": f"{interface.address}/{interface.prefix}"}
         radio["kind"] = medium.radio
         for field in ("budget", "cost", "thin"):
             if getattr(medium, field):

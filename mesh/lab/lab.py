@@ -22,7 +22,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -229,7 +229,8 @@ class Lab:
     async def endpoint(self, host: str) -> str:
         """An endpoint here that leads to the host's router as the host's own programs reach it.
 
-        It is the router's unix socket where the lab has credentials, else a port of our loopback.
+        It is the router's unix socket where the lab has credentials, else a port of our loopback: a socket that others
+        may call would be another way between the hosts.
         """
         self.network.namespace(host)
         if self.scenario.credentials:
@@ -263,12 +264,6 @@ class Lab:
                 file.seek(0)
                 said.append(file.read().decode(errors="replace"))
         return subprocess.CompletedProcess(command, code, *said)
-
-    @contextlib.contextmanager
-    def enter(self, host: str) -> Iterator[None]:
-        """:meth:`Network.inside`: for plain sockets. A Zenoh session wants :meth:`endpoint`, or its own process."""
-        with self.network.inside(host):
-            yield
 
     # ---- its links: see Network
 

@@ -1,10 +1,10 @@
-"""What joins interfaces: links of two, segments of bridges, radio channels on which not all hear each other."""
+"""What joins interfaces: segments of bridges, and radio channels on which not all hear each other."""
 
 from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -28,8 +28,6 @@ class Tap:
         self.fd, self.mac, self.largest = fd, mac, largest
         self.send: Deliver = self._nowhere
         """where the host's frames go; the medium sets it"""
-        self.refused = 0
-        """frames that the host's interface did not take"""
 
     def _nowhere(self, frame: bytes, now: float) -> None:
         return
@@ -41,14 +39,6 @@ class Tap:
         except OSError as e:
             if e.errno not in _NOT_TAKEN:
                 raise
-            self.refused += 1
-
-
-def join(a: Tap, b: Tap, ab: int, ba: int, shared: bool, make: MakeChannel) -> None:
-    """A link: two interfaces and nobody else. ``shared``: one direction at a time."""
-    air = Air()
-    a.send = make(ab, air, b.receive).send
-    b.send = make(ba, air if shared else Air(), a.receive).send
 
 
 class Bridge:
@@ -87,7 +77,7 @@ class Bridge:
 class Hop:
     """The two channels between two bridges, and the port each has for it."""
 
-    def __init__(self, ends: tuple[int, int], ports: tuple[int, int], channels: tuple[Channel, Channel]) -> None:
+    def __init__(self, ends: tuple[str, str], ports: tuple[int, int], channels: tuple[Channel, Channel]) -> None:
         self.ends, self.ports, self.channels = ends, ports, channels
 
     @property
@@ -103,20 +93,22 @@ class Segment:
     takes a second or more. A hop that is cut in one direction carries nothing: its bridges no longer hear each other.
     """
 
-    def __init__(self, behind: Sequence[Sequence[Tap]]) -> None:
-        self.bridges = [Bridge() for _ in behind]
+    def __init__(self, behind: Mapping[str, Sequence[Tap]], shared: bool) -> None:
+        self.bridges = {name: Bridge() for name in behind}
+        self._shared = shared
         self.hops: list[Hop] = []
         self._tree: set[int] | None = None
         """the hops that carry frames"""
-        for bridge, taps in zip(self.bridges, behind, strict=True):
-            for tap in taps:
+        for name, bridge in self.bridges.items():
+            for tap in behind[name]:
                 tap.send = partial(bridge.receive, len(bridge.ports))
                 bridge.add(tap.receive)
 
-    def add_hop(self, a: int, b: int, ab: int, ba: int, shared: bool, make: MakeChannel) -> None:
+    def add(self, a: str, b: str, ab: int, ba: int, make: MakeChannel) -> None:
+        """A hop between two bridges."""
         one, other, air = self.bridges[a], self.bridges[b], Air()
         there = make(ab, air, partial(other.receive, len(other.ports)))
-        back = make(ba, air if shared else Air(), partial(one.receive, len(one.ports)))
+        back = make(ba, air if self._shared else Air(), partial(one.receive, len(one.ports)))
         self.hops.append(Hop((a, b), (len(one.ports), len(other.ports)), (there, back)))
         one.add(there.send)
         other.add(back.send)
@@ -124,8 +116,8 @@ class Segment:
     def changed(self) -> None:
         """Find the tree among the hops that are up."""
         used: set[int] = set()
-        reached: set[int] = set()
-        for root in range(len(self.bridges)):
+        reached: set[str] = set()
+        for root in self.bridges:
             if root in reached:
                 continue
             reached.add(root)
@@ -146,7 +138,7 @@ class Segment:
         for number, hop in enumerate(self.hops):
             for end, port in zip(hop.ends, hop.ports, strict=True):
                 self.bridges[end].open[port] = number in used
-        for bridge in self.bridges:
+        for bridge in self.bridges.values():
             bridge.forget()
 
 
@@ -196,15 +188,16 @@ class Ether:
     two speak at once and destroy each other's frames does not happen here: what that costs is part of ``loss``.
     """
 
-    def __init__(self, taps: Sequence[Tap], shared: bool) -> None:
+    def __init__(self, taps: Mapping[str, Tap], shared: bool) -> None:
         air = Air()
-        self.stations = [Station(tap, air if shared else Air()) for tap in taps]
+        self.stations = {host: Station(tap, air if shared else Air()) for host, tap in taps.items()}
 
-    def add_pair(self, a: int, b: int, ab: int, ba: int, make: MakeChannel) -> None:
+    def add(self, a: str, b: str, ab: int, ba: int, make: MakeChannel) -> None:
+        """Two that may hear each other."""
         one, other = self.stations[a], self.stations[b]
         one.to[other.tap.mac] = make(ab, one.air, other.tap.receive)
         other.to[one.tap.mac] = make(ba, other.air, one.tap.receive)
 
     def changed(self) -> None:
-        for station in self.stations:
+        for station in self.stations.values():
             station.changed()

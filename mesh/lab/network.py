@@ -16,12 +16,13 @@ import asyncio
 import contextlib
 import os
 import select
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,7 +32,7 @@ from mesh.lab import kernel, messages
 from mesh.lab.channel import Conditions, Counters
 from mesh.lab.scenario import Scenario, check
 from mesh.lab.values import Ask, ask_from, conditions
-from mesh.lab.wiring import Edge, Wiring, wire
+from mesh.lab.wiring import Wiring, wire
 from zmav import rundir
 from zmav.errors import BadConfig, ZmavError
 
@@ -77,7 +78,7 @@ class Network:
         self._reach: dict[str, Reach] = {}
         self._lock = threading.Lock()
         self._relay: subprocess.Popen[bytes] | None = None
-        self._socket: socket.socket | None = None
+        self._connection: Connection[Any, Any] | None = None
         self._begun = messages.Begun(0, [])
         self._started: list[subprocess.Popen[Any]] = []
         self._sockets: tempfile.TemporaryDirectory[str] | None = None
@@ -87,8 +88,7 @@ class Network:
     def __enter__(self) -> Network:
         check_able()
         self._sockets = tempfile.TemporaryDirectory(prefix="zmav-run-")  # a socket's path is short
-        self._socket, theirs = socket.socketpair()
-        self._socket.settimeout(ANSWER_S)
+        self._connection, theirs = Pipe()
         with theirs:
             command = [sys.executable, "-m", "mesh.lab.relay", str(theirs.fileno())]
             self._relay = subprocess.Popen(
@@ -108,8 +108,8 @@ class Network:
 
     def close(self) -> None:
         """End everything in the namespaces, and them; returns when all of it is gone."""
-        if self._socket is not None:
-            self._socket.close()
+        if self._connection is not None:
+            self._connection.close()
         for process in self._started:  # a PID namespace ends when all in it are waited for
             process.wait()
         if self._relay is not None:
@@ -131,10 +131,10 @@ class Network:
     @property
     def alive(self) -> bool:
         """Whether the relay is: its end of our socket closes before anything dies of its death."""
-        if self._socket is None or self._socket.fileno() < 0:
+        if self._connection is None or self._connection.closed:
             return False
         poll = select.poll()
-        poll.register(self._socket, select.POLLHUP)
+        poll.register(self._connection, select.POLLHUP)
         return not poll.poll(0)
 
     async def ended(self) -> None:
@@ -143,11 +143,13 @@ class Network:
         await exit_of(self._relay)
 
     def _ask(self, request: messages.Request) -> messages.Answer:
-        assert self._socket is not None
+        assert self._connection is not None
         with self._lock:
             try:
-                messages.write(self._socket, request)
-                answer = messages.read_answer(self._socket)
+                self._connection.send(request)
+                if not self._connection.poll(ANSWER_S):
+                    raise TimeoutError("it does not answer")
+                answer: messages.Answer = self._connection.recv()
             except (OSError, EOFError) as e:
                 raise LabError(f"the lab's relay has died: {e}") from e
         if isinstance(answer, messages.Failed):
@@ -200,16 +202,9 @@ class Network:
 
     # ---- links
 
-    def links(self) -> list[Edge]:
-        return self.wiring.edges
-
     def state(self, number: int) -> Conditions:
         """What holds in that channel now: as set, and as far as the distance lets it."""
-        asked = self._asked[number]
-        return self._effective(asked, self._reach.get(self._edges[number].name, Reach()))
-
-    @staticmethod
-    def _effective(asked: Conditions, reach: Reach) -> Conditions:
+        asked, reach = self._asked[number], self._reach.get(self._edges[number].name, Reach())
         if reach == Reach():
             return asked
         loss = 1.0 - (1.0 - asked.loss) * (1.0 - reach.loss)
@@ -241,7 +236,7 @@ class Network:
         self._reach.update(changed)
         self._apply(n for edge in self.wiring.edges if edge.name in changed for n in (edge.ab, edge.ba))
 
-    def _apply(self, numbers: Any) -> None:
+    def _apply(self, numbers: Iterable[int]) -> None:
         wanted = {number: self.state(number) for number in numbers}
         if wanted:
             self._ask(messages.Set(wanted))
@@ -256,24 +251,6 @@ class Network:
         """Of each of the link's channels: first the one from ``edge.a`` to ``edge.b``, or only the one asked for."""
         counted = self.counted()
         return [counted.channels[number] for _, channels in self.wiring.find(link) for number in channels]
-
-    @contextlib.contextmanager
-    def record(self, link: str, path: str | Path) -> Iterator[None]:
-        """Write what arrives over a link to a pcap file meanwhile."""
-        self.start_record(link, path)
-        try:
-            yield
-        finally:
-            self.stop_record(path)
-
-    def start_record(self, link: str, path: str | Path) -> None:
-        """Begin such a file; a link's frames go to the file named last."""
-        numbers = [number for _, channels in self.wiring.find(link) for number in channels]
-        self._ask(messages.Record(numbers, str(Path(path).absolute())))
-
-    def stop_record(self, path: str | Path) -> None:
-        """End the file; raises :class:`LabError` where not all could be written."""
-        self._ask(messages.Record([], str(Path(path).absolute())))
 
 
 @contextlib.contextmanager

@@ -16,16 +16,89 @@ import resource
 import select
 import shutil
 import signal
-import socket
 import sys
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from mesh.lab import kernel, messages
-from mesh.lab.switchboard import RelayNetwork
+from mesh.lab.channel import Agenda, Air, Channel, Deliver
+from mesh.lab.media import Ether, Segment, Tap
 
 EARLY_S = 50e-6
 """a frame that is due so soon arrives now: to be woken once more for it would cost as much"""
+
+
+class RelayNetwork:
+    """Makes everything; raises :class:`OSError` where the kernel refuses. The caller's thread ends up in a namespace of
+    its own, without interfaces.
+    """
+
+    def __init__(self, begin: messages.Begin) -> None:
+        self.agenda = Agenda()
+        self._begin = begin
+        self._channels: dict[int, Channel] = {}
+        self.networks: list[int] = []
+        """a descriptor of each host's namespace"""
+        self.taps: list[Tap] = []
+        self._changing: list[Segment | Ether] = []
+        by_place: dict[tuple[str, str], Tap] = {}
+        for host in begin.hosts:
+            kernel.unshare(kernel.CLONE_NEWNET)
+            kernel.without_ipv6()
+            kernel.bring_up("lo")
+            self.networks.append(kernel.network_of_this_thread())
+            for each in begin.interfaces:
+                if each.host == host:
+                    by_place[host, each.medium] = _tap(each)
+        kernel.unshare(kernel.CLONE_NEWNET)
+        self.taps = list(by_place.values())
+        for medium in begin.media:
+            taps = {host: tap for (host, name), tap in by_place.items() if name == medium.name}
+            self._changing.append(self._made(medium, taps))
+        self._settle()
+
+    def _made(self, medium: messages.MediumSpec, taps: dict[str, Tap]) -> Segment | Ether:
+        made: Segment | Ether
+        if medium.bridges is None:
+            made = Ether(taps, medium.shared)
+        else:
+            behind = {bridge: [taps[host] for host in hosts] for bridge, hosts in medium.bridges.items()}
+            made = Segment(behind, medium.shared)
+        for edge in self._begin.edges:
+            if edge.medium == medium.name:
+                made.add(edge.a, edge.b, edge.ab, edge.ba, self._make)
+        return made
+
+    def _make(self, number: int, air: Air, deliver: Deliver) -> Channel:
+        conditions, seed = self._begin.channels[number], self._begin.seed * 1_000_003 + number
+        made = self._channels[number] = Channel(conditions, air, self.agenda, deliver, seed=seed)
+        return made
+
+    def _settle(self) -> None:
+        for medium in self._changing:
+            medium.changed()
+
+    def answer(self, request: messages.Request) -> messages.Answer:
+        """Do what the lab asks."""
+        if isinstance(request, messages.Set):
+            now = time.monotonic()
+            for number, conditions in request.channels.items():
+                self._channels[number].set(conditions, now)
+            self._settle()
+            return messages.Done()
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        return messages.Counted(
+            channels=[self._channels[number].counters for number in range(len(self._channels))],
+            cpu_s=usage.ru_utime + usage.ru_stime,
+            under_way=len(self.agenda),
+        )
+
+
+def _tap(each: messages.Interface) -> Tap:
+    fd = kernel.open_tap(each.name, mac=each.mac, address=each.address, prefix=each.prefix, mtu=each.mtu)
+    return Tap(fd, each.mac, kernel.largest_frame(each.mtu))
 
 
 def main() -> None:
@@ -40,21 +113,21 @@ def main() -> None:
         sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     kernel.die_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # orphans of the PID namespace become our children
-    with socket.socket(fileno=int(sys.argv[1])) as lab, contextlib.suppress(EOFError, ConnectionError):
+    with Connection(int(sys.argv[1])) as lab, contextlib.suppress(EOFError, ConnectionError):
         serve(lab)
 
 
-def serve(lab: socket.socket) -> None:
+def serve(lab: Connection[Any, Any]) -> None:
     """Do what the lab says until it has gone (:class:`EOFError`); then leave nothing behind."""
-    begin = messages.read_request(lab)
+    begin = lab.recv()
     assert isinstance(begin, messages.Begin)
     try:
-        board = RelayNetwork(begin)
+        network = RelayNetwork(begin)
         pid = int(str(Path("/proc/self").readlink()))  # as those outside our PID namespace call us: /proc is theirs
-        messages.write(lab, messages.Begun(pid, board.networks))
-        run(lab, board)
+        lab.send(messages.Begun(pid, network.networks))
+        run(lab, network)
     except OSError as e:
-        messages.write(lab, messages.Failed(e.errno or 0, e.strerror or str(e)))
+        lab.send(messages.Failed(e.errno or 0, e.strerror or str(e)))
     finally:
         if os.getpid() == 1:  # in a PID namespace of our own, and so these are all in it: nobody writes any more
             with contextlib.suppress(OSError):
@@ -63,13 +136,13 @@ def serve(lab: socket.socket) -> None:
             shutil.rmtree(begin.directory, ignore_errors=True)
 
 
-def run(lab: socket.socket, board: RelayNetwork) -> None:
+def run(lab: Connection[Any, Any], network: RelayNetwork) -> None:
     """Move frames and answer the lab, for ever."""
     timer, poll, armed = kernel.Timer(), select.epoll(), 0.0
-    taps = {tap.fd: tap for tap in board.taps}
+    taps = {tap.fd: tap for tap in network.taps}
     for fd in (lab.fileno(), timer.fd, *taps):
         poll.register(fd, select.EPOLLIN)
-    agenda, monotonic, read = board.agenda, time.monotonic, os.read
+    agenda, monotonic, read = network.agenda, time.monotonic, os.read
     while True:
         due = agenda.next()
         if due is not None and due != armed:
@@ -86,7 +159,7 @@ def run(lab: socket.socket, board: RelayNetwork) -> None:
                 except OSError:  # somebody deleted the interface in its namespace
                     poll.unregister(fd)
             elif fd != timer.fd:
-                messages.write(lab, board.answer(messages.read_request(lab)))
+                lab.send(network.answer(lab.recv()))
         agenda.run(monotonic() + EARLY_S)
         if agenda.next() is None and armed:
             timer.disarm()

@@ -17,19 +17,17 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from mesh.lab.status import LabStatus
 from zmav import keys
-from zmav.errors import BadConfig, LinkDown, TimedOut, from_code
+from zmav.errors import BadConfig, LinkDown
 from zmav.process import own_directory
-from zmav.sim.remote import Reply, Request
+from zmav.sim.remote import LONGEST_PATH, ControlClient, answers
 
 SOCKET = "control.sock"
 ANSWER_S = 30.0
-LONGEST_PATH = 107  # bytes of a Unix socket's address
 _ENDS_WITHIN_S = 10.0
 
 
@@ -38,20 +36,9 @@ def directory_of_labs() -> Path:
     return own_directory("zmav-lab", "set XDG_RUNTIME_DIR")
 
 
-def answers(directory: Path) -> bool:
-    """Whether a lab runs in that directory."""
-    with socket.socket(socket.AF_UNIX) as probe:
-        probe.settimeout(ANSWER_S)
-        try:
-            probe.connect(str(directory / SOCKET))
-        except OSError:
-            return False
-        return True
-
-
 def running() -> list[str]:
     """The names of this user's labs that run now."""
-    return [path.name for path in sorted(directory_of_labs().iterdir()) if answers(path)]
+    return [path.name for path in sorted(directory_of_labs().iterdir()) if answers(path / SOCKET)]
 
 
 @contextlib.contextmanager
@@ -69,7 +56,7 @@ def claimed(name: str) -> Iterator[tuple[Path, int]]:
     with socket.socket(socket.AF_UNIX) as claim:
         end = time.monotonic() + _ENDS_WITHIN_S
         while not _bound(claim, directory):
-            if answers(directory) or time.monotonic() > end:
+            if answers(directory / SOCKET) or time.monotonic() > end:
                 text = f"a lab {name!r} runs already: end it with 'zmav lab down', or give this one a --name"
                 raise BadConfig(text, field="name", value=name, expected="a name that no other lab has")
             time.sleep(0.05)  # it begins, or ends
@@ -103,44 +90,24 @@ def _choose(name: str | None) -> Path:
     return directory_of_labs() / found[0]
 
 
-class Remote:
+class Remote(ControlClient):
     """A connection to the lab called ``name`` (None: the only one that runs). Raises :class:`LinkDown` where none runs,
     :class:`BadConfig` where there are several to choose from, and what the lab says.
     """
 
     def __init__(self, name: str | None = None) -> None:
         self.directory = _choose(name)
-        self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.settimeout(ANSWER_S)
+        what = f"the lab {self.directory.name}"
         try:
-            self._socket.connect(str(self.directory / SOCKET))
+            super().__init__(self.directory / SOCKET, what, ANSWER_S)
         except OSError as e:
-            self._socket.close()
-            raise LinkDown(f"the lab {self.directory.name} has ended: {e.strerror}") from e
-        self._lines = self._socket.makefile("rb")
+            raise LinkDown(f"{what} has ended: {e.strerror}") from e
 
     def __enter__(self) -> Remote:
         return self
 
     def __exit__(self, *exc: object) -> None:
-        self._lines.close()
-        self._socket.close()
-
-    def call(self, verb: str, **args: Any) -> Any:
-        """Have the lab do ``verb``; gives its answer as JSON has it."""
-        try:
-            self._socket.sendall(msgspec.json.encode(Request(verb, args)) + b"\n")
-            line = self._lines.readline()
-        except TimeoutError:
-            raise TimedOut(f"the lab did not answer {verb!r} within {ANSWER_S:g} s") from None
-        except OSError as e:
-            raise LinkDown(f"the lab {self.directory.name} has ended: {e.strerror}") from e
-        if not line:
-            raise LinkDown(f"the lab {self.directory.name} has ended")
-        reply = msgspec.json.decode(line, type=Reply)
-        if reply.error is not None:
-            raise from_code(reply.error.code, reply.error.message, reply.error.detail)
-        return reply.result
+        self.close()
 
     def status(self) -> LabStatus:
         """Everything at this moment."""
@@ -149,5 +116,6 @@ class Remote:
     def wait(self) -> None:
         """Return when the lab has ended."""
         self._socket.settimeout(None)
-        while self._lines.readline():
-            pass
+        with contextlib.suppress(OSError):
+            while self._socket.recv(4096):
+                pass

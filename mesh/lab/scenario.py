@@ -11,8 +11,7 @@ position = [0.0, 100.0]         # m north and east
 
 [hosts.quad2]
 vehicle = "rover"
-waypoints = [[0.0, 200.0], [0.0, 900.0]]
-speed = 10.0                    # m/s along them
+follow = true                   # its position is where it drives
 [hosts.box]
 program = "none"                # only a namespace
 
@@ -50,14 +49,16 @@ origin = { lat_deg = 52.756, lon_deg = -1.246, alt_amsl = 60.0 }
 from __future__ import annotations
 
 import ipaddress
+import itertools
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 
+from mesh.lab.channel import Conditions
 from mesh.lab.kernel import LONGEST_NAME
-from mesh.lab.values import Ask, check_ask
+from mesh.lab.values import Ask, conditions
 from zmav import keys
 from zmav.config import Profile
 from zmav.config.table import Positive, Table, reading
@@ -68,6 +69,7 @@ _Metres = Annotated[float, msgspec.Meta(ge=-1e7, le=1e7)]
 Place = tuple[_Metres, _Metres]
 SIMULATOR = "simulator"
 """what the program beside the routers is called"""
+_INTERFACES = {"wifi": "wlan", "lte": "wwan", "ethernet": "eth", "serial": "sl"}
 _INTERFACE = re.compile(rf"[\w.-]{{1,{LONGEST_NAME}}}", re.ASCII)
 
 
@@ -79,9 +81,6 @@ class HostSpec(Table, kw_only=True, frozen=True):
     program: Literal["router", "none"] = "router"
     position: Place | None = None
     """m north and east of the origin"""
-    waypoints: list[Place] = []
-    speed: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 5.0
-    """m/s"""
     follow: bool = False
     """its position is its simulated vehicle's"""
     neighbours: list[str] | None = None
@@ -121,7 +120,7 @@ class Medium(Ask, kw_only=True, frozen=True, forbid_unknown_fields=True):
 
 
 class Link(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="link"):
-    """Two hosts."""
+    """Two hosts, and no others: a radio channel of two."""
 
     between: tuple[str, str]
 
@@ -159,12 +158,19 @@ class Scenario(Table, kw_only=True, frozen=True):
 
 
 def members(medium: AnyMedium) -> list[str]:
-    """The hosts on a medium, once ``hosts`` is filled in (:func:`check`)."""
-    if isinstance(medium, Link):
-        return list(medium.between)
+    """The hosts on a medium of a checked scenario."""
     if isinstance(medium, Wds):
         return [host for behind in medium.bridges.values() for host in behind]
-    return list(medium.hosts or [])
+    assert isinstance(medium, RadioChannel)
+    return medium.hosts or []
+
+
+def ends_of(medium: AnyMedium) -> list[tuple[str, str]]:
+    """Who may hear whom on a medium of a checked scenario: hosts, or the bridges of a segment."""
+    if isinstance(medium, Wds):
+        return medium.hops
+    assert isinstance(medium, RadioChannel)
+    return medium.pairs if medium.pairs is not None else list(itertools.combinations(members(medium), 2))
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -186,9 +192,12 @@ def check(scenario: Scenario) -> Scenario:
             raise _wrong(f"hosts.{name}.follow", True, "a vehicle to follow")
     filled: list[AnyMedium] = []
     for number, medium in enumerate(scenario.media):
-        if isinstance(medium, RadioChannel) and medium.hosts is None:
+        name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"medium{number}")
+        if isinstance(medium, Link):
+            same = {field: getattr(medium, field) for field in Medium.__struct_fields__}
+            medium = RadioChannel(**same, hosts=list(medium.between))
+        elif isinstance(medium, RadioChannel) and medium.hosts is None:
             medium = msgspec.structs.replace(medium, hosts=list(scenario.hosts))
-        name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"{_tag(medium)}{number}")
         where = f"media.{name}"
         if medium.name is not None:
             keys.check_name(name, "medium")
@@ -197,20 +206,12 @@ def check(scenario: Scenario) -> Scenario:
         if name in {each.name for each in filled}:
             raise _wrong(f"{where}.name", name, "a name of its own for each medium")
         network = medium.network or _free_network(scenario.media, filled)
-        interface = medium.interface or _interface(medium, number)
+        interface = medium.interface or f"{_INTERFACES[medium.radio]}{number}"
         medium = msgspec.structs.replace(medium, name=name, network=network, interface=interface)
         _check_medium(medium, where, scenario.hosts)
         filled.append(medium)
     _check_interfaces(filled)
     return msgspec.structs.replace(scenario, media=filled)
-
-
-def _tag(medium: AnyMedium) -> str:
-    return "wds" if isinstance(medium, Wds) else "radio"
-
-
-def _interface(medium: AnyMedium, number: int) -> str:
-    return {"wifi": "wlan", "lte": "wwan", "ethernet": "eth", "serial": "sl"}[medium.radio] + str(number)
 
 
 def _free_network(media: list[AnyMedium], filled: list[AnyMedium]) -> str:
@@ -220,9 +221,9 @@ def _free_network(media: list[AnyMedium], filled: list[AnyMedium]) -> str:
 
 
 def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> None:
-    check_ask(medium, where)
+    conditions(Conditions(), medium, where)
     for ends, ask in medium.ends.items():
-        check_ask(ask, f"{where}.ends.{ends}")
+        conditions(Conditions(), ask, f"{where}.ends.{ends}")
     on_it = members(medium)
     for name in on_it:
         if name not in hosts:

@@ -68,7 +68,7 @@ def status_of(lab: Lab) -> LabStatus:
         position = lab.mobility.positions.get(name)
         hosts.append(HostStatus(name, lab.scenario.hosts[name].vehicle, running, addresses, position))
     links = []
-    for edge in network.links():
+    for edge in network.wiring.edges:
         there, back = (
             WayStatus(sender, receiver, network.state(number), counted.channels[number])
             for sender, receiver, number in ((edge.a, edge.b, edge.ab), (edge.b, edge.a, edge.ba))

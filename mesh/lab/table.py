@@ -2,54 +2,34 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from mesh.lab.status import HostStatus, LabStatus, WayStatus
+from mesh.lab.status import LabStatus, WayStatus
 from mesh.units import byte_rate, rate
-from zmav.errors import ZmavError
-from zmav.sim.remote import Remote as Simulator
-from zmav.sim.status import VehicleStatus
 
 
 class Picture:
     """Draws a status; rates are since the one drawn before."""
 
-    def __init__(self, simulator: Path | None) -> None:
-        self._simulator = simulator
+    def __init__(self) -> None:
         self._before: LabStatus | None = None
 
     def of(self, status: LabStatus) -> Group:
         """Both tables, and a line about the relay."""
         before, self._before = self._before, status
-        return Group(self._hosts(status), Text(), _links(status, before), _relay(status, before))
+        return Group(_hosts(status), Text(), _links(status, before), _relay(status, before))
 
-    def _hosts(self, status: LabStatus) -> Table:
-        flown = self._flown()
-        table = _table("host", "router", "addresses", "position", "vehicle", "mode", "height")
-        for host in status.hosts:
-            vehicle = flown.get(host.name)
-            place = "-" if host.position is None else f"{host.position[0]:.0f}, {host.position[1]:.0f}"
-            addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
-            row = [host.name, _router(host), addresses, place, host.vehicle or "-"]
-            if vehicle is None:
-                row += ["-", "-"]
-            else:
-                row += [vehicle.mode + (", armed" if vehicle.armed else ""), f"{vehicle.height_m:.1f} m"]
-            table.add_row(*row)
-        return table
 
-    def _flown(self) -> dict[str, VehicleStatus]:
-        if self._simulator is None or not self._simulator.exists():
-            return {}
-        try:
-            with Simulator(self._simulator, timeout=1.0) as simulator:
-                return {vehicle.name: vehicle for vehicle in simulator.status().vehicles}
-        except ZmavError:  # it is just beginning, or has been stopped
-            return {}
+def _hosts(status: LabStatus) -> Table:
+    table = _table("host", "router", "addresses", "position", "vehicle")
+    for host in status.hosts:
+        router = "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
+        place = "-" if host.position is None else f"{host.position[0]:.0f}, {host.position[1]:.0f}"
+        addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
+        table.add_row(host.name, router, addresses, place, host.vehicle or "-")
+    return table
 
 
 def _table(*columns: str) -> Table:
@@ -57,10 +37,6 @@ def _table(*columns: str) -> Table:
     for column in columns:
         table.add_column(column, no_wrap=True)
     return table
-
-
-def _router(host: HostStatus) -> str:
-    return "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
 
 
 def _links(status: LabStatus, before: LabStatus | None) -> Table:

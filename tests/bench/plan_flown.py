@@ -189,7 +189,8 @@ class Planners:
 async def storms(lab: Lab, rng: random.Random) -> None:
     """Every few seconds some vehicles are cut off from everybody for 2 s."""
     links = {
-        name: [edge.name for edge in lab.network.links() if name in (edge.a, edge.b)] for name in lab.scenario.hosts
+        name: [edge.name for edge in lab.network.wiring.edges if name in (edge.a, edge.b)]
+        for name in lab.scenario.hosts
     }
     while True:
         await asyncio.sleep(rng.uniform(2.0, 6.0))
@@ -220,7 +221,7 @@ async def fleet(
             await rigs.all_heard(z, lab, 180.0)
             names = [f"quad{i + 1}" for i in range(count)]
             await asyncio.gather(*(rigs.in_the_air(z.vehicle(name), HEIGHT) for name in names))
-            for edge in lab.network.links():
+            for edge in lab.network.wiring.edges:
                 lab.set(edge.name, loss=1.0 - math.sqrt(1.0 - loss))
             truth = Truth(lab.directory / "sim.sock", names, trees=trees)
             try:

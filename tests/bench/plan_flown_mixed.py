@@ -84,7 +84,7 @@ async def fleet(loss: float) -> AsyncIterator[tuple[Lab, zmav.Client, list[str],
             await rigs.all_heard(z, lab, 180.0)
             names = [name for name in lab.scenario.hosts if name != "ground"]
             await asyncio.gather(*(_up(z.vehicle(name)) for name in names))
-            for edge in lab.network.links():
+            for edge in lab.network.wiring.edges:
                 lab.set(edge.name, loss=1.0 - math.sqrt(1.0 - loss))
             radii = [body_of(lab.scenario.hosts[name].vehicle).radius for name in names]
             truth = Truth(lab.directory / "sim.sock", names, radii, [])

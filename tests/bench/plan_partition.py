@@ -32,7 +32,7 @@ async def runs(args: argparse.Namespace) -> bool:
         await desk.until(lambda book: book.planner == "ground")
         planner(lab, "van", "--standby")
         near = {"ground", *names[: len(names) // 2]}
-        torn = [edge.name for edge in lab.network.links() if (edge.a in near) != (edge.b in near)]
+        torn = [edge.name for edge in lab.network.wiring.edges if (edge.a in near) != (edge.b in near)]
         async with rigs.station(lab, "van") as beyond:
             far = Planners(beyond)
             await far.until(lambda book: book.planner == "ground")

@@ -226,7 +226,7 @@ async def test_a_radio_that_comes_late_has_the_router_start_again(labs: Labs, tm
     said = [await line(), await line()]
     assert said[0].endswith(" on tcp/127.0.0.1:7447")
     assert said[1] == "late0 is not there or has no address yet: waiting for it"
-    with lab.enter("a"):
+    with lab.network.inside("a"):
         radio = kernel.open_tap("late0", mac=bytes.fromhex("020000000901"), address="10.9.0.1", prefix=24, mtu=1500)
     try:
         assert await line() == "starting again: late0 has come, with 10.9.0.1"

@@ -90,7 +90,54 @@ def running() -> list[Path]:
     return [path for path in sorted(control_directory().glob(f"*{SUFFIX}")) if answers(path)]
 
 
-class Remote:
+class ControlClient:
+    """A connection to a control socket; ``what`` is at the other end, in words. It has no lock of its own: use one for
+    each thread. Raises :class:`OSError` where nobody listens.
+    """
+
+    def __init__(self, path: Path, what: str, timeout: float) -> None:
+        self.path, self._what, self._timeout = path, what, timeout
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._rest = b""
+        try:
+            self._socket.settimeout(CONNECT_S)
+            self._socket.connect(str(path))
+        except OSError:
+            self._socket.close()
+            raise
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def call(self, verb: str, *, timeout: float | None = None, **args: Any) -> Any:
+        """Have the other end do ``verb``; gives its answer as JSON has it, and raises what it says,
+        :class:`TimedOut` where it does not answer in time, and :class:`LinkDown` when it ends.
+        """
+        wait = self._timeout if timeout is None else timeout
+        try:
+            self._socket.settimeout(wait)
+            self._socket.sendall(msgspec.json.encode(Request(verb, args)) + b"\n")
+            reply = msgspec.json.decode(self._line(), type=Reply)
+        except TimeoutError:
+            self.close()  # what comes after all would be taken for the next answer
+            raise TimedOut(f"{self._what} did not answer {verb!r} within {wait:g} s") from None
+        except OSError as e:
+            raise LinkDown(f"{self._what} has ended: {e.strerror or e}") from e
+        if reply.error is not None:
+            raise from_code(reply.error.code, reply.error.message, reply.error.detail)
+        return reply.result
+
+    def _line(self) -> bytes:
+        while b"\n" not in self._rest:
+            data = self._socket.recv(65536)
+            if not data:
+                raise LinkDown(f"{self._what} has ended")
+            self._rest += data
+        line, _, self._rest = self._rest.partition(b"\n")
+        return line
+
+
+class Remote(ControlClient):
     """A connection to the simulator whose control socket is ``control``, a path or a name (None: the only one that
     runs). It has no lock of its own: use one for each thread.
 
@@ -100,50 +147,17 @@ class Remote:
     """
 
     def __init__(self, control: str | Path | None = None, *, timeout: float = 10.0) -> None:
-        self.path = _choose(control)
-        self._timeout = timeout
-        self._socket = socket.socket(socket.AF_UNIX)
-        self._rest = b""
+        path = _choose(control)
         try:
-            self._socket.settimeout(CONNECT_S)
-            self._socket.connect(str(self.path))
+            super().__init__(path, f"the simulator at {path}", timeout)
         except OSError as e:
-            self._socket.close()
-            raise LinkDown(f"no simulator listens at {self.path}: start one with 'zmav sim'") from e
+            raise LinkDown(f"no simulator listens at {path}: start one with 'zmav sim'") from e
 
     def __enter__(self) -> Remote:
         return self
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-    def close(self) -> None:
-        self._socket.close()
-
-    def call(self, verb: str, *, timeout: float | None = None, **args: Any) -> Any:
-        """Have the simulator do ``verb``; gives its answer as JSON has it."""
-        wait = self._timeout if timeout is None else timeout
-        try:
-            self._socket.settimeout(wait)
-            self._socket.sendall(msgspec.json.encode(Request(verb, args)) + b"\n")
-            reply = msgspec.json.decode(self._line(), type=Reply)
-        except TimeoutError:
-            self.close()  # what comes after all would be taken for the next answer
-            raise TimedOut(f"the simulator did not answer {verb!r} within {wait:g} s") from None
-        except OSError as e:
-            raise LinkDown(f"the simulator at {self.path} has ended: {e.strerror or e}") from e
-        if reply.error is not None:
-            raise from_code(reply.error.code, reply.error.message, reply.error.detail)
-        return reply.result
-
-    def _line(self) -> bytes:
-        while b"\n" not in self._rest:
-            data = self._socket.recv(65536)
-            if not data:
-                raise LinkDown(f"the simulator at {self.path} has ended")
-            self._rest += data
-        line, _, self._rest = self._rest.partition(b"\n")
-        return line
 
     # ---- what every simulator can be asked
 

@@ -99,14 +99,6 @@ def test_all_is_lost_and_nothing_is_lost() -> None:
         assert len(wire.arrived) == count
 
 
-def test_some_arrive_twice() -> None:
-    wire = Wire(duplicate=0.25, delay=0.01)
-    wire.stream(4000)
-    assert wire.channel.counters.duplicated / 4000 == pytest.approx(0.25, rel=0.1)
-    assert len(wire.arrived) == 4000 + wire.channel.counters.duplicated
-    assert wire.numbers() == sorted(wire.numbers())
-
-
 def test_a_rate_spaces_frames_and_its_queue_is_bounded() -> None:
     wire = Wire(rate=80_000.0, queue=1050)  # a frame of 100 B takes 10 ms
     for i in range(30):
@@ -123,14 +115,6 @@ def test_a_rate_holds_for_long() -> None:
     wire.stream(5000, every=0.0005, size=1000)  # 16 times what fits
     seconds = wire.arrived[-1][0] - 1.0
     assert 8 * wire.channel.counters.arrived_bytes / seconds == pytest.approx(1e6, rel=0.001)
-
-
-def test_a_bucket_lets_a_burst_through_after_a_pause() -> None:
-    wire = Wire(rate=80_000.0, bucket=300)
-    for _ in range(5):
-        wire.channel.send(bytes(100), 1.0)
-    wire.run()
-    assert [now for now, _ in wire.arrived] == pytest.approx([1.0, 1.0, 1.0, 1.01, 1.02])
 
 
 def test_what_waits_is_retimed_when_the_rate_changes() -> None:

@@ -53,9 +53,9 @@ def bench() -> Iterator[Bench]:
 
 
 def chain(bench: Bench, hops: list[tuple[int, int]]) -> Segment:
-    segment = Segment([[tap] for tap in bench.taps])
+    segment = Segment({str(i): [tap] for i, tap in enumerate(bench.taps)}, False)
     for i, (a, b) in enumerate(hops):
-        segment.add_hop(a, b, 2 * i, 2 * i + 1, False, bench.make)
+        segment.add(str(a), str(b), 2 * i, 2 * i + 1, bench.make)
     segment.changed()
     return segment
 
@@ -108,9 +108,9 @@ def test_a_segment_in_two_parts(bench: Bench) -> None:
 
 
 def ether(bench: Bench, pairs: list[tuple[int, int]], shared: bool = False) -> Ether:
-    made = Ether(bench.taps, shared)
+    made = Ether({str(i): tap for i, tap in enumerate(bench.taps)}, shared)
     for i, (a, b) in enumerate(pairs):
-        made.add_pair(a, b, 2 * i, 2 * i + 1, bench.make)
+        made.add(str(a), str(b), 2 * i, 2 * i + 1, bench.make)
     made.changed()
     return made
 

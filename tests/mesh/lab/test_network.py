@@ -11,7 +11,6 @@ import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -221,34 +220,6 @@ def test_hosts_do_not_see_each_other_but_through_links(make: Make, sockets: Call
     assert three.recv(10) == b"x"
 
 
-def test_a_recording_opens_as_pcap(make: Make, sockets: Callable[..., socket.socket], tmp_path: Path) -> None:
-    network = make(**TWO)
-    one, two = sockets(network, "h1"), sockets(network, "h2")
-    acquaint(network, ("h1", one), ("h2", two))
-    path = tmp_path / "link.pcap"
-    begun = time.time()
-    with network.record("1-2", path):
-        one.sendto(b"there", (network.address("h2"), PORT))
-        two.recv(10)
-        two.sendto(b"back!", (network.address("h1"), PORT))
-        one.recv(10)
-    one.sendto(b"after", (network.address("h2"), PORT))
-    data = path.read_bytes()
-    magic, major, minor, _, _, longest, kind = struct.unpack_from("<IHHiIII", data)
-    assert (magic, major, minor, longest, kind) == (0xA1B2_3C4D, 2, 4, 65_535, 1)
-    frames, at = [], 24
-    while at < len(data):
-        seconds, ns, size, original = struct.unpack_from("<IIII", data, at)
-        assert size == original
-        assert abs(seconds + ns / 1e9 - begun) < 3600
-        frames.append(data[at + 16 : at + 16 + size])
-        at += 16 + size
-    assert [frame[-5:] for frame in frames] == [b"there", b"back!"]
-    assert [frame[12:14] for frame in frames] == [b"\x08\x00"] * 2
-    with pytest.raises(LabError, match="No such file"):
-        network.start_record("1-2", tmp_path / "nowhere" / "x.pcap")
-
-
 def test_names_that_are_not_there_are_said_with_those_that_are(make: Make) -> None:
     network = make(**TWO)
     with pytest.raises(BadConfig, match=r"no link '1-9'; expected one of h1-h2"):
@@ -300,7 +271,7 @@ def test_forty_hosts_on_one_radio(make: Make, sockets: Callable[..., socket.sock
     first, last = sockets(network, "h0"), sockets(network, "h39")
     first.sendto(b"x", (network.address("h39"), PORT))
     assert last.recv(10) == b"x"
-    assert len(network.links()) == 780
+    assert len(network.wiring.edges) == 780
 
 
 def test_who_is_not_root_is_told_what_is_needed() -> None:

@@ -11,7 +11,6 @@ import pytest
 
 from mesh.lab.channel import Conditions
 from mesh.lab.fleetfile import toml, write_fleet
-from mesh.lab.messages import EtherSpec, LinkSpec, SegmentSpec
 from mesh.lab.scenario import load_scenario
 from mesh.lab.values import Ask, conditions
 from mesh.lab.wiring import wire
@@ -68,9 +67,9 @@ def test_toml_is_written_as_it_is_read(tmp_path: Path) -> None:
 
 
 def test_conditions_are_said_with_units() -> None:
-    ask = Ask(delay="20 ms", jitter=0.001, loss="12.5 %", rate="60 kB/s", queue="64 kB", duplicate=0.5, burst=3)
+    ask = Ask(delay="20 ms", jitter=0.001, loss="12.5 %", rate="60 kB/s", queue="64 kB", burst=3)
     assert conditions(Conditions(), ask) == Conditions(
-        delay=0.02, jitter=0.001, loss=0.125, rate=480_000.0, queue=64_000, duplicate=0.5, burst=3
+        delay=0.02, jitter=0.001, loss=0.125, rate=480_000.0, queue=64_000, burst=3
     )
     said: list[tuple[float | str, float | None]] = [
         ("1M", 1e6),
@@ -164,7 +163,6 @@ def test_ends_of_no_pair_are_refused() -> None:
     ("text", "words"),
     [
         ("hosts = 3", "Expected `object`, got `int` (at hosts)"),
-        ("[hosts.a]\nspeed = -1", ".speed)"),
         ("[hosts.a]\nposition = [nan, 0]", ".position"),
         ("[hosts.a]\n[[media]]\nkind = 'cable'", "cable"),
         ("[hosts.a]\nwings = 2", "wings"),
@@ -232,8 +230,9 @@ def test_each_kind_becomes_what_the_relay_makes() -> None:
             ],
         )
     ).begin
-    kinds = [type(each) for each in begin.media]
-    assert kinds == [LinkSpec, SegmentSpec, EtherSpec]
+    assert [each.bridges for each in begin.media] == [None, {"a": ["h1", "h2"], "b": ["h3"]}, None]
+    assert [(edge.medium, edge.name) for edge in begin.edges] == [("h1-h2", "h1-h2"), ("w", "a-b"), ("r", "h2-h3")]
     assert [c.delay for c in begin.channels] == [0.005, 0.0, 0.0, 0.0, 0.0, 0.0]
-    assert len({tap.mac for tap in begin.taps}) == len({tap.address for tap in begin.taps}) == len(begin.taps) == 8
-    assert [tap.name for tap in begin.taps if tap.host == 0] == ["wlan0", "wlan1", "wlan2"]
+    taps = begin.interfaces
+    assert len({tap.mac for tap in taps}) == len({tap.address for tap in taps}) == len(taps) == 8
+    assert [tap.name for tap in taps if tap.host == "h1"] == ["wlan0", "wlan1", "wlan2"]
