@@ -1,4 +1,4 @@
-"""``zmav camera run|view|list|calibrate`` as processes and in this one, beside a real router."""
+"""``zmav camera run|view|record|list`` as processes and in this one, beside a real router."""
 
 from __future__ import annotations
 
@@ -79,7 +79,6 @@ WRONG = {
     "size": (("run", "0", "--vehicle", "quad1", "--size", "big"), "not like 640x480"),
     "mount": (("run", "0", "--vehicle", "quad1", "--mount", "1,2"), "not three numbers"),
     "budget": (("run", "0", "--vehicle", "quad1", "--budget", "much"), "expected 1Mbit/s, 60kB/s"),
-    "folder": (("calibrate", "none", "--squares", "9x6", "--size", "0.1", "-o", "x.toml"), "does not exist"),
     "vehicle": (("run", "0"), "Missing option '--vehicle'"),
 }
 
@@ -99,7 +98,7 @@ def test_what_cannot_be_run() -> None:
         invoke("run", "99", "--vehicle", "quad1")
 
 
-@pytest.mark.parametrize("verb", ["run", "view", "record", "calibrate", "list"])
+@pytest.mark.parametrize("verb", ["run", "view", "record", "list"])
 def test_every_verb_explains_itself(verb: str) -> None:
     done = invoke(verb, "--help")
     assert done.exit_code == 0
