@@ -34,7 +34,6 @@ WINDOW = 5.0
 """s of arrivals that are looked at"""
 
 
-
 class MjpegSource:
     """``http://host:port/NAME.mjpeg``; ``delay``: s from shutter to arrival where the server gives no X-Timestamp."""
 
@@ -120,9 +119,9 @@ def _taken(headers: dict[str, str]) -> float | None:
 
 
 class TheirClock:
-    """Times of one source by a clock that is not ours, as a simulator's that falls behind: set right where they cannot
-    be of ours, by the least delay of the last few seconds, as network clocks do it (Cristian 1989): nothing comes before
-    it was sent, and now and then something comes at once.
+    """Times of one source by a clock that is not ours, as of a simulator that falls behind: set right where they cannot
+    be of ours, by the least delay of the last few seconds, as network clocks do it (Cristian 1989): nothing comes
+    before it was sent, and now and then something comes at once.
     """
 
     def __init__(self) -> None:

@@ -116,10 +116,10 @@ class Host:
             except Exception as e:  # a class may have a tune() of its own
                 self._say(because=f"not tuned: {where(e, self._what)}"[:MOST_TEXT])
 
-    def _load(self, what: str, cls: str, tuned: dict[str, float]) -> None:
+    def _load(self, what: str, tuned: dict[str, float]) -> None:
         self._what, self._tuned = what, tuned
         try:
-            self._kind = load(what, cls)
+            self._kind = load(what)
             _try(self._made())  # on one of its own: what it does there is not to be seen in flight
             self._stack = stack = self._made()
         except BaseException as e:  # whatever a user's file does: even sys.exit()

@@ -19,10 +19,8 @@ from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
-from agents.controllers.limits import TUNABLES
-from agents.controllers.orders import ByStick, FollowSegment, GoTo
 from agents.controllers.readiness import check_parameters, check_ready
-from agents.controllers.settings import Settings, slug
+from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
@@ -78,7 +76,6 @@ class Supervisor(zmav.Agent):
         self.cycles = Cycles(z.dialect, self.estimate)
         self.workshop = Workshop(
             settings.controller,
-            settings.cls,
             self.cycles.fly_by,
             self._agree,
             self.cycles.on_answer,

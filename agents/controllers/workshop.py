@@ -22,7 +22,7 @@ SAVED = 0.1
 
 
 class Workshop:
-    """Of one supervisor, on its event loop. ``what``: a file or a name, ``cls``: which class of the file.
+    """Of one supervisor, on its event loop. ``what``: a file or a name.
 
     ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded;
     ``on_answer``, ``on_failed`` and ``on_because`` are called from the processes' threads.
@@ -31,14 +31,13 @@ class Workshop:
     def __init__(
         self,
         what: str,
-        cls: str,
         fly_by: Callable[[Worker | None], None],
         agree: Callable[[Loaded], None],
         on_answer: Callable[[Worker, Answer], None],
         on_failed: Callable[[Worker, str], None],
         on_because: Callable[[Worker, str], None],
     ) -> None:
-        self._what, self._cls, self._fly_by, self._agree = what, cls, fly_by, agree
+        self._what, self._fly_by, self._agree = what, fly_by, agree
         self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self.worker: Worker | None = None
         self.loaded: Loaded | None = None
@@ -72,7 +71,7 @@ class Workshop:
                 fresh = None
             self._fresh = fresh = fresh or self._new()
             try:
-                loaded = await fresh.load(self._what, self._cls, dict(values))
+                loaded = await fresh.load(self._what, dict(values))
                 self._agree(loaded)
             except BaseException as e:
                 fresh.close()

@@ -73,9 +73,7 @@ class Bench:
             on_loop(loop, lambda worker, said, queue=queue: queue.put_nowait(said))
             for queue in (self.answers, self.failed, self.because)
         )
-        self.shop = Workshop(
-            str(path), "", self.flies.append, lambda loaded: self.agree(loaded), answered, failed, because
-        )
+        self.shop = Workshop(str(path), self.flies.append, lambda loaded: self.agree(loaded), answered, failed, because)
 
     def agree(self, loaded: Loaded) -> None:
         """As the supervisor would."""
@@ -273,7 +271,7 @@ def test_a_loop_without_an_end_does_not_outlive_a_supervisor_that_is_killed(tmp_
     with subprocess.Popen(command, pass_fds=[theirs.fileno()], stdout=subprocess.PIPE) as process:
         try:
             theirs.close()
-            ours.send(b'j{"load": {"what": "%s", "cls": "", "tuned": {}}}' % str(path).encode())
+            ours.send(b'j{"load": {"what": "%s", "tuned": {}}}' % str(path).encode())
             assert process.stdout is not None
             assert process.stdout.readline() == b"stuck\n"
             ours.close()
