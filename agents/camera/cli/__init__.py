@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from agents.camera.cli import listing, record, run, view
+from agents.camera.cli import record, run, view
 
 
 @click.group("camera")
@@ -15,5 +15,5 @@ def camera() -> None:
     """
 
 
-for each in (run.command, view.command, record.command, listing.command):
+for each in (run.command, view.command, record.command):
     camera.add_command(each)
