@@ -2,8 +2,8 @@
 
     python -m agents.controllers.host FD
 
-It loads what it is told to, tries it out on one cycle, and waits. Its supervisor keeps another one warm beside it, so
-that a saved file is loaded there while this one flies.
+It loads what it is told to, tries it out on one cycle, and waits. A saved file is loaded in another one, while this one
+flies.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Supervisor(zmav.Agent):
         "goto": Verb("goto", GoTo, Access.MOVE, "under the controller, fly to a place"),
         "follow": Verb("follow", FollowSegment, Access.MOVE, "under the controller, follow a trajectory"),
         "sticks": Verb("sticks", ByStick, Access.MOVE, "under the controller, follow the pilot's sticks"),
-        "inject": Verb("inject", Inject, Access.MOVE, "add a step, doublet or chirp to the reference"),
+        "inject": Verb("inject", Inject, Access.MOVE, "add a step or a doublet to the reference"),
     }
 
     def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:

@@ -1,6 +1,6 @@
-"""Where controllers come from: one process that flies, one kept warm beside it, and the file that is watched.
+"""Where controllers come from: the process that flies, and the file that is watched.
 
-A saved file is loaded and tried out in the warm process; only when that has worked does it take the other's place,
+A saved file is loaded and tried out in a process of its own; only when that has worked does it take the other's place,
 between two cycles. A broken file changes nothing.
 """
 
@@ -43,7 +43,6 @@ class Workshop:
         self.loaded: Loaded | None = None
         self.broken = ""
         """what is wrong with the file as it was saved last"""
-        self._spare: Worker | None = None
         self._fresh: Worker | None = None
         """what is being loaded"""
         self._closed = False
@@ -53,10 +52,10 @@ class Workshop:
     def close(self) -> None:
         """End all processes; there are no others from now on."""
         self._closed = True
-        for worker in (self.worker, self._spare, self._fresh):
+        for worker in (self.worker, self._fresh):
             if worker is not None:
                 worker.close()
-        self.worker = self._spare = self._fresh = None
+        self.worker = self._fresh = None
 
     async def load(self, values: Mapping[str, float]) -> float:
         """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
@@ -65,11 +64,10 @@ class Workshop:
         """
         async with self._lock:
             begun = time.monotonic()
-            old, fresh, self._spare = self.worker, self._spare, None
-            if fresh is not None and not fresh.alive:
-                fresh.close()
-                fresh = None
-            self._fresh = fresh = fresh or self._new()
+            if self._closed:
+                raise Refused("the supervisor ends")
+            old = self.worker
+            self._fresh = fresh = Worker(self._on_answer, self._on_failed, self._on_because)
             try:
                 loaded = await fresh.load(self._what, dict(values))
                 self._agree(loaded)
@@ -77,7 +75,6 @@ class Workshop:
                 fresh.close()
                 if isinstance(e, Exception):
                     self.broken = str(e)
-                    self._spare = self._new()
                 raise
             finally:
                 self._fresh = None
@@ -86,7 +83,6 @@ class Workshop:
             took = (time.monotonic() - begun) * 1e3
             if old is not None:
                 old.close()
-            self._spare = self._new()
             return took
 
     async def saved(self) -> None:
@@ -106,11 +102,6 @@ class Workshop:
             return False
         self._fly_by(None)
         return True
-
-    def _new(self) -> Worker:
-        if self._closed:
-            raise Refused("the supervisor ends")
-        return Worker(self._on_answer, self._on_failed, self._on_because)
 
     def _look(self) -> tuple[float, int] | None:
         """None while there is no such file: an editor may put a new one in the old one's place."""
