@@ -72,6 +72,17 @@ class Tunable:
     doc: str = ""
 
 
+def check_tunable(who: str, tunables: Mapping[str, Tunable], name: str, value: float) -> None:
+    """Raises :class:`~zmav.errors.BadInput` where there is no parameter of that name, or the value is out of bounds."""
+    known = tunables.get(name)
+    if known is None:
+        names = ", ".join(tunables) or "none"
+        raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
+    if not (math.isfinite(value) and known.low <= value <= known.high):
+        expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
+        raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+
+
 class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Of an agent that needs none."""
 
@@ -146,15 +157,7 @@ class Agent:
 
     def tune(self, name: str, value: float) -> float:
         """Change a parameter; gives what it was. Raises :class:`~zmav.errors.BadInput`."""
-        known = self._declared.get(name)
-        if known is None:
-            names = ", ".join(self._declared) or "none"
-            raise BadInput(
-                f"{self.name} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names
-            )
-        if not (math.isfinite(value) and known.low <= value <= known.high):
-            expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
-            raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+        check_tunable(self.name, self._declared, name, value)
         before, self._values[name] = self._values[name], value
         self.tuned(name, value)
         return before

@@ -10,12 +10,12 @@ import http.client
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from typing import IO
 from urllib.parse import urlsplit
 
 from agents.camera.capture import Lost, Shot
-from agents.camera.theirclock import TheirClock
 from zmav.errors import BadConfig
 
 PATIENCE = 10.0
@@ -26,6 +26,12 @@ SIMULATED = "x-time"
 """a header of the simulator's: its clock falls behind ours where the machine is too slow for it"""
 MOST_BYTES = 20_000_000
 """of one picture"""
+LATE, EARLY = 0.02, -0.005
+"""s from exposure to arrival, at the least, beyond which the two clocks are not one"""
+USUAL = 0.008
+"""s that it takes at the least where they are not: to be rendered or read out, and handed over"""
+WINDOW = 5.0
+"""s of arrivals that are looked at"""
 
 
 class MjpegSource:
@@ -110,3 +116,22 @@ def _taken(headers: dict[str, str]) -> float | None:
     except (KeyError, ValueError):
         return None
     return t if math.isfinite(t) and t > 0.0 else None
+
+
+class TheirClock:
+    """Times of one source by a clock that is not ours, as of a simulator that falls behind: set right where they cannot
+    be of ours, by the least delay of the last few seconds, as network clocks do it (Cristian 1989): nothing comes
+    before it was sent, and now and then something comes at once.
+    """
+
+    def __init__(self) -> None:
+        self._delays: deque[tuple[float, float]] = deque()
+
+    def ours(self, t: float, arrived: float) -> float:
+        """``t`` (UTC s by their clock) of what ``arrived`` (UTC s by ours), by our clock."""
+        delays = self._delays
+        delays.append((arrived, arrived - t))
+        while delays[0][0] < arrived - WINDOW or delays[0][0] > arrived:
+            delays.popleft()
+        least = min(delay for _, delay in delays)
+        return t if EARLY <= least <= LATE else t + least - USUAL

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Annotated
@@ -59,7 +58,8 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=
 
 
 class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
-    """A camera's own constants, for pictures of ``width`` by ``height``; a TOML file, written by ``calibrate``."""
+    """A camera's own constants, for pictures of ``width`` by ``height``, as OpenCV's
+    calibration gives them; a TOML or JSON file."""
 
     width: Pixels
     height: Pixels
@@ -69,9 +69,6 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
     """px: cx, cy; the centre of the upper left pixel is 0, 0"""
     distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3"""
-    error_px: float | None = None
-    """of the chessboards' corners, root mean square"""
-    views: int | None = None
 
     @classmethod
     def by_angle(cls, fov: float, width: int, height: int) -> Calibration:
@@ -94,21 +91,11 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
             raise BadConfig(text, field="calibration", value=str(path), expected="a file") from e
         except (msgspec.DecodeError, ValueError, RecursionError) as e:
             text = f"calibration {path}: {e}"
-            raise BadConfig(text, field="calibration", value=str(path), expected="what calibrate writes") from e
+            raise BadConfig(text, field="calibration", value=str(path), expected="what OpenCV gives") from e
         if not all(map(math.isfinite, (*found.center, *found.focal, *found.distortion))):
             text = f"calibration {path}: expected finite numbers"
             raise BadConfig(text, field="calibration", value=str(path), expected="finite numbers")
         return found
-
-    def save(self, path: Path) -> None:
-        """As TOML; raises :class:`BadConfig` where it cannot be written."""
-        given = {name: value for name, value in msgspec.to_builtins(self).items() if value is not None}
-        lines = [f"{name} = {json.dumps(value)}" for name, value in given.items()]
-        try:
-            path.write_text("# A camera's constants, for 'zmav camera run --calibration'.\n" + "\n".join(lines) + "\n")
-        except OSError as e:
-            text = f"cannot write {path}: {e.strerror}"
-            raise BadConfig(text, field="out", value=str(path), expected="a file that can be written") from e
 
     def scaled(self, width: int, height: int) -> Calibration:
         """For a picture that was resized; raises :class:`BadConfig` for one of another shape (it was cropped)."""

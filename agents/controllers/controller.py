@@ -24,8 +24,8 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from agents.controllers.types import LEVELS, OUTPUTS, USUAL, Level, Output, Reference, State, Trim
-from zmav.agent import Tunable
-from zmav.errors import BadConfig, BadInput
+from zmav.agent import Tunable, check_tunable
+from zmav.errors import BadConfig
 
 
 def parameter(default: float, low: float, high: float, unit: str = "", doc: str = "") -> float:
@@ -81,7 +81,7 @@ class Controller(ABC):
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
-        check(type(self).__name__, self.tunables, name, value)
+        check_tunable(type(self).__name__, self.tunables, name, value)
         setattr(self, name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:  # noqa: B027  (not every class begins from something)
@@ -110,17 +110,6 @@ class Controller(ABC):
             ends = "xyz" if len(row) == 3 else [str(i) for i in range(len(row))]
             for end, each in zip(ends, row, strict=True):
                 self.signals[f"{name}.{end}"] = float(each)
-
-
-def check(who: str, tunables: Mapping[str, Tunable], name: str, value: float) -> None:
-    """Raises :class:`~zmav.errors.BadInput` where there is no parameter of that name, or the value is out of bounds."""
-    known = tunables.get(name)
-    if known is None:
-        names = ", ".join(tunables) or "none"
-        raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
-    if not (math.isfinite(value) and known.low <= value <= known.high):
-        expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
-        raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
 
 
 def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:

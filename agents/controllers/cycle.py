@@ -15,15 +15,18 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
+import numpy as np
 import zenoh
 
-from agents.controllers import limits, packets
+from agents.controllers import packets
 from agents.controllers.estimate import MOST_DT, Estimate
 from agents.controllers.guard import Guard, fit
 from agents.controllers.packets import Answer
 from agents.controllers.references import References
+from agents.controllers.settings import usual
 from agents.controllers.signals import told
 from agents.controllers.types import (
+    Acceleration,
     AttitudeThrust,
     Output,
     RatesThrust,
@@ -32,7 +35,6 @@ from agents.controllers.types import (
     TorqueThrust,
     Trim,
     Velocity,
-    plain,
 )
 from agents.controllers.worker import Worker
 from zmav.errors import ZmavError
@@ -77,8 +79,8 @@ class Cycles:
         self._dialect, self.estimate = dialect, estimate
         self.lock = threading.Lock()
         """held while anything here is read or changed"""
-        self.limits = limits.usual()
-        """by the names of :mod:`agents.controllers.limits`"""
+        self.limits = usual()
+        """by the names of :mod:`agents.controllers.settings`"""
         self.references, self.guard = References(self.limits), Guard(self.limits)
         self.on_trip: Callable[[str], None] = lambda text: None
         self.on_signals: Callable[[float, dict[str, float]], None] = lambda t, values: None
@@ -291,17 +293,12 @@ class Cycles:
 
 def setpoint(output: Output) -> dict[str, Any]:
     """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it."""
-    if isinstance(output, TorqueThrust):
-        return {"torque": plain(output.torque), "thrust": output.thrust, "valid": INNER_VALID}
-    if isinstance(output, RatesThrust):
-        return {"rates": plain(output.rates), "thrust": output.thrust, "valid": INNER_VALID}
-    if isinstance(output, AttitudeThrust):
-        q = tuple(float(each) for each in output.attitude)
-        return {"attitude": q, "thrust": output.thrust, "valid": INNER_VALID}
-    turn = {"yaw": output.yaw, "yaw_rate": output.yaw_rate, "valid": OUTER_VALID}
-    if isinstance(output, Velocity):
-        return {"vel": plain(output.vel), **turn}
-    return {"acc": plain(output.acc), **turn}
+    inner = not isinstance(output, Velocity | Acceleration)
+    found: dict[str, Any] = {"valid": INNER_VALID if inner else OUTER_VALID}
+    for name, value in vars(output).items():
+        if not (inner and name == "yaw_rate"):  # no autopilot takes it beside an attitude
+            found[name] = tuple(float(each) for each in value) if isinstance(value, np.ndarray) else value
+    return found
 
 
 def _applied(output: Output, state: State) -> Trim | None:

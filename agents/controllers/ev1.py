@@ -11,12 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.controllers.controller import Controller, check, parameter
+from agents.controllers.controller import Controller, parameter
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
 from agents.controllers.signals import inner_signals
 from agents.controllers.stack import Stack
 from agents.controllers.types import Output, Reference, State, Trim, Velocity
-from zmav.agent import Tunable
+from zmav.agent import Tunable, check_tunable
 
 PARTS: Mapping[str, type[Controller]] = {
     "position": PositionLoop,
@@ -86,7 +86,7 @@ class Ev1(Controller):
             self.tune(name, value)
 
     def tune(self, name: str, value: float) -> None:
-        check("EV1", self.tunables, name, value)
+        check_tunable("EV1", self.tunables, name, value)
         self._stack.tune(name, value)
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:

@@ -24,7 +24,7 @@ MOST_VELOCITY, MOST_ACCELERATION, MOST_RATE = 30.0, 30.0, 20.0
 
 
 class Guard:
-    """Looks at each cycle of one engagement. ``limits``: by the names of :mod:`agents.controllers.limits`."""
+    """Looks at each cycle of one engagement. ``limits``: by the names of :mod:`agents.controllers.settings`."""
 
     def __init__(self, limits: Mapping[str, float]) -> None:
         self._limits = limits

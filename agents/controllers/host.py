@@ -2,8 +2,8 @@
 
     python -m agents.controllers.host FD
 
-It loads what it is told to, tries it out on one cycle, and waits. Its supervisor keeps another one warm beside it, so
-that a saved file is loaded there while this one flies.
+It loads what it is told to, tries it out on one cycle, and waits. A saved file is loaded in another one, while this one
+flies.
 """
 
 from __future__ import annotations
@@ -116,10 +116,10 @@ class Host:
             except Exception as e:  # a class may have a tune() of its own
                 self._say(because=f"not tuned: {where(e, self._what)}"[:MOST_TEXT])
 
-    def _load(self, what: str, cls: str, tuned: dict[str, float]) -> None:
+    def _load(self, what: str, tuned: dict[str, float]) -> None:
         self._what, self._tuned = what, tuned
         try:
-            self._kind = load(what, cls)
+            self._kind = load(what)
             _try(self._made())  # on one of its own: what it does there is not to be seen in flight
             self._stack = stack = self._made()
         except BaseException as e:  # whatever a user's file does: even sys.exit()

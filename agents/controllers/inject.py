@@ -1,4 +1,4 @@
-"""Steps, doublets and chirps that are added to a controller's reference in flight: what a response is measured by.
+"""Steps and doublets that are added to a controller's reference in flight: what a response is measured by.
 
 It is added to the one channel and to nothing else: what a jump would feed forward is no number, and how the loop
 follows by itself is what the report is about.
@@ -17,14 +17,10 @@ from zmav import wire
 from zmav.errors import BadInput
 from zmav.rotation import heading, product
 
-Kind = Literal["step", "doublet", "chirp"]
-KINDS: tuple[Kind, ...] = ("step", "doublet", "chirp")
+Kind = Literal["step", "doublet"]
+KINDS: tuple[Kind, ...] = ("step", "doublet")
 SHORTEST, LONGEST = 0.02, 300.0
 """s of an injection"""
-SLOWEST, FASTEST = 0.01, 50.0
-"""Hz of a chirp"""
-TAPER = 0.05
-"""of a chirp's duration, at each end, over which its amplitude grows and fades"""
 MOST_TURN = 0.8
 """rad that rates about roll or pitch may add up to while they are injected"""
 
@@ -72,10 +68,6 @@ class Inject(wire.Order, kw_only=True):
     """in the channel's unit; a negative one begins the other way"""
     seconds: float
     """it lasts; of a doublet, each half"""
-    f0: float = 0.1
-    """Hz at which a chirp begins"""
-    f1: float = 5.0
-    """Hz at which it ends: the frequency grows by the same factor each second"""
 
 
 class Injection:
@@ -99,8 +91,6 @@ class Injection:
         since = t - self.start_t
         if not 0.0 <= since < self.seconds:
             return 0.0
-        if self.args.kind == "chirp":
-            return _chirp(self.args, since)
         back = self.args.kind == "doublet" and since >= self.args.seconds
         return -self.args.amplitude if back else self.args.amplitude
 
@@ -146,42 +136,11 @@ def check(args: Inject, level: Level) -> None:
         raise _bad("amplitude", args.amplitude, f"at most {channel.most:g} {channel.unit} either way, and not 0")
     if not SHORTEST <= args.seconds <= LONGEST:
         raise _bad("seconds", args.seconds, f"{SHORTEST:g} to {LONGEST:g} s")
-    if args.kind == "chirp":
-        _check_chirp(args)
     if args.channel in ("p", "q"):
-        turn = _turn(args)
+        turn = abs(args.amplitude) * args.seconds
         if turn > MOST_TURN:
             most = f"at most {MOST_TURN:g} rad that the rates add up to; here {turn:.2f}"
             raise _bad("amplitude", args.amplitude, most)
-
-
-def _check_chirp(args: Inject) -> None:
-    for name, value in (("f0", args.f0), ("f1", args.f1)):
-        if not SLOWEST <= value <= FASTEST:
-            raise _bad(name, value, f"{SLOWEST:g} to {FASTEST:g} Hz")
-    if args.f1 < 1.05 * args.f0:
-        raise _bad("f1", args.f1, f"above f0 ({args.f0:g} Hz)")
-    if args.seconds * args.f0 < 1.0:
-        raise _bad("seconds", args.seconds, f"at least one period of f0: {1.0 / args.f0:g} s")
-
-
-def _turn(args: Inject) -> float:
-    """rad that an injected rate adds up to; of a chirp, at most in its first and widest swing."""
-    amplitude = abs(args.amplitude)
-    return amplitude / (math.pi * args.f0) if args.kind == "chirp" else amplitude * args.seconds
-
-
-def _chirp(args: Inject, since: float) -> float:
-    """An exponential sweep.
-
-    Phase 2 pi f0 T / ln k (k^(t/T) - 1) with k = f1/f0: A. Farina, "Simultaneous measurement of impulse response and
-    distortion with a swept-sine technique", AES 108, 2000. A raised cosine fades it in and out.
-    """
-    log, fade = math.log(args.f1 / args.f0), TAPER * args.seconds
-    phase = 2.0 * math.pi * args.f0 * args.seconds / log * (math.exp(log * since / args.seconds) - 1.0)
-    edge = min(since, args.seconds - since)
-    window = 0.5 * (1.0 - math.cos(math.pi * edge / fade)) if edge < fade else 1.0
-    return args.amplitude * window * math.sin(phase)
 
 
 def turned(q: Array, name: str, angle: float) -> Array:

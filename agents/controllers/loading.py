@@ -25,8 +25,8 @@ def is_file(what: str) -> bool:
     return what.endswith(".py")
 
 
-def load(what: str, cls: str = "") -> type[Controller]:
-    """The class that a file holds (``cls``: which, where there are several), or the installed one of that name.
+def load(what: str) -> type[Controller]:
+    """The class that a file holds, or the installed one of that name.
 
     Raises :class:`~zmav.errors.BadConfig`, or whatever the file raises.
     """
@@ -37,13 +37,13 @@ def load(what: str, cls: str = "") -> type[Controller]:
             raise BadConfig(text, field="controller", value=what, expected=", ".join(known))
         found: type[Controller] = known[what].load()
         return found
-    return _pick(_module(Path(what)), what, cls)
+    return _pick(_module(Path(what)), what)
 
 
 def check(settings: Any) -> None:
     """Raise :class:`~zmav.errors.BadConfig` where a supervisor's settings name no controller. A file is run, here."""
     try:
-        load(settings.controller, settings.cls)
+        load(settings.controller)
     except Exception as e:
         text = where(e, settings.controller)
         raise BadConfig(text, field="controller", value=settings.controller, expected="a controller") from e
@@ -61,19 +61,17 @@ def _module(path: Path) -> ModuleType:
     return module
 
 
-def _pick(module: ModuleType, what: str, cls: str) -> type[Controller]:
+def _pick(module: ModuleType, what: str) -> type[Controller]:
     here = {
         name: each
         for name, each in vars(module).items()
         if isinstance(each, type) and issubclass(each, Controller) and each.__module__ == module.__name__
     }
-    named = [each for name, each in here.items() if cls in ("", name)]
-    wanted = [each for each in named if hasattr(each, "level") and not inspect.isabstract(each)]
+    wanted = [each for each in here.values() if hasattr(each, "level") and not inspect.isabstract(each)]
     if len(wanted) != 1:
         names = ", ".join(here) or "none"
-        called = f" called {cls}" if cls else ""
-        one = f"one class derived from Controller{called}, with a level and an update"
-        raise BadConfig(f"{what}: expected {one}; there are: {names}", field="class", value=cls, expected=names)
+        one = "one class derived from Controller, with a level and an update"
+        raise BadConfig(f"{what}: expected {one}; there are: {names}", field="class", value=names, expected=one)
     return wanted[0]
 
 

@@ -26,7 +26,7 @@ ORIGIN = wire.Origin(lat_deg=0.0, lon_deg=0.0, alt_amsl=0.0)
 
 
 class References:
-    """One vehicle's. ``limits``: what full sticks ask for, by the names of :mod:`agents.controllers.limits`. Not
+    """One vehicle's. ``limits``: what full sticks ask for, by the names of :mod:`agents.controllers.settings`. Not
     thread-safe: its user sees to that.
     """
 

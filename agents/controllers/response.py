@@ -1,4 +1,4 @@
-"""How a controller answered what was injected: the report of a recorded step, or of another signal.
+"""How a controller answered what was injected: the report of a recorded step or doublet.
 
 What is measured is the response to what was injected alone: the deviation of the measured value from the reference as
 it would have been without, less what it was before. So the reference may move meanwhile. Angles go on past pi.
@@ -100,7 +100,7 @@ class Report:
     """of the error (reference less measured) during the injection"""
     peak_error: float
     found: Step | None
-    """None: of a doublet or a chirp, whose signals are for other tools"""
+    """None: of a doublet"""
     notes: list[str] = field(default_factory=list)
     """what to know before believing it"""
 
@@ -117,7 +117,6 @@ class Report:
         """A table of a line a measure, for a terminal."""
         args, unit = self.args, self.unit
         what = f"{args.kind} of {args.amplitude:g} {unit} in {args.channel}"
-        over = f"{args.f0:g} to {args.f1:g} Hz over " if args.kind == "chirp" else ""
         counts = f", {self.lost or 'none'} lost" + (f", {self.bad} no use" if self.bad else "")
         rows = [
             *(self.found.rows(unit) if self.found else ()),
@@ -126,7 +125,7 @@ class Report:
             ("recorded", f"{len(self.t)} samples at {1.0 / self.period:.0f} Hz{counts}"),
         ]
         width = max(len(name) for name, _ in rows)
-        lines = [f"{self.title + ': ' if self.title else ''}{what}, {over}{args.seconds:g} s"]
+        lines = [f"{self.title + ': ' if self.title else ''}{what}, {args.seconds:g} s"]
         lines += [f"  {name:<{width}}  {words}" for name, words in rows]
         return "\n".join([*lines, *(f"  ! {note}" for note in self.notes)])
 

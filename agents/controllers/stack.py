@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import replace
 
-from agents.controllers.controller import Controller, check
+from agents.controllers.controller import Controller
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, VelocityLoop
 from agents.controllers.types import (
     LEVELS,
@@ -23,7 +24,7 @@ from agents.controllers.types import (
     Trim,
     Velocity,
 )
-from zmav.agent import Tunable
+from zmav.agent import Tunable, check_tunable
 from zmav.errors import BadInput
 
 LOOPS: Mapping[Level, type[Controller]] = {
@@ -32,6 +33,10 @@ LOOPS: Mapping[Level, type[Controller]] = {
     "altitude": AltitudeLoop,
     "attitude": AttitudeLoop,
 }
+
+
+FOLLOWED: Mapping[type[Output], Level] = {Velocity: "velocity", AttitudeThrust: "attitude", RatesThrust: "rates"}
+"""what loops follow that others give"""
 
 
 class Stack:
@@ -61,7 +66,7 @@ class Stack:
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
-        check(type(self.controller).__name__, self.tunables, name, value)
+        check_tunable(type(self.controller).__name__, self.tunables, name, value)
         level, _, rest = name.partition(".")
         if level in self.loops:
             self.loops[level].tune(rest, value)
@@ -131,18 +136,8 @@ class Stack:
 
 def merged(reference: Reference, output: Output) -> Reference:
     """What the loop below is to follow: the reference, with what the loop above gives in place of its own parts."""
-    below = copy.copy(reference)
-    if isinstance(output, Velocity):
-        below.level, below.vel = "velocity", output.vel
-        if output.yaw is not None:
-            below.yaw = output.yaw
-        if output.yaw_rate is not None:
-            below.yaw_rate = output.yaw_rate
-    elif isinstance(output, AttitudeThrust):
-        below.level, below.attitude = "attitude", output.attitude
-        below.thrust, below.yaw_rate = output.thrust, output.yaw_rate
-    elif isinstance(output, RatesThrust):
-        below.level, below.rates, below.thrust = "rates", output.rates, output.thrust
-    else:
+    level = FOLLOWED.get(type(output))
+    if level is None:
         raise TypeError(f"no loop of EV1 follows a {type(output).__name__}")
-    return below
+    given = {name: value for name, value in vars(output).items() if value is not None}
+    return replace(reference, level=level, **given)

@@ -19,10 +19,8 @@ from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
-from agents.controllers.limits import TUNABLES
-from agents.controllers.orders import ByStick, FollowSegment, GoTo
 from agents.controllers.readiness import check_parameters, check_ready
-from agents.controllers.settings import Settings, slug
+from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker
 from agents.controllers.workshop import Workshop
@@ -65,7 +63,7 @@ class Supervisor(zmav.Agent):
         "goto": Verb("goto", GoTo, Access.MOVE, "under the controller, fly to a place"),
         "follow": Verb("follow", FollowSegment, Access.MOVE, "under the controller, follow a trajectory"),
         "sticks": Verb("sticks", ByStick, Access.MOVE, "under the controller, follow the pilot's sticks"),
-        "inject": Verb("inject", Inject, Access.MOVE, "add a step, doublet or chirp to the reference"),
+        "inject": Verb("inject", Inject, Access.MOVE, "add a step or a doublet to the reference"),
     }
 
     def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:
@@ -78,7 +76,6 @@ class Supervisor(zmav.Agent):
         self.cycles = Cycles(z.dialect, self.estimate)
         self.workshop = Workshop(
             settings.controller,
-            settings.cls,
             self.cycles.fly_by,
             self._agree,
             self.cycles.on_answer,

@@ -108,13 +108,13 @@ class Worker:
 
     # The event loop.
 
-    async def load(self, what: str, cls: str, tuned: dict[str, float]) -> Loaded:
+    async def load(self, what: str, tuned: dict[str, float]) -> Loaded:
         """Have it load a controller and try it out. Raises :class:`BadConfig` with file and line where it is broken,
         :class:`TimedOut`.
         """
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._waiting = waiting
-        if not self.send(packets.talk(load={"what": what, "cls": cls, "tuned": tuned})):
+        if not self.send(packets.talk(load={"what": what, "tuned": tuned})):
             raise TimedOut("the controller's process takes nothing any more")
         try:
             await asyncio.wait({waiting}, timeout=LOAD_TIMEOUT)

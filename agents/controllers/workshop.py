@@ -1,6 +1,6 @@
-"""Where controllers come from: one process that flies, one kept warm beside it, and the file that is watched.
+"""Where controllers come from: the process that flies, and the file that is watched.
 
-A saved file is loaded and tried out in the warm process; only when that has worked does it take the other's place,
+A saved file is loaded and tried out in a process of its own; only when that has worked does it take the other's place,
 between two cycles. A broken file changes nothing.
 """
 
@@ -22,7 +22,7 @@ SAVED = 0.1
 
 
 class Workshop:
-    """Of one supervisor, on its event loop. ``what``: a file or a name, ``cls``: which class of the file.
+    """Of one supervisor, on its event loop. ``what``: a file or a name.
 
     ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded;
     ``on_answer``, ``on_failed`` and ``on_because`` are called from the processes' threads.
@@ -31,20 +31,18 @@ class Workshop:
     def __init__(
         self,
         what: str,
-        cls: str,
         fly_by: Callable[[Worker | None], None],
         agree: Callable[[Loaded], None],
         on_answer: Callable[[Worker, Answer], None],
         on_failed: Callable[[Worker, str], None],
         on_because: Callable[[Worker, str], None],
     ) -> None:
-        self._what, self._cls, self._fly_by, self._agree = what, cls, fly_by, agree
+        self._what, self._fly_by, self._agree = what, fly_by, agree
         self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
         self.worker: Worker | None = None
         self.loaded: Loaded | None = None
         self.broken = ""
         """what is wrong with the file as it was saved last"""
-        self._spare: Worker | None = None
         self._fresh: Worker | None = None
         """what is being loaded"""
         self._closed = False
@@ -54,10 +52,10 @@ class Workshop:
     def close(self) -> None:
         """End all processes; there are no others from now on."""
         self._closed = True
-        for worker in (self.worker, self._spare, self._fresh):
+        for worker in (self.worker, self._fresh):
             if worker is not None:
                 worker.close()
-        self.worker = self._spare = self._fresh = None
+        self.worker = self._fresh = None
 
     async def load(self, values: Mapping[str, float]) -> float:
         """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
@@ -66,19 +64,17 @@ class Workshop:
         """
         async with self._lock:
             begun = time.monotonic()
-            old, fresh, self._spare = self.worker, self._spare, None
-            if fresh is not None and not fresh.alive:
-                fresh.close()
-                fresh = None
-            self._fresh = fresh = fresh or self._new()
+            if self._closed:
+                raise Refused("the supervisor ends")
+            old = self.worker
+            self._fresh = fresh = Worker(self._on_answer, self._on_failed, self._on_because)
             try:
-                loaded = await fresh.load(self._what, self._cls, dict(values))
+                loaded = await fresh.load(self._what, dict(values))
                 self._agree(loaded)
             except BaseException as e:
                 fresh.close()
                 if isinstance(e, Exception):
                     self.broken = str(e)
-                    self._spare = self._new()
                 raise
             finally:
                 self._fresh = None
@@ -87,7 +83,6 @@ class Workshop:
             took = (time.monotonic() - begun) * 1e3
             if old is not None:
                 old.close()
-            self._spare = self._new()
             return took
 
     async def saved(self) -> None:
@@ -107,11 +102,6 @@ class Workshop:
             return False
         self._fly_by(None)
         return True
-
-    def _new(self) -> Worker:
-        if self._closed:
-            raise Refused("the supervisor ends")
-        return Worker(self._on_answer, self._on_failed, self._on_because)
 
     def _look(self) -> tuple[float, int] | None:
         """None while there is no such file: an editor may put a new one in the old one's place."""

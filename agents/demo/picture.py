@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 
 NAMED = 12
 """tracks that get a name each; more are a crowd"""
-APART = 1 / 60
-"""of the time shown, between two numbers that have room beside each other"""
-COLUMNS, KEY_LINE = 4, 0.14
-"""of the key to the steps; inches"""
-LONGEST = 50
-"""characters of a step that a column has room for"""
 LEAST = 12.0
 """m that is seen from above at least, north and east: a way along a line is no line"""
 STILL = 3.0
@@ -43,7 +37,7 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
     """From the first that moves to the last that does. Raises :class:`BadConfig` without matplotlib."""
     rows = shown(rows)
     marks = [mark for mark in marks if rows[0].t <= mark.t <= rows[-1].t]
-    figure, above, heights, ways = axes_of(title, math.ceil(len(marks) / COLUMNS))
+    figure, above, heights, ways = axes_of(title)
     times = [row.t for row in rows]
     plot(names, rows, above, heights, ways)
     look_down(above, rows)
@@ -51,7 +45,9 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
         axes.set_xlim(times[0], times[-1])
     if len(names) <= NAMED:
         above.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, frameon=False, handlelength=1.0)
-    _mark(figure, heights, ways, marks, times)
+    for axes in (heights, ways):
+        for mark in marks:
+            axes.axvline(mark.t, color="#9aa0a6", lw=0.6, ls=":")
     return figure
 
 
@@ -98,55 +94,15 @@ def look_down(above: Any, rows: Sequence[Row]) -> None:
     above.autoscale_view()
 
 
-def _mark(figure: Figure, heights: Any, ways: Any, marks: Sequence[Mark], times: Sequence[float]) -> None:
-    """A dotted line with a number for each step, several as one where they are too near, and below what they are."""
-    room, groups = APART * (times[-1] - times[0]), list[list[int]]()
-    for i, mark in enumerate(marks):
-        for axes in (heights, ways):
-            axes.axvline(mark.t, color="#9aa0a6", lw=0.6, ls=":")
-        wide = room * (2 if i >= 9 else 1) * (3 if groups and len(groups[-1]) > 1 else 1)
-        if groups and mark.t - marks[groups[-1][0]].t < wide:
-            groups[-1].append(i)
-        else:
-            groups.append([i])
-        lines = math.ceil(len(marks) / COLUMNS)
-        below = 0.04 + KEY_LINE * (lines - 1 - i % lines)
-        text = f"{i + 1}  {mark.t:.0f} s  {mark.text}"
-        figure.text(
-            0.02 + 0.98 / COLUMNS * (i // lines),
-            below / figure.get_figheight(),
-            text[:LONGEST],
-            fontsize=6.5,
-            color="#5f6368",
-            va="bottom",
-        )
-    for group in groups:
-        text = f"{group[0] + 1}" + (f"-{group[-1] + 1}" if len(group) > 1 else "")
-        heights.text(
-            marks[group[0]].t,
-            1.01,
-            text,
-            transform=heights.get_xaxis_transform(),
-            fontsize=6.5,
-            color="#5f6368",
-            ha="left",
-            va="bottom",
-        )
-
-
-def axes_of(title: str, key: int = 0) -> tuple[Figure, Any, Any, Any]:
-    """From above; and over time the heights and the ways over the ground. ``key``: lines of text below that."""
+def axes_of(title: str) -> tuple[Figure, Any, Any, Any]:
+    """From above; and over time the heights and the ways over the ground."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as e:
         raise missing_extra("the picture", "matplotlib", "planner") from e
-    height, foot = 5.2 + key * KEY_LINE, key * KEY_LINE + (0.08 if key else 0.0)
-    figure = Figure(figsize=(11.0, height), dpi=110, layout="constrained")
+    figure = Figure(figsize=(11.0, 5.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.set(rect=(0.0, foot / height, 1.0, 1.0 - foot / height))  # type: ignore[call-arg]
     axes = figure.subplot_mosaic([["above", "heights"], ["above", "ways"]], width_ratios=(1.0, 1.15))
     above, heights, ways = axes["above"], axes["heights"], axes["ways"]
     above.set(xlabel="east, m", ylabel="north, m")

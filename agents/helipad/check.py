@@ -31,12 +31,6 @@ class Check:
             layers = range(len(stored.files) // 2)
             return cls([stored[f"weights{i}"] for i in layers], [stored[f"biases{i}"] for i in layers])
 
-    def save(self) -> None:
-        """As what :meth:`built_in` gives."""
-        arrays = {f"weights{i}": w.astype(np.float16) for i, w in enumerate(self.weights)}
-        arrays |= {f"biases{i}": b.astype(np.float16) for i, b in enumerate(self.biases)}
-        np.savez_compressed(WEIGHTS, **arrays)  # type: ignore[arg-type]  # its stub takes the names for allow_pickle
-
     def outputs(self, inputs: Image) -> list[Image]:
         """Of :func:`scaled` patches: what each layer gives, (N, outputs); the last is the logarithm of the odds."""
         result: list[Image] = []

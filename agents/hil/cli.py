@@ -75,17 +75,7 @@ def bench_(fleet_file: str, name: str, reports: str, device: str | None, props_o
 @stage_options
 @click.option("--device", metavar="LINK", help="The autopilot: /dev/ttyACM0...  [default: the fleet file's link]")
 @click.option("--accept", multiple=True, metavar="PARAM", help="It may differ from the bench's; with *; repeatable.")
-@click.option(
-    "--max-age",
-    type=click.FloatRange(min=0.0),
-    default=30.0,
-    show_default=True,
-    metavar="DAYS",
-    help="How old the reports may be.",
-)
-def flight_(
-    fleet_file: str, name: str, reports: str, device: str | None, accept: tuple[str, ...], max_age: float
-) -> None:
+def flight_(fleet_file: str, name: str, reports: str, device: str | None, accept: tuple[str, ...]) -> None:
     """Look whether it may fly, and say the command that flies it; it arms nothing and sets nothing.
 
     Both reports must be there and green, of this fleet file and this autopilot; simulation must be off, and parameters
@@ -93,7 +83,7 @@ def flight_(
     """
     from agents.hil.gate import gate
 
-    run_stage(gate(Path(fleet_file), name, Path(reports), device, accept, max_age))
+    run_stage(gate(Path(fleet_file), name, Path(reports), device, accept))
 
 
 def run_stage(main: Coroutine[Any, Any, int]) -> NoReturn:

@@ -24,6 +24,8 @@ from zmav.mavlink.paramvalue import Value
 from zmav.vehicle.params import differences, own_params
 
 DAY_S = 86_400.0
+MOST_DAYS = 30.0
+"""how old a report may be"""
 DOCTOR_S = 3.0
 MOST_TOLD = 40
 """differing parameters that are named"""
@@ -51,9 +53,7 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
 """what calibrates the sensors: simulated ones had other values"""
 
 
-async def gate(
-    path: Path, name: str, reports: Path, device: str | None, accept: Sequence[str], max_age_days: float
-) -> int:
+async def gate(path: Path, name: str, reports: Path, device: str | None, accept: Sequence[str]) -> int:
     """Look, and say each thing; 0 where it may fly, and the command that flies it."""
     file = load_fleet(path)
     link = device or file.vehicle(name).link
@@ -68,7 +68,7 @@ async def gate(
     flown: dict[Stage, Report | None] = {"sil": find(reports, name, "sil"), "bench": find(reports, name, "bench")}
     now = begun("bench", file, name, link)
     for stage, report in flown.items():
-        say(judge_report(report, stage, hash_of(file, name), time.time(), max_age_days, place(reports, name, stage)))
+        say(judge_report(report, stage, hash_of(file, name), time.time(), place(reports, name, stage)))
     with Children() as children:
         async with beside(children, path, file, name, link) as (client, router):
             try:
@@ -95,9 +95,7 @@ async def gate(
     return 0
 
 
-def judge_report(
-    report: Report | None, stage: Stage, fleet_hash: str, now: float, max_age_days: float, where: Path
-) -> Check:
+def judge_report(report: Report | None, stage: Stage, fleet_hash: str, now: float, where: Path) -> Check:
     """There, green, of this fleet file, by this zmav, and not too old."""
     if report is None:
         return Check(stage, "BAD", f"no report {where}: run 'zmav hil {stage}'")
@@ -111,8 +109,8 @@ def judge_report(
     if report.zmav != version("zmav"):
         return Check(stage, "BAD", f"it flew with zmav {report.zmav}, and this is {version('zmav')}: {again}")
     age = (now - report.t) / DAY_S
-    if not -0.01 <= age <= max_age_days:
-        return Check(stage, "BAD", f"it is {age:.1f} days old, and {max_age_days:g} are allowed: {again}")
+    if not -0.01 <= age <= MOST_DAYS:
+        return Check(stage, "BAD", f"it is {age:.1f} days old, and {MOST_DAYS:g} are allowed: {again}")
     left = [check.name for check in report.checks if check.status == "left out"]
     out = f"; left out: {', '.join(left)}" if left else ""
     return Check(stage, "ok", f"passed {24 * age:.1f} h ago with this fleet file, by {report.flown_by}{out}")

@@ -14,7 +14,7 @@ import numpy as np
 import zmav
 from agents.navigator.outlets import ByController, ByLease, Outlet
 from agents.navigator.routes import SIZES, Route, check, shape
-from agents.navigator.tracking import Summary, Way, errors, summarise
+from agents.navigator.tracking import Summary, errors, summarise
 from agents.navigator.trajectory import WINDOW, Limits, Trajectory
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
@@ -143,7 +143,6 @@ class Navigator(zmav.Agent):
         """of the last route that was flown to its end, or as far as it was"""
         self._flight: asyncio.Task[None] | None = None
         self._order, self._route = Fly(), shape("ev3")
-        self._way: Way | None = None
         self._ends = False
         self._now: dict[str, float] = {}
 
@@ -213,7 +212,7 @@ class Navigator(zmav.Agent):
         yaw = facing if self._order.yaw is None else self._order.yaw
         limits = Limits(self._order.speed, self["accel"], self["jerk"])
         trajectory = Trajectory(self._route.reached_from(here, self["settle"]), limits, yaw)
-        self.times, self.positions, self._way = [], [], Way(trajectory.route)
+        self.times, self.positions = [], []
         return Course(trajectory, time.time() + BEGIN)
 
     def _told(self) -> dict[str, Any]:
@@ -319,18 +318,13 @@ class Navigator(zmav.Agent):
                     self._note(self._time(message, state), place)
 
     def _note(self, t: float, place: wire.Vector) -> None:
-        course, way = self.course, self._way
+        course = self.course
         assert course is not None
-        assert way is not None
         self.times.append(t)
         self.positions.append(place)
         moment = course.trajectory.at(np.array([t - course.start]))
         off = np.array(place) - moment.pos[0]
-        values = {
-            "error": float(np.linalg.norm(off)),
-            "cross": way.off(np.array(place), float(moment.along[0])),
-            "along": course.along(t),
-        }
+        values = {"error": float(np.linalg.norm(off)), "along": course.along(t)}
         for what, row in (("off", off), ("reference", moment.pos[0]), ("reference_vel", moment.vel[0])):
             values |= {f"{what}.{axis}": float(x) for axis, x in zip("xyz", row, strict=True)}
         key = keys.AGENT_OUT.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, topic="tracking")
@@ -369,7 +363,8 @@ class Navigator(zmav.Agent):
             "left_s": round(max(0.0, course.start + course.trajectory.duration - now), 1),
             "corner_in": round(float(ahead[0]) - along, 2) if len(ahead) else 0.0,
         }
-        detail |= {name: round(self._now[name], 3) for name in ("error", "cross") if name in self._now}
+        if "error" in self._now:
+            detail["error"] = round(self._now["error"], 3)
         share = 100.0 * along / self._route.length
         self.status(phase, f"{self._route.name}: {share:.0f} %", **detail)
 

@@ -16,8 +16,6 @@ NEAR = 1.5
 """m along the way from a corner within which a peak is near it"""
 HIGH = 1.5
 """times the RMS: an error above it begins a peak, which lasts until the error is below the RMS again"""
-GRAIN, AROUND = 0.05, 3.0
-"""m between the points of the way that distances are taken to, and m along it around where it should be"""
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,6 @@ class Errors:
     """(N, 3) m NED: where it was, less where it should have been then"""
     along: Array
     """m of the route at which it should have been"""
-    cross: Array
-    """m to the nearest place of the way around there"""
 
     @property
     def size(self) -> Array:
@@ -54,7 +50,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class Summary:
-    """Metres and seconds. ``cross``: off the way; the others: off where it should have been at the time."""
+    """Metres, off where it should have been at the time, and seconds."""
 
     samples: int
     seconds: float
@@ -65,8 +61,6 @@ class Summary:
     """north and east together"""
     rms_upright: float
     peak: float
-    cross_rms: float
-    cross_peak: float
     peaks: tuple[Peak, ...]
     near: float
     """m from a corner that count as near it"""
@@ -89,24 +83,6 @@ class Summary:
         )
 
 
-class Way:
-    """A route's places, close enough to each other to measure distances to it."""
-
-    def __init__(self, route: Route) -> None:
-        total = route.begins + route.length
-        grid = np.linspace(0.0, total, max(2, round(total / GRAIN) + 1))
-        self._along = np.unique(np.concatenate((grid, route.starts.clip(0.0, total))))
-        self._places = route.at(self._along)[0]
-
-    def off(self, place: Array, along: float) -> float:
-        """m from a place (3,) to the way, around the distance ``along``."""
-        low, high = np.searchsorted(self._along, (along - AROUND, along + AROUND))
-        part = self._places[max(int(low) - 1, 0) : int(high) + 2]
-        a, d = part[:-1], np.diff(part, axis=0)
-        share = np.clip(np.sum((place - a) * d, axis=1) / np.maximum(np.sum(d * d, axis=1), 1e-12), 0.0, 1.0)
-        return float(np.linalg.norm(a + share[:, None] * d - place, axis=1).min())
-
-
 def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajectory) -> Errors:
     """``times`` (N,) s since the trajectory's beginning, ``positions`` (N, 3) m NED: what of it is on the route itself,
     neither on the way to it nor after its end.
@@ -114,9 +90,8 @@ def errors(times: npt.ArrayLike, positions: npt.ArrayLike, trajectory: Trajector
     t, places = np.asarray(times, dtype=float), np.asarray(positions, dtype=float).reshape(-1, 3)
     mine = (t >= trajectory.begins) & (t <= trajectory.duration) & np.isfinite(places).all(axis=1)
     t, places = t[mine], places[mine]
-    meant, way = trajectory.at(t), Way(trajectory.route)
-    cross = np.array([way.off(place, along) for place, along in zip(places, meant.along, strict=True)])
-    return Errors(t, places - meant.pos, meant.along - trajectory.route.begins, cross)
+    meant = trajectory.at(t)
+    return Errors(t, places - meant.pos, meant.along - trajectory.route.begins)
 
 
 def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
@@ -136,8 +111,6 @@ def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
         rms_level=_rms(np.linalg.norm(found.off[:, :2], axis=1)),
         rms_upright=_rms(found.off[:, 2]),
         peak=float(size.max()),
-        cross_rms=_rms(found.cross),
-        cross_peak=float(found.cross.max()),
         peaks=peaks,
         near=near,
         share_near=sum(peak.to_corner <= near for peak in peaks) / len(peaks),

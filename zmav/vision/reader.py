@@ -19,7 +19,7 @@ import zenoh
 
 from zmav import keys
 from zmav.client import Answer, Client
-from zmav.errors import BadInput, VehicleError
+from zmav.errors import VehicleError
 from zmav.services.link.port import on_loop
 from zmav.vision.assembler import Assembler
 from zmav.vision.opencv import Image, decode
@@ -158,17 +158,5 @@ async def camera_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0
         if not isinstance(answer, Answer):
             raise answer
         return from_json(answer.payload, CameraInfo, f"camera {camera} of {vehicle}")
-    text = f"{vehicle} has no camera {camera!r} that answers: 'zmav camera list' shows which there are"
+    text = f"{vehicle} has no camera {camera!r} that answers: 'zmav agent list' shows which there are, as camera-NAME"
     raise VehicleError(text, vehicle=vehicle, camera=camera)
-
-
-async def cameras(z: Client, vehicle: str = "*", timeout: float = 1.0) -> list[tuple[str, CameraInfo]]:
-    """Every camera that answers, with its vehicle's name, sorted; what cannot be read is left out."""
-    found = []
-    for answer in await z.ask(keys.CAMERA.key(z.fleet_name, vehicle, camera="*"), timeout=timeout, channel=keys.CAMERA):
-        if isinstance(answer, Answer):
-            try:
-                found.append((answer.key.split("/")[2], from_json(answer.payload, CameraInfo, answer.key)))
-            except BadInput:
-                continue
-    return sorted(found, key=lambda each: (each[0], each[1].camera))

@@ -39,7 +39,7 @@ USUAL_FOV = math.radians(63.0)
     show_default=True,
     help="To begin with, and for readers that do not report.",
 )
-@click.option("--calibration", type=click.Path(path_type=Path), help="The file that 'zmav camera calibrate' wrote.")
+@click.option("--calibration", type=click.Path(path_type=Path), help="A file of the lens's constants: docs/camera.md.")
 @click.option("--fov", type=click.FloatRange(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
 @click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
 @click.option("--offset", callback=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")

@@ -1,4 +1,4 @@
-"""``zmav agent inject``: have a controller answer a step, a doublet or a chirp in flight, and see how it did."""
+"""``zmav agent inject``: have a controller answer a step or a doublet in flight, and see how it did."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PATIENCE = 5.0
 """s for what was ordered to be seen among the signals"""
 OWN = wire.Order.__struct_fields__
 """of every order: the one who tells it gives these"""
-SECONDS = {"step": 5.0, "doublet": 1.0, "chirp": 30.0}
+SECONDS = {"step": 5.0, "doublet": 1.0}
 
 
 @click.command("inject")
@@ -39,9 +39,7 @@ SECONDS = {"step": 5.0, "doublet": 1.0, "chirp": 30.0}
 @click.argument("kind", type=click.Choice(KINDS))
 @click.option("--channel", required=True, type=click.Choice(list(CHANNELS)), help="What is added to; z is down.")
 @click.option("--amplitude", required=True, type=float, help="In m, m/s, rad or rad/s.")
-@click.option("--seconds", type=float, help="It lasts; of a doublet, each half.  [default: 5, 1, of a chirp 30]")
-@click.option("--f0", type=float, default=0.1, show_default=True, help="Hz at which a chirp begins.")
-@click.option("--f1", type=float, default=5.0, show_default=True, help="Hz at which it ends.")
+@click.option("--seconds", type=float, help="It lasts; of a doublet, each half.  [default: 5, of a doublet 1]")
 @click.option(
     "--after", type=click.FloatRange(0.0, 60.0), default=2.0, show_default=True, help="Seconds recorded after it."
 )
@@ -62,8 +60,6 @@ def inject(
     channel: str,
     amplitude: float,
     seconds: float | None,
-    f0: float,
-    f1: float,
     after: float,
     vehicle: str,
     output: Path | None,
@@ -74,10 +70,10 @@ def inject(
     """Add a signal to a controller's reference, and report how it follows.
 
     'zmav agent inject mine step --channel z --amplitude -1 --vehicle hex1 -o response.png'.
-    Reports errors, and of a step rise time, overshoot and settling. The signals of all are recorded by 'zmav record'.
+    Reports errors, and of a step rise time, overshoot and settling; 'zmav record' keeps the signals.
     """
     lasts = SECONDS[kind] if seconds is None else seconds
-    args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts, f0=f0, f1=f1)  # type: ignore[arg-type]
+    args = Inject(kind=kind, channel=channel, amplitude=amplitude, seconds=lasts)  # type: ignore[arg-type]
 
     async def tell() -> None:
         async with zmav.open(fleet=fleet, settings=settings) as z:

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from agents.camera.theirclock import LATE, USUAL, TheirClock
+from agents.camera.mjpeg import LATE, USUAL, TheirClock
 
 
 def test_a_clock_that_is_ours_is_left_alone() -> None:

@@ -44,7 +44,7 @@ def test_what_it_misses_it_misses_near_the_corners() -> None:
     for flight in flights:
         assert summarise(flight, ROUTE).rms < 0.2
     first = flights[0]
-    mean = Errors(first.t, np.mean([flight.off for flight in flights], axis=0), first.along, first.cross)
+    mean = Errors(first.t, np.mean([flight.off for flight in flights], axis=0), first.along)
     summary = summarise(mean, ROUTE)
     assert len(summary.peaks) >= 3
     assert summary.share_near == 1.0, summary

@@ -117,26 +117,6 @@ def test_a_yaw_goes_on_past_south() -> None:
     assert reference.yaw == pytest.approx(3.6 - 2.0 * math.pi)
 
 
-def chirp(seconds: float = 60.0, f0: float = 0.1, f1: float = 5.0, **rest: float) -> Inject:
-    return order("chirp", "x", 0.5, seconds, f0=f0, f1=f1, **rest)
-
-
-def test_a_chirp_goes_from_the_one_frequency_to_the_other_by_the_same_factor_each_second() -> None:
-    injection = Injection(chirp(), "position", 0.0)
-    t = np.arange(0.0, 60.0, 0.001)
-    y = np.array([injection.value(float(each)) for each in t])
-    up = t[1:][(y[:-1] < 0.0) & (y[1:] >= 0.0)]
-    middles, found = (up[1:] + up[:-1]) / 2.0, 1.0 / np.diff(up)
-    # Over a period the frequency grows by a factor itself, so its mean is a little off that in the middle.
-    wanted = 0.1 * 50.0 ** (middles / 60.0)
-    np.testing.assert_allclose(found, wanted, rtol=0.06)
-    np.testing.assert_allclose(found[-100:], wanted[-100:], rtol=0.015)
-    assert np.abs(y).max() == pytest.approx(0.5, rel=1e-3)
-    assert np.abs(y[(t > 3.0) & (t < 57.0)]).max() == pytest.approx(0.5, rel=1e-3)
-    assert np.abs(y[t < 0.3]).max() < 0.02
-    assert np.abs(y[t > 59.9]).max() < 0.01
-
-
 ANGLE = st.floats(-0.6, 0.6)
 
 
@@ -179,13 +159,6 @@ def test_a_channel_that_the_reference_lacks_is_refused_with_those_that_it_has(le
         ("seconds", order(seconds=0.0)),
         ("seconds", order(seconds=-1.0)),
         ("seconds", order(seconds=1e4)),
-        ("f0", order("chirp", f0=math.nan)),
-        ("f0", order("chirp", f0=0.0)),
-        ("f1", order("chirp", f1=math.inf)),
-        ("f1", order("chirp", f1=80.0)),
-        ("f1", order("chirp", seconds=20.0, f0=1.0, f1=1.0)),
-        ("f1", order("chirp", seconds=20.0, f0=2.0, f1=1.0)),
-        ("seconds", order("chirp", seconds=9.0, f0=0.1)),
     ],
 )
 def test_what_is_no_number_or_beyond_what_is_sane_is_refused_by_its_name(field: str, args: Inject) -> None:
@@ -201,30 +174,17 @@ def test_rates_that_would_turn_it_over_are_refused() -> None:
     for args in (
         order(channel="p", amplitude=2.0, seconds=0.5),
         order("doublet", "q", -1.0, 1.0),
-        order("chirp", "p", 1.0, 20.0, f0=0.2),
     ):
         with pytest.raises(BadInput, match="add up to"):
             Injection(args, "rates", START)
 
 
-@given(st.floats(0.1, 2.0), st.floats(1.3, 10.0), st.floats(1.0, 8.0))
-def test_a_chirp_of_rates_turns_no_farther_than_is_reckoned_with(f0: float, factor: float, periods: float) -> None:
-    args = order("chirp", "p", 0.8 * math.pi * f0 * 0.999, periods / f0 * 1.01, f0=f0, f1=f0 * factor)
-    if abs(args.amplitude) > CHANNELS["p"].most:
-        return
-    injection = Injection(args, "rates", 0.0)
-    step = 0.002 / f0 / factor
-    t = np.arange(0.0, args.seconds, step)
-    turn = np.cumsum([injection.value(float(each)) for each in t]) * step
-    assert np.abs(turn).max() < 0.8
-
-
 def test_the_order_is_read_from_json_and_its_fields_are_named_when_wrong() -> None:
-    said = b'{"kind": "chirp", "channel": "roll", "amplitude": 0.1, "seconds": 20, "f0": 0.2, "f1": 8}'
+    said = b'{"kind": "doublet", "channel": "roll", "amplitude": 0.1, "seconds": 20}'
     args = wire.decode(said, Inject, "inject")
-    assert (args.kind, args.f1) == ("chirp", 8.0)
+    assert (args.kind, args.seconds) == ("doublet", 20.0)
     for wrong, field in ((b'"ramp"', "kind"), (b"null", "kind")):
         with pytest.raises(BadInput, match=field):
-            wire.decode(said.replace(b'"chirp"', wrong), Inject, "inject")
+            wire.decode(said.replace(b'"doublet"', wrong), Inject, "inject")
     with pytest.raises(BadInput, match="amplitude"):
         wire.decode(b'{"kind": "step", "channel": "z", "seconds": 2}', Inject, "inject")

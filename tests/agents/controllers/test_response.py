@@ -163,14 +163,13 @@ def filtered(u: Array, wn: float, zeta: float) -> Array:
     return found
 
 
-@pytest.mark.parametrize("kind", ["doublet", "chirp"])
-def test_of_other_signals_the_errors_are_told(kind: str) -> None:
-    args = Inject(kind=kind, channel="x", amplitude=0.5, seconds=12.0)  # type: ignore[arg-type]
+def test_of_a_doublet_the_errors_are_told() -> None:
+    args = Inject(kind="doublet", channel="x", amplitude=0.5, seconds=2.0)
     t = times(args)
     u = injected(args, t)
     report = examine(args, t, u, 0.0 * u, u)
     assert report.found is None
-    assert report.peak_error == pytest.approx(0.5, rel=1e-3)
+    assert report.peak_error == pytest.approx(0.5)
     assert "RMS error" in report.text() and "rise" not in report.text()
 
 
@@ -231,7 +230,7 @@ def test_it_reads_as_a_table_and_as_numbers() -> None:
     assert report.numbers()["overshoot"] == pytest.approx(16.3, abs=0.05)
 
 
-@pytest.mark.parametrize("kind", ["step", "doublet", "chirp"])
+@pytest.mark.parametrize("kind", ["step", "doublet"])
 def test_it_is_drawn(kind: str, tmp_path: Path) -> None:
     args = Inject(kind=kind, channel="x", amplitude=0.5, seconds=12.0)  # type: ignore[arg-type]
     t = times(args)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.helipad import channels
-from agents.helipad.check import Check, scaled
+from agents.helipad.check import WEIGHTS, Check, scaled
 from agents.helipad.geometry import View
 from agents.helipad.refine import SIDE, heading
 from agents.helipad.search import Searcher
@@ -85,6 +85,13 @@ def judged(made: Sample, place: NDArray[np.float64], angle: float) -> float | No
     return 0.0
 
 
+def save(net: Check) -> None:
+    """As what :meth:`Check.built_in` gives."""
+    arrays = {f"weights{i}": w.astype(np.float16) for i, w in enumerate(net.weights)}
+    arrays |= {f"biases{i}": b.astype(np.float16) for i, b in enumerate(net.biases)}
+    np.savez_compressed(WEIGHTS, **arrays)  # type: ignore[arg-type]  # its stub takes the names for allow_pickle
+
+
 def fit(patches: Image, labels: Image) -> Check:
     """Adam on the cross entropy; every patch is also seen mirrored, as an H looks the same."""
     rng = np.random.default_rng(1)
@@ -133,7 +140,7 @@ def main() -> None:
         seen = chance >= limit
         hits, false = seen[labels[held] > 0.5].mean(), seen[labels[held] < 0.5].mean()
         print(f"held back, limit {limit}: {hits:.4f} of those of an H, {false:.4f} of the others")
-    fit(patches, labels).save()
+    save(fit(patches, labels))
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def judged(report: Report | None, **changed: object) -> Check:
     now, fleet_hash = time.time(), report.fleet_hash if report else ""
     if report is not None:
         report = msgspec.structs.replace(report, **changed)
-    return judge_report(report, "sil", fleet_hash, now, 30.0, WHERE)
+    return judge_report(report, "sil", fleet_hash, now, WHERE)
 
 
 def test_a_green_report_of_this_file_will_do(report: Report) -> None:
@@ -147,7 +147,7 @@ async def test_a_real_autopilot_before_its_flight(
     for each in reports:
         each.identity, each.params, each.passed = reports[0].identity, {**reports[0].params, "SYS_HITL": 1}, True
         keep(each, tmp_path)
-    assert await gate(fleet, "px1", tmp_path, device, (), 30.0) == 0
+    assert await gate(fleet, "px1", tmp_path, device, ()) == 0
     said = capsys.readouterr().out
     assert f"zmav up --file {fleet} --name px1 --link {device}" in said
     assert "ok       doctor:" in said and "BAD" not in said
@@ -157,7 +157,7 @@ async def test_a_real_autopilot_before_its_flight(
     assert reports[1].params.pop("MPC_XY_VEL_MAX") is not None
     keep(reports[1], tmp_path)
     (tmp_path / "px1-sil.json").unlink()
-    assert await gate(fleet, "px1", tmp_path, device, (), 30.0) == 1
+    assert await gate(fleet, "px1", tmp_path, device, ()) == 1
     said = capsys.readouterr().out
     for words in (
         "no report",

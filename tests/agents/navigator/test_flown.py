@@ -46,6 +46,5 @@ async def test_a_hexarotor_flies_ev3_in_wind_and_noise(net: Net, onboard: StartO
         assert found.samples > 15 * found.seconds
         assert found.rms < 0.8
         assert found.peak < 2.0
-        assert found.cross_rms < found.rms
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)

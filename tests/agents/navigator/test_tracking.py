@@ -22,16 +22,14 @@ def summary(times: Array, positions: Array, trajectory: Trajectory) -> Summary:
 def test_who_is_where_it_should_be_has_no_error() -> None:
     found = summary(T, MEANT.pos, TRAJECTORY)
     assert found.peak < 1e-9
-    assert found.cross_peak < 1e-6
     assert found.length == pytest.approx(70.0)
     assert found.seconds == pytest.approx(82.0, abs=0.1)  # without the way to it
 
 
-def test_who_is_late_is_off_its_reference_and_still_on_the_way() -> None:
+def test_who_is_late_is_off_its_reference() -> None:
     late = TRAJECTORY.at(T - 0.2).pos
     found = summary(T, late, TRAJECTORY)
     assert found.peak == pytest.approx(0.2, abs=1e-3)
-    assert found.cross_peak < 1e-3
     assert found.rms < found.peak
 
 

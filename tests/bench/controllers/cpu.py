@@ -56,7 +56,7 @@ async def _tally(run: Rig) -> tuple[int, int]:
 
 
 def _used(run: Rig) -> dict[str, float]:
-    """Processor seconds so far; the controller's processes are the supervisor's children (one flies, one waits)."""
+    """Processor seconds so far; the controller's process is the supervisor's child."""
     pids = run.processes.pids()
     return {
         SIMULATOR: cpu_seconds(pids["simulator"]),
