@@ -1,19 +1,17 @@
 """What an endpoint of the bridge may be told: where it is, and what its clients get.
 
     14550                               on loopback
-    0.0.0.0:14550?rate=4kB/s&hz=5       from anywhere, thinned
+    0.0.0.0:14550?rate=4kB/s            from anywhere, thinned
     /dev/ttyUSB0,57600?read_only=1      behind a radio
 
-Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``hz`` (of each telemetry
-message), ``vehicles`` (by name, ``*`` for any part of it, joined by commas), ``read_only`` (1: nothing a client says
-reaches a vehicle).
+Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``vehicles`` (by name, ``*``
+for any part of it, joined by commas), ``read_only`` (1: nothing a client says reaches a vehicle).
 """
 
 from __future__ import annotations
 
 import difflib
 import fnmatch
-import math
 from typing import Literal
 
 import msgspec
@@ -24,8 +22,8 @@ from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
-NAMES = ("rate", "hz", "vehicles", "read_only")
-LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
+NAMES = ("rate", "vehicles", "read_only")
+LEAST_RATE = 100.0
 
 
 class Options(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,8 +31,6 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 
     rate: float | None = None
     """bytes a second; None: no limit"""
-    hz: float | None = None
-    """of each telemetry message of each component; None: as it comes"""
     vehicles: tuple[str, ...] = ("*",)
     read_only: bool = False
 
@@ -93,7 +89,6 @@ def parse_options(query: str, defaults: Options, where: str) -> Options:
         given[name] = value
     return Options(
         rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
-        hz=read_hz(given["hz"], where) if "hz" in given else defaults.hz,
         vehicles=read_vehicles(given["vehicles"], where) if "vehicles" in given else defaults.vehicles,
         read_only=_read_flag(given["read_only"], where) if "read_only" in given else defaults.read_only,
     )
@@ -109,17 +104,6 @@ def read_rate(text: str, where: str = "--rate") -> float:
     if rate < LEAST_RATE:
         raise BadConfig(f"{where}: rate is {text!r}; expected {expected}", field="rate", value=text, expected=expected)
     return rate
-
-
-def read_hz(text: str, where: str = "--hz") -> float:
-    expected = f"a number from {LEAST_HZ:g} to {MOST_HZ:g}"
-    try:
-        hz = float(text)
-    except ValueError:
-        hz = math.nan
-    if not LEAST_HZ <= hz <= MOST_HZ:
-        raise BadConfig(f"{where}: hz is {text!r}; expected {expected}", field="hz", value=text, expected=expected)
-    return hz
 
 
 def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:

@@ -22,8 +22,8 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from ground.record.folder import is_whole
+from ground.record.part import Tail
 from ground.record.schemas import Schema
-from ground.record.tail import Tail
 from zmav.errors import BadInput
 
 JSON, BYTES, FRAMES = "json", "application/octet-stream", "mavlink"

@@ -15,8 +15,8 @@ import msgspec
 import zenoh
 
 from ground.feed import apart
-from ground.record.answers import Answers
 from ground.record.folder import Folder
+from ground.record.history import Answers
 from ground.record.storage import Settings, Storage, size_words
 from zmav import keys, wire
 from zmav.client import Client

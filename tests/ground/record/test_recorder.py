@@ -18,8 +18,8 @@ from pymavlink import mavutil
 
 import zmav
 from ground.record import mcapfile
-from ground.record.answers import END
 from ground.record.folder import Folder, is_whole
+from ground.record.history import END
 from ground.record.recorder import Recorder, Wanted
 from ground.record.route import Asked
 from ground.record.storage import Settings
@@ -241,7 +241,7 @@ async def test_a_question_for_too_much_is_refused(recording: Recording, monkeypa
     for number in range(4):
         recording.put(f"quad{number}/link/x", b"{}")
     await recording.taken(4)
-    monkeypatch.setattr("ground.record.answers.MOST_ENTRIES", 20)
+    monkeypatch.setattr("ground.record.history.MOST_ENTRIES", 20)
     with pytest.raises(Refused, match="too much at a time"):
         await recording.ask_all("*/*", last=50)
     assert len(await recording.ask_all("*/*")) >= 4
