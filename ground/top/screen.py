@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 
-from ground.top.columns import NAME, WHY, Column, choose
+from ground.top.columns import NAME, WHY, Column, cells, choose, fit
 from ground.top.details import Line, details
 from ground.top.report import Report, VehicleReport, condition
 from ground.top.ui import Ui
-from ground.top.words import cells, fit
 from zmav.doctor.words import clean, duration
 
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
