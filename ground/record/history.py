@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import math
 import threading
 import time
 from typing import NamedTuple
@@ -183,29 +182,13 @@ class _Wanted(msgspec.Struct, frozen=True):
 
 
 def _read_query(query: zenoh.Query) -> _Wanted:
-    """JSON in the payload, or ``?since=..&until=..&last=N`` behind the key. Raises :class:`BadInput`."""
-    payload = query.payload
-    if payload is not None and len(payload):
-        asked = wire.decode(payload.to_bytes(), wire.HistoryQuery, "history")
-    else:
-        found = {name: query.parameters.get(name) for name in wire.HistoryQuery.__struct_fields__}
-        given = {name: _number(name, text) for name, text in found.items() if text is not None}
-        asked = wire.decode(msgspec.json.encode(given), wire.HistoryQuery, "history")
+    """JSON in the payload; without one, the last entry. Raises :class:`BadInput`."""
+    asked = wire.decode(query.payload.to_bytes() if query.payload else b"{}", wire.HistoryQuery, "history")
     if asked.since is not None and asked.until is not None and asked.since > asked.until:
         text = f"history: since {asked.since} is after until {asked.until}"
         raise BadInput(text, field="since", value=asked.since, expected="a time before until")
     ranged = asked.since is not None or asked.until is not None
     return _Wanted(since=_ns(asked.since, 0), until=_ns(asked.until, END), most=asked.last or (MOST if ranged else 1))
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise BadInput(f"history: {name} is {text!r}; expected a number", field=name, value=text, expected="a number")
-    return int(number) if number.is_integer() else number
 
 
 def _ns(seconds: float | None, default: int) -> int:

@@ -42,7 +42,7 @@ def test_options_go_before_the_defaults() -> None:
         ("tcp", "5760?rate=fast", "rate", "4kB/s"),
         ("tcp", "5760?rate=4", "rate", "4kB/s"),
         ("tcp", "5760?rate=5B/s", "rate", "100 B/s at least"),
-        ("tcp", "5760?vehicles=Quad", "vehicles", "a-z"),
+        ("tcp", "5760?vehicles=Quad", "vehicles", "lower-case"),
         ("tcp", "5760?read_only=yes", "read_only", "0 or 1"),
     ],
 )
