@@ -15,7 +15,7 @@ from typing import NamedTuple
 import zenoh
 
 from zmav import keys
-from zmav.errors import BadKey
+from zmav.errors import BadConfig, BadKey
 
 MOST = 8192
 """origins: invented keys must not fill the memory"""
@@ -123,3 +123,12 @@ def origin_of(key: str) -> Origin | None:
     if sysid > 255 or compid > 255:
         return None
     return Origin(parts["fleet"], parts["vehicle"], sysid, compid, parts["msg"], key)
+
+
+def patterns(vehicles: Sequence[str]) -> list[str]:
+    """Patterns of vehicles' names; BadConfig for what can be none."""
+    for pattern in vehicles:
+        if not keys.NAMES.match(pattern):
+            text = f"no vehicle can be called {pattern!r}: use lower-case letters, digits, '_', '-' and '*'"
+            raise BadConfig(text, field="vehicles", value=pattern, expected="[a-z0-9_*-]+")
+    return list(vehicles)

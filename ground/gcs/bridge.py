@@ -213,10 +213,7 @@ class Bridge:
             self._look()
 
     def _look(self) -> None:
-        spare = self.routes.spare
         came, gone = self.routes.refresh(self.z.fleet())
-        if self.routes.spare != spare:
-            self.downlink.changed()
         for known in came:
             self.news(f"{known.name} is there: {known.what}")
         for known in gone:

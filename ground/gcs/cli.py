@@ -6,7 +6,7 @@ import click
 
 import zmav
 from ground.gcs.bridge import Bridge, Settings
-from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_hz, read_rate, read_vehicles
+from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_rate, read_vehicles
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import Forbidden
@@ -27,7 +27,6 @@ DEFAULT = "14550"
 @click.option("--serial", multiple=True, metavar="DEV[,BAUD]", help="A radio or a cable to a station.")
 @click.option("--vehicles", default="*", show_default=True, help="Which, by name: 'quad*,rover1'.")
 @click.option("--rate", help="Bytes a second to each station: '4kB/s'.")
-@click.option("--hz", help="Of each telemetry message at most.")
 @click.option("--read-only", is_flag=True, help="Nothing a station says reaches a vehicle.")
 @click.option("--streams/--no-streams", default=True, show_default=True, help="Ask vehicles for what stations need.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
@@ -40,7 +39,6 @@ def command(
     serial: tuple[str, ...],
     vehicles: str,
     rate: str | None,
-    hz: str | None,
     read_only: bool,
     streams: bool,
     dialect: str,
@@ -50,12 +48,11 @@ def command(
     """Connect QGroundControl, Mission Planner, MAVProxy or any MAVLink program to the whole fleet.
 
     Without an endpoint, vehicles appear in a QGroundControl on this machine by themselves. An endpoint may have options
-    of its own: --tcp '0.0.0.0:5760?rate=4kB/s&hz=5&vehicles=quad*&read_only=1'.
+    of its own: --tcp '0.0.0.0:5760?rate=4kB/s&vehicles=quad*&read_only=1'.
     Only a HOST that is written out listens to other machines, and anyone who reaches it may command the vehicles.
     """
     defaults = Options(
         rate=read_rate(rate) if rate is not None else None,
-        hz=read_hz(hz) if hz is not None else None,
         read_only=read_only,
     )
     given = {"udp": udp, "udpin": udpin, "tcp": tcp, "serial": serial}
@@ -100,7 +97,6 @@ def _words(endpoint: Endpoint) -> str:
     options = endpoint.options
     notes = [
         f"{options.rate:g} B/s" if options.rate else "",
-        f"{options.hz:g} Hz" if options.hz else "",
         f"vehicles {','.join(options.vehicles)}" if options.vehicles != ("*",) else "",
         "read-only" if options.read_only else "",
     ]

@@ -53,8 +53,6 @@ class Counters(msgspec.Struct):
     sent_bytes: int = 0
     dropped: int = 0
     """not sent for want of room on its way"""
-    thinned: int = 0
-    """left out by its hz"""
     received: int = 0
     refused: int = 0
     """said by it, and given to no vehicle"""
@@ -146,8 +144,6 @@ class Client:
         self.systems: frozenset[int] = frozenset()
         self._ready = threading.Condition()
         self._bucket = Bucket(options.rate, time.monotonic()) if options.rate else None
-        self._period = 1.0 / options.hz if options.hz else 0.0
-        self._due: dict[object, float] = {}
         self._last: dict[int, int] = {}
         """by component: the number of its last frame, as long as all of its frames passed untouched"""
         self._numbers: dict[int, Numbering] = {}
@@ -212,10 +208,7 @@ class Client:
         """A vehicle's frame, which it gets, now or later."""
         source, seq = kind.source, data[4] if data[0] == MAGIC_V2 else data[2]
         with self._ready:
-            if self._period and not kind.must and not kind.beat and self._is_early(kind.about(data)):
-                self.counters.thinned += 1
-                self._came(source, seq)
-            elif self._is_free(len(data)):
+            if self._is_free(len(data)):
                 numbers = self._numbers.get(source)
                 if numbers is None:
                     self._last[source] = seq
@@ -259,16 +252,6 @@ class Client:
             before = self._last.get(source, (seq - 1) & 0xFF)
             numbers = self._numbers[source] = Numbering(before, before)
         numbers.came(seq)
-
-    def _is_early(self, name: object) -> bool:
-        now, due = time.monotonic(), self._due.get(name, 0.0)
-        if now < due:
-            return True
-        if len(self._due) > MOST_FRESH:
-            self._due.clear()
-        # A quarter of a period's grace: telemetry that comes at just this rate is never quite regular.
-        self._due[name] = max(due, now - self._period) + self._period if due else now + 0.75 * self._period
-        return False
 
     def _is_free(self, size: int) -> bool:
         """Nothing waits, and there is room for so many bytes, which are taken to be sent."""

@@ -28,8 +28,6 @@ class Counters(msgspec.Struct):
     bytes: int = 0
     torn: int = 0
     """no whole frame of the component that its key names"""
-    spare: int = 0
-    """of an autopilot that is heard over another way, too"""
     withheld: int = 0
     """of no concern to clients"""
 
@@ -111,10 +109,6 @@ class Downlink:
         """Work out who gets it: all who see the vehicle, but nobody what he says himself."""
         kind.version = self._version
         origin = kind.origin
-        place = origin.fleet, origin.vehicle
-        if (place, origin.sysid) in self._routes.spare:
-            kind.getters = ()
-            return
         seeing = (c for c in self._clients if c.options.sees(origin.vehicle) and origin.sysid not in c.systems)
         kind.getters = tuple(seeing)
 

@@ -17,13 +17,7 @@ from typing import Any, NamedTuple
 
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
-from ground.gcs.mission_asked import (
-    BY_NUMBER,
-    Asked,
-    Line,
-    result_of,
-)
-from ground.gcs.mission_upload import Silent, Upload
+from ground.gcs.mission_asked import BY_NUMBER, Asked, Line, Silent, Upload, result_of
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode

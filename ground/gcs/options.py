@@ -1,31 +1,29 @@
 """What an endpoint of the bridge may be told: where it is, and what its clients get.
 
     14550                               on loopback
-    0.0.0.0:14550?rate=4kB/s&hz=5       from anywhere, thinned
+    0.0.0.0:14550?rate=4kB/s            from anywhere, thinned
     /dev/ttyUSB0,57600?read_only=1      behind a radio
 
-Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``hz`` (of each telemetry
-message), ``vehicles`` (by name, ``*`` for any part of it, joined by commas), ``read_only`` (1: nothing a client says
-reaches a vehicle).
+Options stand behind a question mark: ``rate`` (bytes a second to each client: ``4kB/s``), ``vehicles`` (by name, ``*``
+for any part of it, joined by commas), ``read_only`` (1: nothing a client says reaches a vehicle).
 """
 
 from __future__ import annotations
 
 import difflib
 import fnmatch
-import math
 from typing import Literal
 
 import msgspec
 
+from ground.feed import patterns
 from mesh.units import bits_per_second
-from zmav import keys
 from zmav.errors import BadConfig, BadInput
 from zmav.links.url import LOOPBACK
 
 Kind = Literal["udp", "udpin", "tcp", "serial"]
-NAMES = ("rate", "hz", "vehicles", "read_only")
-LEAST_RATE, LEAST_HZ, MOST_HZ = 100.0, 0.1, 500.0
+NAMES = ("rate", "vehicles", "read_only")
+LEAST_RATE = 100.0
 
 
 class Options(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,8 +31,6 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 
     rate: float | None = None
     """bytes a second; None: no limit"""
-    hz: float | None = None
-    """of each telemetry message of each component; None: as it comes"""
     vehicles: tuple[str, ...] = ("*",)
     read_only: bool = False
 
@@ -93,8 +89,7 @@ def parse_options(query: str, defaults: Options, where: str) -> Options:
         given[name] = value
     return Options(
         rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
-        hz=read_hz(given["hz"], where) if "hz" in given else defaults.hz,
-        vehicles=read_vehicles(given["vehicles"], where) if "vehicles" in given else defaults.vehicles,
+        vehicles=read_vehicles(given["vehicles"]) if "vehicles" in given else defaults.vehicles,
         read_only=_read_flag(given["read_only"], where) if "read_only" in given else defaults.read_only,
     )
 
@@ -111,25 +106,8 @@ def read_rate(text: str, where: str = "--rate") -> float:
     return rate
 
 
-def read_hz(text: str, where: str = "--hz") -> float:
-    expected = f"a number from {LEAST_HZ:g} to {MOST_HZ:g}"
-    try:
-        hz = float(text)
-    except ValueError:
-        hz = math.nan
-    if not LEAST_HZ <= hz <= MOST_HZ:
-        raise BadConfig(f"{where}: hz is {text!r}; expected {expected}", field="hz", value=text, expected=expected)
-    return hz
-
-
-def read_vehicles(text: str, where: str = "--vehicles") -> tuple[str, ...]:
-    names = tuple(filter(None, (name.strip() for name in text.split(","))))
-    wrong = [name for name in names if not keys.NAMES.match(name)]
-    if wrong or not names:
-        expected = "names of a-z, 0-9, _ and -, * for any part, joined by commas"
-        value = wrong[0] if wrong else text
-        raise BadConfig(f"{where}: {value!r}; expected {expected}", field="vehicles", value=value, expected=expected)
-    return names
+def read_vehicles(text: str) -> tuple[str, ...]:
+    return tuple(patterns([name.strip() for name in text.split(",")]))
 
 
 def _read_flag(text: str, where: str) -> bool:

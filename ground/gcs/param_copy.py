@@ -8,12 +8,13 @@ import asyncio
 import math
 import struct
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import zmav
+from ground.gcs.answerer import Ground
 from zmav import wire
 from zmav.errors import Forbidden, ZmavError
-from zmav.mavlink import Dialect, paramvalue
+from zmav.mavlink import paramvalue
 from zmav.mavlink.frame import HEADER_V1, HEADER_V2, MAGIC_V2, build_frame
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.params.values import NO_INDEX
@@ -45,11 +46,11 @@ def read_value(data: bytes) -> ParamValue:
 
 
 class ParamCopy:
-    """Lives on the event loop."""
+    """Of the autopilot of one system. Lives on the event loop."""
 
-    def __init__(self, vehicle: zmav.Vehicle, dialect: Dialect) -> None:
-        self.vehicle = vehicle
-        self._message = dialect.message("PARAM_VALUE")
+    def __init__(self, sysid: int, vehicle: zmav.Vehicle, ground: Ground) -> None:
+        self.sysid, self.vehicle, self._ground = sysid, vehicle, ground
+        self._message = ground.dialect.message("PARAM_VALUE")
         self._held: dict[str, wire.Param] = {}
         self._index: dict[str, int] = {}
         self._names: list[str] = []
@@ -119,9 +120,11 @@ class ParamCopy:
             return False
         kind = paramvalue.type_name(heard.type)
         if kind is None or heard.name not in self._held:
-            self._doubt(heard)
+            if heard.place != NO_INDEX and kind is not None:
+                self._at = -math.inf  # there may be another set now
             return False
-        return self.take(wire.Param(name=heard.name, value=self._value(heard.raw, kind), type=kind))
+        value = paramvalue.value_of(heard.raw, kind, self.encoding)
+        return self.take(wire.Param(name=heard.name, value=value, type=kind))
 
     def take(self, param: wire.Param) -> bool:
         """Take in a value that the vehicle has now; True where it is news."""
@@ -132,14 +135,6 @@ class ParamCopy:
         self.vehicle.params.note(param)
         return True
 
-    def _doubt(self, heard: ParamValue) -> None:
-        """One that is not in the set: there may be another set now."""
-        if heard.place != NO_INDEX and paramvalue.type_name(heard.type) is not None:
-            self._at = -math.inf
-
-    def _value(self, raw: bytes, kind: str) -> paramvalue.Value:
-        return paramvalue.value_of(raw, kind, self.encoding)
-
     # Frames.
 
     def is_as(self, name: str, raw: bytes, kind: int) -> bool:
@@ -147,17 +142,19 @@ class ParamCopy:
         param = self._held.get(name)
         return param is not None and (self._raw(param), paramvalue.type_number(param.type)) == (raw, kind)
 
-    def frame(self, sysid: int, compid: int, name: str) -> bytes | None:
+    def pack(self, name: str, **fields: Any) -> bytes:
+        """A frame in the autopilot's name."""
+        return self._ground.pack(self.sysid, self._ground.component(self.sysid), name, **fields)
+
+    def frame(self, name: str) -> bytes | None:
         """Its PARAM_VALUE, as the autopilot says it; None: there is none of that name."""
         param = self._held.get(name)
-        if param is None:
-            return None
-        return self.frame_of(sysid, compid, param, self._index[name])
+        return None if param is None else self.frame_of(param, self._index[name])
 
-    def frame_of(self, sysid: int, compid: int, param: wire.Param, index: int = NO_INDEX) -> bytes:
+    def frame_of(self, param: wire.Param, index: int = NO_INDEX) -> bytes:
         kind = paramvalue.type_number(param.type)
         payload = LAYOUT.pack(self._raw(param), len(self._names), index, param.name.encode("ascii", "replace"), kind)
-        return build_frame(self._message, payload, sysid, compid, 0)
+        return build_frame(self._message, payload, self.sysid, self._ground.component(self.sysid), 0)
 
     def _raw(self, param: wire.Param) -> bytes:
         if param.value is None:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+import zmav
 from ground.feed import Origin
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
@@ -50,11 +51,11 @@ class Question(NamedTuple):
     place: int
 
 
-class System:
+class System(ParamCopy):
     """One autopilot, as far as its parameters go. Lives on the event loop."""
 
-    def __init__(self, sysid: int, copy: ParamCopy) -> None:
-        self.sysid, self.copy = sysid, copy
+    def __init__(self, sysid: int, vehicle: zmav.Vehicle, ground: Ground) -> None:
+        super().__init__(sysid, vehicle, ground)
         self.listeners: set[RequestHandlers] = set()
         """who has asked for its parameters, and hears of changes"""
         self.listing: dict[RequestHandlers, dict[str, tuple[bytes, int]]] = {}
@@ -106,7 +107,7 @@ class Params(Answerer):
         for task in self._tasks:
             task.cancel()
         for system in self._systems.values():
-            system.copy.close()
+            system.close()
 
     # From here on: on the event loop.
 
@@ -121,12 +122,9 @@ class Params(Answerer):
             system = self._systems.get(place)
             if system is None or system.sysid != sysid:
                 if system is not None:
-                    system.copy.close()
-                system = self._systems[place] = System(sysid, ParamCopy(vehicle, self._dialect))
+                    system.close()
+                system = self._systems[place] = System(sysid, vehicle, self._ground)
             yield system
-
-    def _component(self, system: System) -> int:
-        return self._ground.component(system.sysid)
 
     def in_background(self, work: Coroutine[Any, Any, None]) -> None:
         """Do it on the event loop, until the bridge ends at most."""
@@ -145,7 +143,7 @@ class Params(Answerer):
 
     async def _send_list(self, handlers: RequestHandlers, system: System) -> None:
         try:
-            await system.copy.refresh()
+            await system.refresh()
         except ZmavError as e:
             system.listing.pop(handlers, None)
             handlers.tell(system.sysid, "warning", f"parameters not read: {e}")
@@ -153,14 +151,8 @@ class Params(Answerer):
         got = system.listing.pop(handlers, None)
         if got is None:
             return  # it has left
-
-        def frame(name: str) -> bytes | None:
-            return system.copy.frame(system.sysid, self._component(system), name)
-
-        copy = system.copy
-        handlers.owe(
-            system, [name for name in copy.names if name not in got or not copy.is_as(name, *got[name])], frame
-        )
+        names = [name for name in system.names if name not in got or not system.is_as(name, *got[name])]
+        handlers.owe(system, names, system.frame)
 
     def _read(self, handlers: RequestHandlers, frame: Frame) -> None:
         fields = decode(frame, self._dialect)
@@ -168,7 +160,7 @@ class Params(Answerer):
         question = Question(frame, fields["param_id"] if by_name else "", fields["param_index"])
         for system in self.meant(handlers, frame):
             system.listeners.add(handlers)
-            if system.copy.fresh and self._answer(handlers, system, question):
+            if system.fresh and self._answer(handlers, system, question):
                 continue
             waiting = system.questions.setdefault(handlers, [])
             if len(waiting) < MOST_QUESTIONS:
@@ -179,7 +171,7 @@ class Params(Answerer):
     async def _answer_all(self, handlers: RequestHandlers, system: System) -> None:
         """What waits for the set to be looked at again."""
         try:
-            await system.copy.refresh()
+            await system.refresh()
         except ZmavError:
             system.questions.pop(handlers, None)  # as a vehicle that does not answer; who wants it asks again
             return
@@ -189,10 +181,10 @@ class Params(Answerer):
 
     def _answer(self, handlers: RequestHandlers, system: System, question: Question) -> bool:
         """From the copy, where it is there."""
-        copy, name = system.copy, question.name
-        if not name and 0 <= question.place < len(copy.names):
-            name = copy.names[question.place]
-        frame = copy.frame(system.sysid, self._component(system), name)
+        name = question.name
+        if not name and 0 <= question.place < len(system.names):
+            name = system.names[question.place]
+        frame = system.frame(name)
         if frame is not None:
             handlers.answer(frame)
         return frame is not None
@@ -202,8 +194,8 @@ class Params(Answerer):
         try:
             if not is_name(question.name):
                 raise BadInput(f"no parameter {question.name or question.place!r}", field="param_id")
-            param = await system.copy.vehicle.params.get(question.name)
-            handlers.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+            param = await system.vehicle.params.get(question.name)
+            handlers.answer(system.frame_of(param))
         except BadInput:
             self._say_there_is_none(handlers, question.frame, system, question.name, question.place)
         except ZmavError:
@@ -215,15 +207,14 @@ class Params(Answerer):
         if "PARAM_ERROR" in self._dialect.by_name:
             target = {"target_system": asker.sysid, "target_component": asker.compid}
             about = {"param_id": name[:16], "param_index": place, "error": DOES_NOT_EXIST}
-            handlers.answer(self._ground.pack(system.sysid, self._component(system), "PARAM_ERROR", **target, **about))
+            handlers.answer(system.pack("PARAM_ERROR", **target, **about))
 
     def _deny_file(self, handlers: RequestHandlers, frame: Frame) -> None:
         asked = unpack(decode(frame, self._dialect)["payload"])
         denied = Packet(asked.seq + 1, asked.session, Op.NAK, 1, asked.opcode, data=bytes((Nak.FILE_NOT_FOUND,)))
         target = {"target_network": 0, "target_system": frame.sysid, "target_component": frame.compid}
         for system in self.meant(handlers, frame):
-            component = self._component(system)
-            handlers.answer(self._ground.pack(system.sysid, component, FTP, **target, payload=pack(denied)))
+            handlers.answer(system.pack(FTP, **target, payload=pack(denied)))
 
     # Setting.
 
@@ -240,7 +231,7 @@ class Params(Answerer):
     async def _set_one(
         self, handlers: RequestHandlers, frame: Frame, system: System, name: str, raw: bytes, kind: int
     ) -> None:
-        vehicle = system.copy.vehicle
+        vehicle = system.vehicle
         try:
             if handlers.client.read_only:
                 raise Refused("read-only")
@@ -259,7 +250,7 @@ class Params(Answerer):
     ) -> None:
         """With the value that it has all the same, where that can be had."""
         try:
-            held = system.copy.param(name) or await system.copy.vehicle.params.get(name)
+            held = system.param(name) or await system.vehicle.params.get(name)
         except BadInput:
             self._say_there_is_none(handlers, asker, system, name)
         except ZmavError:
@@ -271,9 +262,9 @@ class Params(Answerer):
     def _wanted(self, system: System, raw: bytes, kind: int) -> float | int:
         """What the client wants it to be; raises :class:`BadInput`."""
         named = paramvalue.type_name(kind) or "REAL32"
-        if system.copy.encoding is ParamEncoding.C_CAST:
+        if system.encoding is ParamEncoding.C_CAST:
             named = "REAL32"  # whatever it is, a float carries it; what is no integer is not made one here
-        value = paramvalue.value_of(raw, named, system.copy.encoding)
+        value = paramvalue.value_of(raw, named, system.encoding)
         if value is None:
             raise BadInput("the value is not a number", field="param_value", value=None, expected="a number")
         return int(value) if isinstance(value, float) and value.is_integer() else value
@@ -282,12 +273,12 @@ class Params(Answerer):
         self, handlers: RequestHandlers, system: System, name: str, value: paramvalue.Value, kind: int
     ) -> None:
         """Answer who set it, and let the others know where it is another than before."""
-        held = system.copy.param(name)
+        held = system.param(name)
         if held is None:
             param = wire.Param(name=name, value=value, type=paramvalue.type_name(kind) or "REAL32")
-            handlers.answer(system.copy.frame_of(system.sysid, self._component(system), param))
+            handlers.answer(system.frame_of(param))
             return
-        news = system.copy.take(msgspec.structs.replace(held, value=value))
+        news = system.take(msgspec.structs.replace(held, value=value))
         self._tell(system, name, system.listeners if news else {handlers})
 
     # What the autopilot says.
@@ -298,7 +289,7 @@ class Params(Answerer):
             return
         heard = read_value(data)
         if is_name(heard.name):
-            if system.copy.hear(heard):
+            if system.hear(heard):
                 setting = {handlers for handlers, name in system.setting if name == heard.name}  # they get an answer
                 self._tell(system, heard.name, system.listeners - setting - set(system.listing))
             self._pass_on(system, heard, data)
@@ -314,7 +305,7 @@ class Params(Answerer):
 
     def _tell(self, system: System, name: str, receivers: set[RequestHandlers]) -> None:
         """Say a value to those who do not get it anyway: it is in a list that they are being sent."""
-        frame = system.copy.frame(system.sysid, self._component(system), name)
+        frame = system.frame(name)
         for handlers in receivers:
             if frame is not None and not handlers.owes(system, name):
                 handlers.answer(frame)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import socket
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import zmav
 from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
+from zmav import wire
 from zmav.links.sockets import Address
 from zmav.mavlink import Dialect, Frame
 
@@ -18,9 +20,14 @@ MOST_CLIENTS = 64
 
 
 class Hub(Protocol):
-    """The bridge, as its endpoints see it. Every method is thread-safe and quick, and none raises."""
+    """The bridge, as its endpoints and what comes from them see it. Every method is thread-safe and quick, and none
+    raises.
+    """
 
+    z: zmav.Client
     dialect: Dialect
+    news: Callable[[str], None]
+    """a line for anyone who watches the terminal"""
 
     def joined(self, client: Client) -> None:
         """Somebody is there, or may be: it gets frames from now on."""
@@ -30,8 +37,14 @@ class Hub(Protocol):
     def said(self, client: Client, frame: Frame) -> None:
         """A frame of a client."""
 
-    def news(self, text: str) -> None:
-        """A line for anyone who watches the terminal."""
+    def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
+        """A STATUSTEXT about that system, 0: whichever vehicle the client knows."""
+
+    def ack(self, client: Client, frame: Frame, result: int) -> None:
+        """Answer a command in the vehicle's place."""
+
+    def identified(self, client: Client) -> None:
+        """It speaks as another system and component, or said what it is."""
 
 
 class StationEndpoint(ABC):

@@ -12,8 +12,6 @@ from ground.gcs.options import Options
 from zmav.autopilots import Autopilot, autopilot_named
 from zmav.errors import Clash, NoSuchVehicle
 
-SILENT = 1.5
-"""s without a frame after which another way to the same autopilot is taken"""
 RECENT = 30.0
 """s for which a system that is nobody's autopilot is remembered to be behind a vehicle"""
 MOST_TRACKS = 4096
@@ -40,19 +38,16 @@ class Routes:
     """Renewed by :meth:`refresh` a few times a second; the rest may be called from any thread, for what is asked is
     replaced as a whole.
 
-    Two agents whose autopilots have one uid are two ways to one autopilot: the one in use is kept as long as something
-    comes by it, and the other's frames are left out. Two uids, or an unknown one, are two vehicles with one id.
+    Two agents whose autopilots have one uid are two ways to one autopilot: frames go by the one that was heard last.
+    Two uids, or an unknown one, are two vehicles with one id.
     """
 
     def __init__(self, selected: Options) -> None:
         self._selected = selected
         self._tracks: dict[tuple[Place, int], Track] = {}
-        self._leaders: dict[int, Place] = {}
         self.vehicles: dict[Place, Known] = {}
         self.systems: dict[int, tuple[Known, ...]] = {}
         """autopilots, by system id"""
-        self.spare: frozenset[tuple[Place, int]] = frozenset()
-        """ways that are not in use"""
 
     def track(self, place: Place, sysid: int) -> Track:
         """What is heard of a system over a vehicle's agent, from now on."""
@@ -74,31 +69,17 @@ class Routes:
             now[known.place] = known
             systems.setdefault(known.sysid, []).append(known)
         self.vehicles, self.systems = now, {sysid: tuple(found) for sysid, found in systems.items()}
-        self._choose()
         gone = [known for place, known in before.items() if place not in now]
         return [known for place, known in now.items() if place not in before], gone
 
-    def _choose(self) -> None:
-        """The way in use to each autopilot that there are several to."""
-        spare: set[tuple[Place, int]] = set()
-        for sysid, found in self.systems.items():
-            places = [known.place for known in found]
-            if len(places) < 2 or not _is_one(found):
-                self._leaders.pop(sysid, None)
-                continue
-            heard = {place: self.track(place, sysid).heard for place in places}
-            newest = max(places, key=heard.__getitem__)
-            leader = self._leaders.get(sysid, newest)
-            if leader not in heard or heard[newest] - heard[leader] > SILENT:
-                leader = newest
-            self._leaders[sysid] = leader
-            spare.update((place, sysid) for place in places if place != leader)
-        self.spare = frozenset(spare)
-
     def everybody(self) -> list[Place]:
         """Where to send what is for all: each autopilot once."""
-        spare = self.spare
-        return [place for place, known in self.vehicles.items() if (place, known.sysid) not in spare]
+        shared = {found[0].sysid: self._newest(found) for found in self.systems.values() if _is_one(found)}
+        return [place for place, known in self.vehicles.items() if shared.get(known.sysid, place) == place]
+
+    def _newest(self, found: Sequence[Known]) -> Place:
+        """The way to one autopilot by which it was heard last."""
+        return max((known.place for known in found), key=lambda place: self.track(place, found[0].sysid).heard)
 
     def way_to(self, sysid: int) -> Place:
         """The vehicle that frames for a system go to.
@@ -112,7 +93,7 @@ class Routes:
         if found:
             if not _is_one(found):
                 raise clash(found)
-            return self._leaders.get(sysid, found[0].place)  # any of them, until one is chosen
+            return self._newest(found)
         now, vehicles = time.monotonic(), self.vehicles
         heard = [
             track

@@ -6,15 +6,14 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
 import zenoh
 
-import zmav
 from ground.gcs.answerer import Answerer
 from ground.gcs.client import Client
 from ground.gcs.kinds import HEARTBEAT, Place
+from ground.gcs.places import Hub
 from ground.gcs.routes import Routes
 from ground.gcs.streams import Streams
 from zmav import keys, wire
@@ -34,27 +33,10 @@ COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 MOST_SAID = 1000
 
 
-class ClientNotices(Protocol):
-    """What is said to clients and to who watches, and by whom: the bridge. Thread-safe."""
-
-    z: zmav.Client
-    news: Callable[[str], None]
-    """a line on the terminal"""
-
-    def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
-        """A STATUSTEXT about that system, 0: whichever vehicle the client knows."""
-
-    def ack(self, client: Client, frame: Frame, result: int) -> None:
-        """Answer a command in the vehicle's place."""
-
-    def identified(self, client: Client) -> None:
-        """It speaks as another system and component, or said what it is."""
-
-
 class Uplink:
     """:meth:`said` runs on the endpoints' threads."""
 
-    def __init__(self, bridge: ClientNotices, routes: Routes, streams: Streams, answerers: Sequence[Answerer]) -> None:
+    def __init__(self, bridge: Hub, routes: Routes, streams: Streams, answerers: Sequence[Answerer]) -> None:
         self._bridge, self._routes, self._streams, self._answerers = bridge, routes, streams, answerers
         self._dialect = bridge.z.dialect
         self.refused: Counter[str] = Counter()

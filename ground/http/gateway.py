@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from ground.feed import MOST, Feed, OnFrame, Origin
-from ground.http.refusals import Refusals
 from ground.http.wants import Wants
 from zmav import keys
 from zmav.client import Client
@@ -60,7 +59,6 @@ class Gateway:
         self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
         self.started = time.time()
         self.wants = Wants(client)
-        self.refusals = Refusals(client)
         self.sent = 0
         """frames put to vehicles by the faces"""
         self.figures: dict[str, Callable[[], float]] = {}
@@ -74,13 +72,11 @@ class Gateway:
     async def __aenter__(self) -> Gateway:
         await asyncio.to_thread(lambda: self.dialect)  # a second of reading that no request should wait for
         self._feed = Feed(self.client.session, self.client.is_vehicle, self._on_frame, self.client.fleet_name)
-        await self.refusals.start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         for end in self._ends:
             end()
-        await self.refusals.close()
         self.wants.close()
         if self._feed is not None:
             self._feed.close()
@@ -238,8 +234,7 @@ class Gateway:
 
         ``target``: system and component for a message that names none itself. Raises
         :class:`~zmav.errors.BadMessage`, :class:`NoSuchVehicle`, :class:`Stale`, :class:`Clash`, and with credentials
-        :class:`~zmav.errors.Forbidden` where our role may not. What the vehicle itself refuses comes as an event: see
-        :mod:`ground.http.refusals`.
+        :class:`~zmav.errors.Forbidden` where our role may not. What the vehicle itself refuses comes as an event.
         """
         frame = parse_frame(data, self.dialect)
         sysid, compid = _target(frame, self.dialect, target)

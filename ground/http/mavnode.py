@@ -6,8 +6,11 @@ al. 2014, where a vehicle's computer sends its messages on to anyone who asks fo
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -17,13 +20,17 @@ from starlette.routing import BaseRoute, Route
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from ground.http.streams import Streams, Wish
-from zmav.errors import BadMessage
+from zmav import keys, wire
+from zmav.errors import BadInput, BadMessage, Forbidden, Refused, ZmavError
 from zmav.mavlink import describe, encode
 from zmav.mavlink.dialect import Field, MessageType
 from zmav.vehicle.rates import MAX_HZ
+from zmav.waiting import within
 
 SOURCE = (255, 190)
 """system and component that we speak as: a ground station's"""
+PATIENCE = 0.3
+"""s for a refusal to come, as 'zmav send' waits"""
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
@@ -108,11 +115,39 @@ class MavNode:
             frame = encode(gateway.dialect, message.name, fields, **source)
         except BadMessage as e:
             raise Failure(400, e.code, _wrong(message, e)) from e
-        since = time.monotonic()
-        sent = gateway.send(frame, (sysid, compid))
-        await gateway.refusals.check(sent, since)
+        sent = await self._put(frame, (sysid, compid))
         names = ", ".join(key.split("/")[2] for key in sent)
         return _text(f"{message.name} sent to {names or 'nobody'} ({len(frame)} bytes)")
+
+    async def _put(self, frame: bytes, target: tuple[int, int]) -> list[str]:
+        """Put a frame, and raise what a vehicle says of it within a short while: :class:`Refused` or
+        :class:`Forbidden`. Silence is no promise: a vehicle says at most one refusal a second, and the autopilot's own
+        answer is a message like any other.
+        """
+        client = self._gateway.client
+        async with client.subscribe(keys.EVENT.key(client.fleet_name, "*")) as events:
+            sent, deadline = self._gateway.send(frame, target), time.monotonic() + PATIENCE
+            with contextlib.suppress(asyncio.TimeoutError):
+                while True:  # a put has no answer: a refusal comes as an event
+                    sample = await within(deadline - time.monotonic(), events.get())
+                    with contextlib.suppress(BadInput):
+                        event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
+                        if event.kind == "refused" and (error := _about(str(sample.key_expr), event.text, sent)):
+                            raise error
+        return sent
+
+
+def _about(event_key: str, text: str, sent: Sequence[str]) -> ZmavError | None:
+    """The error that a refusal is for anyone who put on these keys; None where it is about something else."""
+    for key in sent:
+        vehicle = key.partition("/mav/tx/")[0]
+        if event_key == f"{vehicle}/event":
+            words = f"{vehicle.rpartition('/')[2]}: {text}"
+            if text.startswith("refused: "):  # no proof of origin, or not with that role: see zmav.onboard
+                return Forbidden(words)
+            if f"frame on {key} " in text:
+                return Refused(words)
+    return None
 
 
 def _message(gateway: Gateway, name: str) -> MessageType:

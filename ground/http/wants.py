@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any
+
+import zenoh
 
 from zmav import keys
 from zmav.client import Client
@@ -24,19 +25,19 @@ MOST = 256
 
 
 class Wants:
-    """Tokens by (vehicle, message, rate). On the event loop."""
+    """Tokens by fleet, vehicle, message and rate. On the event loop."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._tokens: dict[tuple[str, str, str, float], Any] = {}
+        self._tokens: dict[tuple[str, str, str, float], zenoh.LivelinessToken] = {}
         self._until: dict[tuple[str, str, str, float], float] = {}
         self._timer: asyncio.TimerHandle | None = None
 
     def __len__(self) -> int:
         return len(self._tokens)
 
-    def want(self, vehicle: str, message: str, hz: float, lasting: float = LASTING, fleet: str = "") -> bool:
-        """Have a message sent at ``hz`` for ``lasting`` seconds from now (``math.inf``: until :meth:`drop`).
+    def want(self, vehicle: str, message: str, hz: float, fleet: str = "") -> bool:
+        """Have a message sent at ``hz`` for :data:`LASTING` seconds from now.
 
         ``vehicle`` and ``fleet`` may be ``*``; no ``fleet`` is the client's. True where it was not wanted before and is
         now. Nobody is asked for what the dialect lacks, nor for answers, events and the heartbeat, which come when they
@@ -52,30 +53,24 @@ class Wants:
                 self._tokens[place] = self._client.session.liveliness().declare_token(want_key(rx, hz, "http"))
             except BadInput:
                 return False
-        self._until[place] = time.monotonic() + lasting
+        self._until[place] = time.monotonic() + LASTING
         if self._timer is None:
-            self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep)
+            self._sweep()
         return new
 
     def _is_streamed(self, message: str) -> bool:
         found = self._client.dialect.by_name.get(message)
         return found is not None and found.target_system is None and message not in NOT_STREAMED
 
-    def drop(self, vehicle: str, message: str, hz: float, fleet: str = "") -> None:
-        place = (fleet or self._client.fleet_name, vehicle, message, hz)
-        self._until.pop(place, None)
-        token = self._tokens.pop(place, None)
-        if token is not None:
-            token.undeclare()
-
     def close(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        for fleet, vehicle, message, hz in list(self._tokens):
-            self.drop(vehicle, message, hz, fleet)
+        for token in self._tokens.values():
+            token.undeclare()
+        self._tokens.clear()
 
     def _sweep(self) -> None:
         now = time.monotonic()
-        for fleet, vehicle, message, hz in [place for place, until in self._until.items() if until < now]:
-            self.drop(vehicle, message, hz, fleet)
+        for place in [place for place in self._tokens if self._until[place] < now]:
+            self._tokens.pop(place).undeclare()
         self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._tokens else None

@@ -22,8 +22,8 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from ground.record.folder import is_whole
+from ground.record.part import Tail
 from ground.record.schemas import Schema
-from ground.record.tail import Tail
 from zmav.errors import BadInput
 
 JSON, BYTES, FRAMES = "json", "application/octet-stream", "mavlink"
@@ -126,8 +126,8 @@ class Found(NamedTuple):
     data: bytes
 
 
-def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
-    """All that was recorded between two times (ns UTC), in the order in which it came, whatever the clock did; of a
+def read_forth(path: Path, since: int = 0) -> Iterator[Found]:
+    """All that was recorded from a time on (ns UTC), in the order in which it came, whatever the clock did; of a
     file that was cut short as much as there is.
 
     Raises :class:`BadInput` for what is no .mcap or is damaged, OSError where it cannot be read.
@@ -135,11 +135,11 @@ def read_forth(path: Path, since: int, until: int) -> Iterator[Found]:
     with path.open("rb") as file, _reading(path):
         try:
             if is_whole(path):
-                found = make_reader(file).iter_messages(starting_at=since, ending_at=until, log_time_order=False)
+                found = make_reader(file).iter_messages(starting_at=since, log_time_order=False)
             else:
                 found = NonSeekingReader(file).iter_messages(log_time_order=False)
             for _, channel, message in found:
-                if since <= message.log_time <= until:
+                if since <= message.log_time:
                     about = channel.metadata
                     yield Found(message.log_time, about.get(KEY, ""), about.get(HOLDS, ""), message.data)
         except TORN:

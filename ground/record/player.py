@@ -7,9 +7,8 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
-from ground.record.sources import END, Record, Source
+from ground.record.sources import Record, Source
 from zmav.links.base import Link, LinkFinished
 
 LONGEST_STEP_S = 60.0
@@ -62,21 +61,14 @@ class FedLink(Link):
         pass
 
 
-class Span(NamedTuple):
-    """Which part is played: seconds from the beginning of the earliest recording."""
-
-    start: float = 0.0
-    end: float | None = None
-
-
 Deliver = Callable[[Record], None]
 
 
 class Player:
     """Plays each source to its own ``deliver``, called in the player's thread.
 
-    ``speed``: times real time, 0 for as fast as possible. ``now`` and ``pause`` are for tests: a clock in seconds, and
-    a wait of so many seconds that returns True when the player is being closed.
+    ``speed``: times real time, 0 for as fast as possible; ``start``: s after the earliest record. ``now`` and ``pause``
+    are for tests: a clock in seconds, and a wait of so many seconds that returns True when the player is being closed.
     """
 
     def __init__(
@@ -84,11 +76,11 @@ class Player:
         parts: Sequence[tuple[Source, Deliver]],
         speed: float = 1.0,
         loop: bool = False,
-        span: Span | None = None,
+        start: float = 0.0,
         now: Callable[[], float] = time.monotonic,
         pause: Callable[[float], bool] | None = None,
     ) -> None:
-        self._parts, self._speed, self._loop, self._span = list(parts), speed, loop, span or Span()
+        self._parts, self._speed, self._loop, self._start = list(parts), speed, loop, start
         self._stop = threading.Event()
         self._now, self._pause = now, pause or self._stop.wait
         self.played = 0
@@ -122,10 +114,9 @@ class Player:
         begin = min((first for source, _ in self._parts if (first := source.first()) is not None), default=None)
         if begin is None:
             return False
-        since = begin + int(self._span.start * 1e9)
-        until = END if self._span.end is None else begin + int(self._span.end * 1e9)
+        since = begin + int(self._start * 1e9)
         last, due, before = since, self._now(), self.played
-        for record, deliver in self._merged(since, until):
+        for record, deliver in self._merged(since):
             step = (record.at - last) / 1e9
             last = record.at
             if self._speed:
@@ -139,8 +130,8 @@ class Player:
             self.played += 1
         return self.played > before
 
-    def _merged(self, since: int, until: int) -> Iterator[tuple[Record, Deliver]]:
+    def _merged(self, since: int) -> Iterator[tuple[Record, Deliver]]:
         def tagged(source: Source, deliver: Deliver) -> Iterator[tuple[Record, Deliver]]:
-            return ((record, deliver) for record in source.records(since, until))
+            return ((record, deliver) for record in source.records(since))
 
         return heapq.merge(*(tagged(*part) for part in self._parts), key=lambda each: each[0].at)

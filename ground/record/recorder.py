@@ -14,9 +14,9 @@ from typing import Any
 import msgspec
 import zenoh
 
-from ground.feed import apart
-from ground.record.answers import Answers
+from ground.feed import apart, patterns
 from ground.record.folder import Folder
+from ground.record.history import Answers
 from ground.record.storage import Settings, Storage, size_words
 from zmav import keys, wire
 from zmav.client import Client
@@ -166,15 +166,6 @@ class Recorder:
             detail["free"] = self._folder.free()
         state = "paused" if paused else "recording"
         return wire.AgentStatus(t=time.time(), agent=self._agent, state=state, text=text, detail=detail)
-
-
-def patterns(vehicles: Sequence[str]) -> list[str]:
-    """Patterns of vehicles' names; BadConfig for what can be none."""
-    for pattern in vehicles:
-        if not keys.NAMES.match(pattern):
-            text = f"no vehicle can be called {pattern!r}: use lower-case letters, digits, '_', '-' and '*'"
-            raise BadConfig(text, field="vehicles", value=pattern, expected="[a-z0-9_*-]+")
-    return list(vehicles)
 
 
 def vehicle_channels() -> list[str]:

@@ -17,7 +17,7 @@ import msgspec
 import zenoh
 
 import zmav
-from ground.record.player import Deliver, FedLink, Player, Span
+from ground.record.player import Deliver, FedLink, Player
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import fleet_option, run, zenoh_options
@@ -39,7 +39,6 @@ SETTLE_S = 1.0
 @click.option("--speed", default="1", show_default=True, help="Times real time; 'max' as fast as it goes.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
 @click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
-@click.option("--end", type=click.FloatRange(min=0.0), help="Seconds after the beginning to end at.")
 @click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where a .tlog has several.")
 @click.option("--dialect", default="ardupilotmega", show_default=True)
 @fleet_option
@@ -50,7 +49,6 @@ def command(
     speed: str,
     loop: bool,
     start: float,
-    end: float | None,
     sysid: int | None,
     dialect: str,
     fleet: str,
@@ -66,14 +64,12 @@ def command(
     key gets again what came on it. What is played takes no orders and no frames.
     """
     fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
-    if end is not None and end <= start:
-        raise BadConfig(f"--end {end:g} is not after --start {start:g}", field="end", value=end, expected="later")
     sources = open_all(files)
     if any(not isinstance(source, Tlogs) for source in sources):
         _check_mcap()
-    span, settings = Span(start, end), msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
+    settings = msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
     base = OnboardSettings(link="", name="replay", fleet=fleet, sysid=sysid, dialect=dialect)
-    run(_replay(sources, name, _speed(speed), loop, span, base, settings))
+    run(_replay(sources, name, _speed(speed), loop, start, base, settings))
 
 
 async def _replay(
@@ -81,7 +77,7 @@ async def _replay(
     name: str | None,
     speed: float,
     loop: bool,
-    span: Span,
+    start: float,
     base: OnboardSettings,
     settings: SessionSettings,
 ) -> None:
@@ -110,7 +106,7 @@ async def _replay(
                     parts.append((source, putter))
             stack.callback(putter.close)
             say(f"look at it: zmav ls --fleet {base.fleet}")
-            player, begun = Player(parts, speed, loop, span), time.monotonic()
+            player, begun = Player(parts, speed, loop, start), time.monotonic()
             try:
                 player.start()
                 await _until_over(player, links)

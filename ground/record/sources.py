@@ -15,7 +15,6 @@ from zmav.links.tlog import TlogReader
 from zmav.mavlink import Dialect, load_dialect
 from zmav.mavlink.frame import MAGIC_V2
 
-END = (1 << 63) - 1
 _RECORDED = re.compile(r"(?:[a-z0-9_-]+\.)?(?P<vehicle>[a-z0-9_-]+)\.\d{3,}\Z")
 """how the recorder calls a .tlog, but for its ending"""
 SESSION = re.compile(r"(?P<time>\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)(?:\.(?P<number>\d+))?")
@@ -42,7 +41,7 @@ class Source(Protocol):
     def first(self) -> int | None:
         """When it begins, ns UTC; None: it holds nothing that can be played."""
 
-    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+    def records(self, since: int = 0) -> Iterator[Record]:
         """Again at each call. Raises OSError where it cannot be read, :class:`BadInput` where it is damaged."""
 
 
@@ -59,11 +58,11 @@ class Tlogs:
     def first(self) -> int | None:
         return next((record.at for record in self.records()), None)
 
-    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+    def records(self, since: int = 0) -> Iterator[Record]:
         for path in self._paths:
             with path.open("rb") as file:
                 for micros, frame in TlogReader(file):
-                    if since <= micros * 1000 <= until:
+                    if since <= micros * 1000:
                         yield Record(micros * 1000, "", frame)
 
 
@@ -88,10 +87,10 @@ class Mcap:
     def first(self) -> int | None:
         return next((record.at for record in self.records()), None)
 
-    def records(self, since: int = 0, until: int = END) -> Iterator[Record]:
+    def records(self, since: int = 0) -> Iterator[Record]:
         from ground.record import mcapfile
 
-        for found in mcapfile.read_forth(self._path, since, until):
+        for found in mcapfile.read_forth(self._path, since):
             if found.holds == mcapfile.AS_IT_CAME:
                 yield Record(found.at, found.key, found.data)
             elif found.holds == mcapfile.ALL_FRAMES and is_frame(found.data):

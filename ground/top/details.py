@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
+from ground.top.columns import milliseconds, number, percent
 from ground.top.report import Report, VehicleReport
-from ground.top.words import milliseconds, number, percent
 from zmav.doctor.words import clean, duration
 
 Line = list[tuple[str, str]]

@@ -3,50 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-import collections
 import contextlib
 import io
 import logging
 import os
 import signal
-import time
 
 from rich.color import ColorSystem
 from rich.console import Console
 from rich.style import Style
 
+from ground.top.columns import cells
 from ground.top.details import Line
 from ground.top.report import Report
 from ground.top.screen import draw
 from ground.top.terminal import Terminal
 from ground.top.ui import Ui
 from ground.top.watch import Watch
-from ground.top.words import cells
-from zmav.doctor.words import clean
 from zmav.waiting import within
 
 ENDINGS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 PERIOD = 0.25
 LEAST = 0.08
 """s between two frames, however fast keys come"""
-NOTE_SHOWN = 20.0
 SYSTEMS = {"standard": ColorSystem.STANDARD, "256": ColorSystem.EIGHT_BIT, "truecolor": ColorSystem.TRUECOLOR}
-
-
-class Notes(logging.Handler):
-    """What this program logs, for the screen: printed, it would spoil it."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._said: collections.deque[tuple[float, str]] = collections.deque(maxlen=20)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        with contextlib.suppress(Exception):
-            self._said.append((time.monotonic(), clean(record.getMessage())))
-
-    def recent(self) -> tuple[str, ...]:
-        now = time.monotonic()
-        return tuple(text for at, text in list(self._said) if now - at < NOTE_SHOWN)
 
 
 class Painter:
@@ -80,7 +60,7 @@ class Live:
 
     def __init__(self, watch: Watch, fd: int) -> None:
         self._watch, self._fd = watch, fd
-        self._ui, self._painter, self._notes = Ui(), Painter(), Notes()
+        self._ui, self._painter = Ui(), Painter()
         self._report: Report | None = None
         self._wake = asyncio.Event()
         self._shown = ""
@@ -89,10 +69,10 @@ class Live:
         """Raises what ended the watching, once the terminal is given back."""
         watching = asyncio.create_task(self._watch.run())
         watching.add_done_callback(self._end)
-        loop, logger = asyncio.get_running_loop(), logging.getLogger()
+        loop = asyncio.get_running_loop()
         for number in ENDINGS:
             loop.add_signal_handler(number, self._end)
-        logger.addHandler(self._notes)
+        logging.disable()  # printed, it would spoil the screen
         try:
             async with Terminal(self._fd, self._on_key, self._on_resize) as terminal:
                 while not self._ui.over:
@@ -102,7 +82,7 @@ class Live:
                         await within(PERIOD - LEAST, self._wake.wait())
                     self._wake.clear()
         finally:
-            logger.removeHandler(self._notes)
+            logging.disable(logging.NOTSET)
             for number in ENDINGS:
                 loop.remove_signal_handler(number)
             watching.cancel()
@@ -112,7 +92,7 @@ class Live:
     def _draw(self, terminal: Terminal) -> None:
         self._report = self._watch.report()
         width, height = terminal.size
-        frame = self._painter.paint(draw(self._ui, self._report, width, height, self._notes.recent()), width)
+        frame = self._painter.paint(draw(self._ui, self._report, width, height), width)
         if frame != self._shown and terminal.show(frame):
             self._shown = frame
 

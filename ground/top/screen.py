@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 
-from ground.top.columns import NAME, WHY, Column, choose
+from ground.top.columns import NAME, WHY, Column, cells, choose, fit
 from ground.top.details import Line, details
 from ground.top.report import Report, VehicleReport, condition
 from ground.top.ui import Ui
-from ground.top.words import cells, fit
 from zmav.doctor.words import clean, duration
 
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
@@ -18,22 +17,22 @@ LEAST_TABLE = 4
 """rows of the table that details leave"""
 
 
-def draw(ui: Ui, report: Report, width: int, height: int, notes: tuple[str, ...] = ()) -> list[Line]:
-    """At most ``height`` lines. ``notes``: what this program has to say itself, the newest last."""
+def draw(ui: Ui, report: Report, width: int, height: int) -> list[Line]:
+    """At most ``height`` lines."""
     rows = ui.rows(report)
     chosen = ui.chosen(report) if ui.details else None
     head = [_title(report, len(rows)), *_agents(report)]
-    foot = [*([[(note, "yellow")] for note in notes[-1:]]), _foot(ui, width)]
-    room = max(height - len(head) - len(foot) - 1, 1)
+    foot = _foot(ui, width)
+    room = max(height - len(head) - 2, 1)
     below: list[Line] = []
     if chosen is not None:
         below = details(chosen, report, width)[: max(room - min(len(rows), LEAST_TABLE) - 1, 0)]
         room -= len(below)
     ui.page = max(room - 1, 1)
     lines = [*head, *table(rows, ui, width, room), *below]
-    lines = lines[: height - len(foot)]
-    lines += [[] for _ in range(height - len(foot) - len(lines))]
-    return [_cropped(line, width) for line in [*lines, *foot]]
+    lines = lines[: height - 1]
+    lines += [[] for _ in range(height - 1 - len(lines))]
+    return [_cropped(line, width) for line in [*lines, foot]]
 
 
 def table(rows: list[VehicleReport], ui: Ui, width: int, room: int | None = None) -> list[Line]:

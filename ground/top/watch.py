@@ -10,18 +10,15 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import zenoh
-from zenoh import handlers
 
 import mesh.graph
 from ground.top.report import Report, describe
 from mesh.topology import Graph
 from zmav import keys, wire
-from zmav.client import Client
+from zmav.client import Answer, Client
 from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of
 from zmav.doctor.rules import PROOF
 from zmav.errors import BadInput, ZmavError
-from zmav.services.link.port import on_loop
-from zmav.services.queries.everybody import ask_everybody
 from zmav.trust.member import Place
 from zmav.vehicle import Vehicle
 from zmav.waiting import together, within
@@ -144,36 +141,28 @@ class Watch:
 
     async def _ask_all(self) -> None:
         """One query to every vehicle's agent: how its link is, and how long the answer takes."""
-        loop = asyncio.get_running_loop()
+        key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
         while True:
-            ended, begun = asyncio.Event(), time.perf_counter()
-            on_answer, on_end = on_loop(loop, self._on_answer), on_loop(loop, ended.set)
+            begun, took = time.perf_counter(), dict[str, float]()
 
-            def on_reply(reply: zenoh.Reply, begun: float = begun, on_answer: Any = on_answer) -> None:
-                if reply.ok is not None:
-                    took = time.perf_counter() - begun
-                    on_answer(took, str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+            def came(answer: Answer, begun: float = begun, took: dict[str, float] = took) -> bool:
+                took[answer.key] = time.perf_counter() - begun
+                return False
 
-            handler: Any = handlers.Callback(on_reply, on_end, indirect=False)
-            with contextlib.suppress(zenoh.ZError):  # no router at present: what is shown grows old
-                key, member = keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), self._z.member
-                question = member.question(key, b"") if member else None
-                ask_everybody(self._z.session, keys.LINK.qos, key, handler, timeout=ANSWER, attachment=question)
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await within(ANSWER + 0.5, ended.wait())
+            with contextlib.suppress(ZmavError, zenoh.ZError):  # no router at present: what is shown grows old
+                for answer in await self._z.ask(key, timeout=ANSWER, channel=keys.LINK, enough=came):
+                    if isinstance(answer, Answer) and (seen := self._on_answer(answer)) is not None:
+                        seen.rtt, seen.rtt_at = took[answer.key], time.monotonic()
             self._first["trips"].set()
             await asyncio.sleep(TRIP_EVERY)
 
-    def _on_answer(self, took: float, key: str, payload: bytes) -> None:
-        try:
-            parts = keys.match(key)[1]
-            link = wire.decode(payload, wire.LinkQuality, key)
-        except BadInput:
-            return
-        place = (parts["fleet"], parts["vehicle"])
-        self._on_link(place, key, link)
-        if (seen := self._of(place)) is not None:
-            seen.rtt, seen.rtt_at = took, time.monotonic()
+    def _on_answer(self, answer: Answer) -> VehicleHistory | None:
+        with contextlib.suppress(BadInput):
+            parts = keys.match(answer.key)[1]
+            place = (parts["fleet"], parts["vehicle"])
+            self._on_link(place, answer.key, wire.decode(answer.payload, wire.LinkQuality, answer.key))
+            return self._of(place)
+        return None
 
     async def _look(self) -> None:
         """At the mesh, where there is one."""

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import msgspec
 import rerun as rr
 
-from ground.view import meshlinks, pictures, topics
-from ground.view.canvas import Canvas
+from ground.view import style, topics
+from ground.view.canvas import NED, Canvas, Path
 from ground.view.craft import Craft
 from ground.view.frames import Datum
 from ground.view.signals import Signals
 from ground.view.table import Batch, Item
-from mesh.topology import Graph
+from mesh.topology import Graph, Link
 from zmav import wire
 from zmav.errors import ZmavError
+from zmav.wire import Vector
 
 logger = logging.getLogger(__name__)
 CROWD = 12
@@ -91,7 +92,7 @@ class Scene:
         if self._graph is not None and now - self._mesh_at >= MESH_EVERY:
             self._mesh_at = now
             places = {craft.label: craft.position for craft in self.crafts.values() if craft.position is not None}
-            meshlinks.paint(self._canvas, self._graph, places)
+            _paint_mesh(self._canvas, self._graph, places)
         said, self._lines = self._lines[:LINES_A_STEP], self._lines[LINES_A_STEP:]
         for who, severity, text in said:
             level = LEVELS.get(severity, rr.TextLogLevel.INFO)
@@ -173,12 +174,12 @@ class Scene:
         self.bad += self._signals.take(self._canvas, item.place, self._label(item.place), item.payload)
 
     def _on_frame(self, item: Item) -> None:
-        if not pictures.paint_frame(self._canvas, self._craft(item.place).label, item.place[2], item.payload):
+        if not _paint_frame(self._canvas, self._craft(item.place).label, item.place[2], item.payload):
             self.bad += 1
 
     def _on_detection(self, item: Item) -> None:
         seen = wire.decode(item.payload, wire.Detections, "detection")
-        pictures.paint_detection(self._canvas, self._craft(item.place).label, item.place[2], seen)
+        _paint_detection(self._canvas, self._craft(item.place).label, item.place[2], seen)
 
     # The origin.
 
@@ -196,3 +197,81 @@ class Scene:
             craft.place(self.datum)
         for topic, item in self._topics.items():
             topics.paint(self._canvas, topic, item.payload, self.datum)
+
+
+BEGIN, END = b"\xff\xd8\xff", b"\xff\xd9"
+MOST_BOXES = 200
+"""boxes drawn into one picture"""
+
+
+def _paint_frame(canvas: Canvas, label: str, camera: str, jpeg: bytes) -> bool:
+    """Show a picture; False for what is no whole JPEG."""
+    if not jpeg.startswith(BEGIN) or END not in jpeg[-64:]:
+        return False
+    canvas.put(_camera_path(label, camera), rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+    return True
+
+
+def _paint_detection(canvas: Canvas, label: str, camera: str, seen: wire.Detections) -> None:
+    """Box the symbols that were found; none of them clears the picture."""
+    found = seen.found[:MOST_BOXES]
+    boxes = rr.Boxes2D(
+        mins=[(each.u - each.scale_px / 2.0, each.v - each.scale_px / 2.0) for each in found],
+        sizes=[(each.scale_px, each.scale_px) for each in found],
+        labels=[each.symbol for each in found],
+        colors=style.GRADES["good"],
+        radii=1.0,
+    )
+    canvas.put((*_camera_path(label, camera), "detection"), boxes if found else None)
+
+
+def _camera_path(label: str, camera: str) -> Path:
+    return ("camera", label, camera)
+
+
+PATH = (*NED, "mesh")
+LABELLED = 12
+"""links at most whose figures stand beside them"""
+
+
+def _paint_mesh(canvas: Canvas, graph: Graph, places: Mapping[str, Vector]) -> None:
+    """Draw the links between hosts whose places are known; the others (a ground station's) stand in a row at the
+    origin, to the south.
+    """
+    ends = {name for link in graph.links for name in (link.a, link.b)}
+    stations = sorted(name for name in ends if name not in places and _role(graph, name) != "vehicle")
+    where = {**places, **{name: (-4.0 * (i + 1), 0.0, 0.0) for i, name in enumerate(stations)}}
+    _paint_stations(canvas, {name: where[name] for name in stations})
+    drawn = [link for link in graph.links if link.a in where and link.b in where]
+    if not drawn:
+        return canvas.clear(PATH)
+    strips = rr.LineStrips3D(
+        [[where[link.a], where[link.b]] for link in drawn],
+        colors=[style.GRADES.get(link.grade, style.GREY) for link in drawn],
+        radii=[style.points(style.WIDTHS.get(link.grade, 1.0)) for link in drawn],
+        labels=[_link_words(link) for link in drawn],
+        show_labels=len(drawn) <= LABELLED,
+    )
+    return canvas.put(PATH, strips)
+
+
+def _role(graph: Graph, name: str) -> str | None:
+    node = graph.nodes.get(name)
+    return node.role if node else None
+
+
+def _paint_stations(canvas: Canvas, stations: Mapping[str, Vector]) -> None:
+    points = rr.Points3D(
+        list(stations.values()), colors=style.WHITE, radii=style.points(5.0), labels=list(stations), show_labels=True
+    )
+    canvas.put((*PATH, "stations"), points if stations else None)
+
+
+def _link_words(link: Link) -> str:
+    """A link in words: ``12 ms 3 % lost``."""
+    if link.grade == "down":
+        return "down"
+    parts = [] if link.rtt is None else [f"{1e3 * link.rtt:.0f} ms" if link.rtt >= 0.001 else "<1 ms"]
+    if (loss := link.worst_loss) is not None and loss >= 0.005:
+        parts.append(f"{loss:.0%} lost")
+    return " ".join(parts) or link.grade

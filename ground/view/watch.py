@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import msgspec
 import zenoh
 
+from ground.feed import patterns
 from ground.view.table import Table
 from mesh import graph
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadKey, ZmavError
-from zmav.session import reason
 from zmav.vision.assembler import Assembler
 
 GRAPH_EVERY = 4.0
@@ -26,14 +26,14 @@ JPEG, MOST_CAMERAS = b"\xff\xd8\xff", 250
 class Watch:
     """Fills a table until cancelled. Nothing here waits for a reader of the table.
 
-    ``vehicles`` are names or patterns (``quad*``). Raises :class:`BadKey` for one that cannot be.
+    ``vehicles`` are names or patterns (``quad*``). Raises :class:`BadConfig` for one that cannot be.
     """
 
     def __init__(
         self, z: Client, table: Table, vehicles: Sequence[str] = ("*",), cameras: bool = True, signals: bool = True
     ) -> None:
         self._z, self._table = z, table
-        self._vehicles = {vehicle: zenoh.KeyExpr(_pattern(vehicle)) for vehicle in vehicles}
+        self._vehicles = patterns(vehicles)
         self._cameras, self._signals = cameras, signals
         self._pictures: dict[tuple[str, ...], Assembler] = {}
         """by camera: what came of its pictures"""
@@ -46,7 +46,7 @@ class Watch:
         fleet = self._z.fleet_name
         found = [(keys.FLEET, keys.FLEET.key(fleet, topic="*"))]
         pictures = PICTURES if self._cameras else ()
-        for vehicle in map(str, self._vehicles.values()):
+        for vehicle in self._vehicles:
             found += [
                 (keys.STATE, keys.STATE.key(fleet, vehicle)),
                 (keys.EVENT, keys.EVENT.key(fleet, vehicle)),
@@ -95,12 +95,3 @@ class Watch:
                 found = await graph.gather(self._z, tries=2)
                 self._table.put("graph", (), msgspec.json.encode(found))
             await asyncio.sleep(GRAPH_EVERY)
-
-
-def _pattern(vehicle: str) -> str:
-    """A vehicle's chunk of a key expression."""
-    try:
-        return keys.expression(f"{vehicle}/state", "x").split("/")[2]
-    except (BadKey, zenoh.ZError, IndexError) as e:
-        why = reason(e) if isinstance(e, zenoh.ZError) else str(e)
-        raise BadKey(f"no vehicle can be called {vehicle!r}: {why}", field="vehicles", value=vehicle) from e

@@ -80,7 +80,7 @@ class Ground:
         """Of each recording, by age: when the states in it were said, by vehicle."""
         for path in sorted(self.out.glob("*/record.*.mcap")):
             found: dict[str, set[float]] = {name: set() for name in NAMES}
-            for each in read_forth(path, 0, 2**63 - 1):
+            for each in read_forth(path):
                 for name in NAMES:
                     if each.key == keys.STATE.key("demo", name):
                         found[name].add(json.loads(each.data)["t"])

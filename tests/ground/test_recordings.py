@@ -11,8 +11,8 @@ import pytest
 import zenoh
 
 import zmav
-from ground.record.answers import END
 from ground.record.folder import Folder
+from ground.record.history import END
 from ground.record.recorder import Recorder, Wanted
 from ground.record.route import Asked
 from ground.record.storage import Settings

@@ -38,7 +38,7 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
         "-e",
         scene.router_endpoint,
         "--tcp",
-        f"{port}?hz=50",
+        f"{port}?rate=50kB/s",
         stderr=asyncio.subprocess.PIPE,
     )
     try:
@@ -53,7 +53,7 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
                 assert line, said
                 said += line
 
-        await until(f"tcp: waiting for stations at 127.0.0.1:{port} (50 Hz)")
+        await until(f"tcp: waiting for stations at 127.0.0.1:{port} (50000 B/s)")
         one.publish_state()
         await until("quad1 is there: system 1, copter, ardupilot")
         station = Station(await asyncio.to_thread(socket.create_connection, ("127.0.0.1", port)))
@@ -73,10 +73,10 @@ async def test_it_says_what_it_does_and_ends_when_told_to(scene: Scene) -> None:
 @pytest.mark.parametrize("role", ["viewer", "planner", "operator"])
 async def test_credentials_that_may_not_send_make_it_read_only(scene: Scene, authority: Authority, role: str) -> None:  # noqa: F811
     folder = authority.issue("alice", role)
-    endpoint = parse_endpoint("tcp", "0", Options(hz=2.0))
+    endpoint = parse_endpoint("tcp", "0", Options(rate=500.0))
     async with zmav.open(connect=[scene.router_endpoint], credentials=str(folder)) as z:
         (options,) = (each.options for each in allowed(z, Settings(endpoints=(endpoint,))).endpoints)
-    assert options == Options(hz=2.0, read_only=role != "operator")
+    assert options == Options(rate=500.0, read_only=role != "operator")
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,6 @@ async def test_credentials_that_may_not_send_make_it_read_only(scene: Scene, aut
     [
         (["--tcp", "x"], BadConfig),
         (["--rate", "fast"], BadConfig),
-        (["--hz", "0"], BadConfig),
         (["--vehicles", ""], BadConfig),
         (["--tcp", "5760", "-e", "tcp/127.0.0.1:1"], ZmavError),
     ],

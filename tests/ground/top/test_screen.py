@@ -205,7 +205,7 @@ def test_no_word_of_the_network_moves_the_cursor_or_is_markup(make: Make, report
     ui = Ui()
     press(ui, found, "down", "enter")
     for width in (80, 250):
-        frame = Painter().paint(draw(ui, found, width, 40, (EVIL,)), width)
+        frame = Painter().paint(draw(ui, found, width, 40), width)
         ours = re.sub(r"\x1b\[([0-9;]*m|K|H)|\r\n", "", frame)
         assert ours.isprintable()
         assert "[bold red]" in ours

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from ground.top.words import fit, milliseconds, number, percent
+from ground.top.columns import fit, milliseconds, number, percent
 from zmav.doctor.words import clean, duration
 
 
