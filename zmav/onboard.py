@@ -50,17 +50,14 @@ from zmav.services.params.params import Params
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, QuestionsDropped
 from zmav.services.rates.rates import Rates
-from zmav.services.status.body import BodyService
+from zmav.services.status.answers import BodyService, HostService, Messages
 from zmav.services.status.events import Events
-from zmav.services.status.host import HostService
-from zmav.services.status.messages import Messages
 from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
 from zmav.systemd import state_directory
-from zmav.trust.certificate import Role
+from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
-from zmav.trust.expiry import warn_of_end
 from zmav.trust.gate import Gate, ProofRefused, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster

@@ -14,7 +14,6 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from zmav.autopilots.missions import MissionRules
 from zmav.errors import BadInput, Unsupported
 from zmav.mavlink import Dialect
 from zmav.wire import ManualControl, Quaternion, Vector
@@ -145,6 +144,28 @@ class Need:
                 wanted = self.wanted(int(value), sysid)
                 return None if int(value) == wanted else f"{self.why}: set {name} to {wanted} (it is {int(value)})"
         return None
+
+
+@dataclass(frozen=True)
+class MissionRules:
+    """How a flight stack keeps and flies missions; the defaults are what the protocol promises of any autopilot."""
+
+    mode: str | None = None
+    """the mode that flies the mission; None: MAV_CMD_MISSION_START alone"""
+    start_command: bool = True
+    """MAV_CMD_MISSION_START begins it (a copter on the ground takes off by it)"""
+    home_first: bool = False
+    """item 0 on the autopilot is home, and no part of the mission"""
+    window: int = 1
+    """items of a download that may be asked for at once: more than one where each request stands for itself"""
+    set_by_command: bool = True
+    """it knows MAV_CMD_DO_SET_MISSION_CURRENT; False: the message MISSION_SET_CURRENT alone"""
+    mission_frame: bool = False
+    """items without a place are taken in MAV_FRAME_MISSION only"""
+    never_placed: frozenset[str] = frozenset()
+    """commands that it takes without a place only, though MAVLink gives them one"""
+    exact: bool = True
+    """every item is kept as it was sent; False: parameters are rounded, or left out where the vehicle ignores them"""
 
 
 Convert = Callable[[Target], "list[Action]"]

@@ -8,8 +8,19 @@ from typing import ClassVar
 import msgspec
 
 from zmav.autopilots import base, convert
-from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Need, Target
-from zmav.autopilots.missions import MissionRules
+from zmav.autopilots.base import (
+    NAN,
+    Autopilot,
+    Command,
+    Convert,
+    Latest,
+    Level,
+    Message,
+    MissionRules,
+    Mode,
+    Need,
+    Target,
+)
 
 _MODES = (
     "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "

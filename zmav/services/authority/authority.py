@@ -18,13 +18,13 @@ from zmav.config import Failsafe, PilotSwitch, check_failsafe
 from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control, Mover
-from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.gcs_traffic import GcsTraffic, TakenByStation
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.lease import Leases, severity_of
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
+from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port, on_loop

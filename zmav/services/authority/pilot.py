@@ -5,20 +5,20 @@ Nobody gives it back but an agent that asks for a lease again, and not while the
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 from zmav.autopilots import Autopilot
+from zmav.autopilots.base import Fields
 from zmav.autopilots.safety import by_command, ends_in
 from zmav.config import PilotSwitch
 from zmav.errors import Unsupported
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.services.authority.control import Control, Mover
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.link.port import Port
 from zmav.services.orders.command import Commander
 
 GRACE = 3.0
@@ -53,7 +53,7 @@ class Pilot:
         self._mode: str | None = None
         self._armed = False
         self._what, self._grace = "", 0.0
-        self._stop: Callable[[], None] = lambda: None
+        self._rc = AutopilotMessages(port, identity, {"RC_CHANNELS": self._on_rc} if switch else {})
 
     @property
     def needs(self) -> dict[str, float]:
@@ -61,11 +61,10 @@ class Pilot:
         return {"RC_CHANNELS": 10.0} if self.switch else {}
 
     def start(self) -> None:
-        if self.switch is not None:
-            self._stop = self._port.listen("RC_CHANNELS", on_loop(asyncio.get_running_loop(), self._on_rc))
+        self._rc.start()
 
     def close(self) -> None:
-        self._stop()
+        self._rc.close()
 
     def order_begins(self, what: str) -> None:
         """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
@@ -116,11 +115,10 @@ class Pilot:
             return True
         return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
 
-    def _on_rc(self, frame: Frame) -> None:
+    def _on_rc(self, fields: Fields, frame: Frame) -> None:
         switch = self.switch
-        if switch is None or (frame.sysid, frame.compid) != self._identity.source:
-            return
-        pwm = int(decode(frame, self._port.dialect)[f"chan{switch.channel}_raw"])
+        assert switch is not None
+        pwm = int(fields[f"chan{switch.channel}_raw"])
         if pwm in UNHEARD:
             return  # a lost radio does not give the vehicle back
         if not switch.low <= pwm <= switch.high:

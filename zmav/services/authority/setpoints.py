@@ -18,10 +18,10 @@ from zmav.autopilots import Autopilot, Target
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
-from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
+from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.targets import resolve
 from zmav.services.authority.trajectory import Segment
 from zmav.services.authority.watchdog import StreamWatchdog

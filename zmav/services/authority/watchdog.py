@@ -23,9 +23,8 @@ from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.mavlink import decode
 from zmav.services.authority.control import Control, Mover
-from zmav.services.authority.flown import ActiveStream, future
 from zmav.services.authority.may_move import SetpointCounts
-from zmav.services.authority.pace import Pace
+from zmav.services.authority.stream import ActiveStream, Pace, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
 from zmav.services.link.reported import ReportedMode, in_the_air, shown
