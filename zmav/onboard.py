@@ -24,7 +24,7 @@ from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
-from zmav.services.authority.authority import Authority, Rules
+from zmav.services.authority.authority import Authority
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
 from zmav.services.authority.may_move import SetpointCounts
@@ -142,7 +142,7 @@ class Onboard:
         self.params = Params(questions, port, identity, events)
         ftp = Ftp(port, identity)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(questions, port, ftp, Store(cache / fleet / name), prove)
+        self.files = Files(questions, port, ftp, Store(cache / fleet / name))
         self.event_texts = EventTexts(identity, commander, events, self.files)
         self.state = StateService(
             session, questions, port, instance, identity, settings.origin, signer, self.event_texts.against_arming
@@ -163,7 +163,6 @@ class Onboard:
             settings.separation,
             gate.is_vehicle if gate else keys.anything,
         )
-        rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
             session,
             port,
@@ -171,9 +170,11 @@ class Onboard:
             commander,
             events,
             bounds,
-            rules,
             counts,
             control,
+            origin=settings.origin,
+            failsafe=settings.failsafe,
+            pilot_switch=settings.pilot_switch,
             guard=self.presence.check,
             accept=self.preconditions.check,
             aside=self.separation.aside,

@@ -23,7 +23,6 @@ from zmav.wire.files import (
     LogGet,
     LogList,
     StoredFile,
-    Uploaded,
 )
 from zmav.wire.group import GroupMember, GroupStates
 from zmav.wire.history import History, HistoryEntry, HistoryQuery
@@ -168,7 +167,6 @@ __all__ = [
     "TakeLease",
     "Takeoff",
     "TunableInfo",
-    "Uploaded",
     "Vector",
     "VehicleState",
     "Wire",

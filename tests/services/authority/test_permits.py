@@ -131,7 +131,6 @@ def test_those_that_are_meant_are_among_them() -> None:
     asking = {name for _, name in ASKERS}
     assert asking >= {
         "Authority",
-        "Files",
         "FrameForwarder",
         "GcsTraffic",
         "Leases",

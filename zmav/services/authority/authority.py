@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Callable
 
-import msgspec
 import zenoh
 
 from zmav import wire
@@ -49,16 +48,8 @@ HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
 
 
-class Rules(msgspec.Struct, kw_only=True, frozen=True):
-    """What the fleet file says about it."""
-
-    origin: wire.Origin | None = None
-    failsafe: Failsafe = Failsafe()
-    pilot_switch: PilotSwitch | None = None
-
-
 class Authority:
-    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for rules that make no sense.
+    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for a bad failsafe.
 
     ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids), ``accept`` where the
     autopilot's parameters do not let it follow a setpoint. ``aside``: what to fly instead for a moment. ``sealed``:
@@ -73,10 +64,12 @@ class Authority:
         commander: Commander,
         events: Events,
         bounds: Bounds,
-        rules: Rules,
         counts: SetpointCounts,
         control: Control,
         *,
+        origin: wire.Origin | None,
+        failsafe: Failsafe,
+        pilot_switch: PilotSwitch | None,
         guard: MayMove[[]],
         accept: MayMove[[Autopilot, Target]],
         aside: Aside,
@@ -84,15 +77,15 @@ class Authority:
         param: Callable[[str], float | None],
     ) -> None:
         self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
-        self._failsafe, self._param, self.bounds = check_failsafe(rules.failsafe), param, bounds
+        self._failsafe, self._param, self.bounds = check_failsafe(failsafe), param, bounds
         self.control = control
-        self.pilot = Pilot(port, identity, commander, rules.pilot_switch, control)
+        self.pilot = Pilot(port, identity, commander, pilot_switch, control)
         self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=control.check_pilot)
         self.leader = PositionLeader(port, identity, control)
         self.watchdog = StreamWatchdog(
             port,
             events,
-            rules.failsafe,
+            failsafe,
             counts,
             control,
             allowed=self.pilot.allowed,
@@ -109,7 +102,7 @@ class Authority:
             self.watchdog,
             bounds,
             events,
-            rules.origin,
+            origin,
             counts,
             control,
             may_move=guard,
@@ -154,7 +147,7 @@ class Authority:
         self.pilot.close()
         self.leases.close()
 
-    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> None:
+    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None) -> None:
         """Raise where somebody may not give an order now. Nothing is changed by it.
 
         A clash of names or ids stops all that changes something, but nothing that makes safe: that reaches both of the
@@ -175,7 +168,7 @@ class Authority:
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
             self.control.check_pilot()
 
-    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> ActiveStream | None:
+    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None) -> ActiveStream | None:
         """Let an order begin that is allowed and can be done: what it takes the place of ends.
 
         Returns the stream that it ended, for :meth:`failed`.

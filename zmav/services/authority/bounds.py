@@ -116,7 +116,7 @@ class Bounds:
 
         def judge(fence: limit.Fence, limits: Limits) -> None:
             if place is not None:
-                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, flat=True)
+                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, None, flat=True)
             if fence.limits_height and not self._flat and not abs(raised) <= HOME_STEP:
                 where = "to where nobody knows yet" if math.isnan(raised) else f"by {raised:.1f} m"
                 text = f"it moves home's height {where} (at most {HOME_STEP:g} m), and all heights with it"

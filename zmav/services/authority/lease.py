@@ -89,7 +89,7 @@ class Leases:
 
     # The orders.
 
-    async def take(self, args: wire.TakeLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+    async def take(self, args: wire.TakeLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """Grant or renew; raises :class:`NotHolder` while another of the same or a higher priority holds it (a namesake
         without the token included), or when the lease to be renewed has ended or was given to another ``origin``.
         """
@@ -120,16 +120,14 @@ class Leases:
         granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
         return {**granted, **self._answer}
 
-    async def drop(self, args: wire.DropLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+    async def drop(self, args: wire.DropLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """The holder gives it back."""
         self.require(args.lease)
         self._check_origin(origin)
         self.end("released", f"{self._holder} gave the lease back")
         return {}
 
-    async def revoke(
-        self, args: wire.RevokeLease, report: object = None, origin: Origin | None = None
-    ) -> dict[str, Any]:
+    async def revoke(self, args: wire.RevokeLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """An operator ends anybody's lease; harmless where there is none."""
         held = self.holder
         if held is not None:
@@ -140,7 +138,7 @@ class Leases:
 
     # What others use.
 
-    def allow(self, token: str, origin: Origin | None = None) -> None:
+    def allow(self, token: str, origin: Origin | None) -> None:
         """Raise :class:`NotHolder` where somebody else commands, or ``token``'s lease has ended: who was given it does
         not go on as if nothing had been. With no lease given out, an order needs none.
         """
@@ -158,7 +156,7 @@ class Leases:
             raise self.refusal(token)
         self.renew()
 
-    def holds(self, token: str, origin: Origin | None = None) -> bool:
+    def holds(self, token: str, origin: Origin | None) -> bool:
         """``token`` is the lease in force and ``origin``'s, or none is."""
         return not self._token or (token == self._token and origin == self.origin)
 
