@@ -12,9 +12,10 @@ import zenoh
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Target
+from zmav.autopilots.base import mode_of
 from zmav.autopilots.safety import changes_mode
 from zmav.config import Failsafe, PilotSwitch, check_failsafe
-from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
+from zmav.errors import Forbidden, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.gcs_traffic import GcsTraffic, TakenByStation
@@ -217,7 +218,7 @@ class Authority:
     def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
         idle = not self.control.claimed(Mover.ORDER, Mover.TARGET)
-        if flown is not None and idle and self._identity.mode in (flown.mode, _hold_of(flown.autopilot)):
+        if flown is not None and idle and self._identity.mode in (flown.mode, mode_of(flown.autopilot.hold_mode)):
             self.watchdog.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> ActiveStream | None:
@@ -272,7 +273,9 @@ class Authority:
     def _to_autopilot(self) -> None:
         """The switch ends the stream, but the autopilot would wait for more of it for seconds: it is told to fly."""
         autopilot = self._identity.autopilot
-        if autopilot is not None and self._identity.armed and _follows_setpoints(autopilot, self._identity.mode):
+        if autopilot is None or not self._identity.armed or self._identity.mode is None:
+            return
+        if self._identity.mode == mode_of(lambda: autopilot.guided):
             switch = self.pilot.switch
             mode = (switch.mode if switch else None) or autopilot.loiter()
             self._handing = asyncio.get_running_loop().create_task(self._hand(mode))
@@ -329,13 +332,6 @@ class Authority:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
 
 
-def _follows_setpoints(autopilot: Autopilot, mode: str | None) -> bool:
-    try:
-        return mode == autopilot.guided
-    except Unsupported:
-        return False
-
-
 def _given(args: wire.Order, origin: Origin) -> float:
     """Monotonic seconds at which its giver first gave it. One that waited longer than anybody asks again was given by a
     clock that was set since: it counts from now.
@@ -350,14 +346,6 @@ def _moves_nothing(verb: Verb, args: wire.Order) -> bool:
         name = _named(args.command)
         return not (changes_mode(name) or name.startswith("MAV_CMD_GUIDED_CHANGE"))
     return verb.name in MOVING_NOTHING
-
-
-def _hold_of(autopilot: Autopilot) -> str | None:
-    """The mode in which it holds."""
-    try:
-        return autopilot.hold()[0]
-    except Unsupported:
-        return None
 
 
 def _named(command: str) -> str:

@@ -5,15 +5,13 @@ Nobody gives it back but an agent that asks for a lease again, and not while the
 
 from __future__ import annotations
 
-import contextlib
 import time
 from typing import NamedTuple
 
 from zmav.autopilots import Autopilot
-from zmav.autopilots.base import Fields
+from zmav.autopilots.base import Fields, mode_of
 from zmav.autopilots.safety import by_command, ends_in
 from zmav.config import PilotSwitch
-from zmav.errors import Unsupported
 from zmav.mavlink import Frame
 from zmav.services.authority.control import Control, Mover
 from zmav.services.link.heard import AutopilotMessages
@@ -113,7 +111,8 @@ class Pilot:
         """It disarms there by itself, or somebody ordered it."""
         if self._what in DISARMING and time.monotonic() < self._grace:
             return True
-        return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
+        autopilot = self._identity.autopilot
+        return autopilot is not None and mode is not None and mode in _landing_modes(autopilot)
 
     def _on_rc(self, fields: Fields, frame: Frame) -> None:
         switch = self.switch
@@ -131,9 +130,5 @@ class Pilot:
         self._port.bus.tell(TakenByPilot(text, by_switch))
 
 
-def _landing_modes(autopilot: Autopilot) -> set[str]:
-    modes = {"AUTO", "MISSION"}
-    for mode in (autopilot.land, autopilot.rtl):
-        with contextlib.suppress(Unsupported):
-            modes.add(mode())
-    return modes
+def _landing_modes(autopilot: Autopilot) -> set[str | None]:
+    return {"AUTO", "MISSION", mode_of(autopilot.land), mode_of(autopilot.rtl)}

@@ -14,6 +14,7 @@ from typing import Any
 
 from zmav import wire
 from zmav.autopilots import Command, Message
+from zmav.autopilots.base import mode_of
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
 from zmav.services.authority.bounds import Bounds
 from zmav.services.link.identity import Identity
@@ -170,14 +171,10 @@ class MissionFlight:
 
     def _leads_to(self, flight: _Flight) -> frozenset[str]:
         """Modes that the autopilot may enter by itself where the mission is: for its landing, or at its end."""
-        modes: set[str] = set()
-        with contextlib.suppress(Unsupported):
-            if flight.returning or flight.may_be_over:
-                modes.add(self._do.autopilot().rtl())
-        with contextlib.suppress(Unsupported):
-            if flight.landing and not flight.returning:
-                modes.add(self._do.autopilot().land())
-        return frozenset(modes)
+        autopilot = self._do.autopilot()
+        home = mode_of(autopilot.rtl) if flight.returning or flight.may_be_over else None
+        down = mode_of(autopilot.land) if flight.landing and not flight.returning else None
+        return frozenset(mode for mode in (home, down) if mode is not None)
 
 
 class _Flight:
