@@ -136,14 +136,6 @@ class Separation(Table, frozen=True):
     """The last resort against a collision (:mod:`zmav.services.authority.separation`): all of a fleet, or none."""
 
     on: bool = False
-    share: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75
-    """of the sum of two vehicles' radii, below which they move aside: less than a planner keeps"""
-    downwash: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.5
-    """so many metres of height count as one over the ground"""
-    floor: float = 3.0
-    """m above home: nobody is sent lower"""
-    far: Positive = 3.0
-    """m from what it was told to be at, from which on a vehicle is taken to be on its way there"""
 
 
 class Rights(Table, frozen=True):

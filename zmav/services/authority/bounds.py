@@ -15,11 +15,11 @@ from zmav.autopilots import Autopilot, Command, Target
 from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
-from zmav.mavlink import decode
 from zmav.services.authority import limits as limit
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.identity import Identity
 from zmav.services.link.port import Port
+from zmav.services.link.reported import fields_of
 from zmav.services.missions.items import Raw
 
 FRESH = 2.0
@@ -178,9 +178,7 @@ class Bounds:
         return None if self._origin is None or self._declared.limits_height else self._origin.alt_amsl
 
     def _position(self) -> Mapping[str, Any] | None:
-        source = self._identity.source
-        heard = self._port.latest("GLOBAL_POSITION_INT", source) if source else None
-        return decode(heard.frame, self._port.dialect) if heard and heard.age < FRESH else None
+        return fields_of(self._port, "GLOBAL_POSITION_INT", self._identity.source, FRESH)
 
 
 def _origin_at(position: Mapping[str, Any]) -> wire.Origin | None:

@@ -21,13 +21,12 @@ from zmav import wire
 from zmav.autopilots import Autopilot, Command, Level, Message, Target
 from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
-from zmav.mavlink import decode
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.stream import ActiveStream, Pace, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
-from zmav.services.link.reported import ReportedMode, in_the_air, shown
+from zmav.services.link.reported import ReportedMode, fields_of, in_the_air, shown
 from zmav.services.status.events import Events
 
 ASK_EVERY = 1.0
@@ -369,11 +368,8 @@ class StreamWatchdog:
             in_mode = self._shown().mode == flown.autopilot.hold()[0]
         except ZmavError:
             return True
-        heard = self._port.latest("GLOBAL_POSITION_INT", flown.source)
-        if heard is None:
-            return in_mode
-        p = decode(heard.frame, self._port.dialect)
-        return in_mode and math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL
+        p = fields_of(self._port, "GLOBAL_POSITION_INT", flown.source)
+        return in_mode and (p is None or math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL)
 
     def _act(self, flown: ActiveStream, now: float) -> None:
         """Enter the mode of the first action that the autopilot takes; nothing else is left to try: keep the hold."""
