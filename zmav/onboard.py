@@ -32,6 +32,7 @@ from zmav.services.authority.order_permit import Judge, OrderPermit
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
+from zmav.services.companion import Companion
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
@@ -132,47 +133,34 @@ class Onboard:
         self.events = events = Events(session, fleet, name, signer)
         self.identity = identity = Identity(port, events, settings.sysid)
         self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer, bus)
-        self.timesync = TimeSync(port, identity, events)
-        self.messages = Messages(questions, port, identity, self.timesync)
-        self.body = BodyService(questions, port, identity, settings.body)
-        self.quality = Quality(session, questions, port, identity, self.timesync)
-        self.rates = Rates(session, questions, port, identity, events)
+        self.companion = companion = Companion(session, questions, port, identity, events, settings.origin)
+        self.timesync = TimeSync(companion)
+        self.messages = Messages(companion, self.timesync)
+        self.body = BodyService(companion, settings.body)
+        self.quality = Quality(companion, self.timesync)
+        self.rates = Rates(companion)
         control = Control(name)
-        self.commander = commander = Commander(port, identity, events, control)
-        self.params = Params(questions, port, identity, events)
-        ftp = Ftp(port, identity)
+        self.commander = commander = Commander(companion, control)
+        self.params = Params(companion)
+        ftp = Ftp(companion)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(questions, port, ftp, Store(cache / fleet / name))
-        self.event_texts = EventTexts(identity, commander, events, self.files)
-        self.state = StateService(
-            session, questions, port, instance, identity, settings.origin, signer, self.event_texts.against_arming
-        )
+        self.files = Files(companion, ftp, Store(cache / fleet / name))
+        self.event_texts = EventTexts(companion, commander, self.files)
+        self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
-        self.logs = Logs(port, identity, ftp, self.files)
-        bounds = Bounds(port, identity, settings.origin, settings.geofence, settings.limits)
+        self.logs = Logs(companion, ftp, self.files)
+        bounds = Bounds(companion, settings.geofence, settings.limits)
         counts = SetpointCounts()
-        self.preconditions = ParamPreconditions(port, self.params, identity, events, counts)
+        self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
-            session,
-            port,
-            identity,
-            bounds,
-            events,
-            settings.origin,
-            lambda: self.body.body,
-            settings.separation,
-            gate.is_vehicle if gate else keys.anything,
+            companion, bounds, lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything
         )
         self.authority = Authority(
-            session,
-            port,
-            identity,
+            companion,
             commander,
-            events,
             bounds,
             counts,
             control,
-            origin=settings.origin,
             failsafe=settings.failsafe,
             pilot_switch=settings.pilot_switch,
             guard=self.presence.check,
@@ -189,11 +177,10 @@ class Onboard:
             may_send=self.authority.gcs_traffic.admit,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )
-        self.payload = Payload(port, commander, bounds)
-        self.missions = Missions(questions, port, identity, commander, events, bounds)
+        self.payload = Payload(companion, commander, bounds)
+        self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
-            port,
-            identity,
+            companion,
             self.state,
             commander,
             bounds,
@@ -202,7 +189,7 @@ class Onboard:
             param=self.params.value,
             rally=self.missions.rally,
         )
-        self.mission_flight = MissionFlight(port, identity, commander, self.missions, bounds)
+        self.mission_flight = MissionFlight(companion, commander, self.missions, bounds)
         judges: dict[str, Judge] = {
             "takeoff": self.flight.judge_takeoff,
             "goto": self.flight.judge_place,

@@ -8,8 +8,6 @@ import math
 import time
 from collections.abc import Callable
 
-import zenoh
-
 from zmav import wire
 from zmav.autopilots import Autopilot, Target
 from zmav.autopilots.base import mode_of
@@ -26,10 +24,9 @@ from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
 from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
-from zmav.services.status.events import Events
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
@@ -59,16 +56,12 @@ class Authority:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
-        events: Events,
         bounds: Bounds,
         counts: SetpointCounts,
         control: Control,
         *,
-        origin: wire.Origin | None,
         failsafe: Failsafe,
         pilot_switch: PilotSwitch | None,
         guard: MayMove[[]],
@@ -77,40 +70,37 @@ class Authority:
         sealed: bool,
         param: Callable[[str], float | None],
     ) -> None:
-        self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
+        self._identity, self._events = companion.identity, companion.events
+        self._commander, self._guard = commander, guard
         self._failsafe, self._param, self.bounds = check_failsafe(failsafe), param, bounds
         self.control = control
-        self.pilot = Pilot(port, identity, commander, pilot_switch, control)
-        self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=control.check_pilot)
-        self.leader = PositionLeader(port, identity, control)
-        self.watchdog = StreamWatchdog(
-            port,
-            events,
-            failsafe,
-            counts,
-            control,
-            allowed=self.pilot.allowed,
-            near=self.leader.near,
-            aside=aside,
+        self.pilot = Pilot(companion, commander, pilot_switch, control)
+        self.leases = Leases(
+            companion.session,
+            companion.port.fleet,
+            companion.port.name,
+            companion.events,
+            companion.port.bus,
+            may_take=control.check_pilot,
         )
-        self.gcs_traffic = GcsTraffic(port, identity, self.leases, guard)
+        self.leader = PositionLeader(companion, control)
+        self.watchdog = StreamWatchdog(
+            companion, failsafe, counts, control, allowed=self.pilot.allowed, near=self.leader.near, aside=aside
+        )
+        self.gcs_traffic = GcsTraffic(companion, self.leases, guard)
         self.setpoints = Setpoints(
-            session,
-            port,
-            identity,
+            companion,
             self.leases,
             self.pilot,
             self.watchdog,
             bounds,
-            events,
-            origin,
             counts,
             control,
             may_move=guard,
             accept=accept,
             sealed=sealed,
         )
-        self._bus = port.bus
+        self._bus = companion.port.bus
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
         self._safe_given: dict[Origin, float] = {}

@@ -17,8 +17,7 @@ from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
 from zmav.services.authority import limits as limit
 from zmav.services.authority.trajectory import Segment
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.reported import fields_of
 from zmav.services.missions.items import Raw
 
@@ -39,14 +38,13 @@ class Bounds:
     :class:`~zmav.errors.BadConfig`.
     """
 
-    def __init__(
-        self, port: Port, identity: Identity, origin: wire.Origin | None, fence: Geofence, limits: Limits
-    ) -> None:
-        self._port, self._identity, self._origin, self._fence = port, identity, origin, fence
-        self._declared = limit.Fence(fence, origin, ground=False)
+    def __init__(self, companion: Companion, fence: Geofence, limits: Limits) -> None:
+        self._port, self._identity, self._origin = companion.port, companion.identity, companion.origin
+        self._fence = fence
+        self._declared = limit.Fence(fence, companion.origin, ground=False)
         self._limits, self._usual_limits = limits, usual_limits(limits)
-        self._about_home = origin is None and not fence.polygon
-        self._usual = None if self._about_home else limit.Fence(usual_fence(fence), origin, ground=True)
+        self._about_home = companion.origin is None and not fence.polygon
+        self._usual = None if self._about_home else limit.Fence(usual_fence(fence), companion.origin, ground=True)
         self._armed = False
 
     def changed(self) -> None:

@@ -19,8 +19,7 @@ from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.reported import fields_of
 
 AHEAD_M = 15.0
@@ -73,8 +72,8 @@ class PositionLeader:
     ``control`` is asked before each target.
     """
 
-    def __init__(self, port: Port, identity: Identity, control: Control) -> None:
-        self._port, self._identity, self._control = port, identity, control
+    def __init__(self, companion: Companion, control: Control) -> None:
+        self._port, self._identity, self._control = companion.port, companion.identity, control
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:

@@ -14,9 +14,8 @@ from zmav.autopilots.safety import by_command, ends_in
 from zmav.config import PilotSwitch
 from zmav.mavlink import Frame
 from zmav.services.authority.control import Control, Mover
+from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
 from zmav.services.orders.command import Commander
 
 GRACE = 3.0
@@ -40,18 +39,17 @@ class Pilot:
 
     def __init__(
         self,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
         switch: PilotSwitch | None,
         control: Control,
     ) -> None:
-        self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
+        self._port, self._identity, self._commander, self.switch = companion.port, companion.identity, commander, switch
         self._control = control
         self._mode: str | None = None
         self._armed = False
         self._what, self._grace = "", 0.0
-        self._rc = AutopilotMessages(port, identity, {"RC_CHANNELS": self._on_rc} if switch else {})
+        self._rc = AutopilotMessages(companion, {"RC_CHANNELS": self._on_rc} if switch else {})
 
     @property
     def needs(self) -> dict[str, float]:

@@ -13,12 +13,11 @@ from zmav.errors import Refused, Unsupported
 from zmav.mavlink import Frame
 from zmav.mavlink.results import CommandResult
 from zmav.services.authority.may_move import SetpointCounts
+from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, is_ours
+from zmav.services.link.port import is_ours
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.params.params import Params
-from zmav.services.status.events import Events
 
 COMMANDS = ("MAV_CMD_DO_SET_SERVO", "MAV_CMD_DO_SET_ACTUATOR", "MAV_CMD_DO_REPOSITION")
 ANSWER_WITHIN = 1.0
@@ -34,13 +33,14 @@ class ParamPreconditions:
     ``counts`` gets each setpoint that the autopilot refuses.
     """
 
-    def __init__(self, port: Port, params: Params, identity: Identity, events: Events, counts: SetpointCounts) -> None:
-        self._port, self._params, self._identity, self._events, self._counts = port, params, identity, events, counts
-        self._numbers = {port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
+    def __init__(self, companion: Companion, params: Params, counts: SetpointCounts) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self._params, self._counts = params, counts
+        self._numbers = {companion.port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
         self._said: set[Need] = set()
         self._level: Level | None = None
         self._at = 0.0
-        self._acks = AutopilotMessages(port, identity, {"COMMAND_ACK": self._on_ack})
+        self._acks = AutopilotMessages(companion, {"COMMAND_ACK": self._on_ack})
 
     def start(self) -> None:
         self._acks.start()

@@ -24,10 +24,8 @@ from zmav.mavlink import decode
 from zmav.services.authority import avoidance
 from zmav.services.authority.avoidance import STEP, STEPS, Motion, Other, Track
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.queries.intake import Intake
-from zmav.services.status.events import Events
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
@@ -69,18 +67,15 @@ class Separation:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         bounds: Bounds,
-        events: Events,
-        origin: wire.Origin | None,
         body: Callable[[], wire.swarm.Body],
         settings: Settings,
         is_vehicle: keys.IsVehicle,
     ) -> None:
-        self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
-        self._events, self._origin, self._body, self._on = events, origin, body, settings.on
+        self._session, self._port, self._identity = companion.session, companion.port, companion.identity
+        self._bounds = bounds
+        self._events, self._origin, self._body, self._on = companion.events, companion.origin, body, settings.on
         self._is_vehicle = is_vehicle
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}

@@ -25,9 +25,8 @@ from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.stream import ActiveStream, Pace, future
 from zmav.services.authority.trajectory import Segment
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.reported import ReportedMode, fields_of, in_the_air, shown
-from zmav.services.status.events import Events
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
@@ -87,8 +86,7 @@ class StreamWatchdog:
 
     def __init__(
         self,
-        port: Port,
-        events: Events,
+        companion: Companion,
         failsafe: Failsafe,
         counts: SetpointCounts,
         control: Control,
@@ -97,7 +95,7 @@ class StreamWatchdog:
         near: Near,
         aside: Aside,
     ) -> None:
-        self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
+        self._port, self._events, self.failsafe, self._counts = companion.port, companion.events, failsafe, counts
         self._allowed, self._near, self._aside, self._control = allowed, near, aside, control
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
@@ -120,7 +118,7 @@ class StreamWatchdog:
         self.rounds = 0
         """of its thread so far"""
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name=f"watchdog {port.name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"watchdog {companion.port.name}", daemon=True)
 
     def start(self) -> None:
         self._thread.start()

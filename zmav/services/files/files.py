@@ -17,11 +17,11 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.store import Meta, Part, Store
-from zmav.services.link.port import Port
 from zmav.services.orders.orders import Handler, Report
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.queries.questions import Reply
 from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
 
 T = TypeVar("T")
@@ -31,11 +31,11 @@ ATTEMPTS = 2
 class Files:
     """Orders ``file_*``, on the event loop, and the keys ``file/**``, in the lane of questions."""
 
-    def __init__(self, questions: Questions, port: Port, ftp: Ftp, store: Store) -> None:
-        self._port = port
-        key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
-        questions.declare(keys.FILE.key(**key), self._on_info)
-        questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
+    def __init__(self, companion: Companion, ftp: Ftp, store: Store) -> None:
+        self._port = companion.port
+        key = {"fleet": companion.port.fleet, "vehicle": companion.port.name, "file": "*"}
+        companion.questions.declare(keys.FILE.key(**key), self._on_info)
+        companion.questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
         self.ftp, self.store = ftp, store
         self._under_way: asyncio.Task[Any] | None = None
 

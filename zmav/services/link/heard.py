@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from zmav.mavlink import Frame, decode
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 
 Handler = Callable[[Mapping[str, Any], Frame], object]
 
@@ -18,8 +18,8 @@ class AutopilotMessages:
     the vehicle's autopilot itself sends, from :meth:`start` to :meth:`close`. What the dialect lacks never comes.
     """
 
-    def __init__(self, port: Port, identity: Identity, handlers: Mapping[str, Handler]) -> None:
-        self._port, self._identity, self._handlers = port, identity, handlers
+    def __init__(self, companion: Companion, handlers: Mapping[str, Handler]) -> None:
+        self._port, self._identity, self._handlers = companion.port, companion.identity, handlers
         self._stops: list[Callable[[], None]] = []
 
     def start(self) -> None:

@@ -15,11 +15,10 @@ from typing import NamedTuple
 from zmav import wire
 from zmav.autopilots.base import Fields
 from zmav.mavlink import Frame, decode
+from zmav.services.companion import Companion
 from zmav.services.link.clock import Clock
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
-from zmav.services.status.events import Events
+from zmav.services.link.port import on_loop
 
 SETTLED_EVERY = 1.0
 """s between questions; while answers come and the clock has not settled, every tick asks"""
@@ -37,8 +36,8 @@ class AutopilotRestarted(NamedTuple):
 class TimeSync:
     """Asks, measures round trips, feeds the clock. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events) -> None:
-        self._port, self._identity, self._events = port, identity, events
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.clock = Clock()
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
@@ -49,7 +48,7 @@ class TimeSync:
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
         self._rtts: list[float] = []
         self._stop: Callable[[], None] | None = None
-        self._system_time = AutopilotMessages(port, identity, {"SYSTEM_TIME": self._on_system_time})
+        self._system_time = AutopilotMessages(companion, {"SYSTEM_TIME": self._on_system_time})
 
     def start(self) -> None:
         answered = on_loop(asyncio.get_running_loop(), self._on_timesync)

@@ -17,8 +17,7 @@ from zmav.autopilots import Command, Message
 from zmav.autopilots.base import mode_of
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.missions.items import Raw, ends_at
 from zmav.services.missions.missions import Missions
 from zmav.services.orders.command import Commander
@@ -40,10 +39,8 @@ FLIES = ("MAV_CMD_MISSION_START", "MAV_CMD_DO_LAND_START")
 class MissionFlight:
     """Handlers of ``mission_start`` and ``mission_current``. Lives on the event loop."""
 
-    def __init__(
-        self, port: Port, identity: Identity, commander: Commander, missions: Missions, bounds: Bounds
-    ) -> None:
-        self._port, self._identity, self._do = port, identity, commander
+    def __init__(self, companion: Companion, commander: Commander, missions: Missions, bounds: Bounds) -> None:
+        self._port, self._identity, self._do = companion.port, companion.identity, commander
         self._missions, self._bounds = missions, bounds
 
     async def start(self, args: wire.MissionStart, report: Report) -> dict[str, Any]:

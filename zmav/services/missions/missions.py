@@ -23,16 +23,14 @@ from zmav.autopilots.base import Fields
 from zmav.errors import BadInput, Stale, ZmavError
 from zmav.mavlink import Frame
 from zmav.services.authority.bounds import Bounds
+from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.missions.replace import Failed, Phase, Replacer
 from zmav.services.missions.transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
-from zmav.services.queries.questions import Questions, Reply
-from zmav.services.status.events import Events
+from zmav.services.queries.questions import Reply
 from zmav.waiting import within
 from zmav.wire import MissionKind
 
@@ -78,16 +76,14 @@ class Missions:
 
     def __init__(
         self,
-        questions: Questions,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
-        events: Events,
         bounds: Bounds,
         pace: Pace | None = None,
     ) -> None:
-        self._questions, self._port, self._identity, self._bounds = questions, port, identity, bounds
-        self._do, self._events, self.pace = commander, events, pace or Pace()
+        self._questions, self._port, self._identity = companion.questions, companion.port, companion.identity
+        self._bounds = bounds
+        self._do, self._events, self.pace = commander, companion.events, pace or Pace()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
         self._lock = asyncio.Lock()
@@ -104,7 +100,7 @@ class Missions:
             "MISSION_COUNT": self._on_others,
             "HEARTBEAT": self._on_heartbeat,
         }
-        self._heard = AutopilotMessages(port, identity, handlers)
+        self._heard = AutopilotMessages(companion, handlers)
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()

@@ -21,17 +21,14 @@ from zmav.autopilots.base import Fields
 from zmav.errors import BadInput, LinkDown, Stale, TimedOut, ZmavError
 from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
+from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
 from zmav.services.link.timesync import AutopilotRestarted
 from zmav.services.orders.orders import Report
 from zmav.services.params.fill import ParamFill
 from zmav.services.params.query import ParamQueries, unknown
 from zmav.services.params.requests import ParamTalk
 from zmav.services.params.values import Entry, ParamSet, is_name
-from zmav.services.queries.questions import Questions
-from zmav.services.status.events import Events
 from zmav.waiting import together
 
 BEGIN_AFTER = 1.0
@@ -48,11 +45,11 @@ LOADED_AT_ONCE = 4
 class Params:
     """The parameters of the vehicle's autopilot. Lives on the event loop; ``tick`` is called a few times a second."""
 
-    def __init__(self, questions: Questions, port: Port, identity: Identity, events: Events) -> None:
-        self._port, self._identity, self._events = port, identity, events
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.known = ParamSet()
-        self.talk = ParamTalk(port, identity, events, self.known)
-        self._queries = ParamQueries(questions, port, self.known, self.talk, self.table, self.find)
+        self.talk = ParamTalk(companion, self.known)
+        self._queries = ParamQueries(companion, self.known, self.talk, self.table, self.find)
         self._loader = ParamLoader(self.talk)
         self._who: tuple[Any, ...] | None = None
         self._told: dict[str, str | None] = {"uid": None, "firmware": None}
@@ -62,7 +59,7 @@ class Params:
         """monotonic seconds: no background reading before"""
         self._retry = RETRY[0]
         self._restarts = 0
-        self._version = AutopilotMessages(port, identity, {"AUTOPILOT_VERSION": self._on_version})
+        self._version = AutopilotMessages(companion, {"AUTOPILOT_VERSION": self._on_version})
 
     def start(self) -> None:
         self.talk.start()

@@ -15,12 +15,11 @@ from zmav.autopilots.base import Fields
 from zmav.errors import Refused, Stale, TimedOut
 from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
+from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, is_ours
+from zmav.services.link.port import is_ours
 from zmav.services.link.roundtrip import RoundTrip
 from zmav.services.params.values import Entry, ParamSet, ParamValue
-from zmav.services.status.events import Events
 from zmav.waiting import within
 
 READ_TRIES = 4
@@ -64,12 +63,11 @@ class Inbox:
 class ParamTalk:
     """Hears the autopilot's PARAM_VALUEs into ``params`` and asks it questions. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events, params: ParamSet) -> None:
-        self._port, self._identity, self._events, self.params = port, identity, events, params
+    def __init__(self, companion: Companion, params: ParamSet) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self.params = params
         self._inboxes: set[Inbox] = set()
-        self._answers = AutopilotMessages(
-            port, identity, {"PARAM_VALUE": self._on_value, "PARAM_ERROR": self._on_error}
-        )
+        self._answers = AutopilotMessages(companion, {"PARAM_VALUE": self._on_value, "PARAM_ERROR": self._on_error})
         self._setting: dict[str, asyncio.Lock] = {}
         self.encoding = ParamEncoding.C_CAST
         self.pace = RoundTrip()

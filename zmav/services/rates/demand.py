@@ -24,7 +24,8 @@ import zenoh
 
 from zmav import keys
 from zmav.mavlink import Dialect
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 
 PLAIN_HZ = 4.0
 """the rate a subscriber without a token is taken to want"""
@@ -73,8 +74,8 @@ class Demand(NamedTuple):
 class Demands:
     """The readers of one vehicle's messages. Lives on the event loop; ``plan`` is called on a change."""
 
-    def __init__(self, session: zenoh.Session, port: Port, plan: Callable[[], None]) -> None:
-        self._session, self._port, self._plan = session, port, plan
+    def __init__(self, companion: Companion, plan: Callable[[], None]) -> None:
+        self._session, self._port, self._plan = companion.session, companion.port, plan
         self.junk = 0
         self._tokens: dict[str, dict[str, Demand]] = {}
         """by message, and by the token's key"""

@@ -19,14 +19,13 @@ import zenoh
 from zmav import keys, wire
 from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
-from zmav.services.link.identity import Identity
+from zmav.services.companion import Companion
 from zmav.services.link.port import Inbox, Port, is_ours
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.queries.questions import Reply
 from zmav.services.rates.demand import Demands
 from zmav.services.rates.meter import WINDOW, Measured, Meter
 from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
 from zmav.services.rates.standing import RequestedRate, rows
-from zmav.services.status.events import Events
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
@@ -48,23 +47,21 @@ SLOWER_FROM = 20.0
 class Rates:
     """Keeps one autopilot sending what is read. Lives on the event loop."""
 
-    def __init__(
-        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
-    ) -> None:
-        self._port, self._identity, self._events = port, identity, events
-        self.meter, self.demands = Meter(port), Demands(session, port, self.plan)
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
         self.needs: dict[str, float] = {}
         """what else the companion reads, in Hz: the pilot's switch"""
-        self._shedder = Shedder(port.dialect)
+        self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
         self._of: tuple[int, int] | None = None
         self._was_connected, self._back_at = False, 0.0
         self._shed: set[str] = set()
-        self._key = keys.RATES.key(port.fleet, port.name)
+        self._key = keys.RATES.key(companion.port.fleet, companion.port.name)
         self._wake = asyncio.Event()
         self._worker: asyncio.Task[None] | None = None
-        questions.declare(self._key, self._answer)
+        companion.questions.declare(self._key, self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         yield Reply(self._key, wire.encode(self.table()), keys.RATES.encoding)

@@ -14,8 +14,7 @@ from zmav.config import BodyConfig, body_of
 from zmav.errors import BadInput
 from zmav.host import report
 from zmav.mavlink import describe
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.timesync import TimeSync
 from zmav.services.queries.questions import Questions, Reply
 
@@ -25,9 +24,9 @@ KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 class Messages:
     """Answers in the lane of questions; the autopilot's message is preferred to another component's."""
 
-    def __init__(self, questions: Questions, port: Port, identity: Identity, timesync: TimeSync) -> None:
-        self._port, self._identity, self._timesync = port, identity, timesync
-        questions.declare(keys.MSG.key(port.fleet, port.name, msg="*"), self._answer)
+    def __init__(self, companion: Companion, timesync: TimeSync) -> None:
+        self._port, self._identity, self._timesync = companion.port, companion.identity, timesync
+        companion.questions.declare(keys.MSG.key(companion.port.fleet, companion.port.name, msg="*"), self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         asked = str(query.key_expr)
@@ -77,10 +76,10 @@ class Messages:
 class BodyService:
     """Answers in the lane of questions."""
 
-    def __init__(self, questions: Questions, port: Port, identity: Identity, declared: BodyConfig | None) -> None:
-        self._identity, self._declared = identity, declared
-        self._key = keys.BODY.key(port.fleet, port.name)
-        questions.declare(self._key, self._answer)
+    def __init__(self, companion: Companion, declared: BodyConfig | None) -> None:
+        self._identity, self._declared = companion.identity, declared
+        self._key = keys.BODY.key(companion.port.fleet, companion.port.name)
+        companion.questions.declare(self._key, self._answer)
 
     @property
     def body(self) -> wire.swarm.Body:

@@ -16,10 +16,10 @@ from zmav.autopilots import Autopilot
 from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
 from zmav.mavlink.event import Event
 from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
+from zmav.services.companion import Companion
 from zmav.services.files.files import Files
-from zmav.services.link.identity import Identity
 from zmav.services.orders.command import Commander
-from zmav.services.status.events import Events, EventText
+from zmav.services.status.events import EventText
 
 EVERY = 1.0
 AGAIN, ATTEMPTS = 30.0, 3
@@ -79,8 +79,8 @@ class Checks:
 class EventTexts:
     """Has ``events`` say EVENTs in words, once their file has come. Lives on the event loop."""
 
-    def __init__(self, identity: Identity, commander: Commander, events: Events, files: Files) -> None:
-        self._identity, self._do, self._events, self._files = identity, commander, events, files
+    def __init__(self, companion: Companion, commander: Commander, files: Files) -> None:
+        self._identity, self._do, self._events, self._files = companion.identity, commander, companion.events, files
         self.words: EventWords | None = None
         self.checks = Checks()
         self._of: tuple[Any, ...] | None = None
@@ -90,7 +90,7 @@ class EventTexts:
         self._attempts, self._again = 0, 0.0
         self._asks, self._asked = 0, 0.0
         self._task: asyncio.Task[None] | None = None
-        events.told = self._told
+        companion.events.told = self._told
 
     def start(self) -> None:
         self._task = asyncio.get_running_loop().create_task(self._work())
