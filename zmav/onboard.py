@@ -29,6 +29,7 @@ from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.order_permit import Judge, OrderPermit
+from zmav.services.authority.pilot import NEEDS
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
@@ -132,13 +133,13 @@ class Onboard:
             port.speak_as(settings.sysid)  # until it is heard, too
         self.events = events = Events(session, fleet, name, signer)
         self.identity = identity = Identity(port, events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer, bus)
         self.companion = companion = Companion(session, questions, port, identity, events, settings.origin)
+        self.presence = Presence(companion, instance, gate, signer)
         self.timesync = TimeSync(companion)
         self.messages = Messages(companion, self.timesync)
         self.body = BodyService(companion, settings.body)
         self.quality = Quality(companion, self.timesync)
-        self.rates = Rates(companion)
+        self.rates = Rates(companion, NEEDS if settings.pilot_switch else {})
         control = Control(name)
         self.commander = commander = Commander(companion, control)
         self.params = Params(companion)
@@ -170,7 +171,6 @@ class Onboard:
             param=self.params.value,
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
-        self.rates.needs.update(self.authority.pilot.needs)
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
@@ -299,7 +299,7 @@ class Onboard:
         self._listen()
         self.state.extras.append(self._add_to_state)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
-        adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
+        adapter.listen("EVENT", on_loop(loop, self._on_words(self.event_texts.numbered)))
         async with contextlib.AsyncExitStack() as stack:
             for service in self._services:
                 if isinstance(service, Starts) and not isinstance(service, Adapter):

@@ -109,7 +109,7 @@ class ArduPilot(Autopilot):
         return self.guided if mode in self.rules.unarmable else None
 
     def rtl(self) -> str:
-        return "RTL" if "RTL" in self._modes else "SURFACE"
+        return "RTL"
 
     def loiter(self) -> str:
         return self.rules.loiter

@@ -73,11 +73,6 @@ def position_only(target: Target) -> list[Action]:
     return [position_target(_place(target))]
 
 
-def velocity_only(target: Target) -> list[Action]:
-    """A velocity without an acceleration beside it."""
-    return [position_target(Target(vel=target.vel, yaw=target.yaw, yaw_rate=target.yaw_rate))]
-
-
 def _place(target: Target, vel: tuple[float, float, float] | None = None) -> Target:
     return Target(
         target.lat_deg,

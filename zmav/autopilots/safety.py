@@ -190,7 +190,7 @@ def flies_on(autopilot: Autopilot) -> bool:
 
     A plane is given a point to circle, and PX4 leaves OFFBOARD by itself.
     """
-    return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat", "sub")
+    return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat")
 
 
 _ANY: dict[str, tuple[str, ...]] = {

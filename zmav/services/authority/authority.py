@@ -75,14 +75,7 @@ class Authority:
         self._failsafe, self._param, self.bounds = check_failsafe(failsafe), param, bounds
         self.control = control
         self.pilot = Pilot(companion, commander, pilot_switch, control)
-        self.leases = Leases(
-            companion.session,
-            companion.port.fleet,
-            companion.port.name,
-            companion.events,
-            companion.port.bus,
-            may_take=control.check_pilot,
-        )
+        self.leases = Leases(companion, may_take=control.check_pilot)
         self.leader = PositionLeader(companion, control)
         self.watchdog = StreamWatchdog(
             companion, failsafe, counts, control, allowed=self.pilot.allowed, near=self.leader.near, aside=aside

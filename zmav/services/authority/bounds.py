@@ -139,9 +139,8 @@ class Bounds:
 
     @property
     def _flat(self) -> bool:
-        """Its heights are nobody's choice, or lie under home by its nature."""
-        autopilot = self._identity.autopilot
-        return autopilot is not None and (autopilot.on_surface or autopilot.kind == "sub")
+        """Its heights are nobody's choice."""
+        return self._identity.autopilot is not None and self._identity.autopilot.on_surface
 
     def _permit(
         self,

@@ -12,11 +12,10 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.bus import Bus
 from zmav.errors import BadInput, NotHolder
 from zmav.services.authority.may_move import MayMove
+from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
-from zmav.services.status.events import Events
 from zmav.trust.gate import Origin
 from zmav.trust.seal import Exchange
 
@@ -39,24 +38,15 @@ def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
 class Leases:
     """A vehicle's lease. Lives on the event loop.
 
-    ``may_take()`` raises while nobody may have one (the pilot's switch); ``bus`` is told the
+    ``may_take()`` raises while nobody may have one (the pilot's switch); the port's bus is told the
     :class:`~zmav.wire.LeaseEnd` of each, on the event loop.
     Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the setpoints
     under it.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        fleet: str,
-        vehicle: str,
-        events: Events,
-        bus: Bus,
-        *,
-        may_take: MayMove[[]],
-    ) -> None:
-        self._session, self._fleet, self.vehicle, self._events = session, fleet, vehicle, events
-        self._may_take, self._bus = may_take, bus
+    def __init__(self, companion: Companion, *, may_take: MayMove[[]]) -> None:
+        self._session, self._events, self._bus = companion.session, companion.events, companion.port.bus
+        self._fleet, self.vehicle, self._may_take = companion.port.fleet, companion.port.name, may_take
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""

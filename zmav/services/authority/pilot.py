@@ -18,6 +18,8 @@ from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
 from zmav.services.orders.command import Commander
 
+NEEDS = {"RC_CHANNELS": 10.0}
+"""what must flow for his switch, in Hz"""
 GRACE = 3.0
 """s after an order in which its command may still change the mode or disarm"""
 DISARMING = ("disarm", "MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE")
@@ -50,11 +52,6 @@ class Pilot:
         self._armed = False
         self._what, self._grace = "", 0.0
         self._rc = AutopilotMessages(companion, {"RC_CHANNELS": self._on_rc} if switch else {})
-
-    @property
-    def needs(self) -> dict[str, float]:
-        """Messages that must always flow, and their rate in Hz."""
-        return {"RC_CHANNELS": 10.0} if self.switch else {}
 
     def start(self) -> None:
         self._rc.start()

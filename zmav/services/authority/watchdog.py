@@ -171,11 +171,6 @@ class StreamWatchdog:
             self._wake(min(due, self._due) if step is Step.ENGAGING is self._step else due)
             return mode == flown.mode
 
-    def wait_until_idle(self, timeout: float) -> bool:
-        """Block until nothing is flown; False after ``timeout`` seconds."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._step is Step.IDLE, timeout)
-
     def future(self) -> Callable[[float], Target] | None:
         """What it flies so many seconds from now; None where nothing is flown."""
         flown = self._flown

@@ -34,7 +34,7 @@ class Job(NamedTuple):
 
 
 @dataclass
-class Flight:
+class PendingJob:
     """A job that has been sent, and not been answered yet."""
 
     job: Job
@@ -125,12 +125,12 @@ class Talk:
         """Requests for all ``jobs``, several in flight; ``done(job, answer)`` for each. Raises :class:`TimedOut`, and
         what ``done`` raises.
         """
-        flying: list[Flight] = []
-        by_seq: dict[int, Flight] = {}
+        flying: list[PendingJob] = []
+        by_seq: dict[int, PendingJob] = {}
         heard = time.monotonic()
         while True:
             while len(flying) < IN_FLIGHT and (job := next(jobs, None)) is not None:
-                flying.append(Flight(job))
+                flying.append(PendingJob(job))
                 self._launch(op, flying[-1], by_seq)
             if not flying:
                 return
@@ -151,7 +151,7 @@ class Talk:
                 by_seq.pop(seq, None)
             done(flight.job, answer)
 
-    def _launch(self, op: Op, flight: Flight, by_seq: dict[int, Flight]) -> None:
+    def _launch(self, op: Op, flight: PendingJob, by_seq: dict[int, PendingJob]) -> None:
         """Send it, again with a number of its own: its place in the file says what it is."""
         offset, size, data = flight.job
         seq = self.send(op, data, offset=offset, size=size)

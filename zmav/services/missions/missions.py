@@ -26,7 +26,7 @@ from zmav.services.authority.bounds import Bounds
 from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
-from zmav.services.missions.replace import Failed, Phase, Replacer
+from zmav.services.missions.replace import NotReplaced, Phase, Replacer
 from zmav.services.missions.transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
@@ -165,7 +165,7 @@ class Missions:
             self._owed[kind] = owed = self._owner(), old, [*old.items[:start], *new]
             try:
                 done = await replacer.replace(old, new)
-            except Failed as e:
+            except NotReplaced as e:
                 self._hold(kind, e.now)
                 if e.now is not None:
                     del self._owed[kind]

@@ -32,7 +32,7 @@ DOES_NOT_EXIST = 1
 
 
 @dataclass(frozen=True)
-class Failed:
+class ParamError:
     """One PARAM_ERROR for us; ``error`` is MAV_PARAM_ERROR."""
 
     name: str
@@ -40,7 +40,7 @@ class Failed:
     error: int
 
 
-Answer = ParamValue | Failed
+Answer = ParamValue | ParamError
 
 
 class Inbox:
@@ -123,7 +123,7 @@ class ParamTalk:
 
     def _on_error(self, fields: Fields, frame: Frame) -> None:
         if is_ours(fields, self._port):
-            self._tell(Failed(fields["param_id"], fields["param_index"], fields["error"]))
+            self._tell(ParamError(fields["param_id"], fields["param_index"], fields["error"]))
 
     def _tell(self, answer: Answer) -> None:
         for inbox in self._inboxes:
@@ -169,7 +169,7 @@ class ParamTalk:
             self.send("PARAM_SET", param_id=name, param_value=field, param_type=paramvalue.type_number(entry.kind))
             got: Entry | None = None
             while (answer := await self._about(name, inbox, asked, attempt)) is not None:
-                if isinstance(answer, Failed):
+                if isinstance(answer, ParamError):
                     raise self._refusal(name, f"PARAM_ERROR {self._error_name(answer.error)}", since)
                 got = answer.entry
                 if paramvalue.same(self.value(got), wanted):

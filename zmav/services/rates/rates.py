@@ -12,7 +12,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import zenoh
 
@@ -45,13 +45,15 @@ SLOWER_FROM = 20.0
 
 
 class Rates:
-    """Keeps one autopilot sending what is read. Lives on the event loop."""
+    """Keeps one autopilot sending what is read. Lives on the event loop.
 
-    def __init__(self, companion: Companion) -> None:
+    ``needs``: what else the companion reads, in Hz: the pilot's switch.
+    """
+
+    def __init__(self, companion: Companion, needs: Mapping[str, float]) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
-        self.needs: dict[str, float] = {}
-        """what else the companion reads, in Hz: the pilot's switch"""
+        self._needs = needs
         self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
@@ -113,7 +115,7 @@ class Rates:
             for standing in self._standing.values():
                 standing.not_before, standing.pause = 0.0, 1.0
         flows = self._flows()
-        targets = wanted(autopilot.floor, {**OWN, **self.needs}, self.demands.current())
+        targets = wanted(autopilot.floor, {**OWN, **self._needs}, self.demands.current())
         ours = {name for name, standing in self._standing.items() if standing.asked is not None}
         self._shedder.apply(targets, flows, self.meter.used, ours, self._port.link.capacity)
         self._targets = targets
