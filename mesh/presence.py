@@ -13,7 +13,7 @@ from mesh.plan import RouterPlan
 from zmav import keys
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions
-from zmav.services.status.host import HostService
+from zmav.services.status.answers import HostService
 from zmav.trust.gate import anybody
 
 NOTHING = "-"

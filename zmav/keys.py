@@ -171,11 +171,6 @@ CHANNELS: dict[str, Channel] = {
             encoding=RAW,
         ),
         Channel(
-            "upload", "{fleet}/{vehicle}/upload/{file}/{offset}", "query", wire.Uploaded, Qos.BULK,
-            "a chunk of what do/file_put will write to the autopilot; each is acknowledged", (OPERATOR,), proven=True,
-            answerers=(VEHICLE,),
-        ),
-        Channel(
             "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
             "message statistics: what comes, what was asked for, what is shed", (ANYONE,),
         ),
@@ -290,7 +285,7 @@ RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNE
 MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
 PROBE = CHANNELS["probe"]
 PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS["mission"], CHANNELS["rates"]
-FILE, FILE_CHUNK, UPLOAD = CHANNELS["file"], CHANNELS["file_chunk"], CHANNELS["upload"]
+FILE, FILE_CHUNK = CHANNELS["file"], CHANNELS["file_chunk"]
 WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
 AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
 AGENT_DO, SLOT = CHANNELS["agent_do"], CHANNELS["slot"]

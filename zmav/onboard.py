@@ -24,14 +24,16 @@ from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
 from zmav.mavlink.signing import Clock, Signing, read_key
-from zmav.services.authority.authority import Authority, Rules
+from zmav.services.authority.authority import Authority
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.order_permit import Judge, OrderPermit
+from zmav.services.authority.pilot import NEEDS
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
+from zmav.services.companion import Companion
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
@@ -50,17 +52,14 @@ from zmav.services.params.params import Params
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, QuestionsDropped
 from zmav.services.rates.rates import Rates
-from zmav.services.status.body import BodyService
+from zmav.services.status.answers import BodyService, HostService, Messages
 from zmav.services.status.events import Events
-from zmav.services.status.host import HostService
-from zmav.services.status.messages import Messages
 from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
 from zmav.systemd import state_directory
-from zmav.trust.certificate import Role
+from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
-from zmav.trust.expiry import warn_of_end
 from zmav.trust.gate import Gate, ProofRefused, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
@@ -134,49 +133,37 @@ class Onboard:
             port.speak_as(settings.sysid)  # until it is heard, too
         self.events = events = Events(session, fleet, name, signer)
         self.identity = identity = Identity(port, events, settings.sysid)
-        self.presence = Presence(session, fleet, name, instance, identity, events, gate, signer, bus)
-        self.timesync = TimeSync(port, identity, events)
-        self.messages = Messages(questions, port, identity, self.timesync)
-        self.body = BodyService(questions, port, identity, settings.body)
-        self.quality = Quality(session, questions, port, identity, self.timesync)
-        self.rates = Rates(session, questions, port, identity, events)
+        self.companion = companion = Companion(session, questions, port, identity, events, settings.origin)
+        self.presence = Presence(companion, instance, gate, signer)
+        self.timesync = TimeSync(companion)
+        self.messages = Messages(companion, self.timesync)
+        self.body = BodyService(companion, settings.body)
+        self.quality = Quality(companion, self.timesync)
+        self.rates = Rates(companion, NEEDS if settings.pilot_switch else {})
         control = Control(name)
-        self.commander = commander = Commander(port, identity, events, control)
-        self.params = Params(questions, port, identity, events)
-        ftp = Ftp(port, identity)
+        self.commander = commander = Commander(companion, control)
+        self.params = Params(companion)
+        ftp = Ftp(companion)
         cache = Path(settings.cache) if settings.cache else default_directory()
-        self.files = Files(questions, port, ftp, Store(cache / fleet / name), prove)
-        self.event_texts = EventTexts(identity, commander, events, self.files)
-        self.state = StateService(
-            session, questions, port, instance, identity, settings.origin, signer, self.event_texts.against_arming
-        )
+        self.files = Files(companion, ftp, Store(cache / fleet / name))
+        self.event_texts = EventTexts(companion, commander, self.files)
+        self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
-        self.logs = Logs(port, identity, ftp, self.files)
-        bounds = Bounds(port, identity, settings.origin, settings.geofence, settings.limits)
+        self.logs = Logs(companion, ftp, self.files)
+        bounds = Bounds(companion, settings.geofence, settings.limits)
         counts = SetpointCounts()
-        self.preconditions = ParamPreconditions(port, self.params, identity, events, counts)
+        self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
-            session,
-            port,
-            identity,
-            bounds,
-            events,
-            settings.origin,
-            lambda: self.body.body,
-            settings.separation,
-            gate.is_vehicle if gate else keys.anything,
+            companion, bounds, lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything
         )
-        rules = Rules(origin=settings.origin, failsafe=settings.failsafe, pilot_switch=settings.pilot_switch)
         self.authority = Authority(
-            session,
-            port,
-            identity,
+            companion,
             commander,
-            events,
             bounds,
-            rules,
             counts,
             control,
+            failsafe=settings.failsafe,
+            pilot_switch=settings.pilot_switch,
             guard=self.presence.check,
             accept=self.preconditions.check,
             aside=self.separation.aside,
@@ -184,18 +171,16 @@ class Onboard:
             param=self.params.value,
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
-        self.rates.needs.update(self.authority.pilot.needs)
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
             may_send=self.authority.gcs_traffic.admit,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )
-        self.payload = Payload(port, commander, bounds)
-        self.missions = Missions(questions, port, identity, commander, events, bounds)
+        self.payload = Payload(companion, commander, bounds)
+        self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
-            port,
-            identity,
+            companion,
             self.state,
             commander,
             bounds,
@@ -204,7 +189,7 @@ class Onboard:
             param=self.params.value,
             rally=self.missions.rally,
         )
-        self.mission_flight = MissionFlight(port, identity, commander, self.missions, bounds)
+        self.mission_flight = MissionFlight(companion, commander, self.missions, bounds)
         judges: dict[str, Judge] = {
             "takeoff": self.flight.judge_takeoff,
             "goto": self.flight.judge_place,
@@ -314,7 +299,7 @@ class Onboard:
         self._listen()
         self.state.extras.append(self._add_to_state)
         adapter.listen("STATUSTEXT", on_loop(loop, self._on_words(self.events.statustext)))
-        adapter.listen("EVENT", on_loop(loop, self._on_words(self.events.numbered)))
+        adapter.listen("EVENT", on_loop(loop, self._on_words(self.event_texts.numbered)))
         async with contextlib.AsyncExitStack() as stack:
             for service in self._services:
                 if isinstance(service, Starts) and not isinstance(service, Adapter):

@@ -170,13 +170,13 @@ async def _ask(gateway: Gateway, key: str, timeout: float) -> list[Answer | Zmav
 
 
 def _check_readable(expression: zenoh.KeyExpr) -> None:
-    """Raise :class:`Forbidden` where asking is acting: orders, uploads, measurements. Wildcards beyond them are none:
+    """Raise :class:`Forbidden` where asking is acting: orders, measurements. Wildcards beyond them are none:
     vehicles leave those unanswered. Nor is a router asked for more than its links: see :mod:`mesh.linkstate`.
     """
     if ADMIN.includes(expression) and not zenoh.KeyExpr(linkstate.ASKED).includes(expression):
         text = f"{expression} is not asked: a question to routers can stop them for good; {linkstate.ASKED} is safe"
         raise Forbidden(text, key=str(expression))
-    for channel in (*ORDERS, keys.SWARM, keys.UPLOAD, keys.BENCH):
+    for channel in (*ORDERS, keys.SWARM, keys.BENCH):
         every = channel.key("*", "*", agent="*", verb="*", file="*", offset="*", order="*")
         if zenoh.KeyExpr(every).includes(expression):
             how = "POST /do and /agent give orders" if channel in ORDERS else f"{channel.name} is not for the gateway"

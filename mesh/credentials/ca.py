@@ -22,8 +22,7 @@ from mesh.credentials.ledger import LEDGER, Entry, IssuedCertificates, read_ledg
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput
 from zmav.trust import credentials
-from zmav.trust.certificate import Certificate, Role
-from zmav.trust.expiry import SOON
+from zmav.trust.certificate import SOON, Certificate, Role
 from zmav.trust.roster import Roster, SignedRoster
 
 CA_KEY, MEMBERS = "ca-key.pem", "members"

@@ -31,8 +31,8 @@ from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
 from zmav.trust import credentials
+from zmav.trust.certificate import warn_of_end
 from zmav.trust.credentials import Credentials
-from zmav.trust.expiry import warn_of_end
 from zmav.trust.gate import anybody
 from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Allowance

@@ -18,7 +18,7 @@ from zmav.errors import Unsupported
 from zmav.mavlink import Packer, decode, load_dialect, parse_frame
 
 ARDUPILOT, PX4, OTHER = 3, 12, 0
-COPTER, PLANE, ROVER, BOAT, SUB, VTOL = 2, 1, 10, 11, 12, 20
+COPTER, PLANE, ROVER, BOAT, VTOL = 2, 1, 10, 11, 20
 LOCAL, GLOBAL, ATTITUDE = "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"
 PLACE: dict[str, Any] = {"lat_deg": -35.3632610, "lon_deg": 149.1652300, "alt_rel": 10.0}
 LEVELS: dict[str, Target] = {
@@ -192,12 +192,6 @@ def test_arduplane_circles_and_never_changes_the_mode(mav_type: int) -> None:
     assert sent(plane, LEVELS["attitude"])["type_mask"] == 0x07
 
 
-def test_ardusub() -> None:
-    sub = of(ARDUPILOT, SUB)
-    assert sent(sub, Target(vel=(1.0, 0.0, 0.0), acc=(1.0, 0.0, 0.0)))["type_mask"] == 0xDC7
-    assert sent(sub, LEVELS["trajectory"])["type_mask"] == 0xDC0
-
-
 def test_px4_multicopter() -> None:
     px4 = of(PX4, COPTER)
     fields = sent(px4, LEVELS["trajectory"])
@@ -225,7 +219,6 @@ def test_a_px4_on_its_way_in_hold_is_stopped_by_a_reposition_to_nowhere() -> Non
         (ARDUPILOT, COPTER, {"torque"}),
         (ARDUPILOT, ROVER, {"torque", "acceleration"}),
         (ARDUPILOT, PLANE, {"torque", "acceleration", "velocity", "trajectory", "rates"}),
-        (ARDUPILOT, SUB, {"torque", "acceleration", "rates"}),
         (PX4, COPTER, {"torque"}),
         (PX4, PLANE, {"torque", "acceleration", "velocity"}),
         (PX4, ROVER, {"torque", "acceleration"}),
@@ -304,7 +297,7 @@ def test_what_a_level_needs_of_the_parameters() -> None:
     assert unmet(copter, "velocity") == []
 
 
-@pytest.mark.parametrize("mav_type", [COPTER, PLANE, ROVER, BOAT, SUB, VTOL])
+@pytest.mark.parametrize("mav_type", [COPTER, PLANE, ROVER, BOAT, VTOL])
 @pytest.mark.parametrize("stack", [ARDUPILOT, PX4])
 def test_the_ladder_s_modes_are_modes(stack: int, mav_type: int) -> None:
     autopilot = of(stack, mav_type)

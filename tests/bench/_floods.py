@@ -243,13 +243,11 @@ FLOODS: dict[str, Flood] = {
     "bench/report": asking("bench/report/x"),
     "bench/ping": asking("bench/ping"),
     "bench/order": asking_locally("bench/order/start"),
-    "upload": asking_locally("upload/x/{}"),
     "setpoint, 5,000/s": putting("setpoint/x"),
     "mav/tx, 5,000/s": putting("mav/tx/1/1/COMMAND_LONG"),
     "do/land, unsigned": asking_locally("do/land"),
     "do/land, forged": forging("do/land", RATE),
     "do/land, forged, 5,000/s": forging("do/land", 5 * RATE),
-    "upload, forged": forging("upload/x/0", RATE),
     "mav/tx, forged, 5,000/s": forging("mav/tx/1/1/COMMAND_LONG", 5 * RATE, put=True),
 }
 

@@ -10,7 +10,7 @@ from tests.failsafe.conftest import PATIENT, agent, another, moves, nothing_more
 from tests.services.conftest import GUIDED, LAND, LOITER, SET_MODE, Bench, StartBench
 from zmav.config import Failsafe, PilotSwitch
 from zmav.errors import NotHolder, Refused
-from zmav.services.authority.flown import ActiveStream
+from zmav.services.authority.stream import ActiveStream
 
 RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
 

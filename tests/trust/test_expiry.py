@@ -10,7 +10,7 @@ import pytest
 from tests.trust.conftest import DAY, Authority
 from zmav import keys
 from zmav.errors import Forbidden
-from zmav.trust.expiry import warn_of_end
+from zmav.trust.certificate import warn_of_end
 from zmav.trust.gate import Gate
 from zmav.trust.member import Member
 from zmav.trust.proof import Signer

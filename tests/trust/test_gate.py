@@ -268,8 +268,6 @@ def test_proofs_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.Mo
         desk.check(desk.proof(op))
     assert desk.reason(desk.proof(op)) == "busy"
     desk.check(desk.proof(other))
-    chunk = "zmav/demo/quad1/upload/x/0"  # many, and harmless when they come again
-    desk.check(desk.proof(op, chunk), chunk)
     desk.utc += 2 * WINDOW + 6.0
     desk.now += 2 * WINDOW + 6.0
     desk.check(desk.proof(op))

@@ -41,14 +41,13 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> collections.Counter[tuple[str, bo
     return counts
 
 
-async def test_uploads_frames_and_orders(guarded: StartGuarded, judged: collections.Counter[tuple[str, bool]]) -> None:
+async def test_frames_and_orders(guarded: StartGuarded, judged: collections.Counter[tuple[str, bool]]) -> None:
     g: Guarded = await guarded()
-    upload, frame = g.key(keys.UPLOAD, file="x", offset=0), g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
-    assert await reason(g.ask(None, b"hullo", upload)) == "unsigned"
+    frame = g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
     assert await reason(g.ask(None, b"{}", g.key(verb="land"))) == "unsigned"
     g.b.ground.session.put(frame, b"", congestion_control=zenoh.CongestionControl.BLOCK)
-    await g.b.state(lambda s: s["forbidden"] == {"unsigned": 3}, "three refusals")
-    assert judged == {("proof", False): 3}
+    await g.b.state(lambda s: s["forbidden"] == {"unsigned": 2}, "two refusals")
+    assert judged == {("proof", False): 2}
 
 
 async def test_setpoints(guarded: StartGuarded, judged: collections.Counter[tuple[str, bool]]) -> None:

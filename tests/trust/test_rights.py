@@ -69,7 +69,7 @@ def test_a_viewer_changes_nothing(name: str) -> None:
     verb = "submit" if channel is keys.SWARM else "land"
     parts = {"verb": verb, "topic": "goal", "role": "viewer", "vehicle": "eye"}
     assert allowed(Role.VIEWER, "eye", channel, **parts) == (channel.writers == (keys.ANYONE,))
-    moves = channel in (keys.SETPOINT, keys.TX, keys.UPLOAD, keys.HOLDER, keys.DO, keys.FLEET, keys.AGENT_STATUS)
+    moves = channel in (keys.SETPOINT, keys.TX, keys.HOLDER, keys.DO, keys.FLEET, keys.AGENT_STATUS)
     assert not (moves and allowed(Role.VIEWER, "quad1", channel, **parts))
 
 
@@ -94,11 +94,10 @@ def test_who_flies(channel: keys.Channel) -> None:
     assert not allowed(Role.VEHICLE, "quad2", channel)
 
 
-@pytest.mark.parametrize("channel", [keys.TX, keys.UPLOAD], ids=lambda c: str(c.name))
-def test_frames_and_uploads_are_the_operators(channel: keys.Channel) -> None:
-    assert allowed(Role.OPERATOR, "op", channel)
+def test_frames_are_the_operators() -> None:
+    assert allowed(Role.OPERATOR, "op", keys.TX)
     for role, name in ((Role.PLANNER, "op"), (Role.VEHICLE, "quad1"), (Role.VIEWER, "op")):
-        assert not allowed(role, name, channel)
+        assert not allowed(role, name, keys.TX)
 
 
 def test_what_the_whole_fleet_shares() -> None:
@@ -119,5 +118,5 @@ def test_nobody_is_alive_under_anothers_name() -> None:
 
 def test_each_proven_channel_is_of_one_vehicle() -> None:
     proven = {channel.name for channel in keys.CHANNELS.values() if channel.proven}
-    assert proven >= {"do", "tx", "upload"}
+    assert proven >= {"do", "tx"}
     assert all("{vehicle}" in keys.CHANNELS[name].template for name in proven)

@@ -1,4 +1,4 @@
-"""Orders, frames and uploads of strangers, of the wrong role and of yesterday, at a vehicle that has credentials."""
+"""Orders and frames of strangers, of the wrong role and of yesterday, at a vehicle that has credentials."""
 
 from __future__ import annotations
 
@@ -255,23 +255,14 @@ async def test_raw_frames_are_the_operators(guarded: StartGuarded) -> None:
     await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 2, "the next")
 
 
-async def test_a_clients_frames_and_uploads(guarded: StartGuarded) -> None:
+async def test_a_clients_frames(guarded: StartGuarded) -> None:
     g: Guarded = await guarded()
     frame = Packer(g.b.peer.dialect, 255, 190).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
     key = g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG")
-    upload = g.key(keys.UPLOAD, file="x", offset=0)
     async with g.client("op", "operator") as z:
         for _ in range(3):
             z.put(keys.TX, key, frame)
         await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 3, "three frames")
-        (answer,) = await z.ask(upload, b"hello", channel=keys.UPLOAD)
-        assert not isinstance(answer, Exception)
-        assert json.loads(answer.payload) == {"file": "x", "bytes": 5}
-    async with g.client("swap", "planner") as z:
-        (error,) = await z.ask(upload, b"hullo", channel=keys.UPLOAD)
-        assert isinstance(error, Forbidden)
-    assert await reason(g.ask(None, b"hullo", upload)) == "unsigned"
-    assert bytes(g.vehicle.files.uploads["x"].data) == b"hello"
 
 
 async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> None:
@@ -301,7 +292,7 @@ async def test_a_flood_of_forgeries_leaves_it_flying(guarded: StartGuarded) -> N
 
 
 async def test_a_member_in_whose_name_more_is_forged_than_is_looked_at_is_heard(guarded: StartGuarded) -> None:
-    """Its orders, frames and uploads, each at the first attempt."""
+    """Its orders and frames, each at the first attempt."""
     g: Guarded = await guarded()
     frame = Packer(g.b.peer.dialect, 255, 190).pack("COMMAND_LONG", command=400, param1=1.0, target_system=1)
     async with g.client("op", "operator") as z:
@@ -312,8 +303,6 @@ async def test_a_member_in_whose_name_more_is_forged_than_is_looked_at_is_heard(
         await z.vehicle("quad1").hold()
         z.put(keys.TX, g.key(keys.TX, sys=1, comp=0, msg="COMMAND_LONG"), frame)
         await g.b.peer.until(lambda: len(g.b.peer.commands(400)) == 1, "the frame")
-        (answer,) = await z.ask(g.key(keys.UPLOAD, file="x", offset=0), b"hello", channel=keys.UPLOAD)
-        assert not isinstance(answer, Exception)
         assert gate.counts["busy"] == 0
 
 

@@ -24,6 +24,8 @@ __all__ = [
     "kind_of",
 ]
 
+OTHER = "other"
+"""a kind that zmav has no rules for: what the common dialect promises is all that is asked of it"""
 _KINDS = {
     "copter": (2, 3, 13, 14, 15, 29, 35, 43),
     "heli": (4,),
@@ -31,7 +33,6 @@ _KINDS = {
     "vtol": (19, 20, 21, 22, 23, 24, 25),
     "rover": (10,),
     "boat": (11,),
-    "sub": (12,),
 }
 """MAV_TYPE numbers by kind"""
 _KIND_OF = {mav_type: kind for kind, types in _KINDS.items() for mav_type in types}
@@ -40,15 +41,16 @@ _STACKS: Mapping[int, Callable[[str], Autopilot]] = {3: ArduPilot, 12: Px4}
 
 def kind_of(mav_type: int) -> str:
     """copter, plane, rover... of a MAV_TYPE; ``other`` for what zmav has no rules for."""
-    return _KIND_OF.get(mav_type, "other")
+    return _KIND_OF.get(mav_type, OTHER)
 
 
 def autopilot_for(mav_autopilot: int, mav_type: int) -> Autopilot:
     """The rules for a HEARTBEAT's ``autopilot`` (MAV_AUTOPILOT) and ``type`` (MAV_TYPE)."""
-    return _STACKS.get(mav_autopilot, Generic)(kind_of(mav_type))
+    kind = kind_of(mav_type)
+    return Generic(kind) if kind == OTHER else _STACKS.get(mav_autopilot, Generic)(kind)
 
 
 def autopilot_named(name: str | None, kind: str | None) -> Autopilot:
     """The rules by what a :class:`~zmav.wire.VehicleState` says: ``ardupilot`` and ``copter``, for instance."""
     stack = next((each for each in (ArduPilot, Px4) if each.name == name), Generic)
-    return stack(kind or "other")
+    return stack(kind or OTHER)

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 from zmav.autopilots import base, convert
 from zmav.autopilots.ardupilot_kinds import COPTER, MODES_BY_LEVEL, RULES
-from zmav.autopilots.base import Autopilot, Command, Latest, Message, Mode, Target
-from zmav.autopilots.missions import MissionRules
+from zmav.autopilots.base import Autopilot, Command, Latest, Message, MissionRules, Mode, Target
 
 EKF_POS_HORIZ_ABS = 16
 EKF_CONST_POS_MODE = 128
@@ -110,7 +109,7 @@ class ArduPilot(Autopilot):
         return self.guided if mode in self.rules.unarmable else None
 
     def rtl(self) -> str:
-        return "RTL" if "RTL" in self._modes else "SURFACE"
+        return "RTL"
 
     def loiter(self) -> str:
         return self.rules.loiter

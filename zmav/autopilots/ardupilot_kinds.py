@@ -129,25 +129,6 @@ PLANE = Rules(
     },
     circles=True,
 )
-SUB = Rules(
-    modes="STABILIZE:0 ACRO:1 ALT_HOLD:2 AUTO:3 GUIDED:4 CIRCLE:7 SURFACE:9 POSHOLD:16 MANUAL:19",
-    hold="POSHOLD",
-    land="SURFACE",
-    takeoff_mode=None,
-    takeoff_command=False,
-    unarmable=("AUTO",),
-    loiter="POSHOLD",
-    levels={
-        "position": convert.position_only,
-        "trajectory": convert.position_and_velocity,
-        "velocity": convert.velocity_only,
-        "acceleration": "ArduSub takes no accelerations: send a velocity",
-        "attitude": convert.attitude,
-        "rates": "ArduSub takes no body rates: send attitudes",
-        "manual": convert.sticks,
-        **_EVERYWHERE,
-    },
-)
 RULES: Mapping[str, Rules] = {
     "copter": COPTER,
     "heli": COPTER,
@@ -155,5 +136,4 @@ RULES: Mapping[str, Rules] = {
     "boat": ROVER,
     "plane": PLANE,
     "vtol": PLANE,
-    "sub": SUB,
 }

@@ -14,7 +14,6 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from zmav.autopilots.missions import MissionRules
 from zmav.errors import BadInput, Unsupported
 from zmav.mavlink import Dialect
 from zmav.wire import ManualControl, Quaternion, Vector
@@ -147,6 +146,28 @@ class Need:
         return None
 
 
+@dataclass(frozen=True)
+class MissionRules:
+    """How a flight stack keeps and flies missions; the defaults are what the protocol promises of any autopilot."""
+
+    mode: str | None = None
+    """the mode that flies the mission; None: MAV_CMD_MISSION_START alone"""
+    start_command: bool = True
+    """MAV_CMD_MISSION_START begins it (a copter on the ground takes off by it)"""
+    home_first: bool = False
+    """item 0 on the autopilot is home, and no part of the mission"""
+    window: int = 1
+    """items of a download that may be asked for at once: more than one where each request stands for itself"""
+    set_by_command: bool = True
+    """it knows MAV_CMD_DO_SET_MISSION_CURRENT; False: the message MISSION_SET_CURRENT alone"""
+    mission_frame: bool = False
+    """items without a place are taken in MAV_FRAME_MISSION only"""
+    never_placed: frozenset[str] = frozenset()
+    """commands that it takes without a place only, though MAVLink gives them one"""
+    exact: bool = True
+    """every item is kept as it was sent; False: parameters are rounded, or left out where the vehicle ignores them"""
+
+
 Convert = Callable[[Target], "list[Action]"]
 
 
@@ -160,7 +181,9 @@ class Mode:
 
 
 class Autopilot(ABC):
-    """One flight stack; instances are of one vehicle kind and hold no state."""
+    """One flight stack; instances are of one vehicle kind and hold no state. What a stack says nothing of is what the
+    common dialect promises, and no more.
+    """
 
     name: ClassVar[str]
     floor: ClassVar[Mapping[str, float]]
@@ -207,13 +230,13 @@ class Autopilot(ABC):
         """It keeps to the ground or the water: where it is has no height of its own choosing."""
         return self.kind in ("rover", "boat")
 
-    @abstractmethod
     def mode_name(self, base_mode: int, custom_mode: int) -> str:
         """The mode's name as the vendor writes it; ``MODE_23`` where it is not known."""
+        return f"MODE_{custom_mode}"
 
-    @abstractmethod
     def modes(self) -> dict[str, Mode]:
         """Every mode by name."""
+        return {}
 
     def mode(self, name: str) -> Mode:
         """The mode of that name, in any case; raises :class:`BadInput` listing the modes there are."""
@@ -247,9 +270,9 @@ class Autopilot(ABC):
         return position is not None and bool(position["lat"] or position["lon"])
 
     @property
-    @abstractmethod
     def guided(self) -> str:
         """The mode in which the vehicle follows setpoints."""
+        raise self.unsupported("a guided mode")
 
     def arming_mode(self, mode: str | None) -> str | None:
         """The mode to enter before arming, where it cannot be armed in ``mode`` (a landing has just ended in LAND) or
@@ -264,13 +287,13 @@ class Autopilot(ABC):
         """MAV_CMD_COMPONENT_ARM_DISARM, never forced: a disarm in the air is refused by the autopilot."""
         return Command("MAV_CMD_COMPONENT_ARM_DISARM", (1.0 if on else 0.0,))
 
-    @abstractmethod
     def takeoff(self, alt_rel: float, latest: Latest) -> tuple[str | None, Command | None]:
         """The mode to enter first and the command then given, to climb to ``alt_rel`` metres above home."""
+        return None, Command("MAV_CMD_NAV_TAKEOFF", (0, 0, 0, 0, 0, 0, alt_rel))
 
-    @abstractmethod
     def hold(self) -> tuple[str, Message | None]:
         """The mode, and the message then sent, that stop the vehicle where it is."""
+        raise self.unsupported("hold")
 
     pause: ClassVar[Command | None] = None
     """what stops it on its way to a place in the mode of :meth:`hold`, where entering that again changes nothing"""
@@ -281,9 +304,9 @@ class Autopilot(ABC):
     """the parameter of how long (s), and how long without it known, a failsafe waits in the mode of :meth:`hold` before
     it acts: a change of the mode would end it, and that mode ordered is one"""
 
-    @abstractmethod
     def land(self) -> str:
         """The mode that lands the vehicle where it is."""
+        raise self.unsupported("land by mode")
 
     lands_after_rtl: bool = True
     """a return to launch ends on the ground, disarmed"""
@@ -292,25 +315,25 @@ class Autopilot(ABC):
     home_height_params: tuple[str, ...] = ()
     """parameters, one of which above 0 has it hover over home and not land"""
 
-    @abstractmethod
     def rtl(self) -> str:
         """The mode that returns to launch."""
+        raise self.unsupported("a return to launch")
 
     def servo(self, output: int, pwm: int) -> Command:
         """One output (from 1) to a PWM in µs."""
         return Command("MAV_CMD_DO_SET_SERVO", (float(output), float(pwm)))
 
-    @abstractmethod
     def loiter(self) -> str:
         """The mode that stays where it is without anybody's orders, whatever the sticks are left at."""
+        raise self.unsupported("loiter")
 
     def placed(self, target: Target, latest: Latest) -> Target:
         """``target`` with the kind of altitude that this autopilot's commands take."""
         return target
 
-    @abstractmethod
     def goto(self, target: Target) -> Command | Message:
         """Fly to one point and stay there."""
+        return reposition(target)
 
     # The stream of setpoints.
 
@@ -360,8 +383,20 @@ class Autopilot(ABC):
     def _can(self) -> list[str]:
         return [level for level, how in self.levels.items() if not isinstance(how, str)]
 
+    def hold_mode(self) -> str:
+        """The mode in which it holds."""
+        return self.hold()[0]
+
     def unsupported(self, what: str) -> Unsupported:
         return Unsupported(f"{what} is not something {self.name} does with a {self.kind}")
+
+
+def mode_of(names: Callable[[], str]) -> str | None:
+    """What an autopilot's method such as ``land`` names; None: it has no such mode."""
+    try:
+        return names()
+    except Unsupported:
+        return None
 
 
 def reposition(

@@ -5,6 +5,8 @@ Messages: https://mavlink.io/en/messages/common.html; off-board control: https:/
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from zmav.autopilots.base import NAN, Action, Command, Message, Target, reposition
 from zmav.errors import Unsupported
 
@@ -13,7 +15,7 @@ YAW, YAW_RATE = 1 << 10, 1 << 11
 LOCAL_NED, GLOBAL_INT, GLOBAL_RELATIVE_ALT_INT = 1, 5, 6
 RATES, ATTITUDE = 0b111, 1 << 7
 """ATTITUDE_TARGET_TYPEMASK: a set bit leaves that part out"""
-LEVEL = (1.0, 0.0, 0.0, 0.0)
+LEVEL, ZERO = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 STICK, RELEASED_STICK = 1000.0, 32767
 KEEP, FREE_LOW, FREE_HIGH = 65535, 0, 65534
 """RC_CHANNELS_OVERRIDE: leave alone; give back to the radio, channels 1 to 8 and from 9 up"""
@@ -27,30 +29,10 @@ def position_target(target: Target) -> Message:
 
     The global message keeps the vehicle's own start out of it; velocities and accelerations need no origin.
     """
-    mask = 0
-    vx = vy = vz = ax = ay = az = 0.0
-    if target.vel is None:
-        mask = VELOCITY
-    else:
-        vx, vy, vz = target.vel
-    if target.acc is None:
-        mask |= ACCELERATION
-    else:
-        ax, ay, az = target.acc
-    if target.yaw is None:
-        mask |= YAW
-    if target.yaw_rate is None:
-        mask |= YAW_RATE
-    common = {
-        "vx": vx,
-        "vy": vy,
-        "vz": vz,
-        "afx": ax,
-        "afy": ay,
-        "afz": az,
-        "yaw": target.yaw or 0.0,
-        "yaw_rate": target.yaw_rate or 0.0,
-    }
+    parts = ((target.vel, VELOCITY), (target.acc, ACCELERATION), (target.yaw, YAW), (target.yaw_rate, YAW_RATE))
+    mask = sum(bits for part, bits in parts if part is None)
+    motion = zip(("vx", "vy", "vz", "afx", "afy", "afz"), (*(target.vel or ZERO), *(target.acc or ZERO)), strict=True)
+    common = {**dict(motion), "yaw": target.yaw or 0.0, "yaw_rate": target.yaw_rate or 0.0}
     if target.lat_deg is None or target.lon_deg is None:
         fields = {"coordinate_frame": LOCAL_NED, "type_mask": mask | POSITION, **common}
         return Message("SET_POSITION_TARGET_LOCAL_NED", fields)
@@ -67,7 +49,7 @@ def position_target(target: Target) -> Message:
 
 def stop() -> Message:
     """A velocity target of zero."""
-    return position_target(Target(vel=(0.0, 0.0, 0.0)))
+    return position_target(Target(vel=ZERO))
 
 
 def motion(target: Target) -> list[Action]:
@@ -89,11 +71,6 @@ def position_and_velocity(target: Target) -> list[Action]:
 def position_only(target: Target) -> list[Action]:
     """A trajectory for who goes to a position in its own way."""
     return [position_target(_place(target))]
-
-
-def velocity_only(target: Target) -> list[Action]:
-    """A velocity without an acceleration beside it."""
-    return [position_target(Target(vel=target.vel, yaw=target.yaw, yaw_rate=target.yaw_rate))]
 
 
 def _place(target: Target, vel: tuple[float, float, float] | None = None) -> Target:
@@ -128,67 +105,43 @@ def circle_at(target: Target) -> list[Action]:
 
 def attitude_and_rates(target: Target) -> list[Action]:
     """SET_ATTITUDE_TARGET: attitude and thrust, body rates fed forward where they are given."""
-    rates = target.rates
-    return [_attitude(target.attitude or LEVEL, rates, 0 if rates else RATES, target.thrust)]
+    return [_attitude(target, 0 if target.rates else RATES)]
 
 
 def attitude(target: Target) -> list[Action]:
     """SET_ATTITUDE_TARGET: attitude and thrust."""
-    return [_attitude(target.attitude or LEVEL, None, RATES, target.thrust)]
+    return [_attitude(target, RATES)]
 
 
 def rates(target: Target) -> list[Action]:
     """SET_ATTITUDE_TARGET: body rates and thrust."""
-    return [_attitude(LEVEL, target.rates, ATTITUDE, target.thrust)]
+    return [_attitude(target, ATTITUDE)]
 
 
 def torques(target: Target) -> list[Action]:
     """SET_ACTUATOR_CONTROL_TARGET: roll, pitch and yaw torque and thrust, as PX4's control group 0 has them."""
-    roll, pitch, yaw = target.torque or (0.0, 0.0, 0.0)
-    controls = (roll, pitch, yaw, target.thrust or 0.0, 0.0, 0.0, 0.0, 0.0)
+    controls = (*(target.torque or ZERO), target.thrust or 0.0, 0.0, 0.0, 0.0, 0.0)
     return [Message("SET_ACTUATOR_CONTROL_TARGET", {"time_usec": 0, "group_mlx": 0, "controls": controls})]
 
 
-def _attitude(
-    q: tuple[float, float, float, float], rates: tuple[float, float, float] | None, mask: int, thrust: float | None
-) -> Message:
-    p, q_, r = rates or (0.0, 0.0, 0.0)
-    return Message(
-        "SET_ATTITUDE_TARGET",
-        {
-            "type_mask": mask,
-            "q": q,
-            "body_roll_rate": p,
-            "body_pitch_rate": q_,
-            "body_yaw_rate": r,
-            "thrust": thrust or 0.0,
-        },
-    )
+def _attitude(target: Target, mask: int) -> Message:
+    p, q, r = ZERO if mask == RATES or target.rates is None else target.rates
+    turning = {"body_roll_rate": p, "body_pitch_rate": q, "body_yaw_rate": r}
+    fields = {"type_mask": mask, "q": target.attitude or LEVEL, **turning, "thrust": target.thrust or 0.0}
+    return Message("SET_ATTITUDE_TARGET", fields)
 
 
-def sticks(target: Target) -> list[Action]:
+def sticks(target: Target, lowest: float = 0.0) -> list[Action]:
     """MANUAL_CONTROL, thrust from 0 to 1000."""
-    return [_manual(target, 0.0, STICK)]
+    m = target.manual
+    assert m is not None
+    axes = {"x": m.x * STICK, "y": m.y * STICK, "z": lowest + m.z * (STICK - lowest), "r": m.r * STICK}
+    return [Message("MANUAL_CONTROL", {**{axis: round(at) for axis, at in axes.items()}, "buttons": m.buttons})]
 
 
 def sticks_both_ways(target: Target) -> list[Action]:
     """MANUAL_CONTROL for who drives backwards too: the middle of the thrust stick is a stop."""
-    return [_manual(target, -STICK, 2.0 * STICK)]
-
-
-def _manual(target: Target, z_offset: float, z_span: float) -> Message:
-    m = target.manual
-    assert m is not None
-    return Message(
-        "MANUAL_CONTROL",
-        {
-            "x": round(m.x * STICK),
-            "y": round(m.y * STICK),
-            "z": round(m.z * z_span + z_offset),
-            "r": round(m.r * STICK),
-            "buttons": m.buttons,
-        },
-    )
+    return sticks(target, -STICK)
 
 
 def released_sticks() -> Message:
@@ -243,12 +196,17 @@ def servos(target: Target) -> list[Action]:
 
 
 def actuators(target: Target) -> list[Action]:
-    """One DO_SET_ACTUATOR for the first six outputs: 1000 to 2000 µs become -1 to 1, NaN leaves one alone."""
+    """One DO_SET_ACTUATOR for the first six outputs."""
+    return [actuator_command(target.servo or ())]
+
+
+def actuator_command(outputs: Sequence[int | None]) -> Command:
+    """DO_SET_ACTUATOR: 1000 to 2000 µs become -1 to 1, NaN leaves an output alone."""
     values = [NAN] * 6
-    for number, pwm in enumerate(target.servo or (), 1):
+    for number, pwm in enumerate(outputs, 1):
         if pwm is None:
             continue
         if number > len(values):
             raise Unsupported(f"servo output {number} cannot be set: DO_SET_ACTUATOR takes 1 to 6", field="servo")
         values[number - 1] = min(max((pwm - 1500) / 500.0, -1.0), 1.0)
-    return [Command("MAV_CMD_DO_SET_ACTUATOR", (*values, 0.0))]
+    return Command("MAV_CMD_DO_SET_ACTUATOR", (*values, 0.0))

@@ -7,9 +7,20 @@ from typing import ClassVar
 
 import msgspec
 
-from zmav.autopilots import base, convert
-from zmav.autopilots.base import NAN, Autopilot, Command, Convert, Latest, Level, Message, Mode, Need, Target
-from zmav.autopilots.missions import MissionRules
+from zmav.autopilots import convert
+from zmav.autopilots.base import (
+    NAN,
+    Autopilot,
+    Command,
+    Convert,
+    Latest,
+    Level,
+    Message,
+    MissionRules,
+    Mode,
+    Need,
+    Target,
+)
 
 _MODES = (
     "MANUAL:1/0 ALTCTL:2/0 POSCTL:3/0 READY:4/1 TAKEOFF:4/2 HOLD:4/3 MISSION:4/4 RTL:4/5 LAND:4/6 FOLLOW:4/8 "
@@ -205,14 +216,7 @@ class Px4(Autopilot):
 
     def servo(self, output: int, pwm: int) -> Command:
         """MAV_CMD_DO_SET_ACTUATOR takes -1 to 1 for the outputs assigned to "Offboard Actuator Set" 1 to 6."""
-        if not 1 <= output <= 6:
-            raise self.unsupported("an output beyond 6 (of those assigned to Offboard Actuator Set)")
-        values = [NAN] * 6
-        values[output - 1] = min(max((pwm - 1500) / 500.0, -1.0), 1.0)
-        return Command("MAV_CMD_DO_SET_ACTUATOR", (*values, 0.0))
+        return convert.actuator_command((*(None,) * (output - 1), pwm))
 
     def loiter(self) -> str:
         return "HOLD"
-
-    def goto(self, target: Target) -> Command | Message:
-        return base.reposition(target)

@@ -11,13 +11,11 @@ https://docs.px4.io/v1.16/en/config/safety.html, https://docs.px4.io/v1.16/en/fl
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from zmav.autopilots.base import Autopilot
-from zmav.errors import BadInput, Unsupported
+from zmav.autopilots.base import Autopilot, mode_of
 from zmav.mavlink import Dialect, Frame, decode
 
 
@@ -192,7 +190,7 @@ def flies_on(autopilot: Autopilot) -> bool:
 
     A plane is given a point to circle, and PX4 leaves OFFBOARD by itself.
     """
-    return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat", "sub")
+    return autopilot.name == "ardupilot" and autopilot.kind in ("copter", "heli", "rover", "boat")
 
 
 _ANY: dict[str, tuple[str, ...]] = {
@@ -269,13 +267,10 @@ _SAFE_MODES = ("SMART_RTL", "QLAND", "QRTL", "BRAKE")
 
 
 def _safe_modes(autopilot: Autopilot) -> set[str]:
-    found = autopilot.modes().keys() & set(_SAFE_MODES)
-    for mode in (autopilot.land, autopilot.rtl, autopilot.loiter, lambda: autopilot.hold()[0]):
-        with contextlib.suppress(Unsupported, BadInput):
-            found.add(autopilot.mode(mode()).name)
-    with contextlib.suppress(Unsupported):
-        found.discard(autopilot.guided)  # where it is held in the mode that follows setpoints, they go on
-    return found
+    named = (autopilot.land, autopilot.rtl, autopilot.loiter, autopilot.hold_mode)
+    found = (autopilot.modes().keys() & set(_SAFE_MODES)) | {mode_of(name) for name in named}
+    # Where it is held in the mode that follows setpoints, they go on.
+    return {mode for mode in found if mode in autopilot.modes() and mode != mode_of(lambda: autopilot.guided)}
 
 
 def by_command(autopilot: Autopilot, what: str) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from zmav.config.body import BodyConfig, body_of, check_body
 from zmav.config.fleet import (
-    Action,
     Failsafe,
     FleetConfig,
     Geofence,
@@ -16,18 +15,14 @@ from zmav.config.fleet import (
     StationConfig,
     VehicleConfig,
     check_failsafe,
-    check_fence,
     load_fleet,
     origin_of,
     usual_fence,
     usual_limits,
 )
-from zmav.config.mesh import COST, Address, Host, Mesh, Profile, Radio, RadioKind
-from zmav.config.table import Table
+from zmav.config.mesh import Address, Host, Profile, Radio
 
 __all__ = [
-    "COST",
-    "Action",
     "Address",
     "BodyConfig",
     "Failsafe",
@@ -35,21 +30,17 @@ __all__ = [
     "Geofence",
     "Host",
     "Limits",
-    "Mesh",
     "PilotSwitch",
     "Profile",
     "Radio",
-    "RadioKind",
     "Rights",
     "Separation",
     "Signing",
     "StationConfig",
-    "Table",
     "VehicleConfig",
     "body_of",
     "check_body",
     "check_failsafe",
-    "check_fence",
     "load_fleet",
     "origin_of",
     "usual_fence",

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
-
 from zmav import wire
-from zmav.config.table import Positive, Table
+from zmav.config.table import NotNegative, Positive, Table
 from zmav.errors import BadConfig
 
 _AIRFRAME = {"speed": 5.0, "accel": 2.5, "climb": 2.0, "descend": 1.5}
+_PLANE = wire.swarm.Body(
+    radius=4.0, speed=22.0, accel=5.0, climb=3.0, descend=3.0, min_speed=12.0, turn_radius=60.0, sweep_width=40.0
+)
 USUAL: dict[str | None, wire.swarm.Body] = {
     "copter": wire.swarm.Body(radius=1.0, **_AIRFRAME),
     "heli": wire.swarm.Body(radius=1.5, **_AIRFRAME),
     "rover": wire.swarm.Body(radius=1.0, speed=2.0, accel=1.0, climb=0.5, descend=0.5),
     "boat": wire.swarm.Body(radius=1.5, speed=2.0, accel=0.5, climb=0.1, descend=0.1),
-    "plane": wire.swarm.Body(
-        radius=4.0, speed=22.0, accel=5.0, climb=3.0, descend=3.0, min_speed=12.0, turn_radius=60.0, sweep_width=40.0
-    ),
-    "vtol": wire.swarm.Body(
-        radius=4.0, speed=22.0, accel=5.0, climb=3.0, descend=3.0, min_speed=12.0, turn_radius=60.0, sweep_width=40.0
-    ),
+    "plane": _PLANE,
+    "vtol": _PLANE,
 }
 """cautious figures of the small vehicles of each kind; a kind that is not here is taken for a copter"""
 
@@ -34,18 +31,14 @@ class BodyConfig(Table, frozen=True):
     accel: Positive | None = None
     climb: Positive | None = None
     descend: Positive | None = None
-    min_speed: float | None = None
-    turn_radius: float | None = None
+    min_speed: NotNegative | None = None
+    turn_radius: NotNegative | None = None
     sweep_width: Positive | None = None
     endurance: Positive | None = None
 
 
 def check_body(body: BodyConfig, field: str) -> None:
-    """Raise :class:`BadConfig` for numbers that cannot be, or do not go together."""
-    for name in body.__struct_fields__:
-        value = getattr(body, name)
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise BadConfig.wrong(f"{field}.{name}", value, "a number, zero or more")
+    """Raise :class:`BadConfig` for numbers that do not go together."""
     if body.speed is not None and body.min_speed is not None and body.min_speed > body.speed:
         text = f"{field}.min_speed is {body.min_speed}, more than its speed of {body.speed}"
         raise BadConfig(text, field=f"{field}.min_speed", value=body.min_speed, expected=f"{body.speed} at most")

@@ -53,8 +53,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
@@ -65,6 +66,7 @@ from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
 
 Action = Literal["loiter", "rtl", "land"]
+H = TypeVar("H")
 
 
 class Failsafe(Table, frozen=True):
@@ -134,14 +136,6 @@ class Separation(Table, frozen=True):
     """The last resort against a collision (:mod:`zmav.services.authority.separation`): all of a fleet, or none."""
 
     on: bool = False
-    share: Annotated[float, msgspec.Meta(ge=0.2, le=2.0)] = 0.75
-    """of the sum of two vehicles' radii, below which they move aside: less than a planner keeps"""
-    downwash: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.5
-    """so many metres of height count as one over the ground"""
-    floor: float = 3.0
-    """m above home: nobody is sent lower"""
-    far: Positive = 3.0
-    """m from what it was told to be at, from which on a vehicle is taken to be on its way there"""
 
 
 class Rights(Table, frozen=True):
@@ -226,13 +220,8 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
     def host(self, name: str) -> VehicleConfig | StationConfig:
         """The table of a host, vehicle or not; raises :class:`BadConfig` naming those there are."""
-        found = self.vehicles.get(name) or self.stations.get(name)
-        if found is None:
-            known = ", ".join((*self.vehicles, *self.stations)) or "none"
-            raise BadConfig(
-                f"no host {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known
-            )
-        return found
+        hosts: dict[str, VehicleConfig | StationConfig] = {**self.vehicles, **self.stations}
+        return _named("host", name, hosts)
 
     def profile_of(self, host: Host) -> Profile:
         """The host's own, or else the fleet's."""
@@ -240,12 +229,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
     def vehicle(self, name: str) -> VehicleConfig:
         """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""
-        if name not in self.vehicles:
-            known = ", ".join(self.vehicles) or "none"
-            raise BadConfig(
-                f"no vehicle {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known
-            )
-        table = self.vehicles[name]
+        table = _named("vehicle", name, self.vehicles)
         return msgspec.structs.replace(
             table,
             failsafe=table.failsafe or self.failsafe,
@@ -253,6 +237,13 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             limits=table.limits or self.limits,
             body=table.body or self.body,
         )
+
+
+def _named(what: str, name: str, tables: Mapping[str, H]) -> H:
+    if name in tables:
+        return tables[name]
+    known = ", ".join(tables) or "none"
+    raise BadConfig(f"no {what} {name!r} in the fleet file; it has {known}", field="name", value=name, expected=known)
 
 
 def load_fleet(path: str | Path) -> FleetConfig:

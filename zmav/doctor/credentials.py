@@ -17,9 +17,8 @@ from zmav.doctor import topics
 from zmav.doctor.findings import Finding
 from zmav.errors import BadInput, ZmavError
 from zmav.services.queries.everybody import ask_everybody
-from zmav.trust.certificate import Certificate
+from zmav.trust.certificate import SOON, Certificate
 from zmav.trust.credentials import Credentials
-from zmav.trust.expiry import SOON
 from zmav.trust.roster import HeldRoster
 
 RENEW = "renew it where the authority is: zmav mesh ca renew"

@@ -6,9 +6,12 @@ rules see the common name; a vehicle sees all three. One key serves mutual TLS a
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import enum
 import hashlib
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cryptography import x509
@@ -21,6 +24,9 @@ from zmav.errors import BadConfig
 
 FINGERPRINT = 8
 """bytes of SHA-256 over the DER form that name a certificate on the wire"""
+HOUR, DAY = 3600.0, 86_400.0
+SOON = 30 * DAY
+"""s before its end that a certificate is to be renewed"""
 
 
 def fingerprint(der: bytes) -> bytes:
@@ -123,3 +129,21 @@ def utc(t: float) -> str:
 
 def _utc(when: datetime.datetime) -> float:
     return when.timestamp()
+
+
+async def warn_of_end(certificate: Certificate, say: Callable[[str], None]) -> None:
+    """Say ahead that it ends: every day of its last month, every hour of its last two days. Until it is cancelled."""
+    while True:
+        left = certificate.not_after - time.time()
+        if left <= SOON:
+            say(_words(certificate, left))
+        await asyncio.sleep(DAY if left > 2 * DAY or left <= 0 else min(left + 1.0, HOUR))
+
+
+def _words(certificate: Certificate, left: float) -> str:
+    if left <= 0:
+        text = "no new link opens, a link that is lost does not come back, and members believe us for a day at most"
+        return f"the certificate of {certificate.name} ended {utc(certificate.not_after)}: {text}; renew it"
+    span = f"{left / DAY:.0f} days" if left > 2 * DAY else f"{left / HOUR:.1f} hours"
+    text = "renew it where the authority is (zmav mesh ca renew) and start again with it"
+    return f"the certificate of {certificate.name} ends {utc(certificate.not_after)}, in {span}: {text}"

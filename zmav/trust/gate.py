@@ -1,4 +1,4 @@
-"""The vehicle's gate: whether an order, a frame or an upload comes from who may give it."""
+"""The vehicle's gate: whether an order or a frame comes from who may give it."""
 
 from __future__ import annotations
 
@@ -161,8 +161,7 @@ class Gate(Verifier):
         certificate = self.certificate_of(found, dated=not challenged)
         may(certificate.role, certificate.name, channel, parts, self._given)
         self.check_signature(found, certificate, key, payload)
-        if channel is not keys.UPLOAD:  # a chunk that comes again stands where it stood, and there are many
-            self._use(used, once, certificate.name)
+        self._use(used, once, certificate.name)
         return Origin(certificate.name, certificate.role, certificate.fingerprint, found.t)
 
     def _check_now(self, key: str, payload: bytes, channel: keys.Channel, found: proof.Proof, panics: bool) -> None:

@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import os
 import time
-import uuid
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from zmav import keys, wire
-from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
-from zmav.mavlink.ftp import crc32, crc32_of_file
-from zmav.waiting import together
+from zmav.errors import BadInput, TimedOut, ZmavError
+from zmav.mavlink.ftp import crc32_of_file
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 if TYPE_CHECKING:
@@ -34,9 +32,7 @@ ANSWER = 3.0
 QUICK = 0.5
 """s: a query answered sooner may ask for more; and the shortest wait for one"""
 GIVE_UP = 60.0
-"""s without a new byte from a vehicle before a download or an upload is left; a later one goes on"""
-AT_ONCE = 16
-"""chunks of an upload that are on their way"""
+"""s without a new byte from a vehicle before a download is left; a later one goes on"""
 PART = ".part"
 
 
@@ -63,7 +59,8 @@ class Files:
     async def put(self, local: str | Path, path: str, progress: Progress | None = None) -> dict[str, Any]:
         """Write a file of this machine to ``path`` on the autopilot; one that is there is replaced.
 
-        Gives ``{"path", "size", "verified", "rate"}``. Raises :class:`BadInput` for a file that cannot be read.
+        Gives ``{"path", "size", "verified", "rate"}``. Raises :class:`BadInput` for a file that cannot be read, or has
+        more than a mebibyte.
         """
         try:
             data = await asyncio.to_thread(Path(local).read_bytes)
@@ -73,10 +70,7 @@ class Files:
 
     async def put_bytes(self, data: bytes, path: str, progress: Progress | None = None) -> dict[str, Any]:
         """As :meth:`put`, from memory."""
-        name = uuid.uuid4().hex
-        await self._upload(name, data, _staged(progress, "network"))
-        args = wire.FilePut(path=path, file=name, size=len(data), crc32=crc32(data))
-        return await self._vehicle.order("file_put", args, _staged(progress, "autopilot"))
+        return await self._vehicle.order("file_put", wire.FilePut(path=path, data=data), _staged(progress, "autopilot"))
 
     async def remove(self, path: str) -> None:
         """Remove a file of the autopilot."""
@@ -158,35 +152,6 @@ class Files:
 
         answers = await self._client.ask(key, wire.encode(query), wait, keys.FILE_CHUNK, last)
         return {_offset(answer): answer.payload for answer in _good(answers)}
-
-    # From here to the vehicle's computer.
-
-    async def _upload(self, name: str, data: bytes, progress: Progress | None) -> None:
-        """Put every chunk until each is acknowledged."""
-        meter = _Rate(progress, len(data), 0)
-        offsets = list(range(0, max(len(data), 1), CHUNK))[::-1]
-        done = 0
-
-        async def worker() -> None:
-            nonlocal done
-            while offsets:
-                offset = offsets.pop()
-                await self._put_chunk(name, offset, data[offset : offset + CHUNK])
-                done = min(done + CHUNK, len(data))
-                meter.at(done)
-
-        await together(*(worker() for _ in range(min(AT_ONCE, len(offsets)))))
-
-    async def _put_chunk(self, name: str, offset: int, data: bytes) -> None:
-        key = keys.UPLOAD.key(self._vehicle.fleet, self._vehicle.name, file=name, offset=offset)
-        fresh = time.monotonic()
-        while time.monotonic() - fresh < GIVE_UP:
-            if _good(await self._client.ask(key, data, ANSWER, keys.UPLOAD, lambda answer: True)):
-                return
-            if self._vehicle.age is None and not self._vehicle.present:
-                raise NoSuchVehicle(f"no vehicle {self._vehicle.name} is present", vehicle=self._vehicle.name)
-            await asyncio.sleep(0.2)
-        raise Stale(f"{self._vehicle.name} takes no bytes", vehicle=self._vehicle.name)
 
 
 class Logs:

@@ -23,7 +23,6 @@ from zmav.wire.files import (
     LogGet,
     LogList,
     StoredFile,
-    Uploaded,
 )
 from zmav.wire.history import History, HistoryEntry, HistoryQuery
 from zmav.wire.host import Disk, HostReport
@@ -165,7 +164,6 @@ __all__ = [
     "TakeLease",
     "Takeoff",
     "TunableInfo",
-    "Uploaded",
     "Vector",
     "VehicleState",
     "Wire",

@@ -2,8 +2,8 @@
 
 A file is fetched in two steps: an order (``do/file_get``, ``do/log_get``) brings it from the autopilot to the vehicle's
 computer, whose answer is a :class:`StoredFile`; its bytes are then asked for on ``file/{file}/*`` as often as the
-network needs. The other way: chunks on ``upload/{file}/{offset}``, each acknowledged, then ``do/file_put``. Checksums
-are MAVFTP's CRC-32 (:func:`zmav.mavlink.ftp.crc32`).
+network needs. The other way an order (``do/file_put``) has the file in it. Checksums are MAVFTP's CRC-32
+(:func:`zmav.mavlink.ftp.crc32`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ CHUNK = 1100
 """bytes of one chunk at most: bulk goes best effort, and a larger sample would be cut up on the way"""
 MOST_CHUNKS = 200
 """chunks in the answer to one query: more than 256 replies stop a session that asks itself"""
+MOST_PUT = 1 << 20
+"""bytes of a file that an order can have in it"""
 
 
 class FileEntry(Wire, kw_only=True):
@@ -50,12 +52,10 @@ class FileGet(Order, kw_only=True):
 
 
 class FilePut(Order, kw_only=True):
-    """``do/file_put``: write what was sent in chunks on ``upload/{file}/{offset}`` to ``path`` on the autopilot."""
+    """``do/file_put``: write ``data`` (base64 in JSON) to ``path`` on the autopilot."""
 
     path: str
-    file: str
-    size: int
-    crc32: int
+    data: bytes
 
 
 class LogList(Order, kw_only=True):
@@ -98,10 +98,3 @@ class FileQuery(Wire, kw_only=True):
 
     offset: int = 0
     length: int = CHUNK * MOST_CHUNKS
-
-
-class Uploaded(Wire, kw_only=True):
-    """The answer to a chunk put under ``upload/{file}/{offset}``: how many bytes of that file are there now."""
-
-    file: str
-    bytes: int

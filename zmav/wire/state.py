@@ -102,7 +102,7 @@ class VehicleState(Wire, kw_only=True):
     autopilot: str | None = None
     """ardupilot, px4 or generic"""
     kind: str | None = None
-    """copter, plane, rover, boat, sub, vtol, heli or other"""
+    """copter, plane, rover, boat, vtol, heli or other"""
     firmware: str | None = None
     mode: str | None = None
     armed: bool | None = None

@@ -110,7 +110,6 @@ class Copter:
             keys.RATES.key(fleet, name),
             keys.FILE.key(fleet, name, file="*"),
             keys.FILE_CHUNK.key(fleet, name, file="*", offset="*"),
-            keys.UPLOAD.key(fleet, name, file="*", offset="*"),
         )
         state, do = keys.STATE.key(fleet, name), keys.DO.key(fleet, name, verb="*")
         link = keys.LINK.key(fleet, name, link="autopilot")

@@ -56,7 +56,7 @@ def take(data: bytes) -> None:
 
 def _fly(point: Any) -> None:
     target = resolve(point, ORIGIN)
-    limits_of.check(target, None, Limits(speed=12.0, climb=3.0), None, flat=False)
+    limits_of.check(target, None, Limits(speed=12.0, climb=3.0), None, None, flat=False)
 
 
 def _setpoint(point: wire.Setpoint) -> None:

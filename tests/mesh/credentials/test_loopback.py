@@ -88,7 +88,7 @@ def test_a_program_orders_no_other_vehicle(fleet: Fleet, host: str) -> None:
     door = fleet.router(host)
     home, program = fleet.home(door), fleet.open(None, door.local)
     vehicles = ("quad1", "quad2", "quad9", "ops", "*")  # quad9 is on no roster yet
-    orders = ("do/land", "do/arm", "swarm/abort", "upload/x/0", "agent/x/do/y", "bench/order/start")
+    orders = ("do/land", "do/arm", "swarm/abort", "agent/x/do/y", "bench/order/start")
     read = ("state", "param/X", "mission/mission", "msg/X", "do/ping", "file/x/*")
     reached(program, end := f"zmav/alpha/{host}/agent/x1/status")
     last = f"zmav/alpha/{host}/msg/END"

@@ -109,7 +109,7 @@ async def test_it_leads_only_while_it_may(bench: StartBench) -> None:
     b.peer.send("GLOBAL_POSITION_INT", **at())
     await b.state(lambda s: s["position"], "position")
     control = Control("quad1")
-    leader = PositionLeader(b.vehicle.adapter, b.vehicle.identity, control)
+    leader = PositionLeader(b.vehicle.companion, control)
     assert leader.lead(target(400.0, 0.0))
     await b.peer.count(GLOBAL, 2)
     assert control.claimed(Mover.TARGET)

@@ -52,7 +52,7 @@ def here(north: float, east: float, up: float = 10.0, vel: wire.Vector = (0.0, 0
 def refused(target: Target, which: Fence | None, limits: Limits | None = None, **more: Any) -> str | None:
     """What counts the refusal; None: it is let through."""
     try:
-        check(target, which, limits, HOME, **more)
+        check(target, which, limits, HOME, **{"here": None, **more})
     except BadInput as e:
         assert e.detail["field"]
         wire.error_body(e)
@@ -116,14 +116,14 @@ def test_radius_ceiling_and_floor() -> None:
         assert (refused(at(0.0, 0.0, up), round_one) is None) is within
         assert (refused(Target(-35.0, 149.0, alt_rel=up), round_one) is None) is within
     with pytest.raises(BadInput, match="over the ceiling of 30 m"):
-        check(at(0.0, 0.0, 31.0), round_one, None, HOME)
+        check(at(0.0, 0.0, 31.0), round_one, None, HOME, None)
     # The fence counts from home, the fleet's frame from the origin.
-    check(at(0.0, 0.0, 40.0), round_one, None, HOME + 15.0)
+    check(at(0.0, 0.0, 40.0), round_one, None, HOME + 15.0, None)
     with pytest.raises(BadInput, match="not known yet"):
-        check(at(0.0, 0.0), round_one, None, None)
-    check(Target(-35.0, 149.0, alt_rel=10.0), round_one, None, None)
-    check(at(0.0, 0.0, 400.0), round_one, None, None, flat=True)
-    check(at(0.0, 0.0), fence(SQUARE), None, None)
+        check(at(0.0, 0.0), round_one, None, None, None)
+    check(Target(-35.0, 149.0, alt_rel=10.0), round_one, None, None, None)
+    check(at(0.0, 0.0, 400.0), round_one, None, None, None, flat=True)
+    check(at(0.0, 0.0), fence(SQUARE), None, None, None)
 
 
 def test_no_fence_and_no_limits_let_everything_through() -> None:
@@ -199,7 +199,7 @@ def test_each_limit_counts_by_its_own_name(count: str, at_limit: Target, beyond:
     assert refused(beyond, None, LIMITS) == count
     assert refused(beyond, None, Limits()) is None
     with pytest.raises(BadInput, match=f"the limit {count} = "):
-        check(beyond, None, LIMITS, None)
+        check(beyond, None, LIMITS, None, None)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from zmav import keys, wire
 from zmav.autopilots import Target, autopilot_for
-from zmav.services.authority.pace import REPEAT_AFTER, Pace
+from zmav.services.authority.stream import REPEAT_AFTER, Pace
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench

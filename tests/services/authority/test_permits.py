@@ -29,11 +29,11 @@ NEEDS_NONE = {
     "Adapter": "the link itself: what its services send, they are permitted to",
     "EventTexts": "asks for the report of the checks",
     "Flight": "handlers: reached by Orders alone, behind its Permit",
-    "IntervalAsker": "asks for rates",
     "Identity": "asks for messages",
     "MissionFlight": "handlers: reached by Orders alone, behind its Permit",
     "Onboard": "sends its HEARTBEAT",
     "ParamTalk": "asks for parameters and sets them: an order of its own",
+    "Rates": "asks for rates",
     "Payload": "handlers: reached by Orders alone, behind its Permit",
     "Talk": "moves files",
     "TimeSync": "asks for the time",
@@ -131,7 +131,6 @@ def test_those_that_are_meant_are_among_them() -> None:
     asking = {name for _, name in ASKERS}
     assert asking >= {
         "Authority",
-        "Files",
         "FrameForwarder",
         "GcsTraffic",
         "Leases",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -252,7 +251,7 @@ async def test_a_stream_that_never_engaged_ends_without_a_hold(bench: StartBench
     alice = await pilot(b, mode=LOITER)
     alice.put()
     await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "GUIDED asked for")
-    await asyncio.to_thread(b.vehicle.authority.watchdog.wait_until_idle, 10.0)
+    await b.peer.until(lambda: b.vehicle.authority.watchdog.step is watchdog.Step.IDLE, "the end of the stream")
     assert b.peer.heard(LOCAL) == []
     assert b.vehicle.setpoints.counts == {"engaging": 1}
 

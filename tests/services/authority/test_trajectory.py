@@ -279,7 +279,7 @@ def test_the_fence_agrees_with_a_close_look(points: list[wire.SegmentPoint], bay
 
 def within(target: Target, around: Fence) -> bool:
     try:
-        check(target, around, None, HOME)
+        check(target, around, None, HOME, None)
     except BadInput:
         return False
     return True

@@ -13,10 +13,9 @@ from tests.services.files.disk import PATIENCE_S, Disk, disk, noise
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.mavlink.ftp import Nak, Op, crc32
-from zmav.services.files.files import MOST_UPLOADS
 from zmav.services.files.store import META, Store
 from zmav.vehicle.files import PART
-from zmav.wire.files import CHUNK, MOST_CHUNKS
+from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -178,42 +177,11 @@ async def test_a_download_lands_where_it_is_told_and_nowhere_else(
             await d.v.files.get("/APM/.hidden", out / "b" / "c")
 
 
-async def test_an_upload_counts_only_when_it_is_whole(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+async def test_what_is_too_large_is_not_written(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
     async with disk(net, onboard, tmp_path) as d:
-        for offset, chunk, there in ((0, b"abc", 3), (5, b"fg", 5), (0, b"abc", 5)):
-            (reply,) = await d.ground.ask(keys.UPLOAD.key("demo", "quad1", file="u", offset=offset), chunk)
-            assert reply.ok is not None
-            assert wire.decode(reply.ok.payload.to_bytes(), wire.Uploaded, "u").bytes == there
-        order = {"path": "/APM/u", "file": "u", "size": 7, "crc32": crc32(b"abcdefg")}
-        with pytest.raises(BadInput, match="upload it again"):
-            await d.ground.do("file_put", **order)
-        await d.ground.ask(keys.UPLOAD.key("demo", "quad1", file="u", offset=3), b"de")
-        await d.ground.do("file_put", **order)
-        assert d.there("/APM/u") == b"abcdefg"
-        with pytest.raises(BadInput, match="nothing came"):
-            await d.ground.do("file_put", **order)
-        for file, place in (("UP", "0"), ("u", "x"), ("u", str(1 << 34))):
-            (reply,) = await d.ground.ask(keys.UPLOAD.key("demo", "quad1", file=file, offset=place), b"x")
-            assert reply.err is not None
-
-
-async def test_uploads_do_not_fill_the_memory(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
-    async with disk(net, onboard, tmp_path) as d:
-        for name in ("a", "b", "c"):
-            key = keys.UPLOAD.key("demo", "quad1", file=name, offset=(7 << 20))
-            (reply,) = await d.ground.ask(key, b"x")
-            assert reply.ok is not None
-        assert sorted(d.onboard.files.uploads) == ["b", "c"]
-
-
-async def test_uploads_of_nothing_do_not_either(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
-    async with disk(net, onboard, tmp_path) as d:
-        for number in range(2 * MOST_UPLOADS):
-            key = keys.UPLOAD.key("demo", "quad1", file=f"a{number}", offset=0)
-            (reply,) = await d.ground.ask(key, b"")
-            assert reply.ok is not None
-        assert list(d.onboard.files.uploads)[-1] == f"a{2 * MOST_UPLOADS - 1}"
-        assert len(d.onboard.files.uploads) == MOST_UPLOADS
+        with pytest.raises(BadInput, match="too many to be written at once"):
+            await d.v.files.put_bytes(bytes(MOST_PUT + 1), "/APM/u")
+        assert "u" not in [entry.name for entry in await d.v.files.list("/APM")]
 
 
 # The store alone.

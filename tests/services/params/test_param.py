@@ -103,14 +103,6 @@ async def test_gaps_are_asked_for_one_by_one(scene: StartScene, lost: set[int]) 
     assert s.peer.lists() == 1
 
 
-async def test_much_lost_of_a_fast_stream_is_asked_for_as_a_list_again(scene: StartScene) -> None:
-    s = await scene(many(200), lambda peer: peer.lost.update(range(0, 180, 2)))
-    await s.peer.until(lambda: s.peer.lists() > 1, "second list")
-    s.peer.lost.clear()
-    await s.read()
-    assert len(await s.values()) == 200
-
-
 async def test_a_stream_that_breaks_off(scene: StartScene) -> None:
     s = await (await scene(many(30), lambda peer: setattr(peer, "stop_at", 12))).read()
     assert s.known.count == len(await s.values()) == 30

@@ -11,7 +11,7 @@ from typing import Any
 
 from tests.services.conftest import ACCEPTED, Peer, Told
 
-SET_INTERVAL, GET_INTERVAL, DENIED = 511, 510, 2
+SET_INTERVAL, DENIED = 511, 2
 STEP_S = 0.01
 
 
@@ -69,17 +69,10 @@ class StreamPeer(Peer):
 
     def command(self, told: Told) -> None:
         number = told.fields["command"]
-        if number in self.mute or number not in (SET_INTERVAL, GET_INTERVAL):
+        if number in self.mute or number != SET_INTERVAL:
             super().command(told)
             return
         name, interval = self.dialect.name_of(int(told.fields["param1"])), told.fields["param2"]
-        if number == GET_INTERVAL:
-            if name not in self.denied:
-                hz = self.rates.get(name, 0.0)
-                interval = round(1e6 / hz) if hz else -1
-                self.send("MESSAGE_INTERVAL", message_id=int(told.fields["param1"]), interval_us=interval)
-            self.acknowledge(number, DENIED if name in self.denied else ACCEPTED, told.source)
-            return
         result = DENIED if name in self.denied or 0 < interval < 1e6 / self.fastest else ACCEPTED
         if result == ACCEPTED:
             self._set(name, interval)
@@ -140,4 +133,4 @@ class SerialPeer(StreamPeer):
         self.sent.append(data)
 
 
-__all__ = ["DENIED", "GET_INTERVAL", "SET_INTERVAL", "SerialPeer", "StreamPeer"]
+__all__ = ["DENIED", "SET_INTERVAL", "SerialPeer", "StreamPeer"]

@@ -17,8 +17,7 @@ from zmav.links import open_link
 from zmav.mavlink import load_dialect
 from zmav.services.rates.demand import Demand
 from zmav.services.rates.meter import Measured
-from zmav.services.rates.plan import FULL, PATIENCE, ROOM, Shedder, Target, wanted
-from zmav.services.rates.share import TRICKLE_HZ, Want, share
+from zmav.services.rates.plan import FULL, PATIENCE, ROOM, TRICKLE_HZ, Shedder, Target, Want, share, wanted
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench

@@ -8,28 +8,25 @@ import math
 import time
 from collections.abc import Callable
 
-import msgspec
-import zenoh
-
 from zmav import wire
 from zmav.autopilots import Autopilot, Target
+from zmav.autopilots.base import mode_of
 from zmav.autopilots.safety import changes_mode
 from zmav.config import Failsafe, PilotSwitch, check_failsafe
-from zmav.errors import Forbidden, Refused, Unsupported, ZmavError
+from zmav.errors import Forbidden, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control, Mover
-from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.gcs_traffic import GcsTraffic, TakenByStation
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.lease import Leases, severity_of
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
+from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
-from zmav.services.status.events import Events
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
@@ -49,16 +46,8 @@ HOLDING_FIRST = (*MOVING_NOTHING, "command", "mission_start")
 """... and those that may put something there, sooner or later"""
 
 
-class Rules(msgspec.Struct, kw_only=True, frozen=True):
-    """What the fleet file says about it."""
-
-    origin: wire.Origin | None = None
-    failsafe: Failsafe = Failsafe()
-    pilot_switch: PilotSwitch | None = None
-
-
 class Authority:
-    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for rules that make no sense.
+    """One vehicle's. Lives on the event loop. Raises :class:`~zmav.errors.BadConfig` for a bad failsafe.
 
     ``guard`` raises while nobody may command the vehicle at all (a clash of names or ids), ``accept`` where the
     autopilot's parameters do not let it follow a setpoint. ``aside``: what to fly instead for a moment. ``sealed``:
@@ -67,56 +56,44 @@ class Authority:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
-        events: Events,
         bounds: Bounds,
-        rules: Rules,
         counts: SetpointCounts,
         control: Control,
         *,
+        failsafe: Failsafe,
+        pilot_switch: PilotSwitch | None,
         guard: MayMove[[]],
         accept: MayMove[[Autopilot, Target]],
         aside: Aside,
         sealed: bool,
         param: Callable[[str], float | None],
     ) -> None:
-        self._identity, self._commander, self._events, self._guard = identity, commander, events, guard
-        self._failsafe, self._param, self.bounds = check_failsafe(rules.failsafe), param, bounds
+        self._identity, self._events = companion.identity, companion.events
+        self._commander, self._guard = commander, guard
+        self._failsafe, self._param, self.bounds = check_failsafe(failsafe), param, bounds
         self.control = control
-        self.pilot = Pilot(port, identity, commander, rules.pilot_switch, control)
-        self.leases = Leases(session, port.fleet, port.name, events, port.bus, may_take=control.check_pilot)
-        self.leader = PositionLeader(port, identity, control)
+        self.pilot = Pilot(companion, commander, pilot_switch, control)
+        self.leases = Leases(companion, may_take=control.check_pilot)
+        self.leader = PositionLeader(companion, control)
         self.watchdog = StreamWatchdog(
-            port,
-            events,
-            rules.failsafe,
-            counts,
-            control,
-            allowed=self.pilot.allowed,
-            near=self.leader.near,
-            aside=aside,
+            companion, failsafe, counts, control, allowed=self.pilot.allowed, near=self.leader.near, aside=aside
         )
-        self.gcs_traffic = GcsTraffic(port, identity, self.leases, guard)
+        self.gcs_traffic = GcsTraffic(companion, self.leases, guard)
         self.setpoints = Setpoints(
-            session,
-            port,
-            identity,
+            companion,
             self.leases,
             self.pilot,
             self.watchdog,
             bounds,
-            events,
-            rules.origin,
             counts,
             control,
             may_move=guard,
             accept=accept,
             sealed=sealed,
         )
-        self._bus = port.bus
+        self._bus = companion.port.bus
         self._calmed: dict[Origin, float] = {}
         """UTC at which each member signed its last order that makes safe"""
         self._safe_given: dict[Origin, float] = {}
@@ -154,7 +131,7 @@ class Authority:
         self.pilot.close()
         self.leases.close()
 
-    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> None:
+    def allow(self, verb: Verb, args: wire.Order, origin: Origin | None) -> None:
         """Raise where somebody may not give an order now. Nothing is changed by it.
 
         A clash of names or ids stops all that changes something, but nothing that makes safe: that reaches both of the
@@ -175,7 +152,7 @@ class Authority:
         if verb.access in (Access.OPEN, Access.MOVE) and verb.name not in ("disarm", "revoke"):
             self.control.check_pilot()
 
-    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None = None) -> ActiveStream | None:
+    def begin(self, verb: Verb, args: wire.Order, origin: Origin | None) -> ActiveStream | None:
         """Let an order begin that is allowed and can be done: what it takes the place of ends.
 
         Returns the stream that it ended, for :meth:`failed`.
@@ -224,7 +201,7 @@ class Authority:
     def failed(self, flown: ActiveStream | None, verb: Verb) -> None:
         """An order came to nothing: the stream it ended is not flown on, where the vehicle still would."""
         idle = not self.control.claimed(Mover.ORDER, Mover.TARGET)
-        if flown is not None and idle and self._identity.mode in (flown.mode, _hold_of(flown.autopilot)):
+        if flown is not None and idle and self._identity.mode in (flown.mode, mode_of(flown.autopilot.hold_mode)):
             self.watchdog.hold(flown, f"{verb.name} came to nothing")
 
     def taken(self, text: str) -> ActiveStream | None:
@@ -279,7 +256,9 @@ class Authority:
     def _to_autopilot(self) -> None:
         """The switch ends the stream, but the autopilot would wait for more of it for seconds: it is told to fly."""
         autopilot = self._identity.autopilot
-        if autopilot is not None and self._identity.armed and _follows_setpoints(autopilot, self._identity.mode):
+        if autopilot is None or not self._identity.armed or self._identity.mode is None:
+            return
+        if self._identity.mode == mode_of(lambda: autopilot.guided):
             switch = self.pilot.switch
             mode = (switch.mode if switch else None) or autopilot.loiter()
             self._handing = asyncio.get_running_loop().create_task(self._hand(mode))
@@ -336,13 +315,6 @@ class Authority:
             self.leases.end("failsafe", f"no setpoint for {self._failsafe.land_after} s: the lease has ended")
 
 
-def _follows_setpoints(autopilot: Autopilot, mode: str | None) -> bool:
-    try:
-        return mode == autopilot.guided
-    except Unsupported:
-        return False
-
-
 def _given(args: wire.Order, origin: Origin) -> float:
     """Monotonic seconds at which its giver first gave it. One that waited longer than anybody asks again was given by a
     clock that was set since: it counts from now.
@@ -357,14 +329,6 @@ def _moves_nothing(verb: Verb, args: wire.Order) -> bool:
         name = _named(args.command)
         return not (changes_mode(name) or name.startswith("MAV_CMD_GUIDED_CHANGE"))
     return verb.name in MOVING_NOTHING
-
-
-def _hold_of(autopilot: Autopilot) -> str | None:
-    """The mode in which it holds."""
-    try:
-        return autopilot.hold()[0]
-    except Unsupported:
-        return None
 
 
 def _named(command: str) -> str:

@@ -15,11 +15,10 @@ from zmav.autopilots import Autopilot, Command, Target
 from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
-from zmav.mavlink import decode
 from zmav.services.authority import limits as limit
 from zmav.services.authority.trajectory import Segment
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
+from zmav.services.link.reported import fields_of
 from zmav.services.missions.items import Raw
 
 FRESH = 2.0
@@ -39,14 +38,13 @@ class Bounds:
     :class:`~zmav.errors.BadConfig`.
     """
 
-    def __init__(
-        self, port: Port, identity: Identity, origin: wire.Origin | None, fence: Geofence, limits: Limits
-    ) -> None:
-        self._port, self._identity, self._origin, self._fence = port, identity, origin, fence
-        self._declared = limit.Fence(fence, origin, ground=False)
+    def __init__(self, companion: Companion, fence: Geofence, limits: Limits) -> None:
+        self._port, self._identity, self._origin = companion.port, companion.identity, companion.origin
+        self._fence = fence
+        self._declared = limit.Fence(fence, companion.origin, ground=False)
         self._limits, self._usual_limits = limits, usual_limits(limits)
-        self._about_home = origin is None and not fence.polygon
-        self._usual = None if self._about_home else limit.Fence(usual_fence(fence), origin, ground=True)
+        self._about_home = companion.origin is None and not fence.polygon
+        self._usual = None if self._about_home else limit.Fence(usual_fence(fence), companion.origin, ground=True)
         self._armed = False
 
     def changed(self) -> None:
@@ -116,7 +114,7 @@ class Bounds:
 
         def judge(fence: limit.Fence, limits: Limits) -> None:
             if place is not None:
-                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, flat=True)
+                limit.check(Target(place.lat_deg, place.lon_deg), fence, None, None, None, flat=True)
             if fence.limits_height and not self._flat and not abs(raised) <= HOME_STEP:
                 where = "to where nobody knows yet" if math.isnan(raised) else f"by {raised:.1f} m"
                 text = f"it moves home's height {where} (at most {HOME_STEP:g} m), and all heights with it"
@@ -141,9 +139,8 @@ class Bounds:
 
     @property
     def _flat(self) -> bool:
-        """Its heights are nobody's choice, or lie under home by its nature."""
-        autopilot = self._identity.autopilot
-        return autopilot is not None and (autopilot.on_surface or autopilot.kind == "sub")
+        """Its heights are nobody's choice."""
+        return self._identity.autopilot is not None and self._identity.autopilot.on_surface
 
     def _permit(
         self,
@@ -178,9 +175,7 @@ class Bounds:
         return None if self._origin is None or self._declared.limits_height else self._origin.alt_amsl
 
     def _position(self) -> Mapping[str, Any] | None:
-        source = self._identity.source
-        heard = self._port.latest("GLOBAL_POSITION_INT", source) if source else None
-        return decode(heard.frame, self._port.dialect) if heard and heard.age < FRESH else None
+        return fields_of(self._port, "GLOBAL_POSITION_INT", self._identity.source, FRESH)
 
 
 def _origin_at(position: Mapping[str, Any]) -> wire.Origin | None:

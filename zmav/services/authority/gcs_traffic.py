@@ -13,8 +13,8 @@ from zmav.autopilots.safety import changes_mode, makes_safe
 from zmav.mavlink import Frame, decode
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import FrameForwarded, Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import FrameForwarded, on_loop
 
 STREAMED = (
     "SET_ATTITUDE_TARGET",
@@ -34,9 +34,9 @@ class TakenByStation(NamedTuple):
 class GcsTraffic:
     """``guard`` raises while two claim to be the vehicle. The port's bus is told of :class:`TakenByStation`."""
 
-    def __init__(self, port: Port, identity: Identity, leases: Leases, guard: MayMove[[]]) -> None:
-        self._port, self._identity, self._leases, self._guard = port, identity, leases, guard
-        by_name = port.dialect.by_name
+    def __init__(self, companion: Companion, leases: Leases, guard: MayMove[[]]) -> None:
+        self._port, self._identity, self._leases, self._guard = companion.port, companion.identity, leases, guard
+        by_name = companion.port.dialect.by_name
         self._streamed = {by_name[name].id for name in STREAMED if name in by_name}
         self._ordering = {by_name[name].id for name in ("COMMAND_LONG", "COMMAND_INT", SET_MODE) if name in by_name}
 

@@ -18,10 +18,9 @@ from zmav import geo, wire
 from zmav.autopilots import Autopilot, Message, Target
 from zmav.autopilots.safety import flies_on
 from zmav.errors import ZmavError
-from zmav.mavlink import decode
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
+from zmav.services.link.reported import fields_of
 
 AHEAD_M = 15.0
 AHEAD_S = 3.0
@@ -73,18 +72,17 @@ class PositionLeader:
     ``control`` is asked before each target.
     """
 
-    def __init__(self, port: Port, identity: Identity, control: Control) -> None:
-        self._port, self._identity, self._control = port, identity, control
+    def __init__(self, companion: Companion, control: Control) -> None:
+        self._port, self._identity, self._control = companion.port, companion.identity, control
         self._task: asyncio.Task[None] | None = None
 
     def near(self, autopilot: Autopilot, target: Target, source: tuple[int, int]) -> Target:
         """What to give the autopilot now for ``target``: a near point, or for a moving one on the ground a velocity."""
         if target.lat_deg is None or not flies_on(autopilot):
             return target
-        heard = self._port.latest("GLOBAL_POSITION_INT", source)
-        if heard is None or heard.age > FRESH_S:
+        position = fields_of(self._port, "GLOBAL_POSITION_INT", source, FRESH_S)
+        if position is None:
             return target
-        position = decode(heard.frame, self._port.dialect)
         if autopilot.on_surface and target.vel is not None:
             return pursuit(target, position)
         return within_reach(target, position)

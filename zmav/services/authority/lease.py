@@ -12,11 +12,10 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.bus import Bus
 from zmav.errors import BadInput, NotHolder
 from zmav.services.authority.may_move import MayMove
+from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
-from zmav.services.status.events import Events
 from zmav.trust.gate import Origin
 from zmav.trust.seal import Exchange
 
@@ -39,24 +38,15 @@ def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
 class Leases:
     """A vehicle's lease. Lives on the event loop.
 
-    ``may_take()`` raises while nobody may have one (the pilot's switch); ``bus`` is told the
+    ``may_take()`` raises while nobody may have one (the pilot's switch); the port's bus is told the
     :class:`~zmav.wire.LeaseEnd` of each, on the event loop.
     Where orders are proven, a lease belongs to whose certificate took it, and has a secret that seals the setpoints
     under it.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        fleet: str,
-        vehicle: str,
-        events: Events,
-        bus: Bus,
-        *,
-        may_take: MayMove[[]],
-    ) -> None:
-        self._session, self._fleet, self.vehicle, self._events = session, fleet, vehicle, events
-        self._may_take, self._bus = may_take, bus
+    def __init__(self, companion: Companion, *, may_take: MayMove[[]]) -> None:
+        self._session, self._events, self._bus = companion.session, companion.events, companion.port.bus
+        self._fleet, self.vehicle, self._may_take = companion.port.fleet, companion.port.name, may_take
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
@@ -89,7 +79,7 @@ class Leases:
 
     # The orders.
 
-    async def take(self, args: wire.TakeLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+    async def take(self, args: wire.TakeLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """Grant or renew; raises :class:`NotHolder` while another of the same or a higher priority holds it (a namesake
         without the token included), or when the lease to be renewed has ended or was given to another ``origin``.
         """
@@ -120,16 +110,14 @@ class Leases:
         granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
         return {**granted, **self._answer}
 
-    async def drop(self, args: wire.DropLease, report: object = None, origin: Origin | None = None) -> dict[str, Any]:
+    async def drop(self, args: wire.DropLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """The holder gives it back."""
         self.require(args.lease)
         self._check_origin(origin)
         self.end("released", f"{self._holder} gave the lease back")
         return {}
 
-    async def revoke(
-        self, args: wire.RevokeLease, report: object = None, origin: Origin | None = None
-    ) -> dict[str, Any]:
+    async def revoke(self, args: wire.RevokeLease, report: object, origin: Origin | None) -> dict[str, Any]:
         """An operator ends anybody's lease; harmless where there is none."""
         held = self.holder
         if held is not None:
@@ -140,7 +128,7 @@ class Leases:
 
     # What others use.
 
-    def allow(self, token: str, origin: Origin | None = None) -> None:
+    def allow(self, token: str, origin: Origin | None) -> None:
         """Raise :class:`NotHolder` where somebody else commands, or ``token``'s lease has ended: who was given it does
         not go on as if nothing had been. With no lease given out, an order needs none.
         """
@@ -158,7 +146,7 @@ class Leases:
             raise self.refusal(token)
         self.renew()
 
-    def holds(self, token: str, origin: Origin | None = None) -> bool:
+    def holds(self, token: str, origin: Origin | None) -> bool:
         """``token`` is the lease in force and ``origin``'s, or none is."""
         return not self._token or (token == self._token and origin == self.origin)
 

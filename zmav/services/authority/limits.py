@@ -124,7 +124,7 @@ def check(
     fence: Fence | None,
     limits: Limits | None,
     home_alt_amsl: float | None,
-    here: Here | None = None,
+    here: Here | None,
     *,
     flat: bool = False,
 ) -> None:

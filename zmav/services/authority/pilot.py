@@ -5,22 +5,21 @@ Nobody gives it back but an agent that asks for a lease again, and not while the
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 from zmav.autopilots import Autopilot
+from zmav.autopilots.base import Fields, mode_of
 from zmav.autopilots.safety import by_command, ends_in
 from zmav.config import PilotSwitch
-from zmav.errors import Unsupported
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.orders.command import Commander
 
+NEEDS = {"RC_CHANNELS": 10.0}
+"""what must flow for his switch, in Hz"""
 GRACE = 3.0
 """s after an order in which its command may still change the mode or disarm"""
 DISARMING = ("disarm", "MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION", "MAV_CMD_DO_PARACHUTE")
@@ -42,30 +41,23 @@ class Pilot:
 
     def __init__(
         self,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
         switch: PilotSwitch | None,
         control: Control,
     ) -> None:
-        self._port, self._identity, self._commander, self.switch = port, identity, commander, switch
+        self._port, self._identity, self._commander, self.switch = companion.port, companion.identity, commander, switch
         self._control = control
         self._mode: str | None = None
         self._armed = False
         self._what, self._grace = "", 0.0
-        self._stop: Callable[[], None] = lambda: None
-
-    @property
-    def needs(self) -> dict[str, float]:
-        """Messages that must always flow, and their rate in Hz."""
-        return {"RC_CHANNELS": 10.0} if self.switch else {}
+        self._rc = AutopilotMessages(companion, {"RC_CHANNELS": self._on_rc} if switch else {})
 
     def start(self) -> None:
-        if self.switch is not None:
-            self._stop = self._port.listen("RC_CHANNELS", on_loop(asyncio.get_running_loop(), self._on_rc))
+        self._rc.start()
 
     def close(self) -> None:
-        self._stop()
+        self._rc.close()
 
     def order_begins(self, what: str) -> None:
         """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
@@ -114,13 +106,13 @@ class Pilot:
         """It disarms there by itself, or somebody ordered it."""
         if self._what in DISARMING and time.monotonic() < self._grace:
             return True
-        return self._identity.autopilot is not None and mode in _landing_modes(self._identity.autopilot)
+        autopilot = self._identity.autopilot
+        return autopilot is not None and mode is not None and mode in _landing_modes(autopilot)
 
-    def _on_rc(self, frame: Frame) -> None:
+    def _on_rc(self, fields: Fields, frame: Frame) -> None:
         switch = self.switch
-        if switch is None or (frame.sysid, frame.compid) != self._identity.source:
-            return
-        pwm = int(decode(frame, self._port.dialect)[f"chan{switch.channel}_raw"])
+        assert switch is not None
+        pwm = int(fields[f"chan{switch.channel}_raw"])
         if pwm in UNHEARD:
             return  # a lost radio does not give the vehicle back
         if not switch.low <= pwm <= switch.high:
@@ -133,9 +125,5 @@ class Pilot:
         self._port.bus.tell(TakenByPilot(text, by_switch))
 
 
-def _landing_modes(autopilot: Autopilot) -> set[str]:
-    modes = {"AUTO", "MISSION"}
-    for mode in (autopilot.land, autopilot.rtl):
-        with contextlib.suppress(Unsupported):
-            modes.add(mode())
-    return modes
+def _landing_modes(autopilot: Autopilot) -> set[str | None]:
+    return {"AUTO", "MISSION", mode_of(autopilot.land), mode_of(autopilot.rtl)}

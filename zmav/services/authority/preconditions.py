@@ -4,21 +4,20 @@ commands: the two ways in which setpoints can be sent and yet not be flown.
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable
 from typing import Any
 
 from zmav.autopilots import Autopilot, Level, Need, Target
+from zmav.autopilots.base import Fields
 from zmav.errors import Refused, Unsupported
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.mavlink.results import CommandResult
 from zmav.services.authority.may_move import SetpointCounts
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, is_ours, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.heard import AutopilotMessages
+from zmav.services.link.port import is_ours
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.params.params import Params
-from zmav.services.status.events import Events
 
 COMMANDS = ("MAV_CMD_DO_SET_SERVO", "MAV_CMD_DO_SET_ACTUATOR", "MAV_CMD_DO_REPOSITION")
 ANSWER_WITHIN = 1.0
@@ -34,19 +33,20 @@ class ParamPreconditions:
     ``counts`` gets each setpoint that the autopilot refuses.
     """
 
-    def __init__(self, port: Port, params: Params, identity: Identity, events: Events, counts: SetpointCounts) -> None:
-        self._port, self._params, self._identity, self._events, self._counts = port, params, identity, events, counts
-        self._numbers = {port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
+    def __init__(self, companion: Companion, params: Params, counts: SetpointCounts) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self._params, self._counts = params, counts
+        self._numbers = {companion.port.dialect.value("MAV_CMD", name): name for name in COMMANDS}
         self._said: set[Need] = set()
         self._level: Level | None = None
         self._at = 0.0
-        self._stop: Callable[[], None] = lambda: None
+        self._acks = AutopilotMessages(companion, {"COMMAND_ACK": self._on_ack})
 
     def start(self) -> None:
-        self._stop = self._port.listen("COMMAND_ACK", on_loop(asyncio.get_running_loop(), self._on_ack))
+        self._acks.start()
 
     def close(self) -> None:
-        self._stop()
+        self._acks.close()
 
     def check(self, autopilot: Autopilot, target: Target) -> None:
         """Raise :class:`Unsupported` with what to set where such setpoints would do nothing; say it once where they
@@ -82,10 +82,9 @@ class ParamPreconditions:
 
         return explained
 
-    def _on_ack(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) != self._identity.source or time.monotonic() - self._at > ANSWER_WITHIN:
+    def _on_ack(self, ack: Fields, frame: Frame) -> None:
+        if time.monotonic() - self._at > ANSWER_WITHIN:
             return
-        ack = decode(frame, self._port.dialect)
         name, result = self._numbers.get(ack["command"]), ack["result"]
         if name is None or not is_ours(ack, self._port) or result in TAKEN:
             return

@@ -24,10 +24,8 @@ from zmav.mavlink import decode
 from zmav.services.authority import avoidance
 from zmav.services.authority.avoidance import STEP, STEPS, Motion, Other, Track
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.queries.intake import Intake
-from zmav.services.status.events import Events
 
 AHEAD = (1.0, 2.0, 3.0, 4.0)
 """s from now of the places in a beacon"""
@@ -51,6 +49,15 @@ MOST_WAITING = 128
 LARGEST = 20.0
 """m: nobody's radius is larger, whatever a beacon says: one that lies must not hold a whole fleet off"""
 
+SHARE = 0.75
+"""of the sum of two vehicles' radii, below which they move aside: less than a planner keeps"""
+DOWNWASH = 1.5
+"""so many metres of height count as one over the ground"""
+FLOOR = 3.0
+"""m above home: nobody is sent lower"""
+FAR = 3.0
+"""m from what it was told to be at, from which on a vehicle is taken to be on its way there"""
+
 Future = Callable[[float], Target]
 """what is to be flown so many seconds from now"""
 
@@ -60,18 +67,15 @@ class Separation:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         bounds: Bounds,
-        events: Events,
-        origin: wire.Origin | None,
         body: Callable[[], wire.swarm.Body],
         settings: Settings,
         is_vehicle: keys.IsVehicle,
     ) -> None:
-        self._session, self._port, self._identity, self._bounds = session, port, identity, bounds
-        self._events, self._origin, self._body, self._settings = events, origin, body, settings
+        self._session, self._port, self._identity = companion.session, companion.port, companion.identity
+        self._bounds = bounds
+        self._events, self._origin, self._body, self._on = companion.events, companion.origin, body, settings.on
         self._is_vehicle = is_vehicle
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}
@@ -85,7 +89,7 @@ class Separation:
     @property
     def on(self) -> bool:
         """It is asked for, and there is an origin to count from."""
-        return self._settings.on and self._origin is not None
+        return self._on and self._origin is not None
 
     def start(self) -> None:
         if self.on:
@@ -164,19 +168,19 @@ class Separation:
         pos, vel, height = here
         own = self._track(future, pos)
         times = avoidance.CLEARER if self._moving else 1.0
-        near = [other for other in neighbours if avoidance.meets(own, other, self._settings.downwash, times)]
+        near = [other for other in neighbours if avoidance.meets(own, other, DOWNWASH, times)]
         self._moving = bool(near)
         if not near:
             return None
         body = self._body()
         flat = autopilot.on_surface
-        low = height is not None and height < self._settings.floor
+        low = height is not None and height < FLOOR
         motion = Motion(body.speed, body.accel, body.climb, 0.0 if low else body.descend, flat)
         north, east, down = ((q - p) / STEP for p, q in zip(own[0], own[1], strict=True))
-        downwash, wanted = self._settings.downwash, _within((north, east, down), body.speed)
-        far = {other.name: avoidance.least(own, other.track, downwash)[0] for other in neighbours}
+        wanted = _within((north, east, down), body.speed)
+        far = {other.name: avoidance.least(own, other.track, DOWNWASH)[0] for other in neighbours}
         around = sorted((o for o in neighbours if far[o.name] < AROUND), key=lambda o: far[o.name])[:NEAREST]
-        out = avoidance.escape(self._port.name, pos, vel, wanted, around, motion, downwash, self._allowed)
+        out = avoidance.escape(self._port.name, pos, vel, wanted, around, motion, DOWNWASH, self._allowed)
         return Target(vel=out), ", ".join(sorted(other.name for other in near))
 
     def neighbours(self) -> list[Other]:
@@ -187,7 +191,7 @@ class Separation:
             for name in [name for name, age, _ in aged if age > FORGET]:
                 del self._heard[name]
         return [
-            Other(name, _ahead(beacon, age), self._settings.share * (radius + beacon.radius))
+            Other(name, _ahead(beacon, age), SHARE * (radius + beacon.radius))
             for name, age, beacon in aged
             if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
         ]
@@ -196,7 +200,7 @@ class Separation:
         """Where the vehicle will be: as it was told to, from where it really is."""
         told = [self._place(future(k * STEP), pos, k * STEP) for k in range(STEPS + 1)]
         off = tuple(a - b for a, b in zip(pos, told[0], strict=True))
-        if math.hypot(*off) > self._settings.far:  # on its way to what it was told
+        if math.hypot(*off) > FAR:  # on its way to what it was told
             return [self._toward(pos, place, k * STEP) for k, place in enumerate(told)]
         return [(n + off[0], e + off[1], d + off[2]) for n, e, d in told]
 

@@ -18,18 +18,17 @@ from zmav.autopilots import Autopilot, Target
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
-from zmav.services.authority.flown import ActiveStream
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
+from zmav.services.authority.stream import ActiveStream
 from zmav.services.authority.targets import resolve
 from zmav.services.authority.trajectory import Segment
 from zmav.services.authority.watchdog import StreamWatchdog
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
-from zmav.services.status.events import Events
 from zmav.trust.seal import is_sealed
 
 MAX_AHEAD = 5.0
@@ -65,15 +64,11 @@ class Setpoints:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         leases: Leases,
         pilot: Pilot,
         watchdog: StreamWatchdog,
         bounds: Bounds,
-        events: Events,
-        origin: wire.Origin | None,
         counts: SetpointCounts,
         control: Control,
         *,
@@ -81,8 +76,10 @@ class Setpoints:
         accept: MayMove[[Autopilot, Target]],
         sealed: bool,
     ) -> None:
-        self._session, self._port, self._identity, self._leases = session, port, identity, leases
-        self._pilot, self._watchdog, self._bounds, self._events, self._origin = pilot, watchdog, bounds, events, origin
+        self._session, self._port, self._identity = companion.session, companion.port, companion.identity
+        self._leases = leases
+        self._events, self._origin = companion.events, companion.origin
+        self._pilot, self._watchdog, self._bounds = pilot, watchdog, bounds
         self.counts = counts
         self._may_move, self._control, self._accept = may_move, control, accept
         self._only_sealed = sealed

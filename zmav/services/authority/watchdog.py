@@ -21,15 +21,12 @@ from zmav import wire
 from zmav.autopilots import Autopilot, Command, Level, Message, Target
 from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
-from zmav.mavlink import decode
 from zmav.services.authority.control import Control, Mover
-from zmav.services.authority.flown import ActiveStream, future
 from zmav.services.authority.may_move import SetpointCounts
-from zmav.services.authority.pace import Pace
+from zmav.services.authority.stream import ActiveStream, Pace, future
 from zmav.services.authority.trajectory import Segment
-from zmav.services.link.port import Port
-from zmav.services.link.reported import ReportedMode, in_the_air, shown
-from zmav.services.status.events import Events
+from zmav.services.companion import Companion
+from zmav.services.link.reported import ReportedMode, fields_of, in_the_air, shown
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
@@ -89,8 +86,7 @@ class StreamWatchdog:
 
     def __init__(
         self,
-        port: Port,
-        events: Events,
+        companion: Companion,
         failsafe: Failsafe,
         counts: SetpointCounts,
         control: Control,
@@ -99,7 +95,7 @@ class StreamWatchdog:
         near: Near,
         aside: Aside,
     ) -> None:
-        self._port, self._events, self.failsafe, self._counts = port, events, failsafe, counts
+        self._port, self._events, self.failsafe, self._counts = companion.port, companion.events, failsafe, counts
         self._allowed, self._near, self._aside, self._control = allowed, near, aside, control
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
@@ -122,7 +118,7 @@ class StreamWatchdog:
         self.rounds = 0
         """of its thread so far"""
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name=f"watchdog {port.name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"watchdog {companion.port.name}", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
@@ -174,11 +170,6 @@ class StreamWatchdog:
             due = self._next(now)
             self._wake(min(due, self._due) if step is Step.ENGAGING is self._step else due)
             return mode == flown.mode
-
-    def wait_until_idle(self, timeout: float) -> bool:
-        """Block until nothing is flown; False after ``timeout`` seconds."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._step is Step.IDLE, timeout)
 
     def future(self) -> Callable[[float], Target] | None:
         """What it flies so many seconds from now; None where nothing is flown."""
@@ -370,11 +361,8 @@ class StreamWatchdog:
             in_mode = self._shown().mode == flown.autopilot.hold()[0]
         except ZmavError:
             return True
-        heard = self._port.latest("GLOBAL_POSITION_INT", flown.source)
-        if heard is None:
-            return in_mode
-        p = decode(heard.frame, self._port.dialect)
-        return in_mode and math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL
+        p = fields_of(self._port, "GLOBAL_POSITION_INT", flown.source)
+        return in_mode and (p is None or math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL)
 
     def _act(self, flown: ActiveStream, now: float) -> None:
         """Enter the mode of the first action that the autopilot takes; nothing else is left to try: keep the hold."""

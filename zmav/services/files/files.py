@@ -1,17 +1,13 @@
 """The autopilot's files as orders, and the bytes of what was fetched as answers to queries.
 
 ``do/file_get`` brings a file into the :class:`~zmav.services.files.store.Store`; ``file/{file}/*`` is then answered
-with its chunks. What is to be written comes in chunks on ``upload/{file}/{offset}`` and is kept in memory until
-``do/file_put``.
+with its chunks.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
-import threading
-import time
 from collections.abc import Coroutine, Iterator
 from typing import Any, TypeVar
 
@@ -21,56 +17,26 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
+from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
-from zmav.services.files.sink import Gaps
 from zmav.services.files.store import Meta, Part, Store
-from zmav.services.link.port import Port
 from zmav.services.orders.orders import Handler, Report
-from zmav.services.queries.proven import attached
-from zmav.services.queries.questions import Questions, Reply
-from zmav.trust.gate import Prove, anybody
-from zmav.wire.files import CHUNK, MOST_CHUNKS
+from zmav.services.queries.questions import Reply
+from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
 
 T = TypeVar("T")
-MOST_UPLOADS, MOST_UPLOADED = 16, 1 << 24
-"""bytes of all uploads that are kept in memory"""
-UPLOAD_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
 ATTEMPTS = 2
 
 
-class Upload:
-    """Bytes on their way to the autopilot."""
-
-    def __init__(self) -> None:
-        self.gaps, self.data, self.touched = Gaps([(0, MOST_UPLOADED)]), bytearray(), 0.0
-
-    def put(self, offset: int, data: bytes) -> None:
-        """Take a chunk; raises :class:`Refused` for one beyond all bounds."""
-        end = offset + len(data)
-        if end > MOST_UPLOADED:
-            raise Refused(f"the file is larger than {MOST_UPLOADED} bytes", size=end)
-        self.data.extend(bytes(max(end - len(self.data), 0)))
-        self.data[offset:end] = data
-        self.gaps.fill(offset, end)
-
-
 class Files:
-    """Orders ``file_*``, on the event loop, and the keys ``file/**`` and ``upload/**``, in the lane of questions.
+    """Orders ``file_*``, on the event loop, and the keys ``file/**``, in the lane of questions."""
 
-    ``prove`` raises :class:`~zmav.errors.Forbidden` for a chunk that does not come from who may upload.
-    """
-
-    def __init__(self, questions: Questions, port: Port, ftp: Ftp, store: Store, prove: Prove) -> None:
-        self._port = port
-        key = {"fleet": port.fleet, "vehicle": port.name, "file": "*"}
-        questions.declare(keys.FILE.key(**key), self._on_info)
-        questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
-        # Its proof is looked at with the answer, so that no refusal waits for the event loop either.
-        questions.declare(keys.UPLOAD.key(**key, offset="*"), self._on_upload, anybody)
+    def __init__(self, companion: Companion, ftp: Ftp, store: Store) -> None:
+        self._port = companion.port
+        key = {"fleet": companion.port.fleet, "vehicle": companion.port.name, "file": "*"}
+        companion.questions.declare(keys.FILE.key(**key), self._on_info)
+        companion.questions.declare(keys.FILE_CHUNK.key(**key, offset="*"), self._on_read)
         self.ftp, self.store = ftp, store
-        self.uploads: dict[str, Upload] = {}
-        self._uploading = threading.Lock()
-        self._prove = prove
         self._under_way: asyncio.Task[Any] | None = None
 
     @property
@@ -101,16 +67,17 @@ class Files:
         return result
 
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
-        """Write an upload to the autopilot, and see by its checksum that it is there."""
-        data = self._uploaded(args)
-        meter = await self.transfer(self.ftp.put(args.path, data, report))
-        found = await self._crc(args.path, report)
-        if found not in (None, args.crc32):
-            why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{args.crc32:08x}"
+        """Write a file to the autopilot, and see by its checksum that it is there."""
+        if len(args.data) > MOST_PUT:
+            text = f"{len(args.data)} bytes are too many to be written at once; at most {MOST_PUT} are"
+            raise BadInput(text, field="data", value=len(args.data), expected=f"at most {MOST_PUT} bytes")
+        meter = await self.transfer(self.ftp.put(args.path, args.data, report))
+        found, sent = await self._crc(args.path, report), crc32(args.data)
+        if found not in (None, sent):
+            why = f"{args.path} was written, but its checksum is 0x{found:08x} and not 0x{sent:08x}"
             raise Refused(why, path=args.path)
-        with self._uploading:
-            self.uploads.pop(args.file, None)
-        return {"path": args.path, "size": len(data), "verified": found is not None, "rate": round(meter.rate)}
+        size = len(args.data)
+        return {"path": args.path, "size": size, "verified": found is not None, "rate": round(meter.rate)}
 
     async def cancel(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """End the transfer under way. What has come of a file that is fetched is kept, to be gone on with."""
@@ -224,51 +191,6 @@ class Files:
         if asked.offset < 0 or asked.length < 0:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
         return asked
-
-    # What is to be written: in the lane, too, which bounds what waits and what its proofs cost.
-
-    def _on_upload(self, query: zenoh.Query) -> Iterator[Reply]:
-        key = str(query.key_expr)
-        if "*" in key:
-            return
-        *_, name, offset = key.split("/")
-        data = query.payload.to_bytes() if query.payload else b""
-        self._prove(key, data, attached(query))
-        with self._uploading:
-            there = MOST_UPLOADED - self._take(name, _offset(offset), data).gaps.total
-        yield Reply(key, wire.encode(wire.Uploaded(file=name, bytes=there)), introduce=False)
-
-    def _take(self, name: str, offset: int, data: bytes) -> Upload:
-        if not UPLOAD_NAME.match(name):
-            raise BadInput(
-                f"{name!r} cannot be an upload's name", field="file", value=name, expected="[a-z0-9_-]{1,64}"
-            )
-        others = sum(len(each.data) for other, each in self.uploads.items() if other != name)
-        for oldest in sorted(self.uploads, key=lambda each: self.uploads[each].touched):
-            if others + offset + len(data) <= MOST_UPLOADED or offset + len(data) > MOST_UPLOADED:
-                break
-            if oldest != name:
-                others -= len(self.uploads.pop(oldest).data)
-        upload = self.uploads.setdefault(name, Upload())
-        upload.touched = time.monotonic()
-        upload.put(offset, data)
-        if len(self.uploads) > MOST_UPLOADS:
-            del self.uploads[min(self.uploads, key=lambda each: self.uploads[each].touched)]
-        return upload
-
-    def _uploaded(self, args: wire.FilePut) -> bytes:
-        with self._uploading:
-            upload = self.uploads.get(args.file)
-            data = bytes(upload.data) if upload is not None else b""
-        if len(data) != args.size or crc32(data) != args.crc32:
-            there = "nothing" if upload is None else f"{len(data)} bytes, or others"
-            raise BadInput(
-                f"{args.size} bytes were to be uploaded as {args.file!r}, but {there} came: upload it again",
-                field="file",
-                value=args.file,
-                expected=f"{args.size} bytes with CRC-32 0x{args.crc32:08x}",
-            )
-        return data
 
 
 def _offset(text: str) -> int:

@@ -15,11 +15,10 @@ from typing import TypeVar
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, unpack_entries
+from zmav.services.companion import Companion
 from zmav.services.files.ftp_read import Reader
 from zmav.services.files.ftp_requests import GIVE_UP, Job, Talk
 from zmav.services.files.sink import Meter, Sink
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
 from zmav.services.orders.orders import Report
 
 S = TypeVar("S", bound=Sink)
@@ -55,8 +54,8 @@ class Ftp:
     what cannot be a path.
     """
 
-    def __init__(self, port: Port, identity: Identity) -> None:
-        self._port, self._identity = port, identity
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity = companion.port, companion.identity
         self._turn = asyncio.Lock()
         self._what = ""
         self._seq = random.randrange(1 << 16)  # not where another run of ours ended

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -12,19 +11,15 @@ from typing import NamedTuple
 from zmav.errors import TimedOut
 from zmav.mavlink.ftp import Op, Packet, pack, unpack
 from zmav.services.link.port import Inbox, Port
+from zmav.services.link.roundtrip import RoundTrip
 
 MESSAGE = "FILE_TRANSFER_PROTOCOL"
 GIVE_UP = 15.0
 """s without any answer; with 20 % of the frames lost each way that is one request in ten million"""
 SHORTEST, LONGEST = 0.25, 2.5
 """s to wait for an answer before asking again; between them, what the link has shown"""
-IN_FLIGHT, FAR_IN_FLIGHT = 4, 12
-"""requests sent ahead of their answers: ArduPilot queues five that come at once and drops the rest; more where most of
-the time they are on their way"""
-FAR = 0.05
-"""s of a round trip from which on a link is long; a serial one is rather slow than long, and kept free for others"""
-SPACING = 0.004
-"""s between requests on a long link"""
+IN_FLIGHT = 4
+"""requests sent ahead of their answers: ArduPilot queues five that come at once and drops the rest"""
 AFTER_BURST = 1024
 """sequence numbers left out after a burst: servers count on while they burst, and take a request one behind their last
 answer for a repetition of the request before"""
@@ -39,7 +34,7 @@ class Job(NamedTuple):
 
 
 @dataclass
-class Flight:
+class PendingJob:
     """A job that has been sent, and not been answered yet."""
 
     job: Job
@@ -60,9 +55,7 @@ class Talk:
         self._port, self._target = port, target
         self.session = session
         self.seq = seq
-        self._rto = 1.0
-        self.trip: float | None = None
-        """s that a request and its answer take, smoothed; None: not known yet"""
+        self._trip = RoundTrip(1.0, SHORTEST, LONGEST)
         self._mail = Inbox(port, target, MESSAGE)
 
     def __enter__(self) -> Talk:
@@ -73,15 +66,9 @@ class Talk:
         self._mail.__exit__(kind, error, tb)
 
     @property
-    def in_flight(self) -> int:
-        """Requests to send ahead of their answers."""
-        far = (self.trip or 0.0) > FAR and self._port.link.capacity is None
-        return FAR_IN_FLIGHT if far else IN_FLIGHT
-
-    @property
     def patience(self) -> float:
         """s after which an answer is taken for lost."""
-        return self._rto
+        return self._trip.timeout
 
     async def receive(self, timeout: float) -> Packet | None:
         """The next packet that is for us; None when none came within ``timeout`` seconds."""
@@ -118,7 +105,7 @@ class Talk:
         Raises :class:`TimedOut` after ``give_up`` seconds.
         """
         began = sent = time.monotonic()
-        seq, wait, again = self.send(op, data, offset=offset, size=size), self._rto, False
+        seq, wait, again = self.send(op, data, offset=offset, size=size), self.patience, False
         while (now := time.monotonic()) < began + give_up:
             answer = await self.receive(min(sent + wait, began + give_up) - now)
             if answer is None:
@@ -138,19 +125,17 @@ class Talk:
         """Requests for all ``jobs``, several in flight; ``done(job, answer)`` for each. Raises :class:`TimedOut`, and
         what ``done`` raises.
         """
-        flying: list[Flight] = []
-        by_seq: dict[int, Flight] = {}
+        flying: list[PendingJob] = []
+        by_seq: dict[int, PendingJob] = {}
         heard = time.monotonic()
         while True:
-            while len(flying) < self.in_flight and (job := next(jobs, None)) is not None:
-                flying.append(Flight(job))
+            while len(flying) < IN_FLIGHT and (job := next(jobs, None)) is not None:
+                flying.append(PendingJob(job))
                 self._launch(op, flying[-1], by_seq)
-                if self.in_flight > IN_FLIGHT:
-                    await asyncio.sleep(SPACING)
             if not flying:
                 return
             oldest = min(flying, key=lambda flight: flight.sent)
-            answer = await self.receive(oldest.sent + self._rto - time.monotonic())
+            answer = await self.receive(oldest.sent + self.patience - time.monotonic())
             if answer is None:
                 if time.monotonic() - heard > GIVE_UP:
                     raise TimedOut(f"no answer to {op.name} within {GIVE_UP:.0f} s", vehicle=self._port.name)
@@ -166,7 +151,7 @@ class Talk:
                 by_seq.pop(seq, None)
             done(flight.job, answer)
 
-    def _launch(self, op: Op, flight: Flight, by_seq: dict[int, Flight]) -> None:
+    def _launch(self, op: Op, flight: PendingJob, by_seq: dict[int, PendingJob]) -> None:
         """Send it, again with a number of its own: its place in the file says what it is."""
         offset, size, data = flight.job
         seq = self.send(op, data, offset=offset, size=size)
@@ -175,5 +160,4 @@ class Talk:
 
     def learn(self, took: float) -> None:
         """How long an answer took on this link."""
-        self.trip = took if self.trip is None else 0.8 * self.trip + 0.2 * took
-        self._rto = min(max(2.0 * self.trip + 0.1, SHORTEST), LONGEST)
+        self._trip.sample(took)

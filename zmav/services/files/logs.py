@@ -17,10 +17,10 @@ import msgspec
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
 from zmav.mavlink import Frame
+from zmav.services.companion import Companion
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.sink import Meter, Sink
-from zmav.services.link.identity import Identity
 from zmav.services.link.port import Inbox, Port
 from zmav.services.orders.orders import Handler, Report
 
@@ -56,8 +56,8 @@ class Listed(NamedTuple):
 class Logs:
     """Orders ``log_*``. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, ftp: Ftp, files: Files) -> None:
-        self._port, self._identity, self._ftp, self._files = port, identity, ftp, files
+    def __init__(self, companion: Companion, ftp: Ftp, files: Files) -> None:
+        self._port, self._identity, self._ftp, self._files = companion.port, companion.identity, ftp, files
 
     @property
     def handlers(self) -> dict[str, Handler]:

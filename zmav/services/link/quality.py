@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import time
 
-import zenoh
-
 from zmav import keys, wire
 from zmav.mavlink.signing import SigningCounters
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.timesync import TimeSync
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.queries.questions import Reply
 
 LINK_NAME = "autopilot"
 
@@ -19,15 +16,13 @@ LINK_NAME = "autopilot"
 class Quality:
     """Counts and times the vehicle's link. Lives on the event loop."""
 
-    def __init__(
-        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, timesync: TimeSync
-    ) -> None:
-        self._port, self._identity, self._timesync = port, identity, timesync
-        key = keys.LINK.key(port.fleet, port.name, link=LINK_NAME)
-        self._publisher = session.declare_publisher(key, **keys.LINK.publishing())
+    def __init__(self, companion: Companion, timesync: TimeSync) -> None:
+        self._port, self._identity, self._timesync = companion.port, companion.identity, timesync
+        key = keys.LINK.key(companion.port.fleet, companion.port.name, link=LINK_NAME)
+        self._publisher = companion.session.declare_publisher(key, **keys.LINK.publishing())
         self._before = (0, 0, 0, 0, time.monotonic())
         self.last = self.measure()
-        questions.declare(key, lambda query: iter([Reply(key, wire.encode(self.last), keys.LINK.encoding)]))
+        companion.questions.declare(key, lambda query: iter([Reply(key, wire.encode(self.last), keys.LINK.encoding)]))
 
     def close(self) -> None:
         self._publisher.undeclare()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from zmav.autopilots import Autopilot
+from zmav.autopilots.base import Fields
 from zmav.mavlink import decode
 from zmav.services.link.port import Port
 
@@ -39,8 +41,14 @@ def shown(port: Port, autopilot: Autopilot, source: tuple[int, int]) -> Reported
     return ReportedMode(name(beat["base_mode"], custom), bool(beat["base_mode"] & 128), intended)
 
 
+def fields_of(port: Port, name: str, source: tuple[int, int] | None, fresh: float = math.inf) -> Fields | None:
+    """The fields of its last message of that name; None: it never came, or is older than ``fresh`` s."""
+    heard = port.latest(name, source) if source else None
+    return decode(heard.frame, port.dialect) if heard and heard.age < fresh else None
+
+
 def in_the_air(port: Port, source: tuple[int, int]) -> bool | None:
     """As EXTENDED_SYS_STATE says; None: it does not."""
-    heard = port.latest("EXTENDED_SYS_STATE", source)
-    state = 0 if heard is None else decode(heard.frame, port.dialect)["landed_state"]
+    said = fields_of(port, "EXTENDED_SYS_STATE", source)
+    state = 0 if said is None else said["landed_state"]
     return None if state == 0 else state in IN_THE_AIR

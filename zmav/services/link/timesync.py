@@ -13,11 +13,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from zmav import wire
+from zmav.autopilots.base import Fields
 from zmav.mavlink import Frame, decode
+from zmav.services.companion import Companion
 from zmav.services.link.clock import Clock
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
-from zmav.services.status.events import Events
+from zmav.services.link.heard import AutopilotMessages
+from zmav.services.link.port import on_loop
 
 SETTLED_EVERY = 1.0
 """s between questions; while answers come and the clock has not settled, every tick asks"""
@@ -35,8 +36,8 @@ class AutopilotRestarted(NamedTuple):
 class TimeSync:
     """Asks, measures round trips, feeds the clock. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events) -> None:
-        self._port, self._identity, self._events = port, identity, events
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.clock = Clock()
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
@@ -46,20 +47,19 @@ class TimeSync:
         self._source: tuple[int, int] | None = None
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
         self._rtts: list[float] = []
-        self._stops: list[Callable[[], None]] = []
+        self._stop: Callable[[], None] | None = None
+        self._system_time = AutopilotMessages(companion, {"SYSTEM_TIME": self._on_system_time})
 
     def start(self) -> None:
-        loop = asyncio.get_running_loop()
-        answered = on_loop(loop, self._on_timesync)
-        self._stops = [
-            # The time is taken in the reader thread: what comes after is ours and not the link's.
-            self._port.listen("TIMESYNC", lambda frame: answered(frame, time.monotonic_ns())),
-            self._port.listen("SYSTEM_TIME", on_loop(loop, self._on_system_time)),
-        ]
+        answered = on_loop(asyncio.get_running_loop(), self._on_timesync)
+        # The time is taken in the reader thread: what comes after is ours and not the link's.
+        self._stop = self._port.listen("TIMESYNC", lambda frame: answered(frame, time.monotonic_ns()))
+        self._system_time.start()
 
     def close(self) -> None:
-        for stop in self._stops:
-            stop()
+        self._system_time.close()
+        if self._stop is not None:
+            self._stop()
 
     def tick(self) -> None:
         """A few times a second."""
@@ -104,9 +104,8 @@ class TimeSync:
                 self._events.emit("autopilot", "notice", text, limit="restart")
             self._port.bus.tell(AutopilotRestarted())
 
-    def _on_system_time(self, frame: Frame) -> None:
-        fields = decode(frame, self._port.dialect)
-        if (frame.sysid, frame.compid) != self._identity.source or fields["time_unix_usec"] < UNIX_TIME:
+    def _on_system_time(self, fields: Fields, frame: Frame) -> None:
+        if fields["time_unix_usec"] < UNIX_TIME:
             return
         ours = self.clock.utc(fields["time_boot_ms"])
         if self.clock.simulated:

@@ -14,10 +14,10 @@ from typing import Any
 
 from zmav import wire
 from zmav.autopilots import Command, Message
+from zmav.autopilots.base import mode_of
 from zmav.errors import BadInput, Refused, TimedOut, Unsupported
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.missions.items import Raw, ends_at
 from zmav.services.missions.missions import Missions
 from zmav.services.orders.command import Commander
@@ -39,10 +39,8 @@ FLIES = ("MAV_CMD_MISSION_START", "MAV_CMD_DO_LAND_START")
 class MissionFlight:
     """Handlers of ``mission_start`` and ``mission_current``. Lives on the event loop."""
 
-    def __init__(
-        self, port: Port, identity: Identity, commander: Commander, missions: Missions, bounds: Bounds
-    ) -> None:
-        self._port, self._identity, self._do = port, identity, commander
+    def __init__(self, companion: Companion, commander: Commander, missions: Missions, bounds: Bounds) -> None:
+        self._port, self._identity, self._do = companion.port, companion.identity, commander
         self._missions, self._bounds = missions, bounds
 
     async def start(self, args: wire.MissionStart, report: Report) -> dict[str, Any]:
@@ -170,14 +168,10 @@ class MissionFlight:
 
     def _leads_to(self, flight: _Flight) -> frozenset[str]:
         """Modes that the autopilot may enter by itself where the mission is: for its landing, or at its end."""
-        modes: set[str] = set()
-        with contextlib.suppress(Unsupported):
-            if flight.returning or flight.may_be_over:
-                modes.add(self._do.autopilot().rtl())
-        with contextlib.suppress(Unsupported):
-            if flight.landing and not flight.returning:
-                modes.add(self._do.autopilot().land())
-        return frozenset(modes)
+        autopilot = self._do.autopilot()
+        home = mode_of(autopilot.rtl) if flight.returning or flight.may_be_over else None
+        down = mode_of(autopilot.land) if flight.landing and not flight.returning else None
+        return frozenset(mode for mode in (home, down) if mode is not None)
 
 
 class _Flight:

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from zmav.autopilots.missions import MissionRules
+from zmav.autopilots.base import MissionRules
 from zmav.errors import BadInput
 from zmav.formats import fence
 from zmav.formats.items import UNKNOWN, command_name, command_number, frame_number, numbers

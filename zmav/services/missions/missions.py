@@ -19,18 +19,18 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.autopilots import Target
+from zmav.autopilots.base import Fields
 from zmav.errors import BadInput, Stale, ZmavError
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
-from zmav.services.missions.replace import Failed, Phase, Replacer
+from zmav.services.missions.replace import NotReplaced, Phase, Replacer
 from zmav.services.missions.transfer import Download, Pace, Step, Transfer, opaque_ids
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
-from zmav.services.queries.questions import Questions, Reply
-from zmav.services.status.events import Events
+from zmav.services.queries.questions import Reply
 from zmav.waiting import within
 from zmav.wire import MissionKind
 
@@ -76,16 +76,14 @@ class Missions:
 
     def __init__(
         self,
-        questions: Questions,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         commander: Commander,
-        events: Events,
         bounds: Bounds,
         pace: Pace | None = None,
     ) -> None:
-        self._questions, self._port, self._identity, self._bounds = questions, port, identity, bounds
-        self._do, self._events, self.pace = commander, events, pace or Pace()
+        self._questions, self._port, self._identity = companion.questions, companion.port, companion.identity
+        self._bounds = bounds
+        self._do, self._events, self.pace = commander, companion.events, pace or Pace()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
         self._lock = asyncio.Lock()
@@ -95,24 +93,23 @@ class Missions:
         """plans to be put back where an upload ended without a word of the autopilot: whose, the old, the new"""
         self._mended = 0.0
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._stops: list[Any] = []
+        handlers = {
+            "MISSION_CURRENT": self._on_current,
+            "MISSION_ITEM_REACHED": self._on_reached,
+            "MISSION_ACK": self._on_others,
+            "MISSION_COUNT": self._on_others,
+            "HEARTBEAT": self._on_heartbeat,
+        }
+        self._heard = AutopilotMessages(companion, handlers)
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
         key = keys.MISSION.key(self._port.fleet, self._port.name, kind="*")
         self._questions.declare(key, lambda query: self._answer(query, loop))
-        for name, listener in (
-            ("MISSION_CURRENT", self._on_current),
-            ("MISSION_ITEM_REACHED", self._on_reached),
-            ("MISSION_ACK", self._on_others),
-            ("MISSION_COUNT", self._on_others),
-            ("HEARTBEAT", self._on_heartbeat),
-        ):
-            self._stops.append(self._port.listen(name, on_loop(loop, listener)))
+        self._heard.start()
 
     async def close(self) -> None:
-        for stop in self._stops:
-            stop()
+        self._heard.close()
         tasks = [*self._tasks, *(reading.task for reading in self._readings.values())]
         for task in tasks:
             task.cancel()
@@ -168,7 +165,7 @@ class Missions:
             self._owed[kind] = owed = self._owner(), old, [*old.items[:start], *new]
             try:
                 done = await replacer.replace(old, new)
-            except Failed as e:
+            except NotReplaced as e:
                 self._hold(kind, e.now)
                 if e.now is not None:
                     del self._owed[kind]
@@ -279,10 +276,7 @@ class Missions:
 
     # What the autopilot says.
 
-    def _on_current(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        fields = decode(frame, self._port.dialect)
+    def _on_current(self, fields: Fields, frame: Frame) -> None:
         ids = opaque_ids(frame, "MISSION_CURRENT")
         self.progress.current, self.progress.state, self.progress.ids = fields["seq"], fields["mission_state"], ids
         held = self._cached("mission")
@@ -296,15 +290,11 @@ class Missions:
             if held is not None and None not in (said, held.plan.id) and said != held.plan.id:
                 self._doubt(kind)
 
-    def _on_reached(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) == self._identity.source:
-            self.progress.reached = decode(frame, self._port.dialect)["seq"]
+    def _on_reached(self, fields: Fields, frame: Frame) -> None:
+        self.progress.reached = fields["seq"]
 
-    def _on_others(self, frame: Frame) -> None:
+    def _on_others(self, fields: Fields, frame: Frame) -> None:
         """A ground station's transaction on this link: what it wrote is news to us."""
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        fields = decode(frame, self._port.dialect)
         kind = next((kind for kind, number in KINDS.items() if number == fields["mission_type"]), None)
         theirs = (fields["target_system"], fields["target_component"]) not in (self._port.address, (0, 0))
         held = self._cached(kind) if kind else None
@@ -322,11 +312,9 @@ class Missions:
         self._events.emit("mission", "notice", f"the {WORDS[kind]} on the autopilot changed", plan=kind)
         self._in_background(self._read(kind, lambda news: None))
 
-    def _on_heartbeat(self, frame: Frame) -> None:
+    def _on_heartbeat(self, fields: Fields, frame: Frame) -> None:
         """An autopilot that fell silent in the middle of an upload answers again."""
-        if (frame.sysid, frame.compid) != self._identity.source or not self._owed or self._lock.locked():
-            return
-        if time.monotonic() - self._mended > MEND_EVERY:
+        if self._owed and not self._lock.locked() and time.monotonic() - self._mended > MEND_EVERY:
             self._mended = time.monotonic()
             self._in_background(self._mend())
 

@@ -28,7 +28,7 @@ class Replaced(NamedTuple):
     how: str
 
 
-class Failed(Exception):
+class NotReplaced(Exception):
     """The new plan is not in force: ``error`` says why and what is; ``now`` is what is there, where that is known."""
 
     def __init__(self, error: VehicleError, now: Download | None) -> None:
@@ -46,7 +46,7 @@ class Replacer:
         self._events, self._phase, self._exact = events, phase, exact
 
     async def replace(self, old: Download, new: Sequence[Raw]) -> Replaced:
-        """Put ``new`` (without home) where ``old`` (as it was downloaded) is; raises :class:`Failed`."""
+        """Put ``new`` (without home) where ``old`` (as it was downloaded) is; raises :class:`NotReplaced`."""
         full = self._with_home(old, new)
         since = time.monotonic()
         try:
@@ -118,11 +118,12 @@ class Replacer:
             now, which = await self.restore(old, full)
         except ZmavError as e:
             what = "not known, maybe a mixture of old and new; it is put right once the autopilot answers again"
-            raise Failed(self._said(error, f"in force: {what} ({e.message})", "unknown"), None) from error
+            raise NotReplaced(self._said(error, f"in force: {what} ({e.message})", "unknown"), None) from error
         if which == "new":
             return Replaced(now, [], "read back")
         kept = "untouched" if which == "old" else "restored"
-        raise Failed(self._said(error, f"in force: the old {words} ({count} items), {kept}", "old"), now) from error
+        told = self._said(error, f"in force: the old {words} ({count} items), {kept}", "old")
+        raise NotReplaced(told, now) from error
 
     def _said(self, error: VehicleError, more: str, in_force: str) -> VehicleError:
         detail: dict[str, Any] = {**error.detail, "plan": self._kind, "in_force": in_force}

@@ -17,6 +17,7 @@ from zmav.errors import Refused, TimedOut, Unsupported
 from zmav.mavlink import Frame
 from zmav.mavlink.results import MissionResult
 from zmav.services.link.port import Inbox, Port, is_ours
+from zmav.services.link.roundtrip import RoundTrip
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
 from zmav.wire import MissionKind
 
@@ -87,7 +88,7 @@ class Transfer:
 
     def __init__(self, port: Port, source: tuple[int, int], kind: MissionKind, pace: Pace, window: int = 1) -> None:
         self._port, self._source, self._kind, self._pace, self._window = port, source, kind, pace, window
-        self._wait = pace.reply
+        self._trip = RoundTrip(pace.reply, pace.shortest, pace.longest)
 
     # The transactions.
 
@@ -183,7 +184,7 @@ class Transfer:
             asked: dict[int, tuple[float, int]] = {}  # by item: when it was last asked for, and how often
             while len(items) < count:
                 self._ask(count, items, asked)
-                heard = await self._next(inbox, until=min(at for at, _ in asked.values()) + self._wait)
+                heard = await self._next(inbox, until=min(at for at, _ in asked.values()) + self._trip.timeout)
                 if heard is None:
                     continue
                 name, fields = heard
@@ -209,7 +210,7 @@ class Transfer:
         for attempt in range(1, self._pace.attempts + 1):
             asked = time.monotonic()
             self._send("MISSION_REQUEST_LIST")
-            while (heard := await self._next(inbox, until=asked + self._wait)) is not None:
+            while (heard := await self._next(inbox, until=asked + self._trip.timeout)) is not None:
                 name, fields = heard
                 if name == "MISSION_COUNT":
                     self._learn(asked, attempt)
@@ -224,7 +225,7 @@ class Transfer:
         """Ask for the next items as far as the window goes, and again for those that are late."""
         now = time.monotonic()
         for seq, (at, tries) in asked.items():
-            if now - at >= self._wait:
+            if now - at >= self._trip.timeout:
                 if tries >= self._pace.attempts:
                     text = f"download of the {self._words}: item {seq} of {count} (home included) does not come"
                     raise TimedOut(text, vehicle=self._port.name)
@@ -242,7 +243,7 @@ class Transfer:
             for attempt in range(1, self._pace.attempts + 1):
                 asked = time.monotonic()
                 self._send("MISSION_CLEAR_ALL")
-                heard = await self._next(inbox, until=asked + self._wait)
+                heard = await self._next(inbox, until=asked + self._trip.timeout)
                 if heard is None:
                     continue
                 self._learn(asked, attempt)
@@ -274,7 +275,7 @@ class Transfer:
 
     async def _next(self, inbox: Inbox, until: float | None = None) -> tuple[str, Mapping[str, Any]] | None:
         """The next message of this transaction; None: none came in time."""
-        until = time.monotonic() + self._wait if until is None else until
+        until = time.monotonic() + self._trip.timeout if until is None else until
         while (heard := await inbox.get(until - time.monotonic())) is not None:
             fields = heard[1]
             if is_ours(fields, self._port) and fields["mission_type"] == KINDS[self._kind]:
@@ -282,11 +283,9 @@ class Transfer:
         return None
 
     def _learn(self, asked: float, tries: int) -> None:
-        """Twice what an answer took is a fair time to wait for the next; of a repeated question nobody can tell."""
+        """Of a repeated question nobody can tell which was answered."""
         if tries == 1:
-            took = 2.0 * (time.monotonic() - asked)
-            smoothed = max(took, 0.8 * self._wait + 0.2 * took)
-            self._wait = min(max(smoothed, self._pace.shortest), self._pace.longest)
+            self._trip.sample(time.monotonic() - asked)
 
     def _refusal(self, result: int, item: int | None) -> Refused | Unsupported:
         name = self._port.dialect.enum_name("MAV_MISSION_RESULT", result) or str(result)

@@ -15,10 +15,9 @@ from zmav.autopilots import Autopilot, Command, Message
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.mavlink.results import CommandResult
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Inbox, Port, is_ours
+from zmav.services.companion import Companion
+from zmav.services.link.port import Inbox, is_ours
 from zmav.services.orders.orders import Report
-from zmav.services.status.events import Events
 
 ACK_TIMEOUT = 0.5
 RETRIES = 3
@@ -40,8 +39,9 @@ class Ack(NamedTuple):
 class Commander:
     """Sends commands to the autopilot and watches them through. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events, control: Control) -> None:
-        self._port, self._identity, self._events, self._control = port, identity, events, control
+    def __init__(self, companion: Companion, control: Control) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self._control = control
         self._locks: dict[str, asyncio.Lock] = {}
         self._tasks: set[asyncio.Task[Any] | None] = set()
         self.follows: frozenset[str] = frozenset()

@@ -17,8 +17,7 @@ from zmav.errors import BadInput, Refused, TimedOut, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.leader import PositionLeader
 from zmav.services.authority.targets import resolve
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.timesync import TimeSync
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
@@ -61,8 +60,7 @@ class Flight:
 
     def __init__(
         self,
-        port: Port,
-        identity: Identity,
+        companion: Companion,
         state: StateService,
         commander: Commander,
         bounds: Bounds,
@@ -72,7 +70,8 @@ class Flight:
         param: Callable[[str], float | None],
         rally: Callable[[], Coroutine[Any, Any, list[Target]]],
     ) -> None:
-        self._port, self._identity, self._state, self._do, self._bounds = port, identity, state, commander, bounds
+        self._port, self._identity = companion.port, companion.identity
+        self._state, self._do, self._bounds = state, commander, bounds
         self._leader, self._timesync, self.param, self._known_rally = leader, timesync, param, rally
 
     # Whether an order can be done: raises before anything is changed for it, a landing under way included.

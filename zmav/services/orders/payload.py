@@ -11,7 +11,7 @@ from zmav.autopilots.base import HERE
 from zmav.errors import BadInput
 from zmav.mavlink import command_type
 from zmav.services.authority.bounds import Bounds
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 
@@ -22,8 +22,8 @@ PWM = (500, 2500)
 class Payload:
     """Handlers of ``servo`` and ``command``. Lives on the event loop."""
 
-    def __init__(self, port: Port, commander: Commander, bounds: Bounds) -> None:
-        self._port, self._do, self._bounds = port, commander, bounds
+    def __init__(self, companion: Companion, commander: Commander, bounds: Bounds) -> None:
+        self._port, self._do, self._bounds = companion.port, commander, bounds
 
     async def servo(self, args: wire.SetServo, report: Report) -> dict[str, Any]:
         """One output to a PWM; raises :class:`Refused` where the autopilot keeps that output for itself."""

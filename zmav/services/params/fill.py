@@ -15,12 +15,11 @@ from zmav.services.link.identity import HEARTBEAT_TIMEOUT
 from zmav.services.params.requests import Inbox, ParamTalk
 from zmav.services.params.values import NO_INDEX, ParamValue
 
-LISTS = 3
 LIST_TRIES = 6
 LIST_TIMEOUT = 1.0
 """s for the first answer to PARAM_REQUEST_LIST; half as long again each time"""
-QUIET = (0.5, 3.0)
-"""s: bounds of how long a stream is silent before it is over"""
+QUIET = 1.5
+"""s of silence after which a stream is over"""
 WINDOW = 10
 INDEX_TRIES = 25
 SILENCE = 15.0
@@ -48,7 +47,7 @@ class ParamFill:
             self._restarts = params.restarts
             try:
                 with self._talk.hearing() as inbox:
-                    await self._streams(inbox)
+                    await self._stream(inbox)
                     await self._gaps(inbox)
             except Moved:
                 continue
@@ -58,32 +57,24 @@ class ParamFill:
             return
         raise self._late("the number or the order of the parameters changes all the time")
 
-    async def _streams(self, inbox: Inbox) -> None:
-        """The list, and the list again where it is so fast, and so much was lost, that single questions take longer."""
-        for _ in range(LISTS):
-            took = await self._stream(inbox)
-            one_by_one = 1.5 * len(self._params.missing) * self._talk.pace.timeout / WINDOW
-            if one_by_one <= took + self._talk.pace.timeout:
-                return
-
-    async def _stream(self, inbox: Inbox) -> float:
-        """Ask for the list and take in what comes until its last index, or until it falls silent; seconds it took."""
-        arrivals, asked, timeout, deadline, began = Arrivals(), 0, LIST_TIMEOUT, 0.0, 0.0
+    async def _stream(self, inbox: Inbox) -> None:
+        """Ask for the list and take in what comes until its last index, or until it falls silent."""
+        asked, timeout, deadline, began, came = 0, LIST_TIMEOUT, 0.0, 0.0, False
         while True:
             now = time.monotonic()
-            if not arrivals.count and now >= deadline:
+            if not came and now >= deadline:
                 self._ask_list(asked)
                 began, asked, deadline, timeout = now, asked + 1, now + timeout, 1.5 * timeout
-            answer = await inbox.get((arrivals.over_at if arrivals.count else deadline) - now)
+            answer = await inbox.get(deadline - now)
             self._check()
             if isinstance(answer, ParamValue) and answer.index != NO_INDEX:
-                if not arrivals.count and asked == 1:
+                if not came and asked == 1:
                     self._talk.pace.sample(time.monotonic() - began)
-                arrivals.add()
+                came, deadline = True, time.monotonic() + QUIET
                 if self._at_the_end(answer):
-                    return time.monotonic() - began
-            elif answer is None and arrivals.count:
-                return time.monotonic() - began
+                    return
+            elif answer is None and came:
+                return
 
     def _ask_list(self, asked: int) -> None:
         if asked >= LIST_TRIES:
@@ -141,24 +132,3 @@ class ParamFill:
     def _late(self, why: str) -> TimedOut:
         params = self._params
         return TimedOut(f"{self._name}: {why}", vehicle=self._name, count=params.count, received=params.received)
-
-
-class Arrivals:
-    """When the next of a stream is overdue, by the pace of those before."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._last = self._gap = 0.0
-
-    def add(self) -> None:
-        now = time.monotonic()
-        if self.count:
-            self._gap += (now - self._last - self._gap) / min(self.count, 16)
-        self._last = now
-        self.count += 1
-
-    @property
-    def over_at(self) -> float:
-        """Monotonic seconds."""
-        least, most = QUIET
-        return self._last + min(max(8 * self._gap, least), most)

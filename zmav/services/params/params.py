@@ -10,27 +10,26 @@ matter who asked for it. https://mavlink.io/en/services/parameter.html
 from __future__ import annotations
 
 import asyncio
+import collections
 import time
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from zmav import wire
+from zmav.autopilots.base import Fields
 from zmav.errors import BadInput, LinkDown, Stale, TimedOut, ZmavError
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.link.timesync import AutopilotRestarted
 from zmav.services.orders.orders import Report
 from zmav.services.params.fill import ParamFill
-from zmav.services.params.load import ParamLoader
 from zmav.services.params.query import ParamQueries, unknown
 from zmav.services.params.requests import ParamTalk
 from zmav.services.params.values import Entry, ParamSet, is_name
-from zmav.services.queries.questions import Questions
-from zmav.services.status.events import Events
+from zmav.waiting import together
 
 BEGIN_AFTER = 1.0
 """s that the background reading waits for the uid, which tells whether there is anything to read"""
@@ -40,16 +39,17 @@ LINK_DOWN_RETRY = 5.0
 RETRY = (30.0, 600.0)
 """s until a background reading that failed is tried again: after the first time, and at most"""
 PROGRESS_EVERY = 0.2
+LOADED_AT_ONCE = 4
 
 
 class Params:
     """The parameters of the vehicle's autopilot. Lives on the event loop; ``tick`` is called a few times a second."""
 
-    def __init__(self, questions: Questions, port: Port, identity: Identity, events: Events) -> None:
-        self._port, self._identity, self._events = port, identity, events
+    def __init__(self, companion: Companion) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.known = ParamSet()
-        self.talk = ParamTalk(port, identity, events, self.known)
-        self._queries = ParamQueries(questions, port, self.known, self.talk, self.table, self.find)
+        self.talk = ParamTalk(companion, self.known)
+        self._queries = ParamQueries(companion, self.known, self.talk, self.table, self.find)
         self._loader = ParamLoader(self.talk)
         self._who: tuple[Any, ...] | None = None
         self._told: dict[str, str | None] = {"uid": None, "firmware": None}
@@ -59,17 +59,16 @@ class Params:
         """monotonic seconds: no background reading before"""
         self._retry = RETRY[0]
         self._restarts = 0
-        self._stop_version: Callable[[], None] = lambda: None
+        self._version = AutopilotMessages(companion, {"AUTOPILOT_VERSION": self._on_version})
 
     def start(self) -> None:
         self.talk.start()
         self._queries.start()
         self._port.bus.on(AutopilotRestarted, lambda told: self.known.doubt())
-        loop = asyncio.get_running_loop()
-        self._stop_version = self._port.listen("AUTOPILOT_VERSION", on_loop(loop, self._on_version))
+        self._version.start()
 
     def close(self) -> None:
-        self._stop_version()
+        self._version.close()
         self.talk.close()
         if self._reading is not None:
             self._reading.cancel()
@@ -179,13 +178,10 @@ class Params:
         if self._reading is not None:
             self._reading.cancel()
 
-    def _on_version(self, frame: Frame) -> None:
+    def _on_version(self, fields: Fields, frame: Frame) -> None:
         """The autopilot says itself how integers travel."""
         self._look()
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        dialect = self._port.dialect
-        flags, said = dialect.enums["MAV_PROTOCOL_CAPABILITY"], decode(frame, dialect)["capabilities"]
+        flags, said = self._port.dialect.enums["MAV_PROTOCOL_CAPABILITY"], fields["capabilities"]
         prefix = "MAV_PROTOCOL_CAPABILITY_PARAM_"
         if said & flags.get(prefix + "ENCODE_BYTEWISE", 16):
             self.talk.encoding = ParamEncoding.BYTEWISE
@@ -236,3 +232,51 @@ class Params:
             raise unknown(asked, self.known.entries)
         text = f"{asked} does not come, and not all parameters are read yet: there may be none of that name"
         raise TimedOut(text, vehicle=self.vehicle, name=asked)
+
+
+class ParamLoader:
+    """Sets many parameters, a few at a time; one that fails does not stop the others. Lives on the event loop."""
+
+    def __init__(self, talk: ParamTalk) -> None:
+        self._talk = talk
+        self.under_way = 0
+        """loads that have not ended"""
+
+    async def load(self, values: dict[str, float | int], report: Report) -> wire.ParamLoaded:
+        """The known ones first: to enable a group brings those of the others that were hidden so far."""
+        done = wire.ParamLoaded(set=[], unchanged=[], failed={})
+        entries = self._talk.params.entries
+        known = [name for name in values if name in entries]
+        self.under_way += 1
+        try:
+            for names in (known, [name for name in values if name not in entries]):
+                waiting = collections.deque(names)
+                await together(*(self._work(waiting, values, done, report) for _ in range(LOADED_AT_ONCE)))
+        finally:
+            self.under_way -= 1
+        return done
+
+    async def _work(
+        self, waiting: collections.deque[str], values: dict[str, float | int], done: wire.ParamLoaded, report: Report
+    ) -> None:
+        while waiting:
+            name = waiting.popleft()
+            try:
+                changed = await self._one(name, values[name])
+            except ZmavError as e:
+                done.failed[name] = e.message
+            else:
+                (done.set if changed else done.unchanged).append(name)
+            report({"done": len(done.set) + len(done.unchanged) + len(done.failed), "of": len(values)})
+
+    async def _one(self, name: str, value: float | int) -> bool:
+        """Set it; False where it has that value already."""
+        talk = self._talk
+        entry = talk.params.entries.get(name) or (await talk.read(name) if is_name(name) else None)
+        if entry is None:
+            raise ZmavError("there is no such parameter, or it does not come")
+        wanted = paramvalue.raw_of(name, value, entry.kind, talk.encoding)
+        if talk.params.complete and talk.params.entries.get(name) == (wanted, entry.kind):
+            return False
+        await talk.write(name, value, entry.kind)
+        return True

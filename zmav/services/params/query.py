@@ -13,10 +13,10 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadInput
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.params.requests import ParamTalk
 from zmav.services.params.values import ParamSet
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.queries.questions import Reply
 from zmav.trust.verify import Allowance
 
 HINTS = 2.0
@@ -40,14 +40,13 @@ class ParamQueries:
 
     def __init__(
         self,
-        questions: Questions,
-        port: Port,
+        companion: Companion,
         known: ParamSet,
         talk: ParamTalk,
         table: Callable[[], wire.ParamTable],
         find: Callable[[str], Coroutine[Any, Any, wire.Param]],
     ) -> None:
-        self._questions, self._port, self._known, self._talk = questions, port, known, talk
+        self._questions, self._port, self._known, self._talk = companion.questions, companion.port, known, talk
         self._whole, self._find = table, find
         self._hints = Allowance(HINTS, time.monotonic)
         self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from zmav.autopilots.base import Fields
 from zmav.errors import Refused, Stale, TimedOut
-from zmav.mavlink import Frame, decode, paramvalue
+from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port, is_ours, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.heard import AutopilotMessages
+from zmav.services.link.port import is_ours
+from zmav.services.link.roundtrip import RoundTrip
 from zmav.services.params.values import Entry, ParamSet, ParamValue
-from zmav.services.status.events import Events
 from zmav.waiting import within
 
 READ_TRIES = 4
@@ -30,7 +32,7 @@ DOES_NOT_EXIST = 1
 
 
 @dataclass(frozen=True)
-class Failed:
+class ParamError:
     """One PARAM_ERROR for us; ``error`` is MAV_PARAM_ERROR."""
 
     name: str
@@ -38,31 +40,7 @@ class Failed:
     error: int
 
 
-Answer = ParamValue | Failed
-
-
-class Pace:
-    """How long to wait for an answer on this link before it counts as lost, as in RFC 6298."""
-
-    def __init__(self, first: float = 1.0, least: float = 0.25, most: float = 8.0) -> None:
-        self._least, self._most = least, most
-        self._mean: float | None = None
-        self._deviation = 0.0
-        self.timeout = first
-        """seconds"""
-
-    def sample(self, took: float) -> None:
-        """An answer came after so long, to a question that was put once."""
-        if self._mean is None:
-            self._mean, self._deviation = took, took / 2
-        else:
-            self._deviation += (abs(took - self._mean) - self._deviation) / 4
-            self._mean += (took - self._mean) / 8
-        self.timeout = min(max(self._mean + 4 * self._deviation, 2 * self._mean, self._least), self._most)
-
-    def late(self) -> None:
-        """Nothing at all came within the timeout: it is the link that is slow."""
-        self.timeout = min(2 * self.timeout, self._most)
+Answer = ParamValue | ParamError
 
 
 class Inbox:
@@ -85,29 +63,26 @@ class Inbox:
 class ParamTalk:
     """Hears the autopilot's PARAM_VALUEs into ``params`` and asks it questions. Lives on the event loop."""
 
-    def __init__(self, port: Port, identity: Identity, events: Events, params: ParamSet) -> None:
-        self._port, self._identity, self._events, self.params = port, identity, events, params
+    def __init__(self, companion: Companion, params: ParamSet) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self.params = params
         self._inboxes: set[Inbox] = set()
-        self._stops: list[Callable[[], None]] = []
+        self._answers = AutopilotMessages(companion, {"PARAM_VALUE": self._on_value, "PARAM_ERROR": self._on_error})
         self._setting: dict[str, asyncio.Lock] = {}
         self.encoding = ParamEncoding.C_CAST
-        self.pace = Pace()
+        self.pace = RoundTrip()
         self._heard = 0.0
         """monotonic seconds of the last PARAM_VALUE"""
 
     def start(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._stops = [self._port.listen("PARAM_VALUE", on_loop(loop, self._on_value))]
-        if "PARAM_ERROR" in self._port.dialect.by_name:
-            self._stops.append(self._port.listen("PARAM_ERROR", on_loop(loop, self._on_error)))
+        self._answers.start()
 
     def close(self) -> None:
-        for stop in self._stops:
-            stop()
+        self._answers.close()
 
     def forget(self) -> None:
         """Another autopilot, or another link: what was learnt of its speed says nothing."""
-        self.pace = Pace()
+        self.pace = RoundTrip()
         self._setting.clear()
 
     @contextmanager
@@ -135,11 +110,7 @@ class ParamTalk:
 
     # In.
 
-    def _on_value(self, frame: Frame) -> None:
-        """Another component's parameters (a gimbal's, a camera's) are its own."""
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        fields = decode(frame, self._port.dialect)
+    def _on_value(self, fields: Fields, frame: Frame) -> None:
         kind = paramvalue.type_name(fields["param_type"])
         if kind is None:
             self.params.junk += 1
@@ -150,10 +121,9 @@ class ParamTalk:
         if self.params.hear(heard):
             self._tell(heard)
 
-    def _on_error(self, frame: Frame) -> None:
-        fields = decode(frame, self._port.dialect)
-        if (frame.sysid, frame.compid) == self._identity.source and is_ours(fields, self._port):
-            self._tell(Failed(fields["param_id"], fields["param_index"], fields["error"]))
+    def _on_error(self, fields: Fields, frame: Frame) -> None:
+        if is_ours(fields, self._port):
+            self._tell(ParamError(fields["param_id"], fields["param_index"], fields["error"]))
 
     def _tell(self, answer: Answer) -> None:
         for inbox in self._inboxes:
@@ -199,7 +169,7 @@ class ParamTalk:
             self.send("PARAM_SET", param_id=name, param_value=field, param_type=paramvalue.type_number(entry.kind))
             got: Entry | None = None
             while (answer := await self._about(name, inbox, asked, attempt)) is not None:
-                if isinstance(answer, Failed):
+                if isinstance(answer, ParamError):
                     raise self._refusal(name, f"PARAM_ERROR {self._error_name(answer.error)}", since)
                 got = answer.entry
                 if paramvalue.same(self.value(got), wanted):

@@ -21,11 +21,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import zenoh
-from zenoh import handlers
 
 from zmav import keys
 from zmav.mavlink import Dialect
-from zmav.services.link.port import Port, on_loop
+from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 
 PLAIN_HZ = 4.0
 """the rate a subscriber without a token is taken to want"""
@@ -44,8 +44,6 @@ UNKNOWNS = 64
 """messages without a name that anybody may ask for"""
 QUIET = 0.1
 """s between two times that changes are told: a flood of tokens is one change"""
-ASK_AGAIN = 5.0
-"""s between two times that the readers of a message are asked for again, of whom some were left out"""
 NOT_STREAMED = {
     "HEARTBEAT",
     "STATUSTEXT",
@@ -76,13 +74,11 @@ class Demand(NamedTuple):
 class Demands:
     """The readers of one vehicle's messages. Lives on the event loop; ``plan`` is called on a change."""
 
-    def __init__(self, session: zenoh.Session, port: Port, plan: Callable[[], None]) -> None:
-        self._session, self._port, self._plan = session, port, plan
+    def __init__(self, companion: Companion, plan: Callable[[], None]) -> None:
+        self._session, self._port, self._plan = companion.session, companion.port, plan
         self.junk = 0
         self._tokens: dict[str, dict[str, Demand]] = {}
         """by message, and by the token's key"""
-        self._left_out: dict[str, float] = {}
-        """messages some of whose readers are not remembered, and when they were last asked for"""
         self._telling: asyncio.TimerHandle | None = None
         self._told = -QUIET
         self._plain: list[Demand] = []
@@ -132,7 +128,6 @@ class Demands:
             return
         if len(held) >= FASTEST:
             self.junk += 1
-            self._left_out.setdefault(demand.name, -ASK_AGAIN)
             slowest = min(held, key=lambda each: held[each].hz)
             if held[slowest].hz >= demand.hz:
                 return
@@ -154,39 +149,11 @@ class Demands:
         self._telling, self._told = None, asyncio.get_running_loop().time()
         self._plan()
 
-    def _ask_again(self) -> None:
-        """Where remembered readers of a message have gone, those that were left out take their places."""
-        now = asyncio.get_running_loop().time()
-        for name, asked in self._left_out.items():
-            if len(self._tokens.get(name, ())) < FASTEST and now - asked > ASK_AGAIN:
-                self._left_out[name] = now
-                self._find(name)
-                return
-
-    def _find(self, name: str) -> None:
-        found: dict[str, Demand] = {}
-        dialect = self._port.dialect
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            demand = _demand(str(reply.ok.key_expr), dialect) if reply.ok is not None else None
-            if reply.ok is not None and demand is not None:
-                found[str(reply.ok.key_expr)] = demand
-
-        def take() -> None:
-            self._left_out.pop(name, None)
-            for key in sorted(found, key=lambda each: -found[each].hz)[: FASTEST + 1]:
-                self._take(key, found[key])
-
-        handler: Any = handlers.Callback(on_reply, on_loop(asyncio.get_running_loop(), take), indirect=False)
-        key = keys.WANT.key(self._port.fleet, self._port.name, msg=name, hz="*", instance="*")
-        self._session.liveliness().get(key, handler, timeout=ASK_AGAIN / 2)
-
     # Plain subscribers.
 
     def poll(self, source: tuple[int, int]) -> None:
         """Look who subscribes to messages of this (system, component)."""
         try:
-            self._ask_again()
             if source != self._source:
                 self._declare(source)
             named = [name for name, probe in self._probes.items() if _subscribed(probe)]

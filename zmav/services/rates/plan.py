@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from zmav.mavlink import Dialect
 from zmav.services.rates.demand import Demand
 from zmav.services.rates.meter import Measured
-from zmav.services.rates.share import Want, share
 
 FULL, ROOM = 0.9, 0.8
 """of the link's capacity: more than the first is too much, and below the second what was slowed comes back"""
@@ -17,6 +17,10 @@ PATIENCE = 3.0
 """s of too much, or of room again, before anything changes; who comes new is judged at once"""
 ENOUGH = 0.8
 """of a rate: this much counts as having it"""
+
+
+TRICKLE_HZ = 0.5
+"""what every reader keeps, where even that fits or not: a value that is two seconds old beats none"""
 
 
 @dataclass
@@ -137,3 +141,34 @@ def _lacks(target: Target, flows: Mapping[str, Measured]) -> bool:
 
 def _sum(wants: list[Want], rates: Mapping[str, float]) -> float:
     return sum(rates[want.name] * want.size for want in wants)
+
+
+class Want(NamedTuple):
+    """One message that may be slowed."""
+
+    name: str
+    hz: float
+    size: float
+    """mean bytes a frame"""
+    readers: int
+    explicit: bool
+    """somebody said the rate; False: it is only taken to be wanted at it"""
+
+    @property
+    def trickle(self) -> float:
+        return min(self.hz, TRICKLE_HZ)
+
+
+def share(wants: list[Want], room: float) -> dict[str, float]:
+    """Rates in Hz that fit into ``room`` bytes a second.
+
+    First everything gets its trickle, then the most wanted get what they want as long as it lasts: those with a rate of
+    their own before others, those with more readers first, and of equals the cheaper, so that more of them stay whole.
+    """
+    left = room - sum(want.trickle * want.size for want in wants)
+    rates = {}
+    for want in sorted(wants, key=lambda w: (not w.explicit, -w.readers, w.hz * w.size, w.name)):
+        more = min(want.hz - want.trickle, max(left, 0.0) / want.size)
+        rates[want.name] = want.trickle + more
+        left -= more * want.size
+    return rates

@@ -1,9 +1,10 @@
 """Rates by demand: the autopilot sends what somebody reads, as fast as the fastest reader wants, and no longer.
 
 A floor of messages (position, attitude, system status...) always flows. What flows fast enough by itself is left alone;
-what was asked for is put back as it was when its last reader leaves; a rate that somebody else has raised on this link
-is not lowered. Where a serial link is full, the least wanted is slowed first (:mod:`zmav.services.rates.plan`). A
-rebooted autopilot has forgotten everything and is asked again.
+what was asked for is left to the autopilot again when its last reader leaves. Where a serial link is full, the least
+wanted is slowed first (:mod:`zmav.services.rates.plan`). A rebooted autopilot has forgotten everything and is asked
+again. SET_MESSAGE_INTERVAL is sent one at a time: an acknowledgement does not say for which message.
+https://mavlink.io/en/mavgen_python/howto_requestmessages.html
 """
 
 from __future__ import annotations
@@ -11,24 +12,30 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import zenoh
 
 from zmav import keys, wire
+from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.companion import Companion
+from zmav.services.link.port import Inbox, Port, is_ours
+from zmav.services.queries.questions import Reply
 from zmav.services.rates.demand import Demands
 from zmav.services.rates.meter import WINDOW, Measured, Meter
 from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
-from zmav.services.rates.requests import DEFAULT, IntervalAsker
 from zmav.services.rates.standing import RequestedRate, rows
-from zmav.services.status.events import Events
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
+SET_INTERVAL = "MAV_CMD_SET_MESSAGE_INTERVAL"
+DEFAULT = 0.0
+"""the interval that stands for whatever the autopilot does unasked"""
+SILENT = 1.2
+"""s after which what is not heard, and may come by itself, is taken not to"""
+ANSWER = 0.5
+"""s for an acknowledgement"""
 LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
 UNANSWERED_PAUSE = 3.0
@@ -38,25 +45,25 @@ SLOWER_FROM = 20.0
 
 
 class Rates:
-    """Keeps one autopilot sending what is read. Lives on the event loop."""
+    """Keeps one autopilot sending what is read. Lives on the event loop.
 
-    def __init__(
-        self, session: zenoh.Session, questions: Questions, port: Port, identity: Identity, events: Events
-    ) -> None:
-        self._port, self._identity, self._events = port, identity, events
-        self.meter, self.demands = Meter(port), Demands(session, port, self.plan)
-        self.needs: dict[str, float] = {}
-        """what else the companion reads, in Hz: the pilot's switch"""
-        self._asker, self._shedder = IntervalAsker(port), Shedder(port.dialect)
+    ``needs``: what else the companion reads, in Hz: the pilot's switch.
+    """
+
+    def __init__(self, companion: Companion, needs: Mapping[str, float]) -> None:
+        self._port, self._identity, self._events = companion.port, companion.identity, companion.events
+        self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
+        self._needs = needs
+        self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
         self._of: tuple[int, int] | None = None
-        self._was_connected = False
+        self._was_connected, self._back_at = False, 0.0
         self._shed: set[str] = set()
-        self._key = keys.RATES.key(port.fleet, port.name)
+        self._key = keys.RATES.key(companion.port.fleet, companion.port.name)
         self._wake = asyncio.Event()
         self._worker: asyncio.Task[None] | None = None
-        questions.declare(self._key, self._answer)
+        companion.questions.declare(self._key, self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         yield Reply(self._key, wire.encode(self.table()), keys.RATES.encoding)
@@ -66,14 +73,13 @@ class Rates:
         self._worker = asyncio.get_running_loop().create_task(self._work())
 
     def close(self) -> None:
-        """End it; what was asked for is put back without waiting for answers, so that nothing flows for nobody."""
+        """End it; what was asked for is left to the autopilot again, so that nothing flows for nobody."""
         if self._worker:
             self._worker.cancel()
         floor = {target.name: target.floor for target in self._targets}
         for name, standing in self._standing.items():
             if self._of is not None and standing.asked is not None and standing.asked > floor.get(name, 0.0):
-                interval = 1e6 / floor[name] if floor.get(name) and standing.before <= 0 else standing.before
-                self._asker.send(self._of, _msgid(name, self._port), interval)
+                self._send_interval(self._of, name, 1e6 / floor[name] if floor.get(name) else DEFAULT)
         self.demands.close()
 
     def tick(self) -> None:
@@ -100,16 +106,16 @@ class Rates:
         if source != self._of:
             self._of = source
             self._standing.clear()
-            self._asker.silent = 0
         back = self._identity.connected and not self._was_connected
         self._was_connected = self._identity.connected
         if source is None or autopilot is None or not self._identity.connected:
             return
         if back:  # after a silence; whether it was a restart is seen by what does not flow
+            self._back_at = time.monotonic()
             for standing in self._standing.values():
                 standing.not_before, standing.pause = 0.0, 1.0
         flows = self._flows()
-        targets = wanted(autopilot.floor, {**OWN, **self.needs}, self.demands.current())
+        targets = wanted(autopilot.floor, {**OWN, **self._needs}, self.demands.current())
         ours = {name for name, standing in self._standing.items() if standing.asked is not None}
         self._shedder.apply(targets, flows, self.meter.used, ours, self._port.link.capacity)
         self._targets = targets
@@ -168,11 +174,13 @@ class Rates:
         if standing is None or standing.asked is None:
             if standing is not None and (standing.final or time.monotonic() < standing.not_before):
                 return False
-            if heard is None or (standing is not None and time.monotonic() - standing.since < WINDOW + 1):
+            if heard is None:
+                return time.monotonic() - self._back_at > SILENT
+            if standing is not None and time.monotonic() - standing.since < WINDOW + 1:
                 return True
             unmeasured = flow is None or flow.span < 2.0
-            # What has just begun to flow is measured first, unless it is silent again or somebody said a rate.
-            return heard.age > 3.0 / rate if unmeasured and not target.explicit else not _enough(flow, rate)
+            # What has just begun to flow is measured first, unless it is silent again.
+            return heard.age > max(SILENT, 3.0 / rate) if unmeasured else not _enough(flow, rate)
         if standing.forgotten:
             return True
         if abs(rate - standing.asked) > 0.01 * standing.asked:
@@ -184,17 +192,10 @@ class Rates:
         return time.monotonic() >= standing.not_before
 
     async def _ask(self, source: tuple[int, int], target: Target) -> None:
-        name, msgid = target.name, _msgid(target.name, self._port)
-        standing = self._standing.setdefault(name, RequestedRate())
-        if standing.asked is None and standing.refused is None and await self._comes(standing, target):
-            return
+        standing = self._standing.setdefault(target.name, RequestedRate())
         rate = standing.rate(target)
-        lower = standing.asked is not None and rate < standing.asked and not standing.forgotten
-        if lower and await self._raised(source, name, standing):
-            standing.asked = rate  # somebody else's by now: not ours to lower
-            return
         had, standing.asked = standing.asked, rate  # from now on it is to be put back, whatever comes in between
-        result = await self._asker.set(source, msgid, 1e6 / rate)
+        result = await self._set_interval(source, target.name, 1e6 / rate)
         standing.since, standing.forgotten = time.monotonic(), False
         standing.not_before = standing.since + standing.pause + 3.0 / rate
         standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
@@ -203,18 +204,6 @@ class Rates:
         else:
             standing.asked = had
             self._refuse(standing, target, result, rate)
-
-    async def _comes(self, standing: RequestedRate, target: Target) -> bool:
-        """Learn how the message is sent before we ask; True where that is enough, and not yet known not to come."""
-        assert self._of is not None
-        interval = await self._asker.get(self._of, _msgid(target.name, self._port))
-        flow = self._flows().get(target.name)
-        standing.before = interval or (1e6 / flow.hz if flow and flow.hz > 0 else DEFAULT)
-        if not interval or interval < 0 or 1e6 / interval < ENOUGH * target.granted or standing.pause > 1.0:
-            return False
-        standing.not_before = time.monotonic() + 3.0 + interval / 1e6
-        standing.pause = 2.0
-        return True
 
     def _refuse(self, standing: RequestedRate, target: Target, result: int, rate: float) -> None:
         never = self._identity.autopilot is not None and result in self._identity.autopilot.never_rated
@@ -243,21 +232,28 @@ class Rates:
             return
         if time.monotonic() < standing.not_before and standing.tries:
             return
-        if not await self._raised(source, name, standing):
-            result = await self._asker.set(source, _msgid(name, self._port), standing.before)
-            standing.tries += 1
-            standing.not_before = time.monotonic() + 1.0
-            if result is None and standing.tries < 5:
-                return
+        result = await self._set_interval(source, name, DEFAULT)
+        standing.tries += 1
+        standing.not_before = time.monotonic() + 1.0
+        if result is None and standing.tries < 5:
+            return
         self._standing[name] = RequestedRate(since=time.monotonic())
         self._wake.set()  # somebody may have come meanwhile
 
-    async def _raised(self, source: tuple[int, int], name: str, standing: RequestedRate) -> bool:
-        """It is sent faster than we asked for: a ground station on this link has asked, too. As the autopilot says: a
-        simulation may send everything faster than by the clock on the wall.
-        """
-        interval = await self._asker.get(source, _msgid(name, self._port))
-        return interval is not None and interval > 0 and 1e6 / interval > 1.3 * (standing.asked or 0.0)
+    async def _set_interval(self, source: tuple[int, int], name: str, interval: float) -> int | None:
+        """Have a message sent every ``interval`` µs; the MAV_RESULT, or None where nobody answered."""
+        number = self._port.dialect.value("MAV_CMD", SET_INTERVAL)
+        with Inbox(self._port, source, "COMMAND_ACK") as inbox:
+            self._send_interval(source, name, interval)
+            deadline = time.monotonic() + ANSWER
+            while (heard := await inbox.get(deadline - time.monotonic())) is not None:
+                if heard[1]["command"] == number and is_ours(heard[1], self._port):
+                    return int(heard[1]["result"])
+        return None
+
+    def _send_interval(self, source: tuple[int, int], name: str, interval: float) -> None:
+        command = Command(SET_INTERVAL, (float(_msgid(name, self._port)), interval)).message(self._port.dialect)
+        self._port.send(command.name, **command.addressed(*source))
 
     # Statistics.
 

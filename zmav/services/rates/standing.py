@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from zmav import wire
 from zmav.services.rates.meter import Kind, Measured
 from zmav.services.rates.plan import Target
-from zmav.services.rates.requests import DEFAULT
 
 
 @dataclass
@@ -18,8 +17,6 @@ class RequestedRate:
 
     asked: float | None = None
     """Hz"""
-    before: float = DEFAULT
-    """the interval in µs it had, to be put back"""
     refused: str | None = None
     final: bool = False
     """refused for good"""
@@ -33,12 +30,11 @@ class RequestedRate:
     forgotten: bool = False
     """the autopilot has restarted since it was asked"""
     tries: int = 0
-    """to put it back"""
+    """to leave it to the autopilot again"""
 
     def rate(self, target: Target) -> float:
-        """What to ask for, in Hz: never less than came unasked, unless the link is too full for it."""
-        unasked = 1e6 / self.before if self.before > 0 and not target.shed else 0.0
-        return min(max(target.granted, unasked), self.ceiling)
+        """What to ask for, in Hz."""
+        return min(target.granted, self.ceiling)
 
 
 def rows(

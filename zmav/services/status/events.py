@@ -5,15 +5,13 @@ from __future__ import annotations
 import collections
 import contextlib
 import time
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import zenoh
 import zenoh.ext
 
 from zmav import keys, wire
 from zmav.mavlink import Frame
-from zmav.mavlink.event import Event, read_event
 from zmav.mavlink.statustext import Text, TextJoiner
 from zmav.seldom import Seldom
 from zmav.trust.proof import Signer
@@ -34,15 +32,6 @@ LIMITS = 256
 """names of limits that are told apart within a second"""
 
 
-class EventText(NamedTuple):
-    """What an EVENT comes to."""
-
-    text: str
-    name: str = ""
-    reason: bool = True
-    """it may be why an order is refused"""
-
-
 class Events:
     """Publishes a vehicle's events, from any thread; what reads frames lives on the event loop."""
 
@@ -60,9 +49,6 @@ class Events:
         self._limits: Seldom[str] = Seldom(1.0, LIMITS)
         self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
         self._joiner = TextJoiner()
-        self._sequences: dict[tuple[int, int], int] = {}
-        self.told: Callable[[Event, int], EventText | None] = lambda event, missed: EventText(str(event))
-        """what to say of an EVENT, given how many before it were lost; None: nothing"""
 
     def close(self) -> None:
         self._publisher.undeclare()
@@ -95,29 +81,9 @@ class Events:
         more: dict[str, Any] = {} if text.complete else {"incomplete": True}
         self.emit("statustext", SEVERITIES[min(text.severity, 7)], text.text, component=text.compid, **more)
 
-    def numbered(self, frame: Frame) -> None:
-        """Pass on an EVENT (410), each once, in the words that :attr:`told` has for it."""
-        event = read_event(frame)
-        if event is None:
-            return
-        source = (frame.sysid, frame.compid)
-        before = self._sequences.get(source)
-        if before == event.sequence:
-            return  # sent again, for somebody else who missed it
-        self._sequences[source] = event.sequence
-        missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
-        missed = missed if missed < 0x8000 else 0
-        told = self.told(event, missed)
-        if told is None or not event.for_people:
-            return
-        if told.reason:
-            self._texts.append((time.monotonic(), told.text))
-        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
-        if missed:
-            detail["missed"] = missed
-        if told.name:
-            detail["name"] = told.name
-        self.emit("numbered", SEVERITIES[event.level], told.text, **detail, arguments=event.arguments.hex())
+    def remember(self, text: str) -> None:
+        """It may be why an order is refused."""
+        self._texts.append((time.monotonic(), text))
 
     def texts_since(self, t: float) -> list[str]:
         """The autopilot's words since monotonic time ``t``, the beginnings of texts that are not whole yet included."""

@@ -14,13 +14,12 @@ from typing import Any
 import zenoh
 
 from zmav import keys, wire
-from zmav.bus import Bus
 from zmav.errors import BadKey, Clash, ZmavError
 from zmav.present import Present
+from zmav.services.companion import Companion
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import challenge_vehicle
-from zmav.services.status.events import Events
 from zmav.trust.certificate import Role
 from zmav.trust.proof import Signer
 from zmav.trust.verify import Verifier
@@ -35,23 +34,12 @@ UID_GRACE = 2.0
 class Presence:
     """One vehicle's token, and everybody else's. On the event loop; :meth:`check` from any thread."""
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        fleet: str,
-        name: str,
-        instance: str,
-        identity: Identity,
-        events: Events,
-        verifier: Verifier | None,
-        signer: Signer | None,
-        bus: Bus,
-    ) -> None:
-        self._session, self._fleet, self._name, self.instance = session, fleet, name, instance
-        self._role = keys.REPLAY if keys.is_replay(fleet) else keys.VEHICLE
-        self._identity, self._events, self._verifier, self._signer = identity, events, verifier, signer
+    def __init__(self, companion: Companion, instance: str, verifier: Verifier | None, signer: Signer | None) -> None:
+        self._session, self._identity, self._events = companion.session, companion.identity, companion.events
+        self._fleet, self._name, self._bus = companion.port.fleet, companion.port.name, companion.port.bus
+        self.instance, self._verifier, self._signer = instance, verifier, signer
+        self._role = keys.REPLAY if keys.is_replay(self._fleet) else keys.VEHICLE
         self.clash: str | None = None
-        self._bus = bus
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
         self.others: Present[str, dict[str, str]] = Present(self._is_known, lambda token: _who(token) in self._proven)

@@ -10,16 +10,17 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from zmav.autopilots import Autopilot
 from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
-from zmav.mavlink.event import Event
+from zmav.mavlink import Frame
+from zmav.mavlink.event import Event, read_event
 from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
+from zmav.services.companion import Companion
 from zmav.services.files.files import Files
-from zmav.services.link.identity import Identity
 from zmav.services.orders.command import Commander
-from zmav.services.status.events import Events, EventText
+from zmav.services.status.events import SEVERITIES
 
 EVERY = 1.0
 AGAIN, ATTEMPTS = 30.0, 3
@@ -76,11 +77,20 @@ class Checks:
         return list(dict.fromkeys(check.text for check in grave))[:MOST_SAID]
 
 
-class EventTexts:
-    """Has ``events`` say EVENTs in words, once their file has come. Lives on the event loop."""
+class EventText(NamedTuple):
+    """What an EVENT comes to."""
 
-    def __init__(self, identity: Identity, commander: Commander, events: Events, files: Files) -> None:
-        self._identity, self._do, self._events, self._files = identity, commander, events, files
+    text: str
+    name: str = ""
+    reason: bool = True
+    """it may be why an order is refused"""
+
+
+class EventTexts:
+    """Passes EVENTs (410) on, in words once their file has come. Lives on the event loop."""
+
+    def __init__(self, companion: Companion, commander: Commander, files: Files) -> None:
+        self._identity, self._do, self._events, self._files = companion.identity, commander, companion.events, files
         self.words: EventWords | None = None
         self.checks = Checks()
         self._of: tuple[Any, ...] | None = None
@@ -90,7 +100,7 @@ class EventTexts:
         self._attempts, self._again = 0, 0.0
         self._asks, self._asked = 0, 0.0
         self._task: asyncio.Task[None] | None = None
-        events.told = self._told
+        self._sequences: dict[tuple[int, int], int] = {}
 
     def start(self) -> None:
         self._task = asyncio.get_running_loop().create_task(self._work())
@@ -109,7 +119,26 @@ class EventTexts:
 
     # What is heard.
 
-    def _told(self, event: Event, missed: int) -> EventText | None:
+    def numbered(self, frame: Frame) -> None:
+        """Pass on an EVENT, each once."""
+        event, source = read_event(frame), (frame.sysid, frame.compid)
+        before = self._sequences.get(source)
+        if event is None or before == event.sequence:
+            return  # none, or sent again for somebody else who missed it
+        self._sequences[source] = event.sequence
+        missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
+        missed = missed if missed < 0x8000 else 0
+        said = self._text(event, missed)
+        if said is None or not event.for_people:
+            return
+        if said.reason:
+            self._events.remember(said.text)
+        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
+        detail |= ({"missed": missed} if missed else {}) | ({"name": said.name} if said.name else {})
+        self._events.emit("numbered", SEVERITIES[event.level], said.text, **detail, arguments=event.arguments.hex())
+
+    def _text(self, event: Event, missed: int) -> EventText | None:
+        """What to say of it, given how many before it were lost; None: nothing."""
         if missed:
             self.checks.lost()
         worded = self.words.of(event) if self.words else None

@@ -13,9 +13,8 @@ import zenoh
 
 from zmav import geo, keys, wire
 from zmav.mavlink import decode
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
-from zmav.services.queries.questions import Questions, Reply
+from zmav.services.companion import Companion
+from zmav.services.queries.questions import Reply
 from zmav.trust.gate import anybody
 from zmav.trust.proof import ANSWERS, Signer
 
@@ -33,22 +32,18 @@ class StateService:
 
     def __init__(
         self,
-        session: zenoh.Session,
-        questions: Questions,
-        port: Port,
+        companion: Companion,
         instance: str,
-        identity: Identity,
-        origin: wire.Origin | None,
         signer: Signer | None,
         checks: Callable[[], Sequence[str]],
     ) -> None:
-        self._questions, self._instance, self._signer = questions, instance, signer
-        self._port, self._identity, self.origin = port, identity, origin
+        self._questions, self._instance, self._signer = companion.questions, instance, signer
+        self._port, self._identity, self.origin = companion.port, companion.identity, companion.origin
         self.extras: list[Callable[[wire.VehicleState], None]] = []
         """other services' additions: link, lease, clash"""
         self.checks = checks
-        self._key = keys.STATE.key(port.fleet, port.name)
-        self._publisher = session.declare_publisher(self._key, **keys.STATE.publishing())
+        self._key = keys.STATE.key(companion.port.fleet, companion.port.name)
+        self._publisher = companion.session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf
 
     def start(self) -> None:

@@ -1,16 +1,20 @@
-"""``msg/{MSG}``: the last message of a name, decoded when somebody asks."""
+"""What is looked at when somebody asks: ``body`` (the room that a vehicle needs and what it can do), ``host`` (how its
+computer is) and ``msg/{MSG}`` (the last message of a name, decoded).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import zenoh
 
 from zmav import keys, wire
+from zmav.config import BodyConfig, body_of
 from zmav.errors import BadInput
+from zmav.host import report
 from zmav.mavlink import describe
-from zmav.services.link.identity import Identity
-from zmav.services.link.port import Port
+from zmav.services.companion import Companion
 from zmav.services.link.timesync import TimeSync
 from zmav.services.queries.questions import Questions, Reply
 
@@ -20,9 +24,9 @@ KEY_DEPTH = 4  # zmav/fleet/vehicle/msg/NAME
 class Messages:
     """Answers in the lane of questions; the autopilot's message is preferred to another component's."""
 
-    def __init__(self, questions: Questions, port: Port, identity: Identity, timesync: TimeSync) -> None:
-        self._port, self._identity, self._timesync = port, identity, timesync
-        questions.declare(keys.MSG.key(port.fleet, port.name, msg="*"), self._answer)
+    def __init__(self, companion: Companion, timesync: TimeSync) -> None:
+        self._port, self._identity, self._timesync = companion.port, companion.identity, timesync
+        companion.questions.declare(keys.MSG.key(companion.port.fleet, companion.port.name, msg="*"), self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
         asked = str(query.key_expr)
@@ -67,3 +71,35 @@ class Messages:
             fields=m.fields,
             units=m.units,
         )
+
+
+class BodyService:
+    """Answers in the lane of questions."""
+
+    def __init__(self, companion: Companion, declared: BodyConfig | None) -> None:
+        self._identity, self._declared = companion.identity, declared
+        self._key = keys.BODY.key(companion.port.fleet, companion.port.name)
+        companion.questions.declare(self._key, self._answer)
+
+    @property
+    def body(self) -> wire.swarm.Body:
+        """By the fleet file, and for the rest as is usual for the kind that was heard."""
+        return body_of(self._identity.kind, self._declared)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        told = wire.swarm.BodyReport(kind=self._identity.kind, body=self.body, declared=self._declared is not None)
+        yield Reply(self._key, wire.encode(told))
+
+
+class HostService:
+    """Answers in the lane of questions; ``paths`` are on the file systems that matter here."""
+
+    def __init__(
+        self, questions: Questions, instance: str, fleet: str, name: str, paths: Iterable[str | Path] = ()
+    ) -> None:
+        self._instance, self._name, self._paths = instance, name, ("/", *paths)
+        self._key = keys.HOST.key(fleet, name)
+        questions.declare(self._key, self._answer)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        yield Reply(self._key, wire.encode(report(self._name, self._instance, self._paths)))
