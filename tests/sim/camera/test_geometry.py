@@ -15,7 +15,6 @@ from zmav.sim.arrays import Array
 from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Scene
 from zmav.sim.camera.cameras import Frame, SimCamera
 from zmav.sim.camera.spec import bgr
-from zmav.sim.environment import Terrain
 
 if TYPE_CHECKING:
     from tests.sim.camera.conftest import MakeStudio, Place
@@ -78,14 +77,6 @@ class TestGround:
         north, east = board_corners()
         frame = studio.take((7000.0, -9000.0, -4.0, 5.0, 5.0, 60.0))
         check_corners(frame, studio.camera, np.array([north + 7000.2, east - 9000.1, np.zeros_like(north)]))
-
-    def test_on_a_slope(self, make_studio: MakeStudio) -> None:
-        terrain = Terrain(down_m=2.0, slope_north=0.2, slope_east=-0.1)
-        scene = Scene(ground="grass", pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
-        studio = make_studio(AT_FEET, scene=scene, terrain=terrain)
-        north, east = board_corners()
-        frame = studio.take((0.0, 0.0, -2.5, 4.0, -6.0, 30.0))
-        check_corners(frame, studio.camera, np.array([north, east, terrain.down(north, east)]))
 
     @pytest.mark.parametrize("distortion", [(-0.2, 0.05, 0.001, -0.0005, 0.0), (0.12, 0.0, 0.0, 0.001, 0.01)])
     def test_with_distortion(self, make_studio: MakeStudio, distortion: tuple[float, ...]) -> None:

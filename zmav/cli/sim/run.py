@@ -159,7 +159,6 @@ def make_world(
         seed=table.seed if seed is None else seed,
         wind=blows,
         gusts=gusts,
-        terrain=table.terrain,
         noise=noise or table.noise,
         scene=file.scene if scene is None else load_scene(scene),
         tick_hz=table.tick_hz if tick_hz is None else tick_hz,

@@ -15,7 +15,6 @@ from zmav.sim.arrays import Array
 from zmav.sim.camera.projection import View, camera_matrix, camera_rotation, quat_matrix
 from zmav.sim.camera.scene import Scene, check_scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
-from zmav.sim.environment import Terrain
 from zmav.sim.external import External
 from zmav.sim.fleets.base import Fleet
 from zmav.sim.spec import VehicleSpec
@@ -154,9 +153,7 @@ class Cameras:
     missing.
     """
 
-    def __init__(
-        self, actors: Sequence[Actor], scene: Scene, terrain: Terrain, seed: int, epoch_s: float, inside: Inside
-    ) -> None:
+    def __init__(self, actors: Sequence[Actor], scene: Scene, seed: int, epoch_s: float, inside: Inside) -> None:
         if importlib.util.find_spec("cv2") is None:
             raise missing_extra("a simulated camera", "OpenCV", "vision")
         check_scene(scene)
@@ -165,7 +162,7 @@ class Cameras:
         self.server: Server | None = None
         """is ticked, and closed with the world"""
         self._actors = actors
-        self._place = scene, terrain, seed
+        self._place = scene, seed
         self._inside = inside
         self._lock = threading.Lock()
         self._surroundings: tuple[Ground, list[Figure]] | None = None
