@@ -103,7 +103,7 @@ def test_names_and_ids_of_the_world_are_the_files(read: Read) -> None:
         ("arducopter", "udpin:0.0.0.0:14550", "udp:127.0.0.1:14550"),
         ("arducopter", "udpin:10.77.0.1:14550", "udp:10.77.0.1:14550"),
         ("arducopter", "udpout:127.0.0.1:14600", "udp-listen:127.0.0.1:14600"),
-        ("arducopter", "/tmp/quad1,57600", "pty:/tmp/quad1@57600"),
+        ("arducopter", "/tmp/quad1,57600", "pty:/tmp/quad1"),
         ("arducopter", "serial:/tmp/quad1", "pty:/tmp/quad1"),
         ("arducopter", "lossy:tcp:127.0.0.1:5760?loss=0.2", "tcp:127.0.0.1:5760"),
         ("px4", "udpin:127.0.0.1:14541", "onboard:14581:127.0.0.1:14541"),
@@ -181,6 +181,6 @@ class TestGuide:
             assert fault.text in row
 
     def test_its_endpoints_can_be_written_so(self) -> None:
-        for text in ("ardupilot", "px4", "pty:/tmp/quad1+@57600", "tcp", "serial1", "serial2"):
+        for text in ("ardupilot", "px4", "pty:/tmp/quad1+", "tcp", "serial1", "serial2"):
             assert f"`{text}`" in self.guide or f" {text} " in self.guide
             assert addresses([[text]])

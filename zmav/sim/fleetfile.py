@@ -42,7 +42,7 @@ from zmav.sim.values import check_home, parse_wind
 
 T = TypeVar("T")
 _SOCKET = re.compile(r"(tcp|udpin|udpout):(.*):(\d+)", re.ASCII)
-_SERIAL = re.compile(r"(?:serial:)?(/[^,:]*)(?:[,:](\d+))?", re.ASCII)
+_SERIAL = re.compile(r"(?:serial:)?(/[^,:]*)(?:[,:]\d+)?", re.ASCII)
 _ANY_HOST = ("", "0.0.0.0")
 _LOOPBACK = "127.0.0.1"
 _PX4_REMOTE, _PX4_LOCAL, _PX4_LINKS = 14540, 14580, 10
@@ -140,7 +140,7 @@ def _endpoint(link: str, autopilot: str, field: str) -> str:
         return f"onboard:{local}:{to}:{port}"
     serial = _SERIAL.fullmatch(plain)
     if serial and not serial[1].startswith("/dev/"):
-        return f"pty:{serial[1]}" + (f"@{serial[2]}" if serial[2] else "")
+        return f"pty:{serial[1]}"
     expected = (
         "tcp:HOST:PORT, udpin:HOST:PORT, udpout:HOST:PORT or a path outside /dev, or else 'endpoints' in the vehicle's "
         "sim table"

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
 from agents.camera.calibrate import FEWEST, Views
 from agents.camera.cli import camera
@@ -21,7 +22,8 @@ from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Scene
 from zmav.vision.opencv import Image
 
 BENT = (-0.12, 0.05, 0.0, 0.0, 0.0)
-SPEC = CameraSpec(width=480, height=360, focal_px=400.0, center_px=(235.0, 183.0), distortion=BENT, offset_m=(0.0,) * 3)
+MATRIX = np.array([[400.0, 0.0, 235.0], [0.0, 400.0, 183.0], [0.0, 0.0, 1.0]])
+WIDE = CameraSpec(width=640, height=480, focal_px=400.0, offset_m=(0.0,) * 3)
 BOARD = PadSpec(symbol="chessboard", symbol_m=2.0, squares=(7, 10), shape="square", size_m=2.4, background="white")
 SQUARES, SIDE = (7, 10), 0.2
 TILTED = [
@@ -51,10 +53,18 @@ def place(roll: float, pitch: float, yaw: float, shift: float, height: float = 3
 @pytest.fixture(scope="module")
 def views() -> Iterator[list[Image]]:
     scene = Scene(ground="asphalt", pads=(PlacedPad(position=(0.0, 0.0), pad=BOARD),))
-    world = World([VehicleSpec(name="copter1", camera=SPEC)], scene=scene, epoch_s=1000.0)
+    world = World([VehicleSpec(name="copter1", camera=WIDE)], scene=scene, epoch_s=1000.0)
     studio = Studio(world)
-    yield [studio.take(place(*angles, shift=0.35 * (i % 3 - 1))).image for i, angles in enumerate(TILTED)]
+    straight = [studio.take(place(*angles, shift=0.35 * (i % 3 - 1))).image for i, angles in enumerate(TILTED)]
+    yield [bent(image, studio.camera.matrix) for image in straight]
     world.close()
+
+
+def bent(image: Image, wide: NDArray[np.float64]) -> Image:
+    """As a lens with MATRIX and BENT would have taken it."""
+    pixels = np.stack(np.meshgrid(np.arange(480.0), np.arange(360.0)), -1).reshape(-1, 1, 2)
+    flat = cv2.undistortPoints(pixels, MATRIX, np.array(BENT), P=wide).reshape(360, 480, 2).astype(np.float32)
+    return np.asarray(cv2.remap(image, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def test_a_lens_is_found_again(views: list[Image], tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from zmav.sim import VehicleSpec, World
 from zmav.sim.arrays import Array
 from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Road, Roof, Scene
 from zmav.sim.camera.ground import COLOURS, PERIOD_M, SIDE, Ground
-from zmav.sim.camera.lens import encode
 
 if TYPE_CHECKING:
     from tests.sim.camera.conftest import MakeStudio
@@ -175,13 +173,6 @@ class TestBlackout:
         studio = make_studio(CameraSpec())
         studio.camera.blackout = "frozen"
         assert not studio.take((0.0, 0.0, -4.0)).image.any()
-
-
-def test_jpeg(make_studio: MakeStudio) -> None:
-    image = make_studio().take((0.0, 0.0, -4.0)).image
-    back = cv2.imdecode(np.frombuffer(encode(image), dtype=np.uint8), cv2.IMREAD_COLOR)
-    assert back is not None
-    assert np.abs(back.astype(int) - image).mean() < 12.0
 
 
 def test_a_frame_of_a_stepped_world_is_of_its_time_and_place() -> None:
