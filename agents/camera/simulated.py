@@ -29,7 +29,6 @@ class _Told(msgspec.Struct):
     width: int
     height: int
     camera_matrix: tuple[Vector, Vector, Vector]
-    distortion: tuple[float, float, float, float, float]
     mount_deg: Vector
     offset_m: Vector
     gimbal: bool
@@ -54,7 +53,6 @@ def numbers(url: str) -> Numbers | None:
             "height": told.height,
             "focal": (fx, fy),
             "center": (cx, cy),
-            "distortion": told.distortion,
         }
         calibration = msgspec.convert(plain, Calibration)
     except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors

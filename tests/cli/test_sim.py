@@ -178,7 +178,7 @@ def test_one_file_starts_the_simulator_and_says_where_agents_find_it(start: Star
     )
     control = str(tmp_path / "s")
     sim = start("sim", "--fleet", str(file), "--px4", "1", "--endpoint", "tcp:0", "--control", control)
-    assert sim.expect("quad1 (system id 7): ").endswith(f"{tmp_path}/tty,57600")
+    assert sim.expect("quad1 (system id 7): ").endswith(f"{tmp_path}/tty,115200")
     sim.expect("px4-1 (system id 2): tcp:127.0.0.1:")
     (status,) = Here("--control", control)("sim", "status", "--json").lines
     assert [(v["name"], v["airframe"]) for v in status["vehicles"]] == [("quad1", "hexa"), ("px4-1", "sih")]

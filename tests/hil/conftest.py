@@ -14,7 +14,7 @@ from zmav.hil.craft import craft
 from zmav.hil.externals import Externals
 from zmav.hil.plant import Plant
 from zmav.sim import VehicleSpec, World
-from zmav.sim.environment import Environment, Terrain
+from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Surroundings
 
 HERE = Path(__file__).resolve().parent
@@ -26,11 +26,10 @@ def plant(
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    terrain: Terrain | None = None,
     noise: str = "none",
 ) -> Plant:
     """One vehicle's body, with ideal sensors unless told otherwise."""
-    around = Surroundings(environment=Environment(wind, terrain), seed=(1,), noise=noise)
+    around = Surroundings(environment=Environment(wind), seed=(1,), noise=noise)
     return Plant(craft(name), start, yaw, 1.0 / 400.0, around)
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -177,7 +178,8 @@ def test_an_upset_is_caught(hover: Hover) -> None:
 def test_gps_noise_wanders_by_what_was_asked() -> None:
     frame = airframe("quad")
     dyn = CopterDynamics(frame, np.zeros((3, 200)), np.zeros(200), DT)
-    estimator = Estimator(dyn, SensorSuite(dyn, DEFAULT_PLACE, (1,), NONE, 1.0))
+    noise = msgspec.structs.replace(NONE, gps_wander_m=1.0, gps_wander_down_m=1.0)
+    estimator = Estimator(dyn, SensorSuite(dyn, DEFAULT_PLACE, (1,), noise))
     path = []
     for _ in range(2000):
         estimator.refresh()

@@ -12,7 +12,6 @@ from zmav.config import load_fleet
 from zmav.errors import BadConfig
 from zmav.sim import Home, World
 from zmav.sim.endpoints import addresses
-from zmav.sim.environment import Terrain
 from zmav.sim.faults.table import describe
 from zmav.sim.fleetfile import FleetFile, load_simulated, speed_of
 from zmav.sim.lineup import gather, line_up
@@ -37,8 +36,6 @@ noise = "typical"
 seed = 3
 scene = "field.toml"
 
-[sim.terrain]
-slope_north = 0.02
 
 [vehicles.quad1]
 link = "tcp:127.0.0.1:5760"
@@ -77,7 +74,6 @@ def test_everything_it_says(read: Read, tmp_path: Path) -> None:
     assert file.home == Home(47.3977, 8.5456, 488.0, 0.0)
     assert (file.world.wind, file.world.noise, file.world.seed) == ("5@270,gusty", "typical", 3)
     assert speed_of(file.world) == math.inf
-    assert file.world.terrain == Terrain(slope_north=0.02)
     assert file.scene is not None
     assert file.scene.ground == "asphalt"
     quad, rover = file.vehicles
@@ -95,7 +91,7 @@ def test_everything_it_says(read: Read, tmp_path: Path) -> None:
 
 
 def test_names_and_ids_of_the_world_are_the_files(read: Read) -> None:
-    specs = line_up(gather(read(WHOLE).vehicles, {"copter": 1}), Home(), 10.0, Terrain())
+    specs = line_up(gather(read(WHOLE).vehicles, {"copter": 1}), Home(), 10.0)
     assert [(spec.name, spec.sysid) for spec in specs] == [("quad1", 7), ("ugv", 2), ("copter1", 3)]
 
 
@@ -107,7 +103,7 @@ def test_names_and_ids_of_the_world_are_the_files(read: Read) -> None:
         ("arducopter", "udpin:0.0.0.0:14550", "udp:127.0.0.1:14550"),
         ("arducopter", "udpin:10.77.0.1:14550", "udp:10.77.0.1:14550"),
         ("arducopter", "udpout:127.0.0.1:14600", "udp-listen:127.0.0.1:14600"),
-        ("arducopter", "/tmp/quad1,57600", "pty:/tmp/quad1@57600"),
+        ("arducopter", "/tmp/quad1,57600", "pty:/tmp/quad1"),
         ("arducopter", "serial:/tmp/quad1", "pty:/tmp/quad1"),
         ("px4", "udpin:127.0.0.1:14541", "onboard:14581:127.0.0.1:14541"),
         ("px4", "udpin:127.0.0.1:15000", "onboard:0:127.0.0.1:15000"),
@@ -160,7 +156,7 @@ def test_what_is_wrong_is_named(read: Read, tmp_path: Path, text: str, field: st
 
 def test_a_world_is_made_of_it(read: Read) -> None:
     file = read(WHOLE)
-    world = World(file.vehicles[:1], home=file.home, terrain=file.world.terrain, noise=file.world.noise)
+    world = World(file.vehicles[:1], home=file.home, noise=file.world.noise)
     assert [v.name for v in world.vehicles] == ["quad1"]
     assert world.vehicles[0].copter.params["FS_GCS_ENABLE"] == 1.0
     world.close()
@@ -174,7 +170,7 @@ class TestGuide:
     def test_its_fleet_file_is_one(self, read: Read) -> None:
         file = read(self.guide.partition("```toml\n")[2].partition("```")[0])
         assert [spec.name for spec in file.vehicles] == ["quad1", "ugv1", "wing1", "scout1"]
-        world = World(file.vehicles, home=file.home, terrain=file.world.terrain, scene=file.scene)
+        world = World(file.vehicles, home=file.home, scene=file.scene)
         assert [v.status().kind for v in world.vehicles] == ["hexa", "rover", "plane", "px4"]
         world.close()
 
@@ -184,6 +180,6 @@ class TestGuide:
             assert fault.text in row
 
     def test_its_endpoints_can_be_written_so(self) -> None:
-        for text in ("ardupilot", "px4", "pty:/tmp/quad1+@57600", "tcp", "serial1", "serial2"):
+        for text in ("ardupilot", "px4", "pty:/tmp/quad1+", "tcp", "serial1", "serial2"):
             assert f"`{text}`" in self.guide or f" {text} " in self.guide
             assert addresses([[text]])

@@ -9,7 +9,6 @@ import pytest
 
 from zmav.errors import BadConfig, BadInput
 from zmav.sim import Home, VehicleSpec
-from zmav.sim.environment import Terrain
 from zmav.sim.lineup import gather, line_up
 from zmav.sim.spec import kind_of
 from zmav.sim.values import parse_home, parse_speed, parse_wind
@@ -17,8 +16,8 @@ from zmav.sim.values import parse_home, parse_speed, parse_wind
 MIXED = {"copter": 2, "hexa": 1, "rover": 2, "plane": 2, "px4": 2}
 
 
-def lined_up(specs: list[VehicleSpec], yaw_deg: float = 0.0, terrain: Terrain | None = None) -> list[VehicleSpec]:
-    return line_up(specs, Home(yaw_deg=yaw_deg), 10.0, terrain or Terrain())
+def lined_up(specs: list[VehicleSpec], yaw_deg: float = 0.0) -> list[VehicleSpec]:
+    return line_up(specs, Home(yaw_deg=yaw_deg), 10.0)
 
 
 def test_kinds_are_counted_each_and_ids_all() -> None:
@@ -64,14 +63,6 @@ def test_all_stand_apart_and_the_runway_is_clear(yaw_deg: float) -> None:
             ahead = (north - n) * forward[0] + (east - e) * forward[1]
             aside = (north - n) * forward[1] - (east - e) * forward[0]
             assert name == spec.name or ahead <= 0.0 or abs(aside) > 15.0, (spec.name, name)
-
-
-def test_they_stand_on_the_ground() -> None:
-    terrain = Terrain(slope_north=0.1, slope_east=-0.05)
-    for spec in lined_up(gather([], MIXED), terrain=terrain):
-        assert spec.start_ned_m is not None
-        north, east, down = spec.start_ned_m
-        assert down == pytest.approx(-0.1 * north + 0.05 * east)
 
 
 @pytest.mark.parametrize(

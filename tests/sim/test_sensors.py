@@ -11,7 +11,6 @@ from zmav.errors import BadConfig
 from zmav.sim.arrays import Array, quat_from_euler
 from zmav.sim.dynamics.airframe import GRAVITY, airframe
 from zmav.sim.dynamics.copter import CopterDynamics
-from zmav.sim.environment import Terrain
 from zmav.sim.geo import Position
 from zmav.sim.sensors import atmosphere
 from zmav.sim.sensors.estimate import Estimator
@@ -24,14 +23,14 @@ PLACE = Position(-35.363261, 149.165230, 584.09)
 TICK_S = 0.01
 
 
-def bodies(count: int = 1, down: float = -20.0, terrain: Terrain | None = None) -> CopterDynamics:
+def bodies(count: int = 1, down: float = -20.0) -> CopterDynamics:
     start = np.zeros((3, count))
     start[2] = down
-    return CopterDynamics(airframe("quad"), start, np.zeros(count), 1 / 200, terrain)
+    return CopterDynamics(airframe("quad"), start, np.zeros(count), 1 / 200)
 
 
-def suite(body: CopterDynamics, noise: Noise = NONE, seed: int = 1, gps_noise_m: float = 0.0) -> SensorSuite:
-    return SensorSuite(body, PLACE, (seed,), noise, gps_noise_m)
+def suite(body: CopterDynamics, noise: Noise = NONE, seed: int = 1) -> SensorSuite:
+    return SensorSuite(body, PLACE, (seed,), noise)
 
 
 class TestTruth:
@@ -75,12 +74,6 @@ class TestTruth:
         body = bodies(down=-height)
         body.q[:] = quat_from_euler(np.array([lean]), np.array([0.0]), np.array([1.0]))
         assert suite(body).readings(0).range_m == pytest.approx(expected + RANGE_MOUNT_M, rel=1e-6)
-
-    def test_and_meets_a_slope_at_right_angles(self) -> None:
-        terrain = Terrain(slope_north=0.2)
-        body = bodies(down=-5.0, terrain=terrain)
-        body.q[:] = quat_from_euler(np.array([0.0]), np.array([math.atan(0.2)]), np.array([0.0]))
-        assert suite(body).readings(0).range_m == pytest.approx(5.0 * math.cos(math.atan(0.2)) + RANGE_MOUNT_M)
 
     def test_and_sees_no_sky_and_nothing_far(self) -> None:
         body = bodies(down=-3.0)

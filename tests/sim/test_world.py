@@ -16,7 +16,6 @@ from zmav.mavlink.codec import Packer, decode
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import Home, SimVehicle, VehicleSpec, World
 from zmav.sim.endpoints import Address, parse_endpoint
-from zmav.sim.environment import Terrain
 
 if TYPE_CHECKING:
     from tests.sim.conftest import Desk, MakeDesk
@@ -134,7 +133,6 @@ def test_two_airframes_fly_side_by_side(make_desk: MakeDesk, another_desk: type[
         ({"epoch_s": float("nan")}, "epoch_s"),
         ({"home": Home(lat_deg=float("nan"))}, "lat_deg"),
         ({"home": Home(yaw_deg=float("inf"))}, "yaw_deg"),
-        ({"terrain": Terrain(down_m=float("nan"))}, "down_m"),
         ({"vehicles": [VehicleSpec(params={"FS_GCS_ENABLE": float("nan")})]}, "params.FS_GCS_ENABLE"),
         ({"endpoint": "pty:/tmp/\0"}, "endpoint"),
         ({"vehicles": [VehicleSpec(sysid=0)]}, "sysid"),

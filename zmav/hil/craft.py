@@ -18,7 +18,6 @@ from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.rover import RoverDynamics
 from zmav.sim.dynamics.roverframe import rover_frame
 from zmav.sim.dynamics.wing import wing
-from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Fleet
 
 PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # microseconds
@@ -62,16 +61,16 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     px4_airframe: int = 0
     air_data: bool = False
 
-    def make(self, start: Array, yaw: Array, dt: float, environment: Environment) -> tuple[Body, Pack]:
+    def make(self, start: Array, yaw: Array, dt: float) -> tuple[Body, Pack]:
         """Its body at ``start`` (3, 1) m NED with ``yaw`` (1,) rad, stepped every ``dt`` seconds; and its battery."""
         if self.program == ROVER:
             frame = rover_frame(self.name)
-            return RoverDynamics(frame, start, yaw, dt, environment.terrain), frame.pack
+            return RoverDynamics(frame, start, yaw, dt), frame.pack
         if self.program == PLANE:
             plane = wing(self.name)
-            return PlaneDynamics(plane, start, yaw, dt, environment.terrain), plane.pack
+            return PlaneDynamics(plane, start, yaw, dt), plane.pack
         copter = airframe(self.name)
-        return CopterDynamics(copter, start, yaw, dt, environment.terrain), copter.pack
+        return CopterDynamics(copter, start, yaw, dt), copter.pack
 
     @property
     def px4_params(self) -> Mapping[str, float]:

@@ -85,13 +85,11 @@ def _range(plant: Plant, now: Truth) -> float:
     """What a rangefinder without limits that looks down the body's axis measures, m; the limits are the flight stack's
     to know (RNGFND1_MAX).
     """
-    terrain, troubles = plant.dynamics.terrain, plant.sensors.troubles
-    upward = -now.to_body(*terrain.normal)[2]
+    troubles = plant.sensors.troubles
+    upward = now.to_body(0.0, 0.0, 1.0)[2]
     if upward < 1e-3 or troubles.range_lost[0]:
         return FARTHEST_M
-    above = terrain.down_m - terrain.slope_north * now.pos[0] - terrain.slope_east * now.pos[1] - now.pos[2]
-    # The distance to a plane along a unit vector: how far off it is over the cosine to its normal.
-    distance = max(-above * terrain.normal[2] / upward, 0.0) + float(troubles.range_shift[0])
+    distance = max(-now.pos[2] / upward, 0.0) + float(troubles.range_shift[0])
     return min(max(distance, 0.0), FARTHEST_M)
 
 

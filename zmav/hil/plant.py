@@ -81,7 +81,7 @@ class Plant(Fleet):
     def _stand(self, dt: float, around: Surroundings) -> None:
         """Put it at the start, at rest, with sensors just switched on."""
         start = np.array([self.start], dtype=float).T
-        body, pack = self.craft.make(start, np.array([self._yaw]), dt, around.environment)
+        body, pack = self.craft.make(start, np.array([self._yaw]), dt)
         super().__init__(body, around, pack)
         self.time_s = 0.0
         self.values: list[float] = [0.0] * len(self.craft.channels)

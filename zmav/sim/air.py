@@ -20,12 +20,11 @@ independent gusts, which is pessimistic for formations and harmless otherwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from zmav.sim.arrays import Array, clamp, dot
-from zmav.sim.noise import WhiteNoise
+from zmav.sim.sensors.noise import NoiseRows
 
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048
@@ -37,8 +36,6 @@ LENGTH_HIGH_FT = 1750.0
 SEA_LEVEL_DENSITY = 1.225  # kg/m^3
 SCALES_EVERY = 10  # steps: heights and speeds change slower than gusts
 ROOT_3 = math.sqrt(3.0)
-
-GroundDown = Callable[[Array, Array], Array]
 
 
 def density(alt_amsl_m: Array) -> Array:
@@ -69,25 +66,29 @@ class Air:
         self,
         wind: tuple[float, float, float],
         w20: float,
-        ground: GroundDown,
         n: int,
-        rng: np.random.Generator,
+        seed: tuple[int, ...],
         dt: float,
     ) -> None:
         self.mean: Array = np.repeat(np.array(wind, dtype=float)[:, None], n, axis=1)
         self.w20 = w20
         self._dt = dt
-        self._ground = ground
-        self._noise = WhiteNoise(rng, 5, n)
+        self._noise = NoiseRows(seed, "air", n, 5)
+        self._drawn = 0
         self._steps = 0
         # Axes of the gusts: along the mean wind, across it, down.
         speed = math.hypot(wind[0], wind[1])
         self._cos, self._sin = (wind[0] / speed, wind[1] / speed) if speed > 0.0 else (1.0, 0.0)
         # Rows: along; across, its second stage; down, its second stage. As they are in the long run.
-        z = self._noise.draw()
+        z = self._draw()
         self._state: Array = z.copy()
         self._state[2::2] = 0.5 * (z[1::2] + z[2::2])
         self._wind: Array = self.mean.copy()
+
+    def _draw(self) -> Array:
+        """The next (5, N) standard normal numbers."""
+        self._drawn += 1
+        return self._noise.row(self._drawn)
 
     @property
     def dt(self) -> float:
@@ -104,17 +105,14 @@ class Air:
         """There is nothing but the mean wind."""
         return self.w20 == 0.0
 
-    def step(self, pos: Array, vel: Array, yaw: Array | None = None) -> Array:
-        """Wind (3, N), m/s NED where it blows to, for vehicles at ``pos`` with ``vel`` (3, N), one ``dt`` later.
-
-        ``yaw`` is not needed: intensities and lengths are the same along the wind and across it.
-        """
+    def step(self, pos: Array, vel: Array) -> Array:
+        """Wind (3, N), m/s NED where it blows to, for vehicles at ``pos`` with ``vel`` (3, N), one ``dt`` later."""
         if self.calm:
             return self.mean
         if self._steps % SCALES_EVERY == 0:
             self._rescale(pos, vel)
         self._steps += 1
-        state, white = self._state, self._noise.draw()
+        state, white = self._state, self._draw()
         first = state[1::2].copy()
         state[:] = self._keep * state
         state[2::2] += self._pass * first
@@ -138,8 +136,7 @@ class Air:
 
             [1 - a^2,  (1 - a^2 (1 + 2b)) / 2;  .,  (1 - a^2 (1 + 2b + 2b^2)) / 2]
         """
-        height = self._ground(pos[0], pos[1]) - pos[2]
-        along, upright, self._sigma, self._sigma_w = scales(height, self.w20)
+        along, upright, self._sigma, self._sigma_w = scales(-pos[2], self.w20)
         drift = vel - self.mean
         speed = np.maximum(np.sqrt(dot(drift, drift)), SLOWEST)
         ratio = self._dt * speed / np.array([along, along, upright])

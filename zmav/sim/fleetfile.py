@@ -12,9 +12,6 @@ wind = "5@270,gusty"
 speed = 1.0                     # 0: as fast as it goes
 scene = "field.toml"            # what cameras see, beside this file
 
-[sim.terrain]
-slope_north = 0.02
-
 [vehicles.quad1]
 link = "tcp:127.0.0.1:5760"     # where 'zmav up --file ... --name quad1' finds it: the simulator is reached there
 sysid = 1
@@ -40,13 +37,12 @@ import msgspec
 from zmav.config import FleetConfig, VehicleConfig, load_fleet
 from zmav.errors import BadConfig, BadInput
 from zmav.sim.camera.scene import Scene, load_scene
-from zmav.sim.environment import Terrain
 from zmav.sim.spec import PX4, Home, VehicleSpec, check
 from zmav.sim.values import check_home, parse_wind
 
 T = TypeVar("T")
 _SOCKET = re.compile(r"(tcp|udpin|udpout):(.*):(\d+)", re.ASCII)
-_SERIAL = re.compile(r"(?:serial:)?(/[^,:]*)(?:[,:](\d+))?", re.ASCII)
+_SERIAL = re.compile(r"(?:serial:)?(/[^,:]*)(?:[,:]\d+)?", re.ASCII)
 _ANY_HOST = ("", "0.0.0.0")
 _LOOPBACK = "127.0.0.1"
 _PX4_REMOTE, _PX4_LOCAL, _PX4_LINKS = 14540, 14580, 10
@@ -58,7 +54,6 @@ class WorldTable(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, froze
     home: Home | None = None
     wind: str = "0"
     """SPEED[@FROM][,gusty|light|moderate|severe]"""
-    terrain: Terrain | None = None
     noise: str = "none"
     spacing_m: float = 10.0
     speed: float = 1.0
@@ -145,7 +140,7 @@ def _endpoint(link: str, autopilot: str, field: str) -> str:
         return f"onboard:{local}:{to}:{port}"
     serial = _SERIAL.fullmatch(plain)
     if serial and not serial[1].startswith("/dev/"):
-        return f"pty:{serial[1]}" + (f"@{serial[2]}" if serial[2] else "")
+        return f"pty:{serial[1]}"
     expected = (
         "tcp:HOST:PORT, udpin:HOST:PORT, udpout:HOST:PORT or a path outside /dev, or else 'endpoints' in the vehicle's "
         "sim table"

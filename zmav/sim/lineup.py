@@ -11,11 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 import msgspec
-import numpy as np
 
 from zmav.errors import BadConfig
 from zmav.sim.camera.spec import CameraSpec, PadSpec
-from zmav.sim.environment import Terrain, Vector
+from zmav.sim.environment import Vector
 from zmav.sim.spec import ARDUCOPTER, ARDUPLANE, ARDUROVER, PX4, Home, VehicleSpec, check, kind_of
 
 KINDS = {
@@ -53,13 +52,13 @@ def field_of(kind: str) -> str:
     return kind if kind == "px4" else f"{kind}s"
 
 
-def line_up(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain: Terrain) -> list[VehicleSpec]:
+def line_up(specs: Sequence[VehicleSpec], home: Home, spacing_m: float) -> list[VehicleSpec]:
     """``specs`` with a name, a system id, an airframe, a start and a heading each. :class:`BadConfig` or
     :class:`BadKey` name what in them cannot be.
     """
     for i, spec in enumerate(specs):
         check(spec, spec.name or f"vehicle {i + 1}")
-    names, sysids, starts = _names(specs), _sysids(specs), _starts(specs, home, spacing_m, terrain)
+    names, sysids, starts = _names(specs), _sysids(specs), _starts(specs, home, spacing_m)
     return [
         msgspec.structs.replace(
             spec,
@@ -104,7 +103,7 @@ def _sysids(specs: Sequence[VehicleSpec]) -> list[int]:
     return found
 
 
-def _starts(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain: Terrain) -> list[Vector]:
+def _starts(specs: Sequence[VehicleSpec], home: Home, spacing_m: float) -> list[Vector]:
     """On the ground, but for those that were told where."""
     yaw = math.radians(home.yaw_deg)
     # Planes roll and climb along the heading: beside the rows on the side where that leads past them, which is west of
@@ -122,8 +121,7 @@ def _starts(specs: Sequence[VehicleSpec], home: Home, spacing_m: float, terrain:
             north, east = aside * left[0], aside * left[1]
         else:
             north, east = -ROVERS_SOUTH * spacing_m if row == "rover" else 0.0, place * spacing_m
-        ground = float(terrain.down(np.array([north]), np.array([east]))[0])
-        starts.append(spec.start_ned_m or (north, east, ground))
+        starts.append(spec.start_ned_m or (north, east, 0.0))
     return starts
 
 

@@ -8,7 +8,7 @@ import msgspec
 
 from zmav.errors import BadConfig
 from zmav.keys import check_name
-from zmav.sim.camera.spec import CameraSpec, PadSpec, check_camera, check_pad
+from zmav.sim.camera.spec import CameraSpec, PadSpec, check_bounds, check_pad
 from zmav.sim.geo import Position
 
 FARTHEST_M = 1e6
@@ -119,7 +119,7 @@ def check(spec: VehicleSpec, where: str) -> None:
     if start is not None and not all(abs(c) < FARTHEST_M for c in start):
         raise _bad(where, "start_ned_m", start, "three numbers of metres, north, east and down")
     if spec.camera is not None:
-        check_camera(spec.camera, f"{where}: camera")
+        check_bounds(spec.camera, f"{where}: camera")
     if spec.pad is not None:
         check_pad(spec.pad, f"{where}: pad")
 

@@ -19,7 +19,7 @@ from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
 from zmav.sim.clock import Pacer
 from zmav.sim.endpoints import Address, addresses, open_endpoint
-from zmav.sim.environment import Environment, Terrain, Vector
+from zmav.sim.environment import Environment, Vector
 from zmav.sim.external import Externals, MakeExternals
 from zmav.sim.faults import Fault, Faults, FaultStatus, make_fault
 from zmav.sim.lineup import equip, gather, line_up
@@ -56,7 +56,7 @@ class World:
     ``endpoint``: for those whose spec names none, see :mod:`zmav.sim.endpoints`; several may be given (None:
     "ardupilot" or "px4"). ``speed``: times real time, ``math.inf`` as fast as it goes; ``lockstep``: but
     not faster than clients see it, see :mod:`zmav.sim.lockstep`.
-    ``wind``, ``gusts``, ``terrain``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
+    ``wind``, ``gusts``: see :class:`Environment`. ``ready_s``: simulated seconds from boot to a position
     (:data:`REALISTIC_READY_S` is what the real autopilot takes; the other steps of its boot keep their proportions).
     ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`. ``tick_hz``: how often links are
     served, 100 to 1000 in hundreds: no stream is quicker, and a controller outside hears and is heard that often (each
@@ -85,7 +85,6 @@ class World:
         seed: int = 0,
         wind: Vector = (0.0, 0.0, 0.0),
         gusts: str = "none",
-        terrain: Terrain | None = None,
         lockstep: bool = False,
         ready_s: float = DEFAULT_READY_S,
         noise: str = "none",
@@ -110,9 +109,9 @@ class World:
         self.ticks, self.tick_s = 0, 1.0 / tick_hz
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
         self.pacer = Pacer(self.tick_s, speed)
-        self.environment = Environment(wind, terrain, gusts)
+        self.environment = Environment(wind, gusts)
         counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
-        specs = line_up(gather(vehicles, counts), self.home, spacing_m, self.environment.terrain)
+        specs = line_up(gather(vehicles, counts), self.home, spacing_m)
         specs = equip(specs, cameras or {}, pads or {})
         default = (endpoint,) if isinstance(endpoint, str) else endpoint
         named = ((spec.endpoints, default, usual(spec)) for spec in specs)
@@ -150,7 +149,7 @@ class World:
         self.cameras: Cameras | None = None
         if any(spec.camera is not None for spec in specs):
             seen, inside = actors(specs, self.vehicles, self.externals.vehicles), self._loop.inside
-            self.cameras = Cameras(seen, scene or Scene(), self.environment.terrain, seed, self.epoch_s, inside)
+            self.cameras = Cameras(seen, scene or Scene(), seed, self.epoch_s, inside)
 
     def _build(self, specs: Sequence[VehicleSpec], reached: Sequence[list[Address]], **options: Any) -> None:
         """Make the vehicles that have an autopilot of the simulator's own."""

@@ -55,7 +55,7 @@ def test_it_undoes_the_simulators_camera(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mount = rng.uniform(-0.2, 0.2, 3)
     offset = rng.uniform(-0.3, 0.3, 3)
-    spec = CameraSpec(distortion=BENT, mount_deg=tuple(np.degrees(mount)), offset_m=tuple(offset))
+    spec = CameraSpec(mount_deg=tuple(np.degrees(mount)), offset_m=tuple(offset))
     info = msgspec.structs.replace(
         INFO, distortion=BENT, mount=tuple(map(float, mount)), offset=tuple(map(float, offset))
     )

@@ -41,16 +41,11 @@ class Studio:
 
 
 def pinhole(frame: Frame, camera: SimCamera, points: Array) -> Array:
-    """(2, N): where the camera equation puts (3, N) points NED: K [R | t], and the textbook's distortion."""
+    """(2, N): where the camera equation puts (3, N) points NED: K [R | t]."""
     local = frame.rotation.T @ (points - np.array(frame.position)[:, None])
     x, y = local[0] / local[2], local[1] / local[2]
-    k1, k2, p1, p2, k3 = camera.spec.distortion
-    r2 = x**2 + y**2
-    bent = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    u = x * bent + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
-    v = y * bent + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
     k = camera.matrix
-    return np.array([k[0, 0] * u + k[0, 2], k[1, 1] * v + k[1, 2]])
+    return np.array([k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]])
 
 
 def turned(heading_deg: float, ahead: Array, right: Array) -> tuple[Array, Array]:

@@ -85,8 +85,7 @@ def test_no_such_file(tmp_path: Path) -> None:
         ({"width": 3}, "width"),
         ({"focal_px": float("nan")}, "focal_px"),
         ({"rate_hz": 0.0}, "rate_hz"),
-        ({"distortion": (0.0, 0.0)}, "distortion"),
-        ({"center_px": (float("inf"), 0.0)}, "center_px"),
+        ({"offset_m": (0.0, float("inf"), 0.0)}, "offset_m"),
     ],
 )
 def test_a_camera_that_cannot_be(options: dict[str, Any], named: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.sim.camera.conftest import PLAIN
-from zmav.errors import BadConfig, BadInput, PortInUse
+from zmav.errors import BadInput, PortInUse
 from zmav.sim import VehicleSpec, World
 from zmav.sim.camera import CameraSpec
 from zmav.sim.camera.serve import CameraServer, serve_cameras
@@ -151,7 +151,6 @@ def test_the_numbers(studio: Studio) -> None:
     told = json.loads(studio.get("/copter1.json").read())
     camera = studio.world.camera("copter1")
     assert told["camera_matrix"] == camera.matrix.tolist()
-    assert told["distortion"] == [0.0] * 5
     assert (told["width"], told["height"]) == (160, 120)
     assert (told["mount_deg"], told["offset_m"], told["gimbal"]) == ([0.0] * 3, [0.0, 0.0, -0.1], False)
 
@@ -196,14 +195,6 @@ def test_closing_the_world_ends_streams_and_threads() -> None:
     named = [thread.name for thread in threading.enumerate() if thread.name.startswith("zmav-camera")]
     assert not named
     assert threading.active_count() <= before + 1  # the stream's own may be at its last line
-
-
-def test_a_lens_that_folds_is_said_before_anything_is_served() -> None:
-    world = World([VehicleSpec(camera=CameraSpec(distortion=(-0.9, 0.0, 0.0, 0.0, 0.0)))])
-    assert world.cameras is not None
-    with pytest.raises(BadConfig, match="distortion"):
-        serve_cameras(world.cameras, 0)
-    world.close()
 
 
 def test_opencv_opens_it_while_the_world_runs() -> None:

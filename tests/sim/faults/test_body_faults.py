@@ -68,13 +68,6 @@ class TestBattery:
         aloft.world.step(1.0)
         assert aloft.last("SYS_STATUS")["voltage_battery"] == pytest.approx(before, abs=60)
 
-    def test_a_bad_plug_sags_with_the_current(self, aloft: Desk) -> None:
-        before = aloft.last("SYS_STATUS")["voltage_battery"]
-        aloft.world.fault("copter1", "battery", left_percent=100.0, ohm=0.02)
-        aloft.world.step(1.0)
-        status = aloft.last("SYS_STATUS")
-        assert before - status["voltage_battery"] == pytest.approx(0.02 * status["current_battery"] * 10, abs=80)
-
 
 class TestRadio:
     def test_the_failsafe_follows_and_ends(self, make_desk: MakeDesk) -> None:

@@ -60,17 +60,13 @@ def test_energy_given_is_less_than_what_was_stored() -> None:
     assert given == pytest.approx(stored - 40.0**2 * 0.02 * 450.0, rel=0.01)
 
 
-def test_an_ideal_source_keeps_its_voltage_until_it_is_drained_or_weak() -> None:
+def test_an_ideal_source_keeps_its_voltage_until_it_is_drained() -> None:
     battery = Battery(Pack(full_v=12.6), 2)
     use(battery, 30.0, 600.0)
     assert battery.volts == pytest.approx([12.6, 12.6])
     battery.drain(0, 0.1)
-    battery.collapse(1, 0.1)
     use(battery, 30.0, 0.1)
     assert battery.volts[0] == pytest.approx(12.6 * float(open_circuit_share(np.array([0.1]))[0]))
-    assert battery.volts[1] == pytest.approx(12.6 - 3.0)
-    battery.collapse(1, 0.0)
-    use(battery, 30.0, 0.1)
     assert battery.volts[1] == pytest.approx(12.6)
 
 

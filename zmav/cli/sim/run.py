@@ -53,7 +53,7 @@ _OPTIONS = (
         multiple=True,
         metavar="ENDPOINT",
         help="Where each is reached: ardupilot (TCP 5760, 5762 and 5763, +10·i), tcp:PORT+STEP, udp:HOST:PORT+STEP, "
-        "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH@BAUD and others; repeatable.  "
+        "px4 (14580+i to 14540+i and 18570+i to 14550), pty:PATH and others; repeatable.  "
         "[default: ardupilot or px4]",
     ),
     click.option("--home", metavar="LAT,LON,AMSL,HEADING", help="Where the first stands, degrees and m."),
@@ -159,7 +159,6 @@ def make_world(
         seed=table.seed if seed is None else seed,
         wind=blows,
         gusts=gusts,
-        terrain=table.terrain,
         noise=noise or table.noise,
         scene=file.scene if scene is None else load_scene(scene),
         tick_hz=table.tick_hz if tick_hz is None else tick_hz,

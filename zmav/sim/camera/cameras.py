@@ -15,7 +15,6 @@ from zmav.sim.arrays import Array
 from zmav.sim.camera.projection import View, camera_matrix, camera_rotation, quat_matrix
 from zmav.sim.camera.scene import Scene, check_scene
 from zmav.sim.camera.spec import CameraSpec, PadSpec
-from zmav.sim.environment import Terrain
 from zmav.sim.external import External
 from zmav.sim.fleets.base import Fleet
 from zmav.sim.spec import VehicleSpec
@@ -24,7 +23,6 @@ from zmav.sim.vehicle import SimVehicle
 if TYPE_CHECKING:
     from zmav.sim.camera.figures import Figure
     from zmav.sim.camera.ground import Ground
-    from zmav.sim.camera.lens import Lens
     from zmav.sim.camera.render import Renderer
 
 Image = NDArray[np.uint8]
@@ -106,7 +104,7 @@ class SimCamera:
         self._lock = threading.Lock()
         self._sequence = 0
         self._last: Image = np.zeros((spec.height, spec.width, 3), dtype=np.uint8)
-        self._parts: tuple[Renderer, Lens] | None = None
+        self._renderer: Renderer | None = None
 
     @property
     def matrix(self) -> Array:
@@ -118,33 +116,33 @@ class SimCamera:
         return self.capture(self._cameras.look())
 
     def prepare(self) -> None:
-        """Draw what every picture is made from, else the first one does. :class:`BadConfig` for a lens that folds."""
+        """Draw what every picture is made from, else the first one does."""
         with self._lock:
             self._made()
 
     def capture(self, poses: Poses) -> Frame:
         """A picture of the world at ``poses``."""
         with self._lock:
-            renderer, lens = self._made()
+            renderer = self._made()
             q = poses.q[:, self._index]
             center = poses.pos[:, self._index] + quat_matrix(q) @ np.array(self.spec.offset_m)
-            view = View(lens.k, camera_rotation(self.spec, q), renderer.lifted(center), lens.size)
+            size = (self.spec.width, self.spec.height)
+            view = View(self.matrix, camera_rotation(self.spec, q), renderer.lifted(center), size)
             if self.blackout is None:
-                self._last = lens.develop(renderer.render(view, poses.pos, poses.q, self._index))
+                self._last = renderer.render(view, poses.pos, poses.q, self._index)
             image = np.zeros_like(self._last) if self.blackout == "black" else self._last.copy()
             sequence, self._sequence = self._sequence, self._sequence + 1
         north, east, down = view.center.tolist()
         unix_s = self._cameras.epoch_s + poses.time_s
         return Frame(image, poses.time_s, unix_s, sequence, (north, east, down), view.rotation)
 
-    def _made(self) -> tuple[Renderer, Lens]:
+    def _made(self) -> Renderer:
         """What renders, made when it is first needed."""
-        if self._parts is None:
-            from zmav.sim.camera.lens import Lens
+        if self._renderer is None:
             from zmav.sim.camera.render import Renderer
 
-            self._parts = Renderer(*self._cameras.surroundings()), Lens(self.spec)
-        return self._parts
+            self._renderer = Renderer(*self._cameras.surroundings())
+        return self._renderer
 
 
 class Cameras:
@@ -154,9 +152,7 @@ class Cameras:
     missing.
     """
 
-    def __init__(
-        self, actors: Sequence[Actor], scene: Scene, terrain: Terrain, seed: int, epoch_s: float, inside: Inside
-    ) -> None:
+    def __init__(self, actors: Sequence[Actor], scene: Scene, seed: int, epoch_s: float, inside: Inside) -> None:
         if importlib.util.find_spec("cv2") is None:
             raise missing_extra("a simulated camera", "OpenCV", "vision")
         check_scene(scene)
@@ -165,7 +161,7 @@ class Cameras:
         self.server: Server | None = None
         """is ticked, and closed with the world"""
         self._actors = actors
-        self._place = scene, terrain, seed
+        self._place = scene, seed
         self._inside = inside
         self._lock = threading.Lock()
         self._surroundings: tuple[Ground, list[Figure]] | None = None

@@ -20,10 +20,10 @@ from zmav.sim.arrays import Array
 from zmav.sim.camera.projection import View
 from zmav.sim.camera.scene import Scene
 from zmav.sim.camera.sprites import fill
-from zmav.sim.environment import Terrain
 
 Image = NDArray[np.uint8]
 
+DOWN = np.array([0.0, 0.0, 1.0])
 SIDE = 1024  # texels
 FINEST_M = 0.01  # one texel's side
 PERIOD_M = SIDE * FINEST_M
@@ -42,11 +42,10 @@ COLOURS = {
 
 
 class Ground:
-    """The textures of one scene, for any number of cameras. ``terrain``: the plane it lies on."""
+    """The textures of one scene, for any number of cameras."""
 
-    def __init__(self, scene: Scene, terrain: Terrain, seed: int) -> None:
+    def __init__(self, scene: Scene, seed: int) -> None:
         self.scene = scene
-        self.terrain = terrain
         self.levels = _texture(scene.ground, seed)
 
 
@@ -77,27 +76,12 @@ class Backdrop:
 
     def __init__(self, ground: Ground) -> None:
         self._ground = ground
-        terrain = ground.terrain
-        self.origin = np.array([0.0, 0.0, terrain.down_m])
-        # The plane's two directions go one metre to the north and to the east, over its slope.
-        self.north = np.array([1.0, 0.0, -terrain.slope_north])
-        self.east = np.array([0.0, 1.0, -terrain.slope_east])
-        self.down: Array = -np.array(terrain.normal)
-        """unit vector into the ground"""
 
-    def height(self, point: Array) -> float:
-        """Of a point (3,) NED above the plane, along its normal."""
-        return float(self.down @ (self.origin - point))
-
-    def plane(self, view: View) -> Array:
-        """(3, 3): (north, east, 1) on the ground -> (u w, v w, w)."""
-        return view.plane(self.origin, self.north, self.east)
-
-    def draw(self, image: Image, view: View) -> None:
-        """Fill ``image`` (h, w, 3) BGR."""
+    def draw(self, image: Image, view: View, plane: Array) -> None:
+        """Fill ``image`` (h, w, 3) BGR. ``plane``: (3, 3) (north, east, 1) on the ground -> (u w, v w, w)."""
         width, rows = view.size
-        row = view.ray_row(self.down)
-        scale = SHARPNESS * self.height(view.center) / float(view.k[0, 0])
+        row = view.ray_row(DOWN)
+        scale = SHARPNESS * -view.center[2] / float(view.k[0, 0])
         corners = row @ np.array([[0, width, width, 0], [0, 0, rows, rows], [1, 1, 1, 1]])
         farthest = _dip(scale, FINEST_M * 2.0**TOP)
         low, high = max(float(corners.min()), farthest), float(corners.max())
@@ -105,7 +89,6 @@ class Backdrop:
             image[:] = np.rint(SKY)
             return
         image[:] = self._ground.levels[TOP][0, 0, :3]
-        plane = self.plane(view)
         if high > farthest:
             nearest, last = _level(scale, high), _level(scale, low)
             if corners.min() > farthest and last - nearest <= 2.0 * ONE_LEVEL:
@@ -119,7 +102,7 @@ class Backdrop:
 
     def _draw_levels(self, image: Image, plane: Array, view: View, scale: float, levels: tuple[int, int]) -> None:
         """Each level where its texels are about as large as the pixels."""
-        dips = _dips(view.ray_row(self.down), view.size)
+        dips = _dips(view.ray_row(DOWN), view.size)
         for level in range(levels[0], levels[1] + 1):
             near = math.inf if level == levels[0] else _dip(scale, FINEST_M * 2.0 ** (level - 0.5))
             far = _dip(scale, FINEST_M * 2.0 ** (level + 0.5))

@@ -21,7 +21,7 @@ LOOKING_DOWN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 def camera_matrix(spec: CameraSpec) -> Array:
     """(3, 3): K."""
-    u, v = spec.center
+    u, v = (spec.width - 1) / 2.0, (spec.height - 1) / 2.0
     return np.array([[spec.focal_px, 0.0, u], [0.0, spec.focal_px, v], [0.0, 0.0, 1.0]])
 
 

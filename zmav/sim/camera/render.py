@@ -43,21 +43,19 @@ class Renderer:
         self._pads = [
             (_placing(placed.position, placed.heading_deg), pad_sprite(placed.pad)) for placed in ground.scene.pads
         ]
-        self._roofs = [self._roof_corners(roof) for roof in ground.scene.roofs]
+        self._roofs = [_roof_corners(roof) for roof in ground.scene.roofs]
 
     def lifted(self, center: Array) -> Array:
         """``center`` (3,) NED, or the place right above it that is high enough to see the ground."""
-        missing = LOWEST_M - self.backdrop.height(center)
-        result: Array = center if missing <= 0.0 else center - self.backdrop.down * missing
-        return result
+        return np.minimum(center, (np.inf, np.inf, -LOWEST_M))
 
     def render(self, view: View, pos: Array, q: Array, me: int) -> Image:
         """(h, w, 3) BGR of what ``view`` sees of vehicles at ``pos`` (3, N) NED with attitudes ``q`` (4, N); vehicle
         ``me`` carries it and is not seen.
         """
         image: Image = np.empty((view.size[1], view.size[0], 3), dtype=np.uint8)
-        self.backdrop.draw(image, view)
-        plane = self.backdrop.plane(view)
+        plane = view.plane(np.zeros(3), *np.eye(3)[:2])
+        self.backdrop.draw(image, view, plane)
         for placing, sprite in self._pads:
             draw(image, sprite, plane @ placing)
         # Sorted by how far above or below the camera they are.
@@ -93,15 +91,15 @@ class Renderer:
             if float(rotation[:, 2] @ (center - view.center)) > 0.0:  # from below it is not seen
                 draw(image, figure.pad, view.plane(center, rotation[:, 0], rotation[:, 1]))
 
-    def _roof_corners(self, roof: Roof) -> Array:
-        """(3, 4) NED."""
-        a, b = roof.size[0] / 2.0, roof.size[1] / 2.0
-        flat = np.array([[a, a, -a, -a], [-b, b, b, -b], [1.0, 1.0, 1.0, 1.0]])
-        corners: Array = _placing(roof.center, roof.heading_deg) @ flat
-        backdrop = self.backdrop
-        middle = backdrop.origin + roof.center[0] * backdrop.north + roof.center[1] * backdrop.east
-        corners[2] = middle[2] - roof.height_m
-        return corners
+
+def _roof_corners(roof: Roof) -> Array:
+    """(3, 4) NED."""
+    a, b = roof.size[0] / 2.0, roof.size[1] / 2.0
+    corners: Array = _placing(roof.center, roof.heading_deg) @ np.array(
+        [[a, a, -a, -a], [-b, b, b, -b], [1.0, 1.0, 1.0, 1.0]]
+    )
+    corners[2] = -roof.height_m
+    return corners
 
 
 def _draw_box(image: Image, view: View, box: Box, pos: Array, rotation: Array) -> None:

@@ -19,17 +19,16 @@ import cv2
 
 from zmav.errors import BadInput, PortInUse
 from zmav.sim.camera.cameras import Cameras, Poses, SimCamera
-from zmav.sim.camera.lens import encode
 
 BOUNDARY = "zmav-frame"
+JPEG_QUALITY = 85
 STALLED_S = 10.0  # a client that takes nothing for so long is given up
 
 
 def serve_cameras(cameras: Cameras, port: int, host: str = "127.0.0.1") -> dict[str, str]:
     """Serve every camera by HTTP until the world is closed; gives the URL of each one's pictures. Port 0: any free one.
 
-    Raises :class:`PortInUse`, :class:`BadInput` where they are served already, and :class:`BadConfig` for a lens that
-    cannot be.
+    Raises :class:`PortInUse`, and :class:`BadInput` where they are served already.
     """
     if cameras.server is not None:
         raise BadInput("the cameras are served already", field="port", value=port, expected="one server")
@@ -90,7 +89,7 @@ class Feed:
             if self.closed or poses is None:
                 return
             frame = self.camera.capture(poses)
-            jpeg = encode(frame.image)
+            jpeg = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
             head = (
                 f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n"
                 f"X-Time: {frame.time_s:.6f}\r\nX-Timestamp: {frame.unix_s:.6f}\r\n\r\n"
@@ -219,14 +218,13 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def numbers(camera: SimCamera) -> dict[str, Any]:
-    """Intrinsics, distortion and mount."""
+    """Intrinsics and mount."""
     spec = camera.spec
     return {
         "name": camera.name,
         "width": spec.width,
         "height": spec.height,
         "camera_matrix": camera.matrix.tolist(),
-        "distortion": list(spec.distortion),
         "mount_deg": list(spec.mount_deg),
         "offset_m": list(spec.offset_m),
         "gimbal": spec.gimbal,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -14,7 +13,6 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 Angle = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Pixels = Annotated[int, msgspec.Meta(ge=16, le=4096)]
-Coefficient = Annotated[float, msgspec.Meta(ge=-10.0, le=10.0)]
 
 COLOURS = {"white": "#f2f2f0", "yellow": "#f5c518", "black": "#1c1c1e", "blue": "#1d4e9e"}
 
@@ -23,16 +21,12 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """A camera that looks down from a vehicle.
 
     The picture's pixel (u, v) = (0, 0) is the *centre* of its upper left pixel. With no ``mount_deg`` the upper edge of
-    the picture is toward the vehicle's nose. The lens is a pinhole with OpenCV's radial and tangential distortion.
+    the picture is toward the vehicle's nose. The lens is a pinhole, with its axis in the middle of the picture.
     """
 
     width: Pixels = 640
     height: Pixels = 480
     focal_px: Annotated[float, msgspec.Meta(ge=10.0, le=1e5)] = 520.0
-    center_px: tuple[float, float] | None = None
-    """principal point; None: the middle of the picture, ((width - 1) / 2, (height - 1) / 2)"""
-    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """k1, k2, p1, p2, k3"""
     mount_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     """roll, pitch and yaw of the mount in the vehicle's axes, from straight down; pitch 90 looks ahead"""
     offset_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, -0.1)
@@ -41,11 +35,6 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """levelled: of the vehicle's attitude only the heading counts"""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 20.0
     """of the served pictures, in simulated time"""
-
-    @property
-    def center(self) -> tuple[float, float]:
-        """Principal point, pixels."""
-        return self.center_px or ((self.width - 1) / 2.0, (self.height - 1) / 2.0)
 
 
 class PadSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -86,13 +75,6 @@ def bgr(color: str, where: str = "color") -> tuple[float, float, float]:
     return float(blue), float(green), float(red)
 
 
-def check_camera(spec: CameraSpec, where: str) -> None:
-    """:class:`BadConfig` names what in ``spec`` cannot be: msgspec looks at types and bounds only where it decodes."""
-    check_bounds(spec, where)
-    if spec.center_px is not None and not all(math.isfinite(c) and abs(c) < 1e5 for c in spec.center_px):
-        raise _bad(f"{where}.center_px", spec.center_px, "two numbers of pixels")
-
-
 def check_pad(spec: PadSpec, where: str) -> None:
     """:class:`BadConfig` names what in ``spec`` cannot be."""
     check_bounds(spec, where)
@@ -103,7 +85,9 @@ def check_pad(spec: PadSpec, where: str) -> None:
 
 
 def check_bounds(spec: msgspec.Struct, where: str) -> None:
-    """:class:`BadConfig` names the field of ``spec`` that is out of its bounds."""
+    """:class:`BadConfig` names the field of ``spec`` that is out of its bounds, which msgspec looks at only where it
+    decodes.
+    """
     try:
         msgspec.convert(msgspec.to_builtins(spec), type(spec))
     except msgspec.ValidationError as error:

@@ -58,7 +58,6 @@ class Battery:
         self.volts: Array = self.full_v.copy()
         self._source_v: Array = self.full_v.copy()  # of ideal sources
         self._finite: Flags = self.capacity_mah > 0.0
-        self._weak_ohm: Array = np.zeros(n)  # of a bad cell or plug
         self._steady = not self._finite.any()  # no voltage changes with the current
 
     def step(self, current: Array, dt: float) -> None:
@@ -72,7 +71,7 @@ class Battery:
         resting = open_circuit_share(self.charge) * self.full_v
         # An empty cell gives nothing any more.
         loaded = (resting - self.resistance * current) * (self.charge > 0.0)
-        volts = np.where(self._finite, loaded, self._source_v) - self._weak_ohm * current
+        volts = np.where(self._finite, loaded, self._source_v)
         self.volts = np.maximum(volts, 0.0)
 
     def fit(self, index: int, *, volts: float, capacity_mah: float) -> None:
@@ -82,7 +81,7 @@ class Battery:
         volts = min(max(volts, 0.0), HIGHEST_V)
         self.capacity_mah[index] = capacity_mah
         self._finite[index] = capacity_mah > 0.0
-        self._look()
+        self._steady = not self._finite.any()
         self._source_v[index] = self.volts[index] = volts
         share = volts / float(self.full_v[index]) if self.full_v[index] > 0.0 else 0.0
         self.charge[index] = float(np.interp(share, open_circuit_share(_CHARGE), _CHARGE))
@@ -95,15 +94,6 @@ class Battery:
         self.charge[index] = left
         share = float(open_circuit_share(np.array([left]))[0]) if left > 0.0 else 0.0
         self._source_v[index] = self.volts[index] = share * self.full_v[index]
-
-    def collapse(self, index: int, resistance_ohm: float) -> None:
-        """A bad cell or plug: so much more resistance from now on; 0 mends it."""
-        self._weak_ohm[index] = max(resistance_ohm, 0.0)
-        self._look()
-        self.volts[index] = self._source_v[index]
-
-    def _look(self) -> None:
-        self._steady = not (self._finite.any() or self._weak_ohm.any())
 
 
 class BatteryHandle:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import Protocol
 
 from zmav.sim.arrays import Array, Flags
-from zmav.sim.environment import Terrain
 
 
 class Body(Protocol):
@@ -28,7 +27,6 @@ class Body(Protocol):
     wind: Array
     contact: Flags
     impact: Array
-    terrain: Terrain
 
     @property
     def n(self) -> int: ...

@@ -24,7 +24,6 @@ from zmav.sim.arrays import Array, Flags, body_z, dot, quat_from_euler
 from zmav.sim.dynamics.airframe import AIR_DENSITY, Airframe
 from zmav.sim.dynamics.ground import REACH_M, REST_SPEED, Ground
 from zmav.sim.dynamics.rigid import RigidBodies
-from zmav.sim.environment import Terrain
 
 REST_THRUST = 0.7  # of the weight: below it a standing vehicle does not move
 
@@ -38,24 +37,23 @@ class CopterDynamics(RigidBodies):
     of a full one's; ``density`` (N,): of the air, kg/m^3.
     """
 
-    def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
+    def __init__(self, airframe: Airframe, start: Array, yaw: Array, dt: float) -> None:
         n, m = start.shape[1], len(airframe.rotors)
         super().__init__(start, airframe.mass_kg, airframe.inertia_kgm2)
         self.airframe = airframe
         leg = airframe.leg_m
         feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
         rotor_m = (airframe.rotor_radius_m, airframe.rotor_height_m)
-        self.ground = Ground(terrain or Terrain(), feet, airframe.weight_n, rotor_m)
+        self.ground = Ground(feet, airframe.weight_n, rotor_m)
         self.rotor: Array = np.zeros((m, n))
         self.throttle: Array = np.zeros((m, n))
         self.efficiency: Array = np.ones((m, n))
         self.supply: Array = np.ones(n)
         self.density: Array = np.full(n, airframe.air_density or AIR_DENSITY)
-        self.terrain = self.ground.terrain
         self.thrust: Array = np.zeros((m, n))  # of the last step, N
-        self.contact: Flags = self.ground.height(self.pos) <= 1e-6
-        self.resting: Flags = self.contact & self.ground.holds
-        self.q: Array = np.where(self.contact, self.ground.upright(yaw), quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw))
+        self.contact: Flags = self.pos[2] >= -1e-6
+        self.resting: Flags = self.contact.copy()
+        self.q: Array = quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw)
         self._wrench = airframe.wrench_matrix()
         self._forward = np.array([[r.forward_m] for r in airframe.rotors])
         self._right = np.array([[r.right_m] for r in airframe.rotors])
@@ -116,12 +114,6 @@ class CopterDynamics(RigidBodies):
         result: Array = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
         return result
 
-    def energy(self) -> Array:
-        """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero on the ground."""
-        height: Array = self.ground.height(self.pos)
-        result: Array = self.kinetic_energy() + self.airframe.weight_n * height
-        return result
-
     def _drag(self, down: Array, total: Array) -> Array:
         """Air forces in newtons, world NED."""
         frame = self.airframe
@@ -136,7 +128,7 @@ class CopterDynamics(RigidBodies):
 
     def _touch(self, force: Array, torque: Array, down: Array, total: Array) -> None:
         """Add what the ground does to those near it; notes first touches in ``impact``."""
-        height = self.ground.height(self.pos)
+        height = -self.pos[2]
         if height.min() > REACH_M:
             self.contact[:] = False
             return
@@ -167,8 +159,7 @@ class CopterDynamics(RigidBodies):
 
     def _rest(self, accel: Array) -> None:
         """Those on the ground that hardly move and do not lift come to rest; those at rest do not move."""
-        slow = (dot(self.vel, self.vel) < self.ground.rest_speed**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
+        slow = (dot(self.vel, self.vel) < REST_SPEED**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
         light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
-        if self.ground.holds:
-            self.resting |= self.contact & slow & light
+        self.resting |= self.contact & slow & light
         self.hold(accel)

@@ -1,4 +1,4 @@
-"""What the ground does to bodies on feet: a plane with a spring, a damper and Coulomb friction under each foot, and the
+"""What the level ground does to bodies on feet: a spring, a damper and Coulomb friction under each foot; and the
 cushion of air under rotors close to it.
 
 Ground effect: I. C. Cheeseman and W. E. Bennett, "The effect of the ground on a helicopter rotor in forward flight",
@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, cross, quat_from_euler, rotation_matrix, thrust_frame
+from zmav.sim.arrays import Array, Flags, clamp, cross, rotation_matrix
 from zmav.sim.dynamics.airframe import GRAVITY
-from zmav.sim.environment import Terrain
 
 SINK_M = 0.005  # how far the feet press into the ground under the vehicle's own weight
 DAMPING = 0.7  # damping ratio of a bounce
@@ -27,31 +26,12 @@ class Ground:
     rotors and their height over the feet.
     """
 
-    def __init__(self, terrain: Terrain, feet: Array, weight_n: float, rotor_m: tuple[float, float]) -> None:
-        self.terrain = terrain
+    def __init__(self, feet: Array, weight_n: float, rotor_m: tuple[float, float]) -> None:
         self._feet = feet
-        self._normal = np.array(terrain.normal)
         count = feet.shape[1]
         self._stiff = weight_n / SINK_M / count
         self._damp = 2.0 * DAMPING * np.sqrt(GRAVITY / SINK_M) * weight_n / GRAVITY / count
         self._radius, self._rotor_height = rotor_m
-        steepness = np.hypot(terrain.slope_north, terrain.slope_east)
-        self.holds = bool(steepness < FRICTION)
-        """Friction keeps a standing body where it is."""
-        # On a slope a body creeps by the viscous part of the friction, and is at rest nevertheless.
-        self.rest_speed = max(REST_SPEED, 1.5 * SLIP_SPEED * float(steepness) / FRICTION)
-
-    def height(self, pos: Array) -> Array:
-        """Of points (3, N) over the ground, vertically, (N,)."""
-        ground = self.terrain.down_m if self.terrain.level else self.terrain.down(pos[0], pos[1])
-        result: Array = ground - pos[2]
-        return result
-
-    def upright(self, yaw: Array) -> Array:
-        """(4, N) attitudes of bodies that stand on it, their noses at ``yaw``."""
-        if self.terrain.level:
-            return quat_from_euler(np.zeros_like(yaw), np.zeros_like(yaw), yaw)
-        return thrust_frame(np.repeat(-self._normal[:, None], len(yaw), axis=1), yaw)
 
     def push(self, pos: Array, vel: Array, q: Array, rate: Array) -> tuple[Flags, Array, Array, Array]:
         """Who touches (N,); the force (3, N) in newtons of the world; the torque (3, N) in newton metres of the body;
@@ -60,19 +40,18 @@ class Ground:
         rot = rotation_matrix(q)
         feet = np.einsum("ijn,jk->ikn", rot, self._feet)  # offsets in the world, (3, F, N)
         turning = np.einsum("ijn,jn->in", rot, rate)
-        normal = self._normal[:, None, None]
-        depth = -(feet * normal).sum(0) + self.height(pos) * self._normal[2]
+        depth = feet[2] + pos[2]
         touching = depth > 0.0
         contact: Flags = np.any(touching, axis=0)
-        closing: Array = -(vel * self._normal[:, None]).sum(0)
+        closing: Array = vel[2]
         if not contact.any():
             return contact, np.zeros_like(vel), np.zeros_like(vel), closing
         speed = vel[:, None] + cross(turning[:, None], feet)
-        sinking = -(speed * normal).sum(0)
+        sinking = speed[2]
         press = np.where(touching, np.maximum(self._stiff * depth + self._damp * sinking, 0.0), 0.0)
-        along = speed + sinking * normal  # the part in the plane
-        slip = np.sqrt((along * along).sum(0))
-        push = normal * press - along * (FRICTION * press / np.maximum(slip, SLIP_SPEED))
+        slip = np.sqrt((speed[:2] * speed[:2]).sum(0))
+        push = speed * (-FRICTION * press / np.maximum(slip, SLIP_SPEED))
+        push[2] = -press
         torque: Array = np.einsum("jin,jn->in", rot, cross(feet, push).sum(1))
         return contact, push.sum(1), torque, closing
 

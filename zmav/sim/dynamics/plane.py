@@ -21,7 +21,6 @@ from zmav.sim.arrays import Array, Flags, clamp, dot, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.rigid import RigidBodies
 from zmav.sim.dynamics.wing import Wing
-from zmav.sim.environment import Terrain
 
 SINK_M = 0.01  # how far a wheel presses into the ground under a third of the weight
 GROUND_DAMPING = 0.7  # damping ratio of a vertical bounce
@@ -43,14 +42,7 @@ class PlaneDynamics(RigidBodies):
     is where the surfaces are by now. ``density`` (N,): of the air, kg/m^3.
     """
 
-    def __init__(
-        self,
-        wing: Wing,
-        start: Array,
-        yaw: Array,
-        dt: float,
-        terrain: Terrain | None = None,
-    ) -> None:
+    def __init__(self, wing: Wing, start: Array, yaw: Array, dt: float) -> None:
         n = start.shape[1]
         super().__init__(start, wing.mass_kg, wing.inertia_kgm2)
         self.wing = wing
@@ -62,7 +54,6 @@ class PlaneDynamics(RigidBodies):
         self.deflection: Array = np.zeros((3, n))
         self.throttle: Array = np.zeros(n)
         self.efficiency: Array = np.ones((1, n))  # 1 a whole motor, 0 one that has failed
-        self.terrain = terrain or Terrain()
         self.thrust: Array = np.zeros(n)  # of the last step, N
         self.airspeed: Array = np.zeros(n)  # of the last step, m/s
         self.alpha: Array = np.zeros(n)  # angle of attack and sideslip of the last step, rad
@@ -78,8 +69,8 @@ class PlaneDynamics(RigidBodies):
         self._damping = (
             0.25 * area * np.array([[span**2 * -wing.roll_p], [chord**2 * -wing.pitch_q], [span**2 * -wing.yaw_r]])
         )
-        self._stand()
-        self.contact: Flags = self._height() <= 1e-6
+        self.pos[2] = np.minimum(self.pos[2], 0.0)  # who starts on the ground starts on its wheels
+        self.contact: Flags = self.pos[2] >= -1e-6
         self.resting: Flags = self.contact.copy()
 
     @property
@@ -88,16 +79,6 @@ class PlaneDynamics(RigidBodies):
         that far below it, so that a standing plane is where the ground is.
         """
         return max(w.down_m for w in self.wing.wheels if w.rolls)
-
-    def _height(self) -> Array:
-        """Of the wheels of an upright plane over the ground, metres."""
-        result: Array = self.terrain.down(self.pos[0], self.pos[1]) - self.pos[2]
-        return result
-
-    def _stand(self) -> None:
-        """Who starts on the ground starts on its wheels."""
-        sunk = np.minimum(self._height(), 0.0)
-        self.pos[2] += sunk
 
     def step(self) -> None:
         """Advance every vehicle by ``dt`` seconds."""
@@ -134,11 +115,6 @@ class PlaneDynamics(RigidBodies):
         """What the motor draws, A: power goes with the square of the throttle, as in ArduPilot's simulation."""
         current: Array = self.wing.full_current_a * self.throttle * self.throttle
         return current
-
-    def energy(self) -> Array:
-        """Kinetic and potential energy of each vehicle in joules, (N,); potential is zero at the world's origin."""
-        result: Array = self.kinetic_energy() - self.wing.weight_n * self.pos[2]
-        return result
 
     def _air(self, air: Array) -> tuple[Array, Array, Array]:
         """Forces (N) and moments (N m) in body axes from the motion through the air (3, N), and how much the moments
@@ -177,7 +153,7 @@ class PlaneDynamics(RigidBodies):
 
     def _ground(self, rot: Array, force: Array, torque: Array) -> None:
         """Add the forces of the ground on the wheels and tips of those near it; notes first touches in ``impact``."""
-        height = self._height()
+        height = -self.pos[2]  # of the wheels, upright
         if height.min() > CONTACT_REACH_M:
             self.contact[:] = False
             return
@@ -188,10 +164,7 @@ class PlaneDynamics(RigidBodies):
             return
         rot = rot[:, :, index]
         points = np.einsum("ijn,jk->ikn", rot, self._points)  # world offsets, (3, points, near)
-        pos = self.pos[:, index]
-        up = np.array(self.terrain.normal)
-        ground = self.terrain.down(pos[0] + points[0], pos[1] + points[1])
-        depth = (points[2] + pos[2] - self.stand_m - ground) * -up[2]
+        depth = points[2] + self.pos[2, index] - self.stand_m
         touching = depth > 0.0
         now = touching.any(0)
         first = now & ~self.contact[index]
@@ -202,9 +175,10 @@ class PlaneDynamics(RigidBodies):
             return
         rate = np.einsum("ijn,jn->in", rot, self.rate[:, index])
         speed = self.vel[:, None, index] + np.cross(rate[:, None, :], points, axis=0)
-        sinking = -np.einsum("i,ikn->kn", up, speed)
-        press = np.where(touching, np.maximum(self._stiff * depth + self._damp * sinking, 0.0), 0.0)
-        push = up[:, None, None] * press + self._friction(rot, speed + up[:, None, None] * sinking, press, index)
+        press = np.where(touching, np.maximum(self._stiff * depth + self._damp * speed[2], 0.0), 0.0)
+        speed[2] = 0.0
+        push = self._friction(rot, speed, press, index)
+        push[2] -= press
         force[:, index] += push.sum(1)
         twist = np.cross(points, push, axis=0).sum(1)
         torque[:, index] += np.einsum("jin,jn->in", rot, twist)

@@ -42,12 +42,6 @@ class RigidBodies:
         self.rate[:] = 0.0
         self.accel[:] = 0.0
 
-    def kinetic_energy(self) -> Array:
-        """Of motion and rotation, J, (N,)."""
-        moving = 0.5 * self._mass * dot(self.vel, self.vel)
-        result: Array = moving + 0.5 * (self._inertia * self.rate * self.rate).sum(0)
-        return result
-
     def linear(self, force: Array) -> Array:
         """Acceleration, m/s^2 NED, from what acts beside gravity (N, NED)."""
         accel: Array = force / self._mass

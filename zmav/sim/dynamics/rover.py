@@ -8,8 +8,7 @@ real one because the wheels scrub: Mandow et al., "Experimental kinematics for w
 2007. What drives is a brushed or field-oriented motor, whose force falls linearly to nothing at the free speed (and
 brakes beyond it), with a lag. The tyres give at most ``mu N`` in all directions together (the friction circle:
 Rajamani, section 13.5): what driving leaves is there for turning, and a turn that asks for more is wider. Rolling
-resistance is Coulomb's, air drag quadratic, gravity pulls along the slope of the plane, and the body lies as the
-ground does. There is no side-slip: who slides, ploughs straight on.
+resistance is Coulomb's, air drag quadratic. There is no side-slip: who slides, ploughs straight on.
 """
 
 from __future__ import annotations
@@ -17,10 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from zmav.rotation import wrap
-from zmav.sim.arrays import Array, Flags, clamp, rotation_matrix, thrust_frame
+from zmav.sim.arrays import Array, Flags, clamp
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.roverframe import RoverFrame
-from zmav.sim.environment import Terrain
 
 SLIPS_ABOVE = 0.05  # m/s: slower, a turn needs no grip worth the name
 
@@ -33,13 +31,12 @@ class RoverDynamics:
     skid-steered frame; and ``wind`` (3, N) m/s NED. :meth:`step` advances by ``dt``.
     """
 
-    def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float, terrain: Terrain | None = None) -> None:
+    def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float) -> None:
         n = start.shape[1]
         self.frame = frame
         self.dt = dt
-        self.terrain = terrain or Terrain()
         self.pos: Array = start.astype(float).copy()
-        self.pos[2] = self.terrain.down(self.pos[0], self.pos[1])
+        self.pos[2] = 0.0
         self.vel: Array = np.zeros((3, n))
         self.accel: Array = np.zeros((3, n))
         self.rate: Array = np.zeros((3, n))
@@ -56,13 +53,9 @@ class RoverDynamics:
         self.contact: Flags = np.ones(n, dtype=bool)
         self.impact: Array = np.zeros(n)
         self._spin: Array = np.zeros(n)  # yaw rate about the normal
-        self._down = -np.array(self.terrain.normal)[:, None] * np.ones((1, n))
-        self._level = self.terrain.slope_north == 0.0 == self.terrain.slope_east
-        self._steep = float(self._down[2, 0])  # cosine of the slope
-        self._grip = frame.friction * GRAVITY * self._steep
+        self._grip = frame.friction * GRAVITY
         self._drag = 0.5 * AIR_DENSITY * frame.drag_area_m2 / frame.mass_kg
-        self._gravity: Array = np.zeros((2, n))
-        self.q: Array = thrust_frame(self._down, self.yaw)
+        self.q: Array = np.zeros((4, n))
         self._axes()
 
     @property
@@ -84,16 +77,14 @@ class RoverDynamics:
         before, spin = self.speed, self._spin
         self._push()
         asked = self._turn_skid() if self.frame.skid else self._turn_wheels()
-        # Of the friction circle: what the drive leaves, less what holds the rover on a cross slope.
+        # Of the friction circle: what the drive leaves.
         grip = self._grip
         driven = clamp(self.drive[0] + self.drive[1], -grip, grip)
         side = np.sqrt(grip * grip - driven * driven)
-        turning = asked * self.speed
-        wanted = turning if self._level else turning - self._gravity[1]
+        wanted = asked * self.speed
         held = clamp(wanted, -side, side)
         slips = held != wanted
         if slips.any():
-            held = held if self._level else held + self._gravity[1]
             slips &= np.abs(self.speed) > SLIPS_ABOVE
             self._spin = np.where(slips, held / np.where(slips, self.speed, 1.0), asked)
         else:
@@ -114,7 +105,7 @@ class RoverDynamics:
         return result
 
     def _push(self) -> None:
-        """Forward acceleration: motors, slope, air, and what resists."""
+        """Forward acceleration: motors, air, and what resists."""
         frame, dt, grip = self.frame, self.dt, self._grip
         if frame.skid:
             turning = 0.5 * frame.effective_track_m * self._spin
@@ -127,11 +118,9 @@ class RoverDynamics:
         forward = self._forward
         air = self.speed - (forward[0] * self.wind[0] + forward[1] * self.wind[1])
         push = clamp(self.drive[0] + self.drive[1], -grip, grip) - self._drag * np.abs(air) * air
-        if not self._level:
-            push = push + self._gravity[0]
         moved = self.speed + push * dt
         # Coulomb's: it takes away speed and never gives any, so that who stands stays.
-        resist = frame.rolling * GRAVITY * self._steep * dt
+        resist = frame.rolling * GRAVITY * dt
         self.speed = np.copysign(np.maximum(np.abs(moved) - resist, 0.0), moved)
 
     def _turn_wheels(self) -> Array:
@@ -149,7 +138,7 @@ class RoverDynamics:
         half = 0.5 * frame.effective_track_m
         # Each side has half the mass to move; the wheels of both scrub while it turns.
         moved: Array = half * self._spin + (self.drive[0] - self.drive[1]) * dt
-        scrub = frame.scrub * GRAVITY * self._steep * dt
+        scrub = frame.scrub * GRAVITY * dt
         moved = np.copysign(np.maximum(np.abs(moved) - scrub, 0.0), moved)
         return moved / half
 
@@ -160,14 +149,8 @@ class RoverDynamics:
         way = (before + self.speed) * (0.5 * dt)
         middle = self.yaw + 0.5 * turned
         pos = self.pos.copy()
-        if self._level:
-            pos[0] += np.cos(middle) * way
-            pos[1] += np.sin(middle) * way
-        else:
-            self.yaw = middle
-            self._axes()
-            pos += self._forward * way
-            pos[2] = self.terrain.down(pos[0], pos[1])
+        pos[0] += np.cos(middle) * way
+        pos[1] += np.sin(middle) * way
         self.pos = pos
         self.yaw = wrap(middle + 0.5 * turned)
         self._axes()
@@ -178,18 +161,13 @@ class RoverDynamics:
         self.rate = rate
 
     def _axes(self) -> None:
-        """Attitude, the body's forward and right in the world, and gravity along them, m/s^2."""
-        if self._level:
-            forward, right, q = np.zeros((3, self.n)), np.zeros((3, self.n)), np.zeros((4, self.n))
-            forward[0] = right[1] = np.cos(self.yaw)
-            forward[1] = np.sin(self.yaw)
-            np.negative(forward[1], out=right[0])
-            half = 0.5 * self.yaw
-            np.cos(half, out=q[0])
-            np.sin(half, out=q[3])
-            self._forward, self._right, self.q = forward, right, q
-            return
-        self.q = thrust_frame(self._down, self.yaw)
-        rotation = rotation_matrix(self.q)
-        self._forward, self._right = rotation[:, 0], rotation[:, 1]
-        self._gravity = GRAVITY * np.array([self._forward[2], self._right[2]])
+        """Attitude, and the body's forward and right in the world."""
+        forward, right, q = np.zeros((3, self.n)), np.zeros((3, self.n)), np.zeros((4, self.n))
+        forward[0] = right[1] = np.cos(self.yaw)
+        forward[1] = np.sin(self.yaw)
+        np.negative(forward[1], out=right[0])
+        half = 0.5 * self.yaw
+        np.cos(half, out=q[0])
+        np.sin(half, out=q[3])
+        self._forward, self._right = forward, right
+        self.q = q

@@ -4,12 +4,9 @@
 
 from __future__ import annotations
 
-import math
-
 import msgspec
 
 from zmav.errors import BadConfig
-from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.battery import Pack
 
 
@@ -46,15 +43,6 @@ class RoverFrame(msgspec.Struct, frozen=True, kw_only=True):
     idle_current_a: float
     stall_current_a: float
     pack: Pack
-
-    @property
-    def turn_radius_m(self) -> float:
-        """Of the smallest circle that the middle of the rear axle drives; 0 where it turns on the spot."""
-        return 0.0 if self.skid else self.wheelbase_m / math.tan(self.steering_max)
-
-    @property
-    def weight_n(self) -> float:
-        return self.mass_kg * GRAVITY
 
 
 def _car() -> RoverFrame:

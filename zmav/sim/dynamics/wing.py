@@ -11,7 +11,7 @@ import numpy as np
 
 from zmav.errors import BadConfig
 from zmav.sim.arrays import Array, clamp
-from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
+from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.battery import Pack
 
 
@@ -105,24 +105,6 @@ class Wing(msgspec.Struct, frozen=True, kw_only=True):
         left = 1.0 - (airspeed * (1.0 / self.thrust_speed_mps)) ** 2
         result: Array = self.thrust_max_n * throttle * np.maximum(left, 0.0)
         return result
-
-    # ---- closed forms
-
-    @property
-    def lift_most(self) -> float:
-        """The highest coefficient of lift."""
-        alphas = np.linspace(0.0, 2.0 * self.stall_rad, 2001)
-        return float(self.lift_drag(alphas)[0].max())
-
-    def stall_speed(self, load: float = 1.0, density: float = AIR_DENSITY) -> float:
-        """The lowest speed of level flight, m/s, at a load factor."""
-        return math.sqrt(2.0 * load * self.weight_n / (density * self.area_m2 * self.lift_most))
-
-    def glide(self, speed: float, density: float = AIR_DENSITY) -> float:
-        """Lift over drag in a shallow glide at a speed, m/s."""
-        need = self.weight_n / (0.5 * density * speed**2 * self.area_m2)
-        drag = self.drag_0 + need**2 / (math.pi * self.oswald * self.aspect_ratio)
-        return need / drag
 
 
 def _trainer() -> Wing:

@@ -11,8 +11,8 @@ answers is heard. ``udp-listen:[HOST:]PORT[+STEP]`` waits to be spoken to, and a
 ``onboard:LOCAL[+STEP]:[HOST:]REMOTE[+STEP]`` (local port 0: any free one) and ``ground:`` likewise send to who
 spoke first, until the vehicle's end is opened again.
 
-``pty[:PATH[+STEP]][@BAUD]`` is a pseudo-terminal, as a serial autopilot's; PATH becomes a link to it (``+STEP`` counts
-the number at its end up), and ``@57600`` lets no more bytes pass than such a line does.
+``pty[:PATH[+STEP]]`` is a pseudo-terminal, as a serial autopilot's; PATH becomes a link to it (``+STEP`` counts the
+number at its end up).
 """
 
 from __future__ import annotations
@@ -26,16 +26,15 @@ from zmav.errors import BadUrl
 
 EXPECTED = (
     "ardupilot, tcp, tcp:[HOST:]PORT[+STEP], udp:HOST:PORT[+STEP], udp-listen:[HOST:]PORT[+STEP], px4, "
-    "onboard:LOCAL[+STEP]:[HOST:]REMOTE[+STEP], ground:... or pty[:PATH[+STEP]][@BAUD]"
+    "onboard:LOCAL[+STEP]:[HOST:]REMOTE[+STEP], ground:... or pty[:PATH[+STEP]]"
 )
 LOOPBACK = "127.0.0.1"
-SLOWEST_BAUD, FASTEST_BAUD = 1200, 4_000_000
 _SEVERAL = {"ardupilot": ("serial0", "serial1", "serial2"), "px4": ("onboard", "ground")}
 _SERIAL_PORTS = {"tcp": "5760+10", "serial0": "5760+10", "serial1": "5762+10", "serial2": "5763+10"}
 _PX4_LINKS = {"onboard": "14580+1:14540+1", "ground": "18570+1:14550"}
 _FAMILY = {**dict.fromkeys(_SERIAL_PORTS, "ardupilot"), **dict.fromkeys(_PX4_LINKS, "px4")}
 _ONBOARD_REMOTES = 10  # different ports that PX4 sends to
-_PTY = re.compile(r"pty(?::(?P<path>[^@]*?)(?P<step>\+\d*)?)?(?:@(?P<baud>\d+))?", re.ASCII)
+_PTY = re.compile(r"pty(?::(?P<path>[^@]*?)(?P<step>\+\d*)?)?", re.ASCII)
 
 
 class Address(msgspec.Struct, frozen=True):
@@ -48,8 +47,6 @@ class Address(msgspec.Struct, frozen=True):
     """the port that one of PX4's links is bound to; 0: any"""
     path: str = ""
     """of the link to a pseudo-terminal; empty: none"""
-    baud: int = 0
-    """of a pseudo-terminal; 0: no limit"""
 
     def __str__(self) -> str:
         if self.kind == "pty":
@@ -89,7 +86,7 @@ def parse_endpoint(text: str, index: int, host: str = LOOPBACK) -> Address:
         raise _bad(text)
     if kind in _PX4_LINKS:
         return _parse_px4(kind, _PX4_LINKS[kind] if text == kind else rest, index, host, text)
-    if kind.partition("@")[0] == "pty":
+    if kind == "pty":
         return _parse_pty(text, index)
     if kind in _SERIAL_PORTS and not rest:
         rest = _SERIAL_PORTS[kind]
@@ -114,13 +111,11 @@ def _parse_pty(text: str, index: int) -> Address:
     found = _PTY.fullmatch(text)
     if found is None or found["path"] == "":
         raise _bad(text)
-    path, baud = found["path"] or "", int(found["baud"] or 0)
-    if baud and not SLOWEST_BAUD <= baud <= FASTEST_BAUD:
-        raise _bad(text)
+    path = found["path"] or ""
     if found["step"]:
         stem = path.rstrip("0123456789")
         path = f"{stem}{int(path[len(stem) :] or 1) + index * int(found['step'][1:] or 1)}"
-    return Address("pty", "", 0, path=path, baud=baud)
+    return Address("pty", "", 0, path=path)
 
 
 def _stepped(text: str, index: int) -> int | None:

@@ -19,25 +19,18 @@ from zmav.errors import BadUrl, PortInUse
 from zmav.sim.endpoints.address import Address
 from zmav.sim.endpoints.base import BACKLOG_BYTES, READ_BYTES, READS_PER_TURN, Switchboard, Wiring
 
-BITS_PER_BYTE = 10  # with start and stop bit
-BUFFER_BYTES = 2048  # of a line's driver
 USUAL_BAUD = 115200
 LOOK_EVERY = 10  # ticks, for somebody who opens the terminal
 
 
 class PtyEndpoint:
-    """One pseudo-terminal. ``address.path``: a symbolic link to it; ``address.baud``: its speed in simulated time, in
-    the vehicle's direction to the client.
-    """
+    """One pseudo-terminal. ``address.path``: a symbolic link to it."""
 
     def __init__(self, address: Address, vehicle: Switchboard, wiring: Wiring) -> None:
         self.link = address.kind
         self._vehicle = vehicle
         self._wiring = wiring
-        self._bytes_per_s = address.baud / BITS_PER_BYTE
-        self._buffer = BUFFER_BYTES if address.baud else BACKLOG_BYTES
         self._backlog = bytearray()
-        self._credit, self._paid = 0.0, wiring.now()
         self._attached = False
         self._look_in = 0
         self._master, slave = os.openpty()
@@ -53,7 +46,7 @@ class PtyEndpoint:
             os.close(slave)  # held open here, nobody could tell whether a client is there
         self._hangup = select.poll()
         self._hangup.register(self._master, 0)
-        self.url = f"{self._link or self.device},{address.baud or USUAL_BAUD}"
+        self.url = f"{self._link or self.device},{USUAL_BAUD}"
         self._channel = vehicle.open_channel(self, self.link)
         wiring.waiting.add(self)
 
@@ -61,46 +54,32 @@ class PtyEndpoint:
         return int(self._attached)
 
     def room(self) -> int:
-        return self._buffer - len(self._backlog)
+        return BACKLOG_BYTES - len(self._backlog)
 
     def put(self, frame: bytes) -> None:
         self._backlog += frame
         self._wiring.waiting.add(self)
 
     def flush(self) -> bool:
-        """Send what the line's speed allows; look whether somebody has opened it."""
+        """Send what there is; look whether somebody has opened it."""
         if not self._attached:
             self._look_in -= 1
             if self._look_in < 0:
                 self._look_in = LOOK_EVERY
                 if not self._hangup.poll(0):
                     self._attach()
-        count = self._allowed()
         if not self._attached:
-            del self._backlog[:count]
+            self._backlog.clear()
             return False
         try:
-            sent = os.write(self._master, self._backlog[:count]) if count else 0
+            sent = os.write(self._master, self._backlog) if self._backlog else 0
         except BlockingIOError:
             sent = 0
         except OSError:
             self._detach()
             return False
         del self._backlog[:sent]
-        if self._bytes_per_s:
-            self._credit -= sent
         return not self._backlog
-
-    def _allowed(self) -> int:
-        """How many of the bytes that wait the line has had time for."""
-        if not self._bytes_per_s:
-            return len(self._backlog)
-        now = self._wiring.now()
-        # A line that was idle cannot make up for it: at most what it takes in a tenth of a second.
-        most = max(self._bytes_per_s * 0.1, 1.0)
-        self._credit = min(self._credit + (now - self._paid) * self._bytes_per_s, most)
-        self._paid = now
-        return min(len(self._backlog), int(self._credit))
 
     def _attach(self) -> None:
         self._attached = True

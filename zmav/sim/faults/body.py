@@ -39,13 +39,10 @@ class MotorFailure(Fault, frozen=True):
 
 
 class BatteryCollapse(Fault, frozen=True):
-    """The battery has only so much percent of its charge left, and so many ohms more of resistance (a bad cell or
-    plug: its voltage sags with the current).
-    """
+    """The battery has only so much percent of its charge left."""
 
     KIND: ClassVar[str] = "battery"
     left_percent: Annotated[float, Meta(ge=0.0, le=100.0)] = 5.0
-    ohm: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
 
     def begin(self, victim: Victim) -> Undo:
         handle = victim.seat.battery
@@ -55,12 +52,8 @@ class BatteryCollapse(Fault, frozen=True):
         consumed = float(battery.consumed[i])
         battery.drain(i, min(self.left_percent / 100.0, charge))
         lost = float(battery.consumed[i]) - consumed
-        if self.ohm:
-            battery.collapse(i, self.ohm)
 
         def mend() -> None:
-            if self.ohm:
-                battery.collapse(i, 0.0)
             battery.fit(i, volts=resting, capacity_mah=float(battery.capacity_mah[i]))
             battery.consumed[i] -= lost
 

@@ -28,7 +28,7 @@ DEFAULT_PLACE = Position(-35.363261, 149.165230, 584.09)
 class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     """What a fleet finds itself in.
 
-    ``environment``: ground and air; ``place``: where the origin of the world's NED lies; ``seed``: of this fleet;
+    ``environment``: the air; ``place``: where the origin of the world's NED lies; ``seed``: of this fleet;
     ``noise``: of the sensors, a name of :data:`zmav.sim.sensors.noise.PROFILES`.
     """
 
@@ -36,10 +36,6 @@ class Surroundings(msgspec.Struct, frozen=True, kw_only=True):
     place: Position = DEFAULT_PLACE
     seed: tuple[int, ...] = (0,)
     noise: str = "none"
-
-    def generator(self, name: str) -> np.random.Generator:
-        """Random numbers for one purpose of this fleet: drawing more of them changes nothing for the others."""
-        return np.random.default_rng([*self.seed, *name.encode("ascii")])
 
 
 class Sense(NamedTuple):
@@ -113,7 +109,7 @@ class Fleet(ABC):
         """ticks of the world for one at 100 Hz, by which slower loops are counted"""
         self.ticks = 0
         self.dynamics.wind[:] = np.array(around.environment.wind)[:, None]
-        self.air = around.environment.air(dynamics.n, around.generator("air"), dynamics.dt)
+        self.air = around.environment.air(dynamics.n, around.seed, dynamics.dt)
         self.battery = Battery(pack or Pack(), dynamics.n)
         noise = noise_profile(around.noise)
         self.sensors = SensorSuite(dynamics, around.place, around.seed, noise)

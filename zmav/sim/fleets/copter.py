@@ -44,7 +44,7 @@ class CopterFleet(Fleet):
     ) -> None:
         # What controllers and autopilots take it for; the physics has the bench's figures.
         self.airframe = airframe.at(float(density(np.array(around.place.alt_amsl_m))))
-        super().__init__(CopterDynamics(airframe, start, yaw, dt, around.environment.terrain), around, airframe.pack)
+        super().__init__(CopterDynamics(airframe, start, yaw, dt), around, airframe.pack)
         n = start.shape[1]
         self.setpoints = Setpoints(n, px4_gains(n) if px4 else arducopter_gains(n))
         loops = Px4Cascade if px4 else Cascade

@@ -28,7 +28,7 @@ class PlaneFleet(Fleet):
 
     def __init__(self, wing: Wing, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
         self.airframe = wing
-        dynamics = PlaneDynamics(wing, start, yaw, dt, around.environment.terrain)
+        dynamics = PlaneDynamics(wing, start, yaw, dt)
         super().__init__(dynamics, around, wing.pack)
         dynamics.density = self.thickness()
         # Airspeeds that controllers are told are equivalent ones; the ratio is that of the world's origin.

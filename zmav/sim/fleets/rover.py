@@ -26,7 +26,7 @@ class RoverFleet(Fleet):
 
     def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
         self.airframe = frame
-        super().__init__(RoverDynamics(frame, start, yaw, dt, around.environment.terrain), around, frame.pack)
+        super().__init__(RoverDynamics(frame, start, yaw, dt), around, frame.pack)
         n = start.shape[1]
         self.setpoints = RoverSetpoints(n)
         self.control = RoverControl(self.setpoints, start, skid=frame.skid)

@@ -41,9 +41,11 @@ class _Epoch(NamedTuple):
 
 
 class _Eye(NamedTuple):
-    """A rangefinder: where its vehicle is (m NED), its limits, its height above the feet, and what it is off by."""
+    """A rangefinder: how far down of the ground its vehicle is, its limits, its height above the feet, and what it is
+    off by, m.
+    """
 
-    place: Vector
+    down: float
     nearest: float
     farthest: float
     mount: float
@@ -51,16 +53,13 @@ class _Eye(NamedTuple):
 
 
 class SensorSuite:
-    """The sensors of ``body``. ``place``: where the world's origin is; ``gps_noise_m``: standard deviation of
-    a further wandering GPS error per axis, which the estimator follows too.
+    """The sensors of ``body``. ``place``: where the world's origin is.
 
     ``throttle`` (N,) is what makes the accelerometers vibrate; the fleet sets it. :meth:`tick` moves time on: at each
     tick :meth:`readings` gives new noise.
     """
 
-    def __init__(
-        self, body: Body, place: Position, seed: tuple[int, ...], noise: Noise, gps_noise_m: float = 0.0
-    ) -> None:
+    def __init__(self, body: Body, place: Position, seed: tuple[int, ...], noise: Noise) -> None:
         self._body = body
         self._place = place
         self.noise = noise
@@ -78,12 +77,11 @@ class SensorSuite:
         self._back: Array = np.full(n, -math.inf)  # when a lost receiver had its signals again
         self._epochs: deque[_Epoch] = deque()
         self._gps_count = 0
-        level = math.hypot(noise.gps_wander_m, gps_noise_m)
-        upright = math.hypot(noise.gps_wander_down_m, gps_noise_m)
+        level = noise.gps_wander_m
         self.wanders = level > 0.0
         self._gps = Wander(
             NoiseRows(seed, "gps wander", n, 3),
-            np.array([level, level, upright]),
+            np.array([level, level, noise.gps_wander_down_m]),
             np.full(3, noise.gps_wander_s),
             SLOW_PERIOD_S,
         )
@@ -250,19 +248,14 @@ class SensorSuite:
     def _eye(self, index: int, nearest: float, farthest: float, mount: float) -> _Eye:
         if self.troubles.range_lost[index]:
             nearest = math.inf
-        north, east, down = self._body.pos[:, index].tolist()
-        return _Eye((north, east, down), nearest, farthest, mount, float(self.troubles.range_shift[index]))
+        return _Eye(float(self._body.pos[2, index]), nearest, farthest, mount, float(self.troubles.range_shift[index]))
 
     def _range(self, turn: Matrix, eye: _Eye, white: float) -> float:
-        """Along the body's down axis to the plane of the ground."""
-        terrain = self._body.terrain
-        normal, down_axis, place = terrain.normal, turn[2], eye.place
-        ground = terrain.down_m - terrain.slope_north * place[0] - terrain.slope_east * place[1]
-        above = -(ground - place[2]) * normal[2]  # at right angles to the plane
-        toward = -(down_axis[0] * normal[0] + down_axis[1] * normal[1] + down_axis[2] * normal[2])
+        """Along the body's down axis to the ground."""
+        toward = turn[2][2]
         if toward < 1e-3:
             return math.nan
-        true = max(above, 0.0) / toward + eye.mount
+        true = max(-eye.down, 0.0) / toward + eye.mount
         read = true + eye.shift + (self.noise.range_white_m + self.noise.range_share * true) * white
         return read if eye.nearest <= read <= eye.farthest else math.nan
 

@@ -43,16 +43,10 @@ class Troubles:
 
     def __init__(self, vehicles: int) -> None:
         self.gps_lost: Flags = np.zeros(vehicles, dtype=bool)
+        self.compass_lost, self.baro_lost, self.range_lost, self.pitot_lost = (self.gps_lost.copy() for _ in range(4))
         self.gps_shift: Array = np.zeros((3, vehicles))
-        self.compass_lost: Flags = np.zeros(vehicles, dtype=bool)
         self.compass_turn: Array = np.zeros(vehicles)
-        self.baro_lost: Flags = np.zeros(vehicles, dtype=bool)
-        self.baro_shift: Array = np.zeros(vehicles)
-        self.range_lost: Flags = np.zeros(vehicles, dtype=bool)
-        self.range_shift: Array = np.zeros(vehicles)
-        self.vibration: Array = np.zeros(vehicles)
-        self.clipping: Array = np.zeros(vehicles)
-        self.pitot_lost: Flags = np.zeros(vehicles, dtype=bool)
+        self.baro_shift, self.range_shift, self.vibration, self.clipping = (np.zeros(vehicles) for _ in range(4))
         self.any: list[bool] = [False] * vehicles
         self.told: list[Callable[[int], None]] = []
         self._causes: list[dict[str, Trouble]] = [{} for _ in range(vehicles)]
@@ -64,23 +58,10 @@ class Troubles:
             causes.pop(cause, None)
         else:
             causes[cause] = trouble
-        together = list(causes.values())
-        self.any[index] = bool(together)
-        for column, lost in (
-            (self.gps_lost, [t.gps_lost for t in together]),
-            (self.compass_lost, [t.compass_lost for t in together]),
-            (self.baro_lost, [t.baro_lost for t in together]),
-            (self.range_lost, [t.range_lost for t in together]),
-            (self.pitot_lost, [t.pitot_lost for t in together]),
-        ):
-            column[index] = any(lost)
-        for axis in range(3):
-            self.gps_shift[axis, index] = sum(t.gps_shift[axis] for t in together)
-        self.compass_turn[index] = sum(t.compass_turn for t in together)
-        self.baro_shift[index] = sum(t.baro_shift for t in together)
-        self.range_shift[index] = sum(t.range_shift for t in together)
-        self.vibration[index] = sum(t.vibration for t in together)
-        self.clipping[index] = sum(t.clipping for t in together)
+        self.any[index] = bool(causes)
+        for name in Trouble.__struct_fields__:
+            # Flags are set by any of the causes; numbers add up.
+            getattr(self, name)[..., index] = np.sum([getattr(each, name) for each in (FINE, *causes.values())], axis=0)
         for tell in self.told:
             tell(index)
 
