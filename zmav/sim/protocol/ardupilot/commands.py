@@ -13,7 +13,7 @@ from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.targets import Target
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
-from zmav.sim.protocol.base import Handler
+from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
 from zmav.sim.protocol.channel import (
     ACCEPTED,
     CHANGE_MODE,
@@ -26,7 +26,6 @@ from zmav.sim.protocol.channel import (
     UNSUPPORTED,
     Command,
 )
-from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
 _E7 = 1e7
 _AUTO = 3
@@ -55,50 +54,16 @@ def enter(number: int) -> Handler:
     return lambda node, c: node.vehicle.set_mode(number)
 
 
-def _set_interval(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        return DENIED
-    if c.p2 == 0:
-        period = HEARTBEAT_PERIOD_S if name == "HEARTBEAT" else 0.0
-    else:
-        # ArduPilot keeps whole milliseconds, up to a minute.
-        period = min(max(int(c.p2 / 1000.0), 1), 60000) / 1000.0 if c.p2 > 0 else 0.0
-    c.channel.streams.set_period(name, period, node.vehicle.now)
-    return ACCEPTED
-
-
-def _get_interval(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        # Protocol: an interval of 0 says that the message is not available.
-        c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF)
-        return FAILED
-    period = c.channel.streams.period(name)
-    c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1), interval_us=round(period * 1e6) if period else -1)
-    return ACCEPTED
-
-
-def _request_message(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        return FAILED
-    node.after_ack(c.channel, name)
-    return ACCEPTED
-
-
 def _request_version(node: ArduNode, c: Command) -> int:
     if c.p1 != 1:
         return DENIED
-    node.after_ack(c.channel, "AUTOPILOT_VERSION")
-    return ACCEPTED
+    return send_message(node, c, "AUTOPILOT_VERSION")
 
 
 def _get_home(node: ArduNode, c: Command) -> int:
     if not node.vehicle.boot.has("origin"):
         return FAILED
-    node.after_ack(c.channel, "HOME_POSITION")
-    return ACCEPTED
+    return send_message(node, c, "HOME_POSITION")
 
 
 def _set_home(node: ArduNode, c: Command) -> int:
@@ -190,8 +155,7 @@ def _set_current(node: ArduNode, c: Command) -> int:
         return FAILED
     if again:
         mission.resume()
-    node.after_ack(c.channel, "MISSION_CURRENT")
-    return ACCEPTED
+    return send_message(node, c, "MISSION_CURRENT")
 
 
 HANDLERS: Handlers = {
@@ -207,9 +171,9 @@ HANDLERS: Handlers = {
     400: _arm_disarm,
     401: _run_prearm,
     410: _get_home,
-    510: _get_interval,
-    511: _set_interval,
-    512: _request_message,
+    510: get_interval,
+    511: set_interval,
+    512: request_message,
     520: _request_version,
     42428: _banner,
 }

@@ -63,13 +63,6 @@ def _go(number: int) -> Handler:
     return handler
 
 
-def _mission_start(node: MavNode[ArduPlane], c: Command) -> int:
-    if c.p1 or c.p2:
-        return DENIED
-    node.vehicle.set_mode(_AUTO)
-    return ACCEPTED
-
-
 def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     plane = node.vehicle
     if not plane.mode.changes_speed:
@@ -101,7 +94,7 @@ HANDLERS: Handlers = {
     22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
     178: _change_speed,
     192: _reposition,
-    300: _mission_start,
+    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or ACCEPTED,
 }
 
 

@@ -65,18 +65,12 @@ def _reposition(node: MavNode[ArduRover], c: Command) -> int:
     return ACCEPTED
 
 
-def _mission_start(node: MavNode[ArduRover], c: Command) -> int:
-    if c.p1 or c.p2:
-        return DENIED
-    return node.vehicle.set_mode(_AUTO)
-
-
 HANDLERS: Handlers = {
     **commands.HANDLERS,
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: _reposition,
-    300: _mission_start,
+    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
 }
 
 
