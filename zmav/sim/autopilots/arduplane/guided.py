@@ -26,7 +26,6 @@ class Guided(PlaneMode, GuidedMode):
         self._roll: tuple[float, float] | None = None  # and until when
         self._pitch: tuple[float, float] | None = None
         self._throttle: tuple[float, float] | None = None
-        self._yaw: tuple[float, float] | None = None
         self._told = True
         self.plane.way.stay()
 
@@ -47,25 +46,18 @@ class Guided(PlaneMode, GuidedMode):
         plane.way.counter_clockwise |= counter_clockwise
         self.target, self._told = Target(pos=place), False
 
-    def change_height(self, down: float) -> None:
-        """To another height, as fast as it goes."""
-        self.plane.way.end = *self.plane.way.end[:2], down
-        self.plane.way.level()
-
     def force(
         self,
         *,
         roll: float | None = None,
         pitch: float | None = None,
-        rudder: float | None = None,
         throttle: float | None = None,
     ) -> None:
-        """Angles (rad), rudder and throttle (shares) from outside, for :data:`ATTITUDE_S` seconds."""
+        """Angles (rad) and throttle (a share) from outside, for :data:`ATTITUDE_S` seconds."""
         until = self.plane.now + ATTITUDE_S
         self.doing = Doing.ATTITUDE
         self._roll = self._roll if roll is None else (roll, until)
         self._pitch = self._pitch if pitch is None else (pitch, until)
-        self._yaw = self._yaw if rudder is None else (rudder, until)
         self._throttle = self._throttle if throttle is None else (throttle, until)
 
     # ---- flying it
@@ -85,7 +77,7 @@ class Guided(PlaneMode, GuidedMode):
             low, high = (math.radians(plane.params[f"PTCH_LIM_{end}_DEG"]) for end in ("MIN", "MAX"))
             plane.sp.pitch(min(max(self._pitch[0], low), high))
             forced = True
-        plane.sp.yaw(self._yaw[0] if self._yaw is not None and now < self._yaw[1] else 0.0)
+        plane.sp.yaw(0.0)
         if self._throttle is not None and now < self._throttle[1]:
             plane.sp.power(min(max(self._throttle[0], 0.0), 1.0))
             forced = True

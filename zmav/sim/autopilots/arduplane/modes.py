@@ -237,18 +237,9 @@ class Takeoff(PlaneMode):
         """Where to, once it moves: from its course."""
         plane, params, s = self.plane, self.plane.params, self.plane.sense
         height, far, course = params["TKOFF_ALT"], params["TKOFF_DIST"], math.atan2(s.ve, s.vn)
-        above = plane.height
-        if plane.flying and plane.now - plane.flying_since > FLYING_S and plane.groundspeed > 3.0:
-            self._start = plane.here
-            if above >= height:
-                plane.say(INFO, "Above TKOFF alt - loitering")
-                plane.way.stay()
-                self._climbing = False
-                return True
-            plane.say(INFO, "Climbing to TKOFF alt then loitering")
-            self._aim(course, far, height - above)
-            plane.launch.begin(height, math.radians(params["TKOFF_LVL_PITCH"]))
-            plane.launch.ground = -s.down - above
+        if plane.flying and plane.now - plane.flying_since > FLYING_S:
+            plane.way.stay()
+            self._climbing = False
             return True
         if plane.throttle_suppressed or plane.groundspeed <= COURSE_SPEED:
             return False

@@ -41,7 +41,6 @@ class Guided(RoverMode, GuidedMode):
             self.rover.sp.stop()  # so that the moving point begins where the rover is
         self.doing, self._place, self._reached, self._told = Doing.POSITION, place, False, False
         travel.destination = place
-        travel.turn_first(place)
 
     def head(self, yaw: float, speed: float) -> None:
         """Drive on a heading."""
@@ -85,8 +84,6 @@ class Guided(RoverMode, GuidedMode):
                 self._told = True
                 rover.reached(0)
             rover.sp.stop()
-            return
-        if travel.pivots():
             return
         travel.ready()
         rover.sp.go(self._place)

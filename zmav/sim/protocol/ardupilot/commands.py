@@ -7,10 +7,12 @@ https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.targets import Target
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
@@ -83,20 +85,31 @@ def place(node: ArduNode, x: float, y: float, z: float, frame: int) -> tuple[flo
     return point(node.vehicle, round(x), round(y), z, frame)
 
 
-def _reposition(node: ArduNode, c: Command) -> int:
+Go = Callable[[Any, Command, Vector], bool]
+"""Has GUIDED go to a place of the world's NED; False where it does not"""
+
+
+def _aim(node: ArduNode, c: Command, where: Vector) -> bool:
+    """The speed and yaw that the command can carry are not looked at."""
+    node.vehicle.guided.aim(Target(pos=where))
+    return True
+
+
+def reposition(node: ArduNode, c: Command, go: Go = _aim, *, unasked: int = DENIED, outside: int = FAILED) -> int:
+    """DO_REPOSITION; ``unasked``, ``outside``: the verdicts without the flag to enter GUIDED, and beyond the fence."""
     if not c.as_int:
         return COMMAND_INT_ONLY
     vehicle = node.vehicle
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
         return DENIED
-    if vehicle.mode is not vehicle.guided and not int(c.p2) & CHANGE_MODE:
-        return DENIED
-    if not vehicle.fence.allows(where) or not vehicle.set_mode(vehicle.guided.number):
+    if not vehicle.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
+        return unasked
+    if not vehicle.fence.allows(where):
+        return outside
+    if not vehicle.takes_targets and not vehicle.set_mode(vehicle.guided.number):
         return FAILED
-    # The speed and yaw that the command can carry are not looked at.
-    vehicle.guided.aim(Target(pos=where))
-    return ACCEPTED
+    return ACCEPTED if go(node, c, where) else FAILED
 
 
 def _change_speed(node: ArduNode, c: Command) -> int:
@@ -122,11 +135,6 @@ def _reboot(node: ArduNode, c: Command) -> int:
     if node.vehicle.armed and round(c.y) != FORCE:
         return FAILED
     node.reboot_after_ack()
-    return ACCEPTED
-
-
-def _banner(node: ArduNode, c: Command) -> int:
-    node.banner(c.channel)
     return ACCEPTED
 
 
@@ -164,7 +172,7 @@ HANDLERS: Handlers = {
     179: _set_home,
     183: lambda node, c: node.vehicle.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     185: lambda node, c: c.p1 > 0.5 and node.vehicle.disarm(forced=True),
-    192: _reposition,
+    192: reposition,
     224: _set_current,
     246: _reboot,
     300: _mission_start,
@@ -175,5 +183,5 @@ HANDLERS: Handlers = {
     511: set_interval,
     512: request_message,
     520: _request_version,
-    42428: _banner,
+    42428: lambda node, c: node.banner(c.channel) or ACCEPTED,
 }
