@@ -9,10 +9,9 @@ from zmav.sim.autopilots.ardupilot.state import INFO, WARNING, Mode
 from zmav.sim.autopilots.arduplane import modes
 from zmav.sim.autopilots.arduplane.auto import Auto, AutoLand
 from zmav.sim.autopilots.arduplane.base import INITIALISING
-from zmav.sim.autopilots.arduplane.guided import Guided
 from zmav.sim.autopilots.arduplane.landing import Landing
 from zmav.sim.autopilots.arduplane.launch import Launch
-from zmav.sim.autopilots.arduplane.modes import PlaneMode, PlaneParts
+from zmav.sim.autopilots.arduplane.modes import Guided, PlaneMode, PlaneParts
 from zmav.sim.autopilots.arduplane.reactions import PlaneReactions
 from zmav.sim.autopilots.arduplane.way import Way
 from zmav.sim.control.planetargets import PlaneHandle

@@ -13,7 +13,7 @@ from zmav import rotation
 from zmav.sim.autopilots.ardupilot.boot import Flag
 from zmav.sim.autopilots.ardupilot.fence import CEILING, CIRCLE, POLYGON
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.autopilots.ardupilot.targets import Doing
+from zmav.sim.autopilots.ardupilot.state import Doing
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.geo import Position
