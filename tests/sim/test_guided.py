@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.sim.autopilots.ardupilot.targets import Doing
+from zmav.sim.autopilots.ardupilot.state import Doing
 from zmav.sim.geo import METRES_PER_DEGREE
 
 if TYPE_CHECKING:

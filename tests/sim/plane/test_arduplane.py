@@ -272,22 +272,6 @@ def test_repositions_that_make_no_sense(flying: Field) -> None:
     assert flying.desk.command_int(192, x=1, y=1, z=50.0, frame=77) == DENIED
 
 
-def test_targets_take_the_altitude_alone(flying: Field) -> None:
-    assert flying.mode(GUIDED) == ACCEPTED
-    place = flying.plane.way.end
-    flying.desk.send("SET_POSITION_TARGET_GLOBAL_INT", coordinate_frame=6, type_mask=0x0DFB, alt=75.0)
-    assert flying.plane.way.end == (*place[:2], flying.plane.home_world[2] - 75.0)
-    flying.desk.send("SET_POSITION_TARGET_GLOBAL_INT", coordinate_frame=6, type_mask=0x0DFC, alt=20.0)
-    flying.desk.send("SET_POSITION_TARGET_GLOBAL_INT", coordinate_frame=1, type_mask=0x0DFB, alt=20.0)
-    flying.desk.send("SET_POSITION_TARGET_GLOBAL_INT", coordinate_frame=6, type_mask=0x0DFB, alt=math.nan)
-    flying.desk.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, z=-10.0)
-    assert flying.plane.way.end[2] == flying.plane.home_world[2] - 75.0
-    assert flying.desk.texts() == ["Invalid coord frame in SET_POSTION_TARGET_GLOBAL_I", "NT"]
-    flying.desk.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=7, z=-10.0)
-    assert flying.plane.way.end[2] == flying.plane.home_world[2] - 85.0
-    assert flying.desk.texts()[-1] == "Change alt to 85.0"
-
-
 def test_attitude_targets_are_flown_for_three_seconds(flying: Field) -> None:
     assert flying.mode(GUIDED) == ACCEPTED
     half = math.radians(20.0) / 2.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.sim.plane.conftest import ARM, AUTO, LOITER, RTL
-from tests.sim.plans import Fields, at, do, download, reached, upload
+from tests.sim.plans import Fields, at, do, reached, upload
 
 if TYPE_CHECKING:
     from tests.sim.plane.conftest import Field
@@ -76,15 +76,6 @@ def test_waypoints_are_turned_at_early_and_lines_are_kept(flying: Field) -> None
     assert flying.plane.height == pytest.approx(60.0, abs=3.0)
     flying.desk.until(lambda: reached(flying.desk) == [1, 2])
     assert flying.away(150.0, 350.0) < 20.0  # straight on: no turn to begin early
-
-
-def test_an_acceptance_radius_and_a_passing_distance(flying: Field) -> None:
-    start(flying, [at(WAYPOINT, 150, 0, 60, 0, 15), at(WAYPOINT, 150, 250, 60, 0, 0, 40), at(FOREVER, 0, 250, 60)])
-    assert [(item["param2"], item["param3"]) for item in download(flying.desk)[1:3]] == [(15.0, 0.0), (0.0, 40.0)]
-    flying.desk.until(lambda: reached(flying.desk) == [1])
-    assert flying.away(150.0, 0.0) < 20.0
-    flying.desk.until(lambda: reached(flying.desk) == [1, 2])
-    assert flying.plane.sense.east > 285.0
 
 
 def test_loiters_by_time_and_height(flying: Field) -> None:

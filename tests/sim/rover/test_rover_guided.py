@@ -127,16 +127,6 @@ def test_two_sides_do(make_yard: MakeYard) -> None:
     assert [yard.rover.params[f"SERVO{i}_FUNCTION"] for i in (1, 3)] == [73, 74]
 
 
-def test_pivots_before_it_drives(make_yard: MakeYard) -> None:
-    """A skid-steered rover with a place far off its nose turns on the spot first (WP_PIVOT_ANGLE)."""
-    yard = make_yard("rover-skid")
-    yard.ready()
-    yard.goto(-15.0, 0.0)
-    yard.desk.until(lambda: abs(yard.rover.sense.yaw) > math.pi - 0.15, 20.0)
-    assert math.hypot(*yard.place) < 0.5
-    yard.desk.until(lambda: yard.place[0] < -14.0, 30.0)
-
-
 def test_attitude_is_a_heading_and_a_share_of_the_speed(yard: Yard) -> None:
     yard.ready()
     half = math.pi / 4.0

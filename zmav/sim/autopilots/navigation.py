@@ -34,6 +34,12 @@ class NavigationFilter(ABC):
     POSITION_VARIANCE: ClassVar[float]
     """m^2 of a GPS innovation per axis"""
     HEIGHT_VARIANCE: ClassVar[float]
+    GROWTH: ClassVar[float]
+    """m^2/s of the position's variance without fusion"""
+    REACQUIRE_S: ClassVar[float]
+    """from the GPS's return until it is used again, after it was given up"""
+    RESET_AFTER_S: ClassVar[float]
+    """of solutions that are not believed, until one is taken for true"""
     HEIGHT_RETRY_S: ClassVar[float] = math.inf
     """after which a height that is out of its gate is taken for true"""
 
@@ -57,6 +63,8 @@ class NavigationFilter(ABC):
         self._passed = self._height_passed = self._pilot.now
         self._shown = self._turn_seen = 0.0
         self._by_course = False
+        self._back_at: float | None = None
+        self._slip = (0.0, 0.0)
         self._variance = self.POSITION_VARIANCE
         self.glitching = False
         self.ratios = dict(self.USUAL)
@@ -111,9 +119,66 @@ class NavigationFilter(ABC):
         close = max(map(abs, belief.innovation)) < 0.05 and abs(belief.yaw_error) < 0.005
         return close and self.good and not self.glitching
 
-    @abstractmethod
     def watch_gps(self, belief: Belief, dt: float) -> None:
         """Follow the GPS, or not."""
+        now = self._pilot.now
+        if not belief.has_fix:
+            # Dead reckoning: an error of the tilt, which nobody corrects, becomes speed.
+            self._back_at = None
+            belief.follow(False)
+            gain, way = DEAD_RECKONING * dt, self.drift()
+            self._slip = self._slip[0] + gain * way[0], self._slip[1] + gain * way[1]
+            if self.aiding:
+                belief.slide(*self._slip)
+            self.without_fix(belief)
+            return
+        self._back_at = now if self._back_at is None else self._back_at
+        if not self.listens:
+            if now - self._back_at >= self.REACQUIRE_S:
+                self.reset(belief)
+            return
+        self._slip = (0.0, 0.0)
+        belief.slide(0.0, 0.0)
+        ratio = self.position_ratio(belief.innovation[0], belief.innovation[1])
+        self.ratios["position"] = max(ratio, self.USUAL["position"])
+        if ratio < 1.0:
+            self._passed, self._variance = now, self.POSITION_VARIANCE
+            belief.follow(True)
+            self.judge(believed=True)
+            return
+        belief.follow(False)
+        self._variance += self.GROWTH * dt
+        self.judge(believed=False)
+        if now - self._passed > self.RESET_AFTER_S:
+            self.reset(belief)
+
+    def reset(self, belief: Belief) -> None:
+        """Take the GPS's place and speed for true."""
+        belief.reset_position()
+        self._slip = (0.0, 0.0)
+        self._passed, self._variance = self._pilot.now, self.POSITION_VARIANCE
+        self.ratios["position"], self.ratios["velocity"] = self.USUAL["position"], self.USUAL["velocity"]
+
+    def drift(self) -> tuple[float, float]:
+        """Which way it slides without GPS, north and east."""
+        return 1.0, 0.5
+
+    @abstractmethod
+    def without_fix(self, belief: Belief) -> None:
+        """There is no solution: give the position up after a while."""
+
+    @property
+    @abstractmethod
+    def listens(self) -> bool:
+        """It has not given the GPS up."""
+
+    @abstractmethod
+    def position_ratio(self, north: float, east: float) -> float:
+        """Of a GPS innovation, m, to its gate."""
+
+    @abstractmethod
+    def judge(self, *, believed: bool) -> None:
+        """A solution was within its gate, or beyond it: what it thinks of the GPS."""
 
     @abstractmethod
     def watch_compass(self, belief: Belief, dt: float) -> None:

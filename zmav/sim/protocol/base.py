@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -18,6 +19,7 @@ from zmav.sim.fleets.base import Seat
 from zmav.sim.protocol.channel import (
     ACCEPTED,
     DENIED,
+    FAILED,
     UNSUPPORTED,
     Answer,
     Channel,
@@ -28,6 +30,7 @@ from zmav.sim.protocol.channel import (
     read_command,
 )
 from zmav.sim.protocol.router import Router
+from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 from zmav.sim.sensors.magnetic import earth_field
 
 COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
@@ -68,6 +71,10 @@ class Node(ABC):
     TEXT_END: ClassVar[str] = ""
     """of every text"""
     TIMESYNC_PERIOD_S: ClassVar[float] = 10.0
+    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = DENIED, FAILED, FAILED
+    """MAV_RESULT of SET_MESSAGE_INTERVAL, REQUEST_MESSAGE and GET_MESSAGE_INTERVAL for a message that there is not"""
+    ACKS_FIRST: ClassVar[bool] = True
+    """a message that was asked for comes after the acknowledgement"""
     STANDS_IN: ClassVar[bool] = True
     """it answers what is asked of a component that is not there, as ArduPilot does"""
 
@@ -131,6 +138,14 @@ class Node(ABC):
     def greet(self, channel: Channel) -> None:  # noqa: B027 - not every autopilot sends anything by itself
         """A link was opened: start what is sent there unasked."""
 
+    def usual_period(self, channel: Channel, name: str) -> float:
+        """Seconds between two such messages unless somebody asked otherwise; 0: it is not sent."""
+        return HEARTBEAT_PERIOD_S if name == "HEARTBEAT" else 0.0
+
+    def asked_period(self, microseconds: float) -> float:
+        """The period, s, that somebody gets who asks for this one."""
+        return max(microseconds / 1e6, 0.0)
+
     def takes(self, command: Command) -> bool:
         """False for a command whose numbers are denied, whatever it is about."""
         return True
@@ -146,6 +161,10 @@ class Node(ABC):
     def unix_us(self) -> int:
         """UTC as the GPS would tell it, microseconds."""
         return self._epoch_us + int(self.brain.now * 1e6)
+
+    def name_in(self, command: Command) -> str:
+        """The message that a command names by its first parameter; empty for one that there is not."""
+        return self.dialect_name(round(command.p1)) if math.isfinite(command.p1) else ""
 
     def dialect_name(self, msgid: int) -> str:
         """Name of a message that this vehicle can report; empty for any other."""
@@ -327,3 +346,40 @@ class Node(ABC):
 
 def _raise(error: Exception) -> None:
     raise error
+
+
+# ---- what messages a client gets, by command: https://mavlink.io/en/services/command.html
+
+
+def set_interval(node: Node, c: Command) -> int:
+    name = node.name_in(c)
+    if not name or not math.isfinite(c.p2):
+        return node.UNKNOWN_INTERVAL
+    period = node.usual_period(c.channel, name) if c.p2 == 0 else node.asked_period(c.p2)
+    c.channel.streams.set_period(name, period, node.brain.now)
+    return ACCEPTED
+
+
+def get_interval(node: Node, c: Command) -> int:
+    """An interval of 0 says that there is no such message, -1 that it is not sent."""
+    name = node.name_in(c)
+    period = c.channel.streams.period(name) if name else None
+    interval = round(period * 1e6) if period else -1 if name else 0
+    c.channel.send(
+        "MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF if math.isfinite(c.p1) else 0, interval_us=interval
+    )
+    return ACCEPTED if name else node.UNKNOWN_PERIOD
+
+
+def request_message(node: Node, c: Command) -> int:
+    name = node.name_in(c)
+    return send_message(node, c, name) if name else node.UNKNOWN_REQUEST
+
+
+def send_message(node: Node, c: Command, name: str) -> int:
+    """Send a message that a command asks for."""
+    if node.ACKS_FIRST:
+        node.after_ack(c.channel, name)
+    else:
+        node.report(c.channel, name)
+    return ACCEPTED

@@ -138,6 +138,8 @@ class FileSystem:
     def _check_parent(self, path: str) -> None:
         if self._parent(path) not in self._directories:
             raise NOT_FOUND
+        if len(self._files) > 1024:
+            raise FileError(Nak.FAIL_ERRNO, errno.ENOSPC)
 
     @staticmethod
     def _parent(path: str) -> str:

@@ -40,7 +40,6 @@ class Upload(msgspec.Struct):
     last: int
     heard: float
     asked: float
-    warned: bool = False
 
 
 Service = Callable[[Client, int, dict[str, Any]], None]

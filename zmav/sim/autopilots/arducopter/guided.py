@@ -11,8 +11,7 @@ import math
 
 from zmav import rotation
 from zmav.sim.autopilots.arducopter.base import CopterBase
-from zmav.sim.autopilots.ardupilot.state import GuidedMode
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Quaternion, Target, YawWish
+from zmav.sim.autopilots.ardupilot.state import AttitudeTarget, Doing, GuidedMode, Quaternion, Target, YawWish
 from zmav.sim.control.setpoints import Axis, Spool
 
 TAKEOFF_DONE_M = 0.5

@@ -12,16 +12,12 @@ import math
 from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.boot import Flag
-from zmav.sim.autopilots.ardupilot.state import VehicleState
-from zmav.sim.autopilots.navigation import DEAD_RECKONING, GATE, NavigationFilter
+from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, WARNING, VehicleState
+from zmav.sim.autopilots.navigation import GATE, NavigationFilter
 from zmav.sim.sensors.estimate import Belief
 
-_CRITICAL, _WARNING, _INFO = 2, 4, 6
-GROWTH = 0.0172  # m^2/s of the position without fusion
 RETRY_WITH_VELOCITY_S, RETRY_S, TILT_DRIFT_S = 10.0, 7.0, 15.0
-RESET_AFTER_S = 0.2  # the next solution comes
 DOUBT_AFTER_S, TRUST_AFTER_S = 1.1, 10.0  # innovations out of their gate; within
-REACQUIRE_S = 0.5  # from the GPS's return until it is used again, after it was given up
 # Compass: its test ratio per gauss that it disagrees, how fast the heading follows it while that is below 1, how fast
 # the filter learns the disagreement away, and how long it waits for a compass that it does not believe.
 MAG_PER_GAUSS, MAG_FOLLOW_S, MAG_LEARN_S, MAG_RETRY_S = 5.2, 4.0, 14.0, 10.0
@@ -35,6 +31,7 @@ class Ekf3(NavigationFilter):
     POSITION_VARIANCE: ClassVar[float] = 0.28
     HEIGHT_VARIANCE: ClassVar[float] = 4.1
     HEIGHT_RETRY_S: ClassVar[float] = 10.0
+    GROWTH, REACQUIRE_S, RESET_AFTER_S = 0.0172, 0.5, RETRY_WITH_VELOCITY_S + 0.2  # the next solution comes then
 
     def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
@@ -43,11 +40,9 @@ class Ekf3(NavigationFilter):
     def power_on(self) -> None:
         now = self._vehicle.now
         self._vel_passed = now
-        self._back_at: float | None = None
         self._failing_since: float | None = None
         self._good_since: float | None = None
         self._lane = 0
-        self._slip = (0.0, 0.0)
         self._compass_off = 0.0  # how far the compass disagrees, as the filter sees it
         self._heading_taken = 0.0  # of that, what it has believed
         self._mag_passed = now
@@ -116,46 +111,33 @@ class Ekf3(NavigationFilter):
     # ---- GPS
 
     def watch_gps(self, belief: Belief, dt: float) -> None:
-        now = self._vehicle.now
-        if not belief.has_fix:
-            self._back_at = None
-            self._slide(belief, dt)
-            self._time_out(now)
-            return
-        self._back_at = now if self._back_at is None else self._back_at
-        if not self.aiding:
-            if now - self._back_at >= REACQUIRE_S:
-                self._restart(belief)
-            return
-        north, east, _ = belief.innovation
-        ratio = (north * north + east * east) / (GATE * GATE * 2.0 * self._variance)
-        if self.position_timeout and not self._velocity_aided:
-            self._reset(belief)  # nothing else holds it: the first solution does
-            return
-        self._vel_passed = now
-        belief.slide(0.0, 0.0)
-        self.ratios["position"] = max(math.sqrt(ratio), _BASE["position"])
-        if ratio < 1.0:
-            self._accept(belief)
-        else:
-            self._reject(belief, dt)
+        if belief.has_fix and self.aiding:
+            if self.position_timeout and not self._velocity_aided:
+                self.reset(belief)  # nothing else holds it: the first solution does
+                return
+            self._vel_passed = self._vehicle.now
+        super().watch_gps(belief, dt)
 
-    def _accept(self, belief: Belief) -> None:
+    @property
+    def listens(self) -> bool:
+        return self.aiding
+
+    def position_ratio(self, north: float, east: float) -> float:
+        return math.sqrt((north * north + east * east) / (GATE * GATE * 2.0 * self._variance))
+
+    def judge(self, *, believed: bool) -> None:
         now = self._vehicle.now
-        self._passed = now
+        if not believed:
+            self._doubt(now)
+            return
         self.position_timeout = False
-        self._variance = self.POSITION_VARIANCE
         self._failing_since = None
-        belief.follow(True)
         self._good_since = now if self._good_since is None else self._good_since
         if self.glitching and now - self._good_since >= TRUST_AFTER_S:
             self.glitching = False
             self._vehicle.reactions.gps_glitched(False)
 
-    def _reject(self, belief: Belief, dt: float) -> None:
-        now = self._vehicle.now
-        belief.follow(False)
-        self._variance += GROWTH * dt
+    def _doubt(self, now: float) -> None:
         self._good_since = None
         if self._failing_since is None:
             self._failing_since = now
@@ -163,55 +145,40 @@ class Ekf3(NavigationFilter):
         if not self.glitching and now - self._failing_since >= DOUBT_AFTER_S:
             self.glitching = True
             self._vehicle.reactions.gps_glitched(True)
-        if now - self._passed > RETRY_WITH_VELOCITY_S:
-            self.position_timeout = True
-            if now - self._passed > RETRY_WITH_VELOCITY_S + RESET_AFTER_S:
-                self._reset(belief)
+        self.position_timeout |= now - self._passed > RETRY_WITH_VELOCITY_S
 
-    def _reset(self, belief: Belief) -> None:
-        """Take the GPS's place for true."""
-        belief.reset_position()
-        self._slip = (0.0, 0.0)
-        self._passed = self._vel_passed = self._vehicle.now
+    def reset(self, belief: Belief) -> None:
+        super().reset(belief)
+        self._vel_passed = self._vehicle.now
         self.position_timeout = False
-        self._failing_since = None
-        self._variance = self.POSITION_VARIANCE
-        self.ratios["position"], self.ratios["velocity"] = _BASE["position"], _BASE["velocity"]
-        self._switch_lane()
+        if self.aiding:
+            self._failing_since = None
+            self._switch_lane()
+        else:
+            self._aiding = True
+            self._say_both("is using GPS", INFO)
 
     def _switch_lane(self) -> None:
         """The other of the two filters is taken, because it doubts less."""
         self._lane = 1 - self._lane
-        self._vehicle.say(_CRITICAL, f"EKF3 lane switch {self._lane}")
+        self._vehicle.say(CRITICAL, f"EKF3 lane switch {self._lane}")
         self._vehicle.reactions.lane_switched(self._lane)
 
-    def _slide(self, belief: Belief, dt: float) -> None:
-        """Dead reckoning: an error of the tilt, which nobody corrects, becomes speed."""
-        belief.follow(False)
-        heading = 2.399963 * (int(self._passed * 10.0) % 97)  # another way each time, the same in every run
-        gain = DEAD_RECKONING * dt
-        self._slip = (self._slip[0] + gain * math.cos(heading), self._slip[1] + gain * math.sin(heading))
-        if self.aiding:
-            belief.slide(*self._slip)
+    def drift(self) -> tuple[float, float]:
+        """Another way each time, the same in every run."""
+        heading = 2.399963 * (int(self._passed * 10.0) % 97)
+        return math.cos(heading), math.sin(heading)
 
-    def _time_out(self, now: float) -> None:
+    def without_fix(self, belief: Belief) -> None:
+        now = self._vehicle.now
         if self.aiding and now - self._passed > RETRY_S:
             self.position_timeout = True
         if self.aiding and now - self._passed > TILT_DRIFT_S:
             self._aiding = False
             self.glitching = False
-            assert self._belief is not None
-            self._belief.slide(0.0, 0.0)
+            belief.slide(0.0, 0.0)
             self.ratios["position"] = self.ratios["velocity"] = 0.0
-            self._say_both("stopped aiding", _WARNING)
-
-    def _restart(self, belief: Belief) -> None:
-        self._aiding, self.position_timeout = True, False
-        belief.reset_position()
-        self._slip = (0.0, 0.0)
-        self._passed = self._vel_passed = self._vehicle.now
-        self.ratios["position"], self.ratios["velocity"] = _BASE["position"], _BASE["velocity"]
-        self._say_both("is using GPS", _INFO)
+            self._say_both("stopped aiding", WARNING)
 
     def _say_both(self, text: str, severity: int) -> None:
         for lane in (0, 1):
@@ -238,7 +205,7 @@ class Ekf3(NavigationFilter):
         elif now - self._mag_passed > MAG_RETRY_S:
             self._mag_passed = now
             for other in (1, 0):
-                self._say_both(f"switching to compass {other}", _INFO)
+                self._say_both(f"switching to compass {other}", INFO)
         self._watch_course(belief, dt)
 
     def course_taken(self) -> None:

@@ -70,18 +70,18 @@ class BatteryFailsafe:
     def faults(self) -> list[str]:
         """Why arming is refused for the battery's sake."""
         params = self._vehicle.params
-        checks = (
+        checks = [
             (0 < self._vehicle.voltage < params["BATT_ARM_VOLT"], "below minimum arming voltage"),
             (params["BATT_ARM_MAH"] > 0 and self._left < params["BATT_ARM_MAH"], "below minimum arming capacity"),
-            (self._low_voltage("LOW"), "low voltage failsafe"),
-            (self._low_capacity("LOW"), "low capacity failsafe"),
-            (self._low_voltage("CRT"), "critical voltage failsafe"),
-            (self._low_capacity("CRT"), "critical capacity failsafe"),
-            (0 < params["BATT_LOW_MAH"] <= params["BATT_CRT_MAH"], "capacity failsafe critical >= low"),
-            (0 < params["BATT_LOW_VOLT"] <= params["BATT_CRT_VOLT"], "voltage failsafe critical >= low"),
-        )
-        found = next((f"Battery 1 {text}" for failed, text in checks if failed), "")
-        return [each for each in (found, "Battery failsafe" if self.failed else "") if each]
+        ]
+        for level, word in (("LOW", "low"), ("CRT", "critical")):
+            checks.append((self._low_voltage(level), f"{word} voltage failsafe"))
+            checks.append((self._low_capacity(level), f"{word} capacity failsafe"))
+        for kind, word in (("VOLT", "voltage"), ("MAH", "capacity")):
+            low, critical = params[f"BATT_LOW_{kind}"], params[f"BATT_CRT_{kind}"]
+            checks.append((0 < low <= critical, f"{word} failsafe critical >= low"))
+        found = [f"Battery 1 {text}" for failed, text in checks if failed][:1]
+        return [*found, "Battery failsafe"] if self.failed else found
 
     @property
     def _left(self) -> float:

@@ -11,8 +11,17 @@ from typing import ClassVar
 from zmav.sim.autopilots import items
 from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE, RELATIVE, TERRAIN
 from zmav.sim.autopilots.ardupilot.state import DEBUG, INFO, NOTICE, WARNING, VehicleState
-from zmav.sim.autopilots.areas import CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, Area, areas_of
-from zmav.sim.autopilots.items import Item, Result, WholeList, check_place
+from zmav.sim.autopilots.items import (
+    CIRCLE_OUT,
+    POLYGON_IN,
+    POLYGON_OUT,
+    Area,
+    Item,
+    Result,
+    WholeList,
+    areas_of,
+    check_place,
+)
 from zmav.sim.control.setpoints import Vector
 
 CEILING, CIRCLE, POLYGON = 1, 2, 4  # FENCE_TYPE

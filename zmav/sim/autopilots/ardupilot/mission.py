@@ -57,7 +57,6 @@ class Mission(ItemStore):
         self._param = param
         self._say = say
         self.performer: Performer | None = None
-        self.stored: Callable[[Item], Item | Result] = stored  # how this kind keeps an item
         self.armed: Callable[[], bool] = lambda: False
         self.sized: Callable[[int], None] = lambda count: None
         self.state = State.STOPPED
@@ -98,7 +97,7 @@ class Mission(ItemStore):
         return Result.ACCEPTED
 
     def put(self, item: Item, last: int) -> Result:
-        kept = self.stored(item)
+        kept = stored(item)
         if kept is Result.UNSUPPORTED:
             self._say(WARNING, f"Mission: MAV_CMD {item.command} is not simulated")
         if isinstance(kept, Result):

@@ -5,15 +5,17 @@ The parts (radio, fence, filter, failsafes) are put together in :mod:`.vehicle`.
 
 from __future__ import annotations
 
+import enum
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from typing import ClassVar
 
+import msgspec
+
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Stage
 from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
 from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Doing, Target
 from zmav.sim.autopilots.base import Autopilot
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
@@ -26,6 +28,58 @@ UNREPORTED = frozenset((181, 183, 206, 2000, 2001))
 DISARM = -1
 Steps = tuple[int | str, ...]
 """modes that are tried until one is entered, what is said before them, or :data:`DISARM`"""
+
+
+# ---- what GUIDED is asked for
+
+Quaternion = tuple[float, float, float, float]
+
+
+class Doing(enum.Enum):
+    """What GUIDED does now."""
+
+    HOLD = "hold"
+    TAKEOFF = "takeoff"
+    POSITION = "position"
+    POSITION_VELOCITY = "position and velocity"
+    VELOCITY = "velocity"
+    ACCELERATION = "acceleration"
+    ATTITUDE = "attitude"
+
+
+class YawWish(msgspec.Struct, frozen=True):
+    """The yaw part of a target: an angle (radians, absolute), a rate (rad/s), or neither."""
+
+    angle: float | None = None
+    rate: float | None = None
+
+
+class Target(msgspec.Struct, frozen=True):
+    """A target in the world's NED (metres, m/s, m/s^2); what is None is left to the vehicle."""
+
+    pos: Vector | None = None
+    vel: Vector | None = None
+    acc: Vector | None = None
+    yaw: YawWish = YawWish()
+
+
+class AttitudeTarget(msgspec.Struct, frozen=True):
+    """An attitude (w, x, y, z; body to world) that turns at body ``rates`` (rad/s), or without one the rates alone;
+    and a vertical speed in m/s (positive up) or a thrust, -1 to 1.
+    """
+
+    attitude: Quaternion | None
+    rates: Vector
+    climb: float | None
+    thrust: float | None
+
+    @property
+    def lifts(self) -> bool:
+        """It takes a landed copter off the ground."""
+        return (self.climb or 0.0) > 0.0 or (self.thrust or 0.0) > 0.0
+
+
+# ---- the vehicle
 
 
 class VehicleState(Autopilot, ABC):

@@ -242,7 +242,7 @@ class Takeoff(Leg):
 
 
 class Waypoint(Leg):
-    """Past a place: within ``p2`` metres of it (0: the turn's distance), or ``p3`` metres beyond it."""
+    """Past a place, as early as the turn onto the next leg needs."""
 
     def begin(self) -> None:
         self.plane.way.go(self.place)
@@ -259,24 +259,15 @@ class Waypoint(Leg):
         turn = abs(math.remainder(course - way.course, math.tau))
         return min(turn / (0.5 * math.pi), 1.0)
 
-    def fly(self) -> None:
-        self.plane.way.follow(self.item.p3)
-        self._keep_height()
-
     def done(self) -> bool:
         plane, way = self.plane, self.plane.way
         line = math.hypot(way.end[0] - way.start[0], way.end[1] - way.start[1])
         left = way.distance
-        if self.item.p2 > 0:
-            radius = self.item.p2
-        elif self.item.p3 > 0:
-            radius = 0.0
-        else:
-            # As early as the turn onto the next leg needs.
-            radius = min(max(plane.params["WP_RADIUS"], 1.0) * plane.eas2tas**2, plane.sp.flown().turn_distance)
-            radius *= self._turn
+        radius = (
+            min(max(plane.params["WP_RADIUS"], 1.0) * plane.eas2tas**2, plane.sp.flown().turn_distance) * self._turn
+        )
         farthest = plane.params["WP_MAX_RADIUS"]
-        passed = way.share * line > line + self.item.p3 if line > 1e-3 else left < CLOSE_M
+        passed = way.share * line > line if line > 1e-3 else left < CLOSE_M
         if 0 < farthest < left:
             return False
         if left <= radius or passed:

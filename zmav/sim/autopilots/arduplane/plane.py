@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 
 from zmav.sim.autopilots.ardupilot.boot import Stage as BootStage
-from zmav.sim.autopilots.ardupilot.plan import stored
 from zmav.sim.autopilots.ardupilot.state import INFO, WARNING, Mode
 from zmav.sim.autopilots.arduplane import modes
 from zmav.sim.autopilots.arduplane.auto import Auto, AutoLand
 from zmav.sim.autopilots.arduplane.base import INITIALISING
-from zmav.sim.autopilots.arduplane.guided import Guided
 from zmav.sim.autopilots.arduplane.landing import Landing
 from zmav.sim.autopilots.arduplane.launch import Launch
-from zmav.sim.autopilots.arduplane.modes import PlaneMode, PlaneParts
+from zmav.sim.autopilots.arduplane.modes import Guided, PlaneMode, PlaneParts
 from zmav.sim.autopilots.arduplane.reactions import PlaneReactions
 from zmav.sim.autopilots.arduplane.way import Way
-from zmav.sim.autopilots.items import Item, Result
 from zmav.sim.control.planetargets import PlaneHandle
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import Sense
@@ -48,7 +45,6 @@ class ArduPlane(PlaneParts):
         self.way, self.launch = Way(self), Launch(self)
         self.landing = Landing(self, self.way)
         super().__init__(wing, params, sp, sense, world, ready_s)
-        self.mission.stored = plane_item
 
     def make_modes(self) -> list[Mode]:
         self.guided, self.auto = Guided(self), Auto(self)
@@ -196,22 +192,3 @@ class ArduPlane(PlaneParts):
                 self.flying_since = self.now
         self.landed = not self.flying
         self.fastest = max(self.fastest, self.eas) if self.armed else 0.0
-
-
-def plane_item(item: Item) -> Item | Result:
-    """The item as a plane keeps it: of a waypoint the acceptance and passing distances, metres in a byte each."""
-    kept = stored(item)
-    if isinstance(kept, Result) or item.command != 16:
-        return kept
-    accept, passing = (float(int(p) & 0xFF) if math.isfinite(p) and p > 0 else 0.0 for p in (item.p2, item.p3))
-    return Item(
-        command=kept.command,
-        frame=kept.frame,
-        p1=0.0,
-        p2=accept,
-        p3=passing,
-        x=kept.x,
-        y=kept.y,
-        z=kept.z,
-        seq=kept.seq,
-    )

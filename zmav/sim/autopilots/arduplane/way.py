@@ -115,12 +115,10 @@ class Way:
 
     # ---- flying it
 
-    def follow(self, beyond: float = 0.0) -> None:
-        """Along the line, ``beyond`` metres further than its end."""
+    def follow(self) -> None:
+        """Along the line."""
         start = self.start if self.crosstrack else self._plane.here
-        course = self.course if self.crosstrack else self.bearing
-        end = self.end[0] + beyond * math.cos(course), self.end[1] + beyond * math.sin(course)
-        self._plane.sp.line(start[:2], end)
+        self._plane.sp.line(start[:2], self.end[:2])
 
     def circle(self, radius: float = 0.0) -> None:
         """Round its end, and there first where that is far; 0: WP_LOITER_RAD."""

@@ -6,8 +6,7 @@ from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, Mode, Reactions
 from zmav.sim.autopilots.ardurover.auto import Auto
 from zmav.sim.autopilots.ardurover.base import RoverBase
 from zmav.sim.autopilots.ardurover.failsafe import Failsafe, GcsWatch, RoverReactions
-from zmav.sim.autopilots.ardurover.guided import Guided
-from zmav.sim.autopilots.ardurover.modes import Hold, Initialising, Loiter, Manual, RoverMode, Rtl
+from zmav.sim.autopilots.ardurover.modes import Guided, Hold, Initialising, Loiter, Manual, RoverMode, Rtl
 from zmav.sim.autopilots.ardurover.travel import Travel
 from zmav.sim.fleets.base import Sense
 

@@ -1,7 +1,7 @@
 """A rover's way to a place in AUTO and RTL: straight legs with limited speed, acceleration and jerk that
-run into each other in the corners, and turns on the spot where it can.
+run into each other in the corners.
 
-After ArduRover's waypoint navigation (ardupilot.org, "Rover: Tuning Navigation", "Pivot Turns"): a point runs along the
+After ArduRover's waypoint navigation (ardupilot.org, "Rover: Tuning Navigation"): a point runs along the
 leg, slower where the rover falls behind.
 """
 
@@ -15,8 +15,6 @@ from zmav.sim.autopilots.ardurover.base import RoverBase
 from zmav.sim.control.roversetpoints import Point
 
 SLOWEST = 0.05  # m/s that a speed may be set to
-PIVOT_DONE = math.radians(5.0)
-STILL = 0.1  # m/s at which a turn on the spot begins
 AHEAD = 0.05  # of the speed, that the point gains on the rover
 PATIENCE_S = 0.5  # after which a way that nobody drove is begun again
 
@@ -36,8 +34,6 @@ class Travel(Legs):
         self.reached = False
         self._onward: Point | None = None
         self._leg = self._next = self._last = None
-        self._pivoting = self._pivot_next = False
-        self._pivot_until: float | None = None
         self._pace = 1.0
         self._driven_at = -math.inf
 
@@ -98,46 +94,12 @@ class Travel(Legs):
         else:
             self._last, self._leg = None, self._plan(start, destination)
             self._pace = 1.0
-            self.turn_first(destination)
-            self._pivoting |= self._pivot_next
-        self._next, self._pivot_next = None, False
+        self._next = None
         self.destination, self.reached, self._driven_at = destination, False, now
         self._onward = onward
-        if onward is not None and self._turns_far(destination, onward, _bearing(start, destination)):
-            self._onward, self._pivot_next = None, True
 
     def _plan(self, start: Point, end: Point) -> Leg:
         return Leg(start, end, (self.base_speed, self.acceleration, self.jerk), self.base_speed)
-
-    # ---- turns on the spot
-
-    def _turns_far(self, place: Point, onward: Point, yaw: float) -> bool:
-        """It turns on the spot, and ``onward`` is far off ``yaw`` from ``place``."""
-        params = self._rover.params
-        if not self._rover.frame.skid or params["WP_PIVOT_ANGLE"] <= math.degrees(PIVOT_DONE):
-            return False
-        off = math.remainder(_bearing(place, onward) - yaw, math.tau)
-        return abs(off) > math.radians(params["WP_PIVOT_ANGLE"])
-
-    def turn_first(self, destination: Point) -> None:
-        """Turn on the spot first where the way there is far off the nose."""
-        self._pivoting = self._turns_far(self._rover.here, destination, self._rover.sense.yaw)
-        self._pivot_until = None
-
-    def pivots(self) -> bool:
-        """Turn on the spot if that is due; True while it does."""
-        if not self._pivoting or self.destination is None:
-            return False
-        rover = self._rover
-        yaw = _bearing(rover.here, self.destination)
-        if abs(rover.speed_ahead) < STILL:
-            rover.sp.head(yaw, 0.0, math.radians(max(rover.params["WP_PIVOT_RATE"], 1.0)))
-        else:
-            rover.sp.turn(0.0, 0.0)
-        if abs(math.remainder(yaw - rover.sense.yaw, math.tau)) < PIVOT_DONE and self._pivot_until is None:
-            self._pivot_until = rover.now + min(max(rover.params["WP_PIVOT_DELAY"], 0.0), 60.0)
-        self._pivoting = self._pivot_until is None or rover.now < self._pivot_until
-        return self._pivoting
 
     # ---- driving
 
@@ -152,8 +114,6 @@ class Travel(Legs):
         self.ready()
         if leg is None or self.destination is None:
             rover.sp.stop()
-            return
-        if self.pivots():
             return
         if self._advance(leg, self._step(leg)) and self._onward is not None:
             self._begin_turn(leg, self._plan((leg.end[0], leg.end[1]), self._onward))
@@ -190,7 +150,3 @@ class Travel(Legs):
         place, vel, acc = self._motion(leg)
         north, east = leg.end
         self._rover.sp.follow((north + place[0], east + place[1]), (vel[0], vel[1]), (acc[0], acc[1]))
-
-
-def _bearing(place: Point, onward: Point) -> float:
-    return math.atan2(onward[1] - place[1], onward[0] - place[0])

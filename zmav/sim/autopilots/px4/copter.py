@@ -6,10 +6,9 @@ from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
 from zmav.sim.autopilots.px4.failsafe import Action, Failsafe, Px4Parts
-from zmav.sim.autopilots.px4.fence import Fence
 from zmav.sim.autopilots.px4.ground import Ground, Stage
 from zmav.sim.autopilots.px4.health import Health
-from zmav.sim.autopilots.px4.items import FenceItems, RallyItems
+from zmav.sim.autopilots.px4.items import Fence, FenceItems, RallyItems
 from zmav.sim.autopilots.px4.modes import HOLD, LAND, OFFBOARD, SWITCH, TERMINATION, Mode
 from zmav.sim.autopilots.px4.navigator import Mission, Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard

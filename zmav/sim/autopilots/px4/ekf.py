@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from zmav.sim.autopilots.navigation import DEAD_RECKONING, GATE, NavigationFilter
+from zmav.sim.autopilots.navigation import GATE, NavigationFilter
 from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.sensors.estimate import Belief
 
-GROWTH = 0.01  # m^2/s of the position without fusion
-RESET_AFTER_S = 7.0  # of solutions that are not believed
 WITHOUT_AID_S = 5.0
-REACQUIRE_S = 1.0
 HEADING_SIGMA, HEADING_GATE, HEADING_FOLLOW_S = 0.3, 2.6, 3.0  # EKF2_HEAD_NOISE rad, EKF2_HDG_GATE
 # ESTIMATOR_STATUS_FLAGS
 AT_REST, MOVING = 0x3FF, 0x37F
@@ -32,15 +29,14 @@ class Ekf2(NavigationFilter):
     USUAL = _USUAL
     POSITION_VARIANCE: ClassVar[float] = 0.3
     HEIGHT_VARIANCE: ClassVar[float] = 4.0
+    GROWTH, REACQUIRE_S, RESET_AFTER_S = 0.01, 1.0, 7.0
 
     def __init__(self, copter: Px4State) -> None:
         self._copter = copter
         super().__init__(copter)
 
     def power_on(self) -> None:
-        self._back_at = self._copter.now
-        self._had_fix = self._good = True
-        self._slip = 0.0
+        self._good = True
         super().power_on()
 
     @property
@@ -55,42 +51,22 @@ class Ekf2(NavigationFilter):
             flags &= ~(_VELOCITY_HORIZ | _POS_REL | _POS_ABS | _PRED_REL | _PRED_ABS)
         return flags | GPS_GLITCH if self.glitching else flags
 
-    def watch_gps(self, belief: Belief, dt: float) -> None:
-        now = self._copter.now
-        if not belief.has_fix:
-            self._had_fix = False
-            belief.follow(False)
-            self._slip += DEAD_RECKONING * dt
-            belief.slide(self._slip, 0.5 * self._slip)
-            self._good = now - self._passed <= WITHOUT_AID_S
-            return
-        if not self._had_fix:
-            self._had_fix, self._back_at = True, now
-        if not self.good:
-            if now - self._back_at >= REACQUIRE_S:
-                self._reset(belief)
-            return
-        north, east, _ = belief.innovation
-        ratio = max(abs(north), abs(east)) / (GATE * math.sqrt(self._variance))
-        self._slip = 0.0
-        belief.slide(0.0, 0.0)
-        self.ratios["position"] = max(ratio, _USUAL["position"])
-        self.glitching = ratio >= 1.0
-        if not self.glitching:
-            self._passed, self._variance = now, self.POSITION_VARIANCE
-            belief.follow(True)
-            return
-        belief.follow(False)
-        self._variance += GROWTH * dt
-        if now - self._passed > RESET_AFTER_S:
-            self._reset(belief)
+    def without_fix(self, belief: Belief) -> None:
+        self._good = self._copter.now - self._passed <= WITHOUT_AID_S
 
-    def _reset(self, belief: Belief) -> None:
-        """Take the GPS's place and speed for true."""
-        belief.reset_position()
-        self._good, self.glitching, self._slip = True, False, 0.0
-        self._passed, self._variance = self._copter.now, self.POSITION_VARIANCE
-        self.ratios["position"] = _USUAL["position"]
+    @property
+    def listens(self) -> bool:
+        return self._good
+
+    def position_ratio(self, north: float, east: float) -> float:
+        return max(abs(north), abs(east)) / (GATE * math.sqrt(self._variance))
+
+    def judge(self, *, believed: bool) -> None:
+        self.glitching = not believed
+
+    def reset(self, belief: Belief) -> None:
+        super().reset(belief)
+        self._good, self.glitching = True, False
 
     def watch_compass(self, belief: Belief, dt: float) -> None:
         turn = belief.compass_turn

@@ -19,7 +19,7 @@ import msgspec
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery, Warning
 from zmav.sim.autopilots.px4.ekf import Ekf2
-from zmav.sim.autopilots.px4.fence import Fence
+from zmav.sim.autopilots.px4.items import Fence
 from zmav.sim.autopilots.px4.modes import (
     ALTCTL,
     DESCEND,

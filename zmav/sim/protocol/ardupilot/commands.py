@@ -7,13 +7,15 @@ https://ardupilot.org/dev/docs/mavlink-commands.html. What is not listed here is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from zmav.sim.autopilots.ardupilot.mission import State
-from zmav.sim.autopilots.ardupilot.targets import Target
+from zmav.sim.autopilots.ardupilot.state import Target
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
-from zmav.sim.protocol.base import Handler
+from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
 from zmav.sim.protocol.channel import (
     ACCEPTED,
     CHANGE_MODE,
@@ -26,7 +28,6 @@ from zmav.sim.protocol.channel import (
     UNSUPPORTED,
     Command,
 )
-from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 
 _E7 = 1e7
 _AUTO = 3
@@ -55,50 +56,16 @@ def enter(number: int) -> Handler:
     return lambda node, c: node.vehicle.set_mode(number)
 
 
-def _set_interval(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        return DENIED
-    if c.p2 == 0:
-        period = HEARTBEAT_PERIOD_S if name == "HEARTBEAT" else 0.0
-    else:
-        # ArduPilot keeps whole milliseconds, up to a minute.
-        period = min(max(int(c.p2 / 1000.0), 1), 60000) / 1000.0 if c.p2 > 0 else 0.0
-    c.channel.streams.set_period(name, period, node.vehicle.now)
-    return ACCEPTED
-
-
-def _get_interval(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        # Protocol: an interval of 0 says that the message is not available.
-        c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF)
-        return FAILED
-    period = c.channel.streams.period(name)
-    c.channel.send("MESSAGE_INTERVAL", message_id=int(c.p1), interval_us=round(period * 1e6) if period else -1)
-    return ACCEPTED
-
-
-def _request_message(node: ArduNode, c: Command) -> int:
-    name = node.dialect_name(int(c.p1))
-    if not name:
-        return FAILED
-    node.after_ack(c.channel, name)
-    return ACCEPTED
-
-
 def _request_version(node: ArduNode, c: Command) -> int:
     if c.p1 != 1:
         return DENIED
-    node.after_ack(c.channel, "AUTOPILOT_VERSION")
-    return ACCEPTED
+    return send_message(node, c, "AUTOPILOT_VERSION")
 
 
 def _get_home(node: ArduNode, c: Command) -> int:
     if not node.vehicle.boot.has("origin"):
         return FAILED
-    node.after_ack(c.channel, "HOME_POSITION")
-    return ACCEPTED
+    return send_message(node, c, "HOME_POSITION")
 
 
 def _set_home(node: ArduNode, c: Command) -> int:
@@ -118,20 +85,31 @@ def place(node: ArduNode, x: float, y: float, z: float, frame: int) -> tuple[flo
     return point(node.vehicle, round(x), round(y), z, frame)
 
 
-def _reposition(node: ArduNode, c: Command) -> int:
+Go = Callable[[Any, Command, Vector], bool]
+"""Has GUIDED go to a place of the world's NED; False where it does not"""
+
+
+def _aim(node: ArduNode, c: Command, where: Vector) -> bool:
+    """The speed and yaw that the command can carry are not looked at."""
+    node.vehicle.guided.aim(Target(pos=where))
+    return True
+
+
+def reposition(node: ArduNode, c: Command, go: Go = _aim, *, unasked: int = DENIED, outside: int = FAILED) -> int:
+    """DO_REPOSITION; ``unasked``, ``outside``: the verdicts without the flag to enter GUIDED, and beyond the fence."""
     if not c.as_int:
         return COMMAND_INT_ONLY
     vehicle = node.vehicle
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
         return DENIED
-    if vehicle.mode is not vehicle.guided and not int(c.p2) & CHANGE_MODE:
-        return DENIED
-    if not vehicle.fence.allows(where) or not vehicle.set_mode(vehicle.guided.number):
+    if not vehicle.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
+        return unasked
+    if not vehicle.fence.allows(where):
+        return outside
+    if not vehicle.takes_targets and not vehicle.set_mode(vehicle.guided.number):
         return FAILED
-    # The speed and yaw that the command can carry are not looked at.
-    vehicle.guided.aim(Target(pos=where))
-    return ACCEPTED
+    return ACCEPTED if go(node, c, where) else FAILED
 
 
 def _change_speed(node: ArduNode, c: Command) -> int:
@@ -160,11 +138,6 @@ def _reboot(node: ArduNode, c: Command) -> int:
     return ACCEPTED
 
 
-def _banner(node: ArduNode, c: Command) -> int:
-    node.banner(c.channel)
-    return ACCEPTED
-
-
 def _mission_start(node: ArduNode, c: Command) -> int:
     """AUTO, and off the ground with the throttle stick down too."""
     if c.p1 or c.p2:
@@ -190,8 +163,7 @@ def _set_current(node: ArduNode, c: Command) -> int:
         return FAILED
     if again:
         mission.resume()
-    node.after_ack(c.channel, "MISSION_CURRENT")
-    return ACCEPTED
+    return send_message(node, c, "MISSION_CURRENT")
 
 
 HANDLERS: Handlers = {
@@ -200,16 +172,16 @@ HANDLERS: Handlers = {
     179: _set_home,
     183: lambda node, c: node.vehicle.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     185: lambda node, c: c.p1 > 0.5 and node.vehicle.disarm(forced=True),
-    192: _reposition,
+    192: reposition,
     224: _set_current,
     246: _reboot,
     300: _mission_start,
     400: _arm_disarm,
     401: _run_prearm,
     410: _get_home,
-    510: _get_interval,
-    511: _set_interval,
-    512: _request_message,
+    510: get_interval,
+    511: set_interval,
+    512: request_message,
     520: _request_version,
-    42428: _banner,
+    42428: lambda node, c: node.banner(c.channel) or ACCEPTED,
 }

@@ -33,7 +33,6 @@ class MissionProtocol(ItemPart):
     ) -> None:
         super().__init__(stores, say, now)
         self._guided = guided
-        self._warned_request: set[int] = set()
 
     # ---- downloads
 
@@ -55,9 +54,6 @@ class MissionProtocol(ItemPart):
                 client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
             acknowledge(client, item, kind)
             return
-        if not as_int and kind not in self._warned_request:
-            self._warned_request.add(kind)
-            self._say(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
         send_item(client, item, kind, as_int=as_int)
 
     # ---- uploads
@@ -76,7 +72,6 @@ class MissionProtocol(ItemPart):
         elif count == 0:
             self._complete(client, kind)
         else:
-            self._warned_request.discard(kind)
             self.begin(client, kind, count)
 
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
@@ -98,13 +93,10 @@ class MissionProtocol(ItemPart):
         elif kind not in self._uploads:
             acknowledge(client, Result.ERROR, kind)
         else:
-            self._take(client, kind, item, as_int)
+            self._take(client, kind, item)
 
-    def _take(self, client: Client, kind: int, item: Item, as_int: bool) -> None:
+    def _take(self, client: Client, kind: int, item: Item) -> None:
         upload, store = self._uploads[kind], self.stores[kind]
-        if not as_int and not upload.warned:
-            upload.warned = True
-            self._say(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
         # Answers go to the link of the upload, no matter who sent the item.
         client = Client(upload.client.channel, client.sender)
         if item.seq != upload.next:

@@ -121,6 +121,10 @@ class MavNode(Node, Generic[V_co]):
 
     # ---- in
 
+    def asked_period(self, microseconds: float) -> float:
+        """Whole milliseconds, up to a minute."""
+        return min(max(int(microseconds / 1000.0), 1), 60000) / 1000.0 if microseconds > 0 else 0.0
+
     def takes(self, command: Command) -> bool:
         """Not a first or second parameter that is no number."""
         return (math.isfinite(command.p1) and math.isfinite(command.p2)) or command.number in _NAN_ALLOWED

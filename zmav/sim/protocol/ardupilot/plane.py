@@ -10,26 +10,21 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
-from zmav.sim.autopilots.ardupilot.state import INFO, WARNING
 from zmav.sim.autopilots.arduplane.base import INITIALISING
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot import commands
-from zmav.sim.protocol.ardupilot.commands import Handlers, place
+from zmav.sim.protocol.ardupilot import reports as common
+from zmav.sim.protocol.ardupilot.commands import Handlers
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.reports import REPORTS as COMMON
-from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.base import Fields, Handler, Report, Target
-from zmav.sim.protocol.channel import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Command
+from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, Command
 from zmav.sim.protocol.reports import boot_us
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
-_ABSOLUTE, _RELATIVE = (0, 5), (3, 6, 10, 11)  # MAV_FRAME
-_LOCAL_OFFSET = 7
-_IGNORE_HEIGHT = 4  # POSITION_TARGET_TYPEMASK
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
-_HIGHEST = 80_000.0  # m
 _ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
 _PRESENT, _ENABLED, _HEALTHY = 0x1361FC1F, 0x1241801F, 0x0311800F
@@ -39,15 +34,6 @@ _CONTROL_HEALTHY = 0x7C00
 FULL_RPM = 7000.0
 MOTOR = 2  # of the servo outputs, from 0
 _NO_TEMPERATURE = 32767
-
-
-def _down(plane: ArduPlane, altitude: float, frame: int) -> float | None:
-    """An altitude of a MAV_FRAME in metres down of the world's origin; None for a frame without one."""
-    if not abs(altitude) < _HIGHEST:
-        return None
-    if frame in _RELATIVE:
-        return plane.home_world[2] - altitude
-    return plane.world.alt_amsl_m - altitude if frame in _ABSOLUTE else None
 
 
 # ---- commands
@@ -63,13 +49,6 @@ def _go(number: int) -> Handler:
     return handler
 
 
-def _mission_start(node: MavNode[ArduPlane], c: Command) -> int:
-    if c.p1 or c.p2:
-        return DENIED
-    node.vehicle.set_mode(_AUTO)
-    return ACCEPTED
-
-
 def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     plane = node.vehicle
     if not plane.mode.changes_speed:
@@ -77,21 +56,10 @@ def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     return math.isfinite(c.p1) and math.isfinite(c.p2) and plane.ask_speed(int(c.p1), c.p2)
 
 
-def _reposition(node: MavNode[ArduPlane], c: Command) -> int:
-    if not c.as_int:
-        return COMMAND_INT_ONLY
-    plane = node.vehicle
-    where = place(node, c.x, c.y, c.z, c.frame)
-    if where is None or (c.x == 0 and c.y == 0) or not plane.fence.allows(where):
-        return DENIED
-    change = math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE
-    if plane.mode is not plane.guided and not change:
-        return FAILED
-    if not plane.set_mode(plane.guided.number):
-        return FAILED
+def _circle(node: MavNode[ArduPlane], c: Command, where: Vector) -> bool:
     radius = c.p3 if math.isfinite(c.p3) and c.p3 > 0 else 0.0
-    plane.guided.fly_to(where, radius, counter_clockwise=math.isfinite(c.p4) and c.p4 != 0)
-    return ACCEPTED
+    node.vehicle.guided.fly_to(where, radius, counter_clockwise=math.isfinite(c.p4) and c.p4 != 0)
+    return True
 
 
 HANDLERS: Handlers = {
@@ -100,49 +68,26 @@ HANDLERS: Handlers = {
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
     22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
     178: _change_speed,
-    192: _reposition,
-    300: _mission_start,
+    192: lambda node, c: commands.reposition(node, c, _circle, unasked=FAILED, outside=DENIED),
+    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or ACCEPTED,
 }
 
 
 # ---- targets
 
 
-def _local_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
-    """Apply a SET_POSITION_TARGET_LOCAL_NED: only so many metres down from here."""
-    if plane.mode is not plane.guided or msg["coordinate_frame"] != _LOCAL_OFFSET or not abs(msg["z"]) < _HIGHEST:
-        return
-    plane.guided.change_height(plane.way.end[2] + msg["z"])
-    plane.say(INFO, f"Change alt to {plane.home_world[2] - plane.way.end[2]:.1f}")
-
-
-def _global_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
-    """Apply a SET_POSITION_TARGET_GLOBAL_INT: only its altitude."""
-    if plane.mode is not plane.guided:
-        return
-    if msg["coordinate_frame"] not in (*_ABSOLUTE, *_RELATIVE):
-        plane.say(WARNING, "Invalid coord frame in SET_POSTION_TARGET_GLOBAL_INT")
-        return
-    down = _down(plane, msg["alt"], msg["coordinate_frame"])
-    if not msg["type_mask"] & _IGNORE_HEIGHT and down is not None:
-        plane.guided.change_height(down)
-
-
 def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
-    """Apply a SET_ATTITUDE_TARGET: of the attitude the angles whose rate is not ignored, or all with none; a yaw is
-    taken for rudder.
-    """
+    """Apply a SET_ATTITUDE_TARGET: of the attitude the angles whose rate is not ignored, or all with none."""
     mask = msg["type_mask"]
     if plane.mode is not plane.guided:
         return
     if not all(math.isfinite(part) for part in (*msg["q"], msg["thrust"])):
         return
     whole = mask & (_NO_ROLL | _NO_PITCH | _NO_YAW) == (_NO_ROLL | _NO_PITCH | _NO_YAW) and not mask & _NO_ATTITUDE
-    roll, pitch, yaw = rotation.euler(msg["q"])
+    roll, pitch, _ = rotation.euler(msg["q"])
     plane.guided.force(
         roll=roll if whole or not mask & _NO_ROLL else None,
         pitch=pitch if whole or not mask & _NO_PITCH else None,
-        rudder=min(max(yaw / math.radians(45.0), -1.0), 1.0) if whole or not mask & _NO_YAW else None,
         throttle=None if mask & _NO_THRUST else msg["thrust"],
     )
 
@@ -159,7 +104,7 @@ def heartbeat(node: MavNode[ArduPlane]) -> Fields:
         mode |= _GUIDED
     if plane.armed:
         mode |= _ARMED
-    return {**status.heartbeat(node), "base_mode": mode}
+    return {**common.heartbeat(node), "base_mode": mode}
 
 
 def sys_status(node: MavNode[ArduPlane]) -> Fields:
@@ -171,7 +116,7 @@ def sys_status(node: MavNode[ArduPlane]) -> Fields:
     enabled = _ENABLED | gps | ahrs
     if plane.armed:
         enabled, health = enabled | _CONTROL, health | _CONTROL_HEALTHY
-    return status.power_and_sensors(node, _PRESENT | gps, enabled, health)
+    return common.power_and_sensors(node, _PRESENT | gps, enabled, health)
 
 
 def vfr_hud(node: MavNode[ArduPlane]) -> Fields:
@@ -223,14 +168,14 @@ def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
 
 def position_target_global_int(node: MavNode[ArduPlane]) -> Fields | None:
     plane = node.vehicle
-    return motion.target_place(node, None if plane.mode.number == 0 else plane.way.end)
+    return common.target_place(node, None if plane.mode.number == 0 else plane.way.end)
 
 
 def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:
     """Aileron, elevator, throttle and rudder; what DO_SET_SERVO set on the others."""
     outputs = list(node.vehicle.servos)
     for index, value in enumerate(node.seat.outputs()):
-        pulse = _motor_pulse if index == MOTOR else sensors.centred_pulse
+        pulse = _motor_pulse if index == MOTOR else common.centred_pulse
         outputs[index] = pulse(node, index + 1, value)
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
@@ -271,12 +216,12 @@ def extended_sys_state(node: MavNode[ArduPlane]) -> Fields:
 
 def fence_status(node: MavNode[ArduPlane]) -> Fields | None:
     """What is done about a breach is not told."""
-    fields = status.fence_status(node)
+    fields = common.fence_status(node)
     return None if fields is None else {**fields, "breach_mitigation": 0}
 
 
 REPORTS: dict[str, Report] = {
-    **COMMON,
+    **common.REPORTS,
     "FENCE_STATUS": fence_status,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
@@ -298,7 +243,5 @@ class PlaneNode(MavNode[ArduPlane]):
     HANDLERS: ClassVar[Handlers] = HANDLERS
     REPORTS: ClassVar[Mapping[str, Report]] = REPORTS
     TARGETS: ClassVar[Mapping[str, Target]] = {
-        "SET_POSITION_TARGET_LOCAL_NED": _local_target,
-        "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
         "SET_ATTITUDE_TARGET": _attitude_target,
     }

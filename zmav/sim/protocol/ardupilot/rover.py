@@ -12,15 +12,15 @@ from typing import Any, ClassVar
 from zmav import rotation
 from zmav.sim.autopilots.ardupilot.state import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
+from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol import reports
 from zmav.sim.protocol.ardupilot import commands
-from zmav.sim.protocol.ardupilot.commands import Handlers, enter, place
+from zmav.sim.protocol.ardupilot import reports as common
+from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.reports import REPORTS as COMMON
-from zmav.sim.protocol.ardupilot.reports import motion, sensors, status
 from zmav.sim.protocol.ardupilot.setpoint import point
 from zmav.sim.protocol.base import Fields, Report, Target
-from zmav.sim.protocol.channel import ACCEPTED, CHANGE_MODE, COMMAND_INT_ONLY, DENIED, FAILED, Channel, Command, Sender
+from zmav.sim.protocol.channel import DENIED, Channel, Command, Sender
 from zmav.sim.protocol.reports import boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
@@ -47,36 +47,20 @@ def _change_speed(node: MavNode[ArduRover], c: Command) -> int:
     return node.vehicle.driving_mode.set_speed(c.p2)
 
 
-def _reposition(node: MavNode[ArduRover], c: Command) -> int:
-    if not c.as_int:
-        return COMMAND_INT_ONLY
-    rover = node.vehicle
-    if not rover.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
-        return DENIED
-    where = place(node, c.x, c.y, c.z, c.frame)
-    if where is None or (c.x == 0 and c.y == 0):
-        return DENIED
-    if not rover.takes_targets and not rover.set_mode(rover.guided.number):
-        return FAILED
-    # A speed is refused where there was no place to go to before, as in ArduRover.
-    if c.p1 > 0 and not rover.driving_mode.set_speed(c.p1):
-        return FAILED
-    rover.guided.go((where[0], where[1]))
-    return ACCEPTED
-
-
-def _mission_start(node: MavNode[ArduRover], c: Command) -> int:
-    if c.p1 or c.p2:
-        return DENIED
-    return node.vehicle.set_mode(_AUTO)
+def _go(node: MavNode[ArduRover], c: Command, where: Vector) -> bool:
+    """A speed is refused where there was no place to go to before, as in ArduRover."""
+    if c.p1 > 0 and not node.vehicle.driving_mode.set_speed(c.p1):
+        return False
+    node.vehicle.guided.go((where[0], where[1]))
+    return True
 
 
 HANDLERS: Handlers = {
     **commands.HANDLERS,
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
-    192: _reposition,
-    300: _mission_start,
+    192: lambda node, c: commands.reposition(node, c, _go),
+    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
 }
 
 
@@ -176,7 +160,7 @@ def heartbeat(node: MavNode[ArduRover]) -> Fields:
         mode |= _GUIDED
     if rover.armed:
         mode |= _ARMED
-    return {**status.heartbeat(node), "base_mode": mode}
+    return {**common.heartbeat(node), "base_mode": mode}
 
 
 def sys_status(node: MavNode[ArduRover]) -> Fields:
@@ -190,7 +174,7 @@ def sys_status(node: MavNode[ArduRover]) -> Fields:
     located = _AHRS if rover.position_ok else 0
     ready = _PREARM if node.prearm_ok else 0
     enabled = _ENABLED | gps | ahrs | control | (_LOGGING if rover.ever_armed else 0)
-    return status.power_and_sensors(node, _PRESENT | gps, enabled, _HEALTHY | gps | located | control | ready)
+    return common.power_and_sensors(node, _PRESENT | gps, enabled, _HEALTHY | gps | located | control | ready)
 
 
 def vfr_hud(node: MavNode[ArduRover]) -> Fields:
@@ -215,14 +199,14 @@ def nav_controller_output(node: MavNode[ArduRover]) -> Fields | None:
 
 def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
     mode = node.vehicle.driving_mode
-    return motion.target_place(node, mode.place if mode.autopilot else None)
+    return common.target_place(node, mode.place if mode.autopilot else None)
 
 
 def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
     """Steering on the first output and throttle on the third, or the sides' throttles there."""
     first, third = node.seat.outputs()
     outputs = list(node.vehicle.servos)
-    outputs[0], outputs[2] = sensors.centred_pulse(node, 1, first), sensors.centred_pulse(node, 3, third)
+    outputs[0], outputs[2] = common.centred_pulse(node, 1, first), common.centred_pulse(node, 3, third)
     return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
 
 
@@ -234,7 +218,7 @@ def rc_channels_scaled(node: MavNode[ArduRover]) -> Fields:
 
 
 REPORTS: dict[str, Report] = {
-    **COMMON,
+    **common.REPORTS,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,

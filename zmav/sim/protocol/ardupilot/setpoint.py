@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from zmav.sim.autopilots.ardupilot.targets import AttitudeTarget, Quaternion, Target, YawWish
+from zmav.sim.autopilots.ardupilot.state import AttitudeTarget, Quaternion, Target, YawWish
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.items import Item, Result
 from zmav.sim.control.setpoints import Vector

@@ -23,7 +23,7 @@ from zmav.sim.autopilots.px4.modes import (
     Mode,
 )
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.base import Handler
+from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
 from zmav.sim.protocol.channel import (
     ACCEPTED,
     CHANGE_MODE,
@@ -40,7 +40,6 @@ from zmav.sim.protocol.px4.setpoint import point
 
 _REBOOT = 1
 _AVAILABLE_MODES = 435
-_UNRATED = ("HEARTBEAT", "MISSION_CURRENT")  # sent at a rate of their own
 
 
 # ---- the commander's
@@ -157,22 +156,8 @@ def _mission_start(node: Px4Node, c: Command) -> int:
 
 
 def _set_interval(node: Px4Node, c: Command) -> int:
-    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    if not name or name in _UNRATED or not math.isfinite(c.p2):
-        return FAILED
-    period = node.usual_period(c.channel, name) if c.p2 == 0 else max(c.p2 / 1e6, 0.0)
-    c.channel.streams.set_period(name, period, node.copter.now)
-    return ACCEPTED
-
-
-def _get_interval(node: Px4Node, c: Command) -> int:
-    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    period = c.channel.streams.period(name) if name else None
-    msgid = round(c.p1) & 0xFFFF if math.isfinite(c.p1) else 0
-    # Zero says that there is no such message, -1 that it is not sent.
-    interval = round(period * 1e6) if period else (-1 if name else 0)
-    c.channel.send("MESSAGE_INTERVAL", message_id=msgid, interval_us=interval)
-    return ACCEPTED
+    """Two messages are sent at a rate of their own."""
+    return FAILED if node.name_in(c) in ("HEARTBEAT", "MISSION_CURRENT") else set_interval(node, c)
 
 
 def _available_modes(node: Px4Node, c: Command) -> int:
@@ -198,20 +183,11 @@ def _available_modes(node: Px4Node, c: Command) -> int:
 def _request_message(node: Px4Node, c: Command) -> int:
     if c.p1 == _AVAILABLE_MODES:
         return _available_modes(node, c)
-    name = node.dialect_name(round(c.p1)) if math.isfinite(c.p1) else ""
-    if not name:
-        return DENIED
-    # PX4 sends it at once, and then the acknowledgement.
-    node.report(c.channel, name)
-    return ACCEPTED
+    return request_message(node, c)
 
 
 def _ask_for(name: str) -> Handler:
-    def handler(node: Px4Node, c: Command) -> int:
-        node.report(c.channel, name)
-        return ACCEPTED
-
-    return handler
+    return lambda node, c: send_message(node, c, name)
 
 
 HANDLERS: dict[int, Handler] = {
@@ -229,7 +205,7 @@ HANDLERS: dict[int, Handler] = {
     400: _arm_disarm,
     401: lambda node, c: node.copter.health.tell() or ACCEPTED,
     410: _ask_for("HOME_POSITION"),
-    510: _get_interval,
+    510: get_interval,
     511: _set_interval,
     512: _request_message,
     519: _ask_for("PROTOCOL_VERSION"),

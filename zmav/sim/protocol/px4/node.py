@@ -13,7 +13,7 @@ from zmav.mavlink import Dialect, Field, MessageType, load_dialect
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node, Target
-from zmav.sim.protocol.channel import TEMPORARILY_REJECTED, Channel, Sender
+from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, TEMPORARILY_REJECTED, Channel, Sender
 from zmav.sim.protocol.px4 import setpoint
 from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
@@ -100,6 +100,8 @@ class Px4Node(Node):
     ANSWERED_TWICE: ClassVar[tuple[int, ...]] = (176,)  # DO_SET_MODE: by the receiver, that passes it on, as well
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (34, 35, 186, 310)
     # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
+    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = FAILED, DENIED, ACCEPTED
+    ACKS_FIRST: ClassVar[bool] = False
     TEXT_END: ClassVar[str] = "\t"
     TARGETS: ClassVar[Mapping[str, Target]] = {
         "SET_POSITION_TARGET_LOCAL_NED": setpoint.local_target,
@@ -141,7 +143,6 @@ class Px4Node(Node):
             channel.streams.set_period(name, self.usual_period(channel, name), now)
 
     def usual_period(self, channel: Channel, name: str) -> float:
-        """Seconds between two such messages unless somebody asked otherwise; 0: it is not sent."""
         rate = HZ.get(name, (0, 0))[channel.link == GROUND]  # any but the ground link is taken for an onboard one
         return 1.0 / rate if rate else 0.0
 
