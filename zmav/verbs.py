@@ -114,7 +114,6 @@ SWARM_VERBS: dict[str, Verb] = {
         Verb("abort", wire.swarm.GoalId, Access.OPEN, "come to rest and drop every goal", PLANNING),
         Verb("cancel", wire.swarm.GoalId, Access.OPEN, "drop one goal; its vehicles come to rest", PLANNING),
         Verb("obstacle", wire.swarm.GiveObstacle, Access.CHANGE, "something to keep clear of, or no more", PLANNING),
-        Verb("clear", wire.swarm.GoalId, Access.CHANGE, "forget all obstacles and goals that have ended", PLANNING),
         Verb("status", wire.Order, Access.READ, "who is in charge, its book, its fleet", (keys.ANYONE,)),
     )
 }

@@ -4,8 +4,8 @@
 
 Scenes: a city of boxes, a forest, a large land with few obstacles, a wall with a window barely wider than the vehicle,
 and a slanted slot. "map cold" begins with an empty map, "map" is warm but has no ways kept; "connect" is RRTConnect
-and then the same shortening as the map's, "informed" is InformedRRT* for as long as ``--seconds`` says and then
-shortening. Times are medians a trip; ratio is a way's length over the straight line's, of the trips that all found.
+and then the same shortening as the map's. Times are medians a trip; ratio is a way's length over the straight line's,
+of the trips that all found.
 """
 
 from __future__ import annotations
@@ -109,9 +109,9 @@ def sides_of(world: World, seconds: float) -> dict[str, Way]:
         warm._paths.clear()
         return warm.path(start, goal, RADIUS)
 
-    def of_ompl(planner: str, limit: float) -> Way:
+    def of_ompl(limit: float) -> Way:
         def find(start: Floats, goal: Floats) -> Path | None:
-            way = sampled.find(world, start, goal, RADIUS, limit, "connect" if planner == "connect" else "informed")
+            way = sampled.find(world, start, goal, RADIUS, limit)
             return None if way is None else shorten.shorten(world, way, RADIUS, RATES, SWEEPS)
 
         return find
@@ -120,8 +120,7 @@ def sides_of(world: World, seconds: float) -> dict[str, Way]:
     return {
         "map cold": lambda start, goal: cold.path(start, goal, RADIUS),
         "map": of_map,
-        "connect": of_ompl("connect", max(1.0, seconds)),
-        "informed": of_ompl("informed", seconds),
+        "connect": of_ompl(max(1.0, seconds)),
     }
 
 

@@ -12,7 +12,7 @@ from zmav.wire.orders import Order
 
 Corner = tuple[float, float]
 """m north and east of the fleet's origin"""
-Shape = Literal["line", "vee", "column", "circle", "grid", "sphere", "custom"]
+Shape = Literal["line", "vee", "column", "circle", "grid", "custom"]
 
 
 class Body(Wire, kw_only=True):
@@ -104,24 +104,17 @@ class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
 
 
 class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
-    """Keep a place beside something that moves, until it is cancelled: a vehicle, or a point published as an obstacle
-    or given with its velocity here.
-    """
+    """Keep a place beside something that moves, until it is cancelled: a vehicle, or a published obstacle."""
 
     vehicles: list[str]
-    leader: str | None = None
+    leader: str
     """a vehicle's or an obstacle's name"""
-    point: Vector | None = None
-    velocity: Vector = (0.0, 0.0, 0.0)
-    """m/s NED of ``point``, from when the goal was given"""
     offsets: list[Vector] = []
     """one a vehicle; empty: behind, staggered, at the leader's height"""
     frame: Literal["ned", "body"] = "ned"
     """body: forward, right, down of the leader's course"""
-    chain: bool = False
-    """each follows the one before it, the first the leader"""
-    on_lost: Literal["hold", "continue", "return", "land"] = "hold"
-    """when the leader was not heard for ``lost_after`` s; continue: as it went last, for as long again, then hold"""
+    on_lost: Literal["hold", "return", "land"] = "hold"
+    """when the leader was not heard for ``lost_after`` s"""
     lost_after: float = 3.0
 
 
@@ -230,15 +223,6 @@ class Geofence(Wire, kw_only=True, tag_field="shape", tag="geofence"):
     ceiling: float
 
 
-class Terrain(Wire, kw_only=True, tag_field="shape", tag="terrain"):
-    """The ground as a plane: height above the fleet's origin there, and its rise per metre north and east."""
-
-    height: float = 0.0
-    rise: Corner = (0.0, 0.0)
-    clearance: float = 2.0
-    """m that vehicles in flight keep above it"""
-
-
 class Ball(Wire, kw_only=True, tag_field="shape", tag="ball"):
     """Something that moves: where it was at ``t``, and how fast it goes."""
 
@@ -252,7 +236,7 @@ class Obstacle(Wire, kw_only=True):
 
     name: str
     t: float
-    what: Box | Cylinder | NoFly | Geofence | Terrain | Ball | None
+    what: Box | Cylinder | NoFly | Geofence | Ball | None
     """None: it is gone"""
     ttl: float | None = None
     """s after which it is forgotten unless said again; None: never"""

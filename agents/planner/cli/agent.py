@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import click
 
@@ -17,40 +18,22 @@ from zmav.process import leave, say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
 
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _number(name: str, least: float, most: float, default: float, text: str) -> Callable[[F], F]:
+    return click.option(name, type=click.FloatRange(least, most), default=default, show_default=True, help=text)
+
 
 @click.command("planner")
 @click.option("--name", help="Its host's name in keys.  [default: the certificate's, or the computer's]")
 @click.option("--standby", is_flag=True, help="Let another take charge, and take over when it is gone.")
 @click.option("--fleet", help="The fleet's name.  [default: the fleet file's, $ZMAV_FLEET or demo]")
 @file_option
-@click.option(
-    "--margin",
-    type=click.FloatRange(0.0, 20.0),
-    default=0.5,
-    show_default=True,
-    help="Metres between two vehicles beyond their radii.",
-)
-@click.option(
-    "--tracking",
-    type=click.FloatRange(0.05, 5.0),
-    default=0.4,
-    show_default=True,
-    help="Metres, of the margin, by which vehicles may be off their trajectories: more in wind.",
-)
-@click.option(
-    "--downwash",
-    type=click.FloatRange(1.0, 10.0),
-    default=1.5,
-    show_default=True,
-    help="How much farther above each other than beside each other.",
-)
-@click.option(
-    "--patience",
-    type=click.FloatRange(1.0, 600.0),
-    default=3.0,
-    show_default=True,
-    help="Seconds without a planner after which it takes charge.",
-)
+@_number("--margin", 0.0, 20.0, 0.5, "Metres between two vehicles beyond their radii.")
+@_number("--tracking", 0.05, 5.0, 0.4, "Metres, of the margin, by which vehicles may be off their ways: more in wind.")
+@_number("--downwash", 1.0, 10.0, 1.5, "How much farther above each other than beside each other.")
+@_number("--patience", 1.0, 600.0, 3.0, "Seconds without a planner after which it takes charge.")
 @click.option(
     "--clock-error",
     type=click.FloatRange(0.001),
@@ -58,7 +41,6 @@ from zmav.trust.credentials import Credentials
     show_default="they are measured",
     help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.",
 )
-@click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of its leases.")
 @click.option("--interpret", is_flag=True, help="Compile nothing: ready at once, for a few vehicles in the open.")
 @zenoh_options
 def planner(

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import fnmatch
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from typing import Any
 
 import msgspec
 import zenoh
 
 import zmav
-from agents.planner.live.fleet_names import match_names
 from mesh.tokens import find_tokens
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut, ZmavError
@@ -49,9 +49,7 @@ class Planner:
                 raise BadInput(text, field="vehicles", value=pattern, expected=known)
         return found
 
-    async def order(
-        self, verb: str, order: wire.Order, progress: Callable[[dict[str, Any]], None] | None = None
-    ) -> dict[str, Any]:
+    async def order(self, verb: str, order: wire.Order) -> dict[str, Any]:
         """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
         order = msgspec.structs.replace(order, id=uuid.uuid4().hex)
         key, payload, silent = keys.SWARM.key(self._z.fleet_name, self.name, verb=verb), wire.encode(order), 0
@@ -67,8 +65,6 @@ class Planner:
             outcome = wire.decode(answer.payload, wire.Outcome, f"reply to swarm/{verb}")
             if outcome.status == "done":
                 return outcome.result
-            if progress is not None:
-                progress(outcome.result)
         raise TimedOut(f"planner {self.name} does not answer on {key}")
 
 
@@ -128,3 +124,15 @@ async def books(z: zmav.Client, silence: float) -> AsyncIterator[swarm.Book | No
             if book.term >= highest:
                 highest = book.term
                 yield book
+
+
+def match_names(patterns: list[str], names: list[str]) -> list[str]:
+    """The names that the patterns mean (``quad*``, ``all``), in the patterns' order, each once; a name that is no
+    pattern as it is, known or not.
+    """
+    found: list[str] = []
+    for pattern in patterns:
+        if pattern == "all" and "all" not in names:
+            pattern = "*"
+        found += [pattern] if not set("*?[") & set(pattern) else sorted(fnmatch.filter(names, pattern))
+    return list(dict.fromkeys(found))

@@ -184,10 +184,7 @@ follow = goal_command(
         show_default=True,
         help="body: the offsets turn with the leader's course.",
     ),
-    click.option("--chain", is_flag=True, help="Each follows the one before it."),
-    click.option(
-        "--on-lost", type=click.Choice(["hold", "continue", "return", "land"]), default="hold", show_default=True
-    ),
+    click.option("--on-lost", type=click.Choice(["hold", "return", "land"]), default="hold", show_default=True),
     click.option(
         "--lost-after", type=float, default=3.0, show_default=True, help="Seconds without a word of the leader."
     ),

@@ -85,7 +85,7 @@ async def _list(everything: bool, fleet: str, as_json: bool, settings: SessionSe
 
 @click.group("obstacle")
 def obstacle() -> None:
-    """What all plans keep clear of: boxes, cylinders, no-fly polygons, the geofence, terrain, things that move."""
+    """What all plans keep clear of: boxes, cylinders, no-fly polygons, the geofence, things that move."""
 
 
 @obstacle.command("add")
@@ -107,14 +107,10 @@ def obstacle() -> None:
     metavar=places.PLACE,
     help="Something round; with --radius, and --velocity where it moves.",
 )
-@click.option("--terrain", type=float, help="The ground's height above the origin; with --rise.")
 @click.option("--radius", type=float, default=2.0, show_default=True)
 @click.option("--floor", type=float, default=-100.0, show_default=True, help="Metres above the origin.")
 @click.option("--ceiling", type=float, default=1000.0, show_default=True)
 @click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
-@click.option(
-    "--rise", type=points.ground, metavar=points.GROUND, default="0,0", help="Metres it rises per metre north and east."
-)
 @click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
 @fleet_option
 @json_option
@@ -126,12 +122,10 @@ def add(
     no_fly: list[swarm.Corner] | None,
     geofence: list[swarm.Corner] | None,
     ball: Vector | None,
-    terrain: float | None,
     radius: float,
     floor: float,
     ceiling: float,
     velocity: Vector | None,
-    rise: swarm.Corner,
     ttl: float | None,
     fleet: str,
     as_json: bool,
@@ -144,11 +138,10 @@ def add(
         swarm.NoFly(polygon=no_fly, floor=floor, ceiling=ceiling) if no_fly else None,
         swarm.Geofence(polygon=geofence, floor=floor, ceiling=ceiling) if geofence else None,
         swarm.Ball(center=ball, radius=radius, velocity=velocity or (0.0, 0.0, 0.0)) if ball else None,
-        swarm.Terrain(height=terrain, rise=rise) if terrain is not None else None,
     ]
     shapes = [each for each in given if each is not None]
     if len(shapes) != 1:
-        raise click.UsageError("give one of --box, --cylinder, --no-fly, --geofence, --ball and --terrain")
+        raise click.UsageError("give one of --box, --cylinder, --no-fly, --geofence and --ball")
     told = swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=shapes[0], ttl=ttl)
     run(_give(told, fleet, as_json, settings))
 

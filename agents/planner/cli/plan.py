@@ -10,7 +10,6 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -199,9 +198,7 @@ def _plan(path: Path, request: Request) -> tuple[Scene | None, Plan, Report | No
         from agents.planner.solve.pipeline import solve
 
         begun = time.perf_counter()
-        progress = None if request.as_json else _stages(path.stem)
-        asked = {"seconds": request.seconds, "seed": request.seed, "margin": request.margin}
-        found = solve(scene, **asked, progress=progress)  # type: ignore[arg-type]
+        found = solve(scene, seconds=request.seconds, seed=request.seed, margin=request.margin)
         plan = Plan.of(found.motions(), found.planning_time_s)
         report = verify(scene, plan.motions(), written=True)
         if not report.ok:
@@ -220,18 +217,6 @@ def _make_ready(planes: bool) -> None:
         click.echo("compiling the planner for this machine, once: this takes a minute or so", err=True)
     if not jit.interpreted():
         warm.warm(planes)
-
-
-def _stages(scene: str) -> Callable[[str, float], None]:
-    """A line for each stage that the solver enters for the first time."""
-    seen = set[str]()
-
-    def progress(stage: str, share: float) -> None:
-        if stage not in seen:
-            seen.add(stage)
-            click.echo(f"{scene}: {stage}", err=True)
-
-    return progress
 
 
 def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:

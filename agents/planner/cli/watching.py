@@ -1,16 +1,11 @@
-"""Goals as a person follows them: a live table on a terminal, a line for each change elsewhere; and previews."""
+"""Goals as a person follows them: a line for each change, and tables of goals and of previews."""
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from typing import Any
 
 import click
 import msgspec
-from rich.console import Console
-from rich.live import Live
-from rich.progress import Progress, TextColumn
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -37,37 +32,27 @@ COLOURS = {
 
 
 async def until_ended(z: zmav.Client, ids: list[str], as_json: bool) -> list[swarm.GoalEntry]:
-    """Show the goals until all have ended; how they did. Raises :class:`TimedOut` when no planner is heard any more."""
-    out = console()
-    live = Live(console=out, refresh_per_second=8) if sys.stdout.isatty() and not as_json else None
+    """Say each change of the goals until all have ended; how they did.
+
+    Raises :class:`TimedOut` when no planner is heard any more.
+    """
     found: dict[str, swarm.GoalEntry] = {}
-    said: dict[str, tuple[str, str]] = {}
     silent = 0.0
-    with live or contextlib.nullcontext():
-        async for book in books(z, SILENCE):
-            if book is None:
-                silent += SILENCE
-                if silent >= GIVE_UP:
-                    raise TimedOut(f"no planner was heard for {silent:.0f} s; the goals are in nobody's hands")
-                click.echo(f"no planner heard for {silent:.0f} s", err=True)
-                continue
-            silent = 0.0
-            found.update({entry.id: entry for entry in book.goals if entry.id in ids})
-            entries = [found[name] for name in ids if name in found]
-            if live is not None:
-                live.update(table(entries))
-            else:
-                _lines(entries, said, as_json)
-            if len(entries) == len(ids) and all(entry.state in ENDED for entry in entries):
-                return entries
+    async for book in books(z, SILENCE):
+        if book is None:
+            silent += SILENCE
+            if silent >= GIVE_UP:
+                raise TimedOut(f"no planner was heard for {silent:.0f} s; the goals are in nobody's hands")
+            click.echo(f"no planner heard for {silent:.0f} s", err=True)
+            continue
+        silent = 0.0
+        for entry in (entry for entry in book.goals if entry.id in ids):
+            before, found[entry.id] = found.get(entry.id), entry
+            if before is None or (before.state, before.text) != (entry.state, entry.text):
+                click.echo(dump(msgspec.to_builtins(entry), pretty=False) if as_json else line(entry))
+        if len(found) == len(ids) and all(entry.state in ENDED for entry in found.values()):
+            return list(found.values())
     raise AssertionError("books never end")
-
-
-def _lines(entries: list[swarm.GoalEntry], said: dict[str, tuple[str, str]], as_json: bool) -> None:
-    for entry in entries:
-        if said.get(entry.id) != (entry.state, entry.text):
-            said[entry.id] = (entry.state, entry.text)
-            click.echo(dump(msgspec.to_builtins(entry), pretty=False) if as_json else line(entry))
 
 
 def line(entry: swarm.GoalEntry) -> str:
@@ -108,19 +93,13 @@ def few(names: list[str], most: int = 4) -> str:
     return ", ".join(names[:most]) + (f" +{len(names) - most}" if len(names) > most else "")
 
 
-def show(view: Table, out: Console | None = None) -> None:
-    (out or console()).print(view)
+def show(view: Table) -> None:
+    console().print(view)
 
 
 async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> None:
     """Ask, and show a line a step; raises the typed error of a goal that cannot be."""
-    with Progress(TextColumn("{task.description}"), disable=not sys.stderr.isatty(), transient=True) as bar:
-        task = bar.add_task("asked")
-
-        def progress(news: dict[str, Any]) -> None:
-            bar.update(task, description=f"{news.get('stage', 'plans')} {100.0 * float(news.get('share', 0.0)):.0f} %")
-
-        result = await planner.order("preview", swarm.Preview(goal=goal), progress)
+    result = await planner.order("preview", swarm.Preview(goal=goal))
     if as_json:
         click.echo(dump(result, pretty=False))
         return

@@ -119,7 +119,6 @@ class Executor:
         names: Iterable[str],
         *,
         holder: str = "planner",
-        priority: int = 0,
         tracking: float = TRACKING,
         say: Say = lambda kind, severity, text, detail: None,
         replan: Replan | None = None,
@@ -134,7 +133,7 @@ class Executor:
         self._taking, self._waits = taking, waits
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
-        self.commands = {name: VehicleCommand(z, name, self.clock, holder, priority, known.get(name)) for name in names}
+        self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
         self._say, self._replan, self._tracking = say, replan, tracking
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None

@@ -52,12 +52,10 @@ class VehicleCommand:
     Raises :class:`~zmav.errors.NotHolder` while another commands the vehicle, and what else asking for a lease raises.
     """
 
-    def __init__(
-        self, z: zmav.Client, name: str, clock: Clock, holder: str, priority: int, offset: Offset | None = None
-    ) -> None:
+    def __init__(self, z: zmav.Client, name: str, clock: Clock, holder: str, offset: Offset | None = None) -> None:
         self.vehicle, self.name = z.vehicle(name), name
         self.offset = Offset() if offset is None else offset
-        self._z, self._clock, self._holder, self._priority = z, clock, holder, priority
+        self._z, self._clock, self._holder = z, clock, holder
         self._stack = contextlib.AsyncExitStack()
         self._lease: Lease | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -66,7 +64,7 @@ class VehicleCommand:
         """who or what took it from us for good; empty: it is ours"""
 
     async def __aenter__(self) -> VehicleCommand:
-        self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL, self._priority))
+        self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL))
         try:
             await self._learn()
         except BaseException:
@@ -185,9 +183,7 @@ class VehicleCommand:
             self._stack = contextlib.AsyncExitStack()
             while self._lease is None:
                 try:
-                    self._lease = await self._stack.enter_async_context(
-                        self.vehicle.lease(self._holder, TTL, self._priority)
-                    )
+                    self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL))
                 except NotHolder as e:
                     if e.detail.get("holder") != self._holder:
                         self.taken = str(e)

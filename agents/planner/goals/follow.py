@@ -30,7 +30,7 @@ SPARE = 0.9
 """share of speed and acceleration that is used"""
 STEP = 0.1
 """s of one step of the motion made here"""
-Doing = Literal["follow", "predict", "hold", "return", "land"]
+Doing = Literal["follow", "hold", "return", "land"]
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,10 @@ def most_turn(offsets: Sequence[Vector], bodies: Sequence[Body], speed: float) -
     return most
 
 
-def default_offsets(bodies: Sequence[Body], leader_radius: float, chain: bool = False) -> list[Vector]:
+def default_offsets(bodies: Sequence[Body], leader_radius: float) -> list[Vector]:
     """Behind the leader, in turn to its left and right, at its height (forward, right, down)."""
     widest = max(body.radius for body in bodies)
     step = ROOM * max(2.0 * widest, leader_radius + widest) + 1.0
-    if chain:
-        return [(-step, 0.0, 0.0)] * len(bodies)
     return [(-step * (k + 1), (-0.5 if k % 2 == 0 else 0.5) * step, 0.0) for k in range(len(bodies))]
 
 
@@ -99,11 +97,10 @@ def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downw
     """The goal's offsets, or the usual ones, checked.
 
     Raises :class:`BadInput` where there are not as many as vehicles, or where two places, or one and the leader, are
-    nearer than the sum of the radii. Places turn together, so that what is apart stays apart; a chain's are judged as
-    it stands drawn out, and drawn up to a half circle.
+    nearer than the sum of the radii. Places turn together, so that what is apart stays apart.
     """
     count = len(goal.vehicles)
-    offsets = list(goal.offsets) or default_offsets(bodies, leader_radius, goal.chain)
+    offsets = list(goal.offsets) or default_offsets(bodies, leader_radius)
     if len(offsets) != count:
         text = f"{len(offsets)} offsets for {count} vehicles"
         raise BadInput(text, field="offsets", value=len(offsets), expected=f"{count}, or none")
@@ -111,19 +108,8 @@ def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downw
         if not all(map(math.isfinite, offset)):
             raise BadInput(f"the offset of {name} is {offset}", field="offsets", value=list(offset), expected="numbers")
     radii = [leader_radius, *(body.radius for body in bodies)]
-    names = ["the leader", *goal.vehicles]
-    for turn in (0.0, math.pi / max(count, 2), -math.pi / max(count, 2)) if goal.chain else (0.0,):
-        _check_apart(names, _places(offsets, goal.chain, turn), radii, downwash)
+    _check_apart(["the leader", *goal.vehicles], [(0.0, 0.0, 0.0), *offsets], radii, downwash)
     return offsets
-
-
-def _places(offsets: Sequence[Vector], chain: bool, turn: float) -> list[Vector]:
-    """The leader's place and the followers'; in a chain each frame is turned by ``turn`` against the one before."""
-    places: list[Vector] = [(0.0, 0.0, 0.0)]
-    for k, offset in enumerate(offsets):
-        before = places[-1] if chain else places[0]
-        places.append(_plus(before, _turned(offset, turn * (k + 1) if chain else 0.0)))
-    return places
 
 
 def _check_apart(names: Sequence[str], places: Sequence[Vector], radii: Sequence[float], downwash: float) -> None:
@@ -137,11 +123,7 @@ def _check_apart(names: Sequence[str], places: Sequence[Vector], radii: Sequence
 
 def doing(goal: Follow, age: float) -> Doing:
     """What is done when the leader was heard ``age`` s ago."""
-    if age <= goal.lost_after:
-        return "follow"
-    if goal.on_lost == "continue":
-        return "predict" if age <= 2.0 * goal.lost_after else "hold"
-    return goal.on_lost
+    return "follow" if age <= goal.lost_after else goal.on_lost
 
 
 def slot(
@@ -154,24 +136,6 @@ def slot(
     arm = _turned(offset, heading.course + heading.rate * (t - heading.t))
     swing = (-heading.rate * arm[1], heading.rate * arm[0], 0.0)
     return MovingTarget(t, _plus(lead.pos, arm), _plus(lead.vel, swing))
-
-
-def slots(
-    goal: Follow,
-    leader: MovingTarget,
-    headings: Sequence[Heading],
-    offsets: Sequence[Vector],
-    others: Sequence[MovingTarget],
-    t: float,
-) -> list[MovingTarget]:
-    """The places of all followers at ``t``, in the goal's order.
-
-    ``headings``: of the leader, and in a chain of each follower after it; ``others``: the followers as they are.
-    """
-    if not goal.chain:
-        return [slot(leader, headings[0], offset, goal.frame, t) for offset in offsets]
-    before = [leader, *others]
-    return [slot(before[k], headings[k], offset, goal.frame, t) for k, offset in enumerate(offsets)]
 
 
 def segment(

@@ -16,9 +16,6 @@ from agents.planner.model.problem import Floats
 from zmav import wire
 from zmav.errors import BadInput
 
-RELAXATIONS = 60
-"""rounds in which a sphere's points push each other apart"""
-
 
 def places(goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwash: float) -> Floats:
     """(N, 3) ENU: the shape's places about ``goal.at``, the first one its leader's.
@@ -26,7 +23,7 @@ def places(goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwa
     Raises :class:`BadInput` for numbers that are none, points that do not match the vehicles, and places nearer to
     each other than the vehicles may be.
     """
-    offsets = offsets_of(goal, len(bodies), downwash)
+    offsets = offsets_of(goal, len(bodies))
     field = "points" if goal.shape == "custom" else "spacing"
     radii = [body.radius for body in bodies]
     check_apart(goal.vehicles, offsets, radii, downwash, labelled=goal.labelled, field=field)
@@ -41,7 +38,7 @@ def placed(offsets: Floats, centre: Floats, course: float) -> Floats:
     return np.column_stack((east, north, -down)) + centre
 
 
-def offsets_of(goal: wire.swarm.Formation, count: int, downwash: float) -> Floats:
+def offsets_of(goal: wire.swarm.Formation, count: int) -> Floats:
     """(N, 3) forward, right, down of the centre; neighbours ``goal.spacing`` apart (custom: as given)."""
     numbers = {"at": goal.at, "heading": (goal.heading,), "spacing": (goal.spacing,)}
     numbers |= {f"points.{i}": point for i, point in enumerate(goal.points)}
@@ -60,8 +57,6 @@ def offsets_of(goal: wire.swarm.Formation, count: int, downwash: float) -> Float
     if goal.points:
         text = f"formation: points are given for the shape {goal.shape}, which has its own"
         raise BadInput(text, field="points", value=len(goal.points), expected="none, or the shape custom")
-    if goal.shape == "sphere":
-        return _sphere(count, downwash) * goal.spacing
     flat = SHAPES[goal.shape](count) * goal.spacing
     return np.column_stack((flat, np.zeros(count)))
 
@@ -115,47 +110,6 @@ SHAPES: dict[str, Callable[[int], Floats]] = {
     "circle": _circle,
     "grid": _grid,
 }
-
-
-def _sphere(count: int, downwash: float) -> Floats:
-    """Points on a sphere whose nearest pair is 1 apart in the downwash metric.
-
-    A Fibonacci lattice, whose points then push their neighbours apart along the sphere: the smaller sphere is kept.
-    """
-    if count == 1:
-        return np.zeros((1, 3))
-    index = np.arange(count)
-    height = 1.0 - 2.0 * (index + 0.5) / count
-    angle = index * math.pi * (3.0 - math.sqrt(5.0))
-    ring = np.sqrt(1.0 - height**2)
-    points = np.column_stack((ring * np.cos(angle), ring * np.sin(angle), -height))
-    best, widest = points, nearest(points, downwash)[0]
-    scale = np.array([1.0, 1.0, 1.0 / downwash])
-    for _ in range(RELAXATIONS):
-        apart = (points[:, None] - points[None]) * scale
-        square = np.sum(apart**2, axis=2) + np.eye(count)
-        force = apart / (square**4)[:, :, None]
-        push = force.sum(axis=1)
-        push -= np.sum(push * points, axis=1)[:, None] * points
-        longest = np.linalg.norm(push, axis=1).max()
-        if longest < 1e-12:
-            break
-        points = points + push * (0.1 * widest / longest)
-        points /= np.linalg.norm(points, axis=1)[:, None]
-        now = nearest(points, downwash)[0]
-        if now > widest:
-            best, widest = points, now
-    return best / widest
-
-
-def nearest(points: Floats, downwash: float) -> tuple[float, int, int]:
-    """The least distance of two of (N, 3) points, and which two; inf, 0, 0 for a single one."""
-    if len(points) < 2:
-        return math.inf, 0, 0
-    apart = scaled_distances(points, points, downwash)
-    np.fill_diagonal(apart, np.inf)
-    one, other = divmod(int(np.argmin(apart)), len(points))
-    return float(apart[one, other]), min(one, other), max(one, other)
 
 
 def scaled_distances(some: Floats, others: Floats, downwash: float) -> Floats:
@@ -220,18 +174,3 @@ def in_shape(offsets: Floats, present: Floats, tolerance: float) -> tuple[Floats
     shift = centre - turned.mean(axis=0)
     off = np.linalg.norm(turned + shift - present, axis=1).max()
     return (shift, course) if off <= tolerance else None
-
-
-def shape_error(offsets: Floats, tracks: Floats) -> Floats:
-    """(T,) RMS metres from the ideal shape, moved and turned to fit best, of (T, N, 3) positions at common times."""
-    shape = placed(offsets, np.zeros(3), 0.0)
-    a = shape - shape.mean(axis=0)
-    b = tracks - tracks.mean(axis=1, keepdims=True)
-    cross = np.sum(a[None, :, 0] * b[:, :, 1] - a[None, :, 1] * b[:, :, 0], axis=1)
-    dot = np.sum(a[None, :, 0] * b[:, :, 0] + a[None, :, 1] * b[:, :, 1], axis=1)
-    course = np.arctan2(cross, dot)[:, None]
-    east = a[:, 0] * np.cos(course) - a[:, 1] * np.sin(course)
-    north = a[:, 0] * np.sin(course) + a[:, 1] * np.cos(course)
-    ideal = np.stack((east, north, np.broadcast_to(a[:, 2], east.shape)), axis=2)
-    errors: Floats = np.sqrt(np.mean(np.sum((ideal - b) ** 2, axis=2), axis=1))
-    return errors

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart, offsets_of, placed, places
 from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, Moved, move
-from agents.planner.goals.patrol import Finder
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
-from agents.planner.model.geometry import World
-from agents.planner.model.problem import COPTER, ROVER, Floats, Path
+from agents.planner.model.problem import COPTER, ROVER, Floats
 from agents.planner.model.staticmap import StaticMap
 from zmav import wire
-from zmav.errors import BadInput
 
 IN_SHAPE = 0.5
 """m: vehicles that are all as near to a shape's places stand in it"""
@@ -37,13 +34,9 @@ def formation(
     """
     slots.check_hovering(views, "formation")
     slots.check_flying(views, "formation")
-    if goal.shape == "sphere" and not all(view.flies for view in views):
-        wheels = [view.name for view in views if not view.flies]
-        text = f"{', '.join(wheels)} cannot leave the ground for a sphere; choose a flat shape"
-        raise BadInput(text, field="shape", value=goal.shape, expected="line, vee, column, circle, grid or custom")
     bodies = [view.body for view in views]
     final = places(goal, bodies, downwash)
-    offsets = offsets_of(goal, len(views), downwash)
+    offsets = offsets_of(goal, len(views))
     names = tuple(view.name for view in views)
     text = f"{goal.shape} of {len(views)}"
     standing = slots.standing_in(offsets, views, IN_SHAPE, goal.labelled)
@@ -87,8 +80,8 @@ def _in_shape(
     still = math.dist(waypoints[0], waypoints[-1]) < SHORT and len(waypoints) == 2
     if still and abs(math.remainder(begin - courses[1], math.tau)) < SHORT:
         return [up]
-    members = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views), downwash)
-    moved = best_move(waypoints, (begin, courses[1]), members, static.world, finder(views, members, static))
+    members = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views))
+    moved = _moved(waypoints, (begin, courses[1]), members, views, static)
     if moved is None:
         return [up, down]
     motions = {}
@@ -108,46 +101,23 @@ def _first_course(waypoints: list[Floats], courses: tuple[float | None, float]) 
     return courses[1]
 
 
-def finder(views: Sequence[VehicleView], members: FormationMembers, static: StaticMap) -> list[Finder]:
-    """Ways for the shape's centre: with room for the whole shape, then for its widest vehicle alone."""
-    rover = all(not view.flies for view in views)
-    kind = ROVER if rover else COPTER
-    wide = float(members.radii.max()) + SPARE
-
-    def find(room: float) -> Finder:
-        return lambda here, there: static.path(here, there, wide, kind, room=room)
-
-    return [find(members.extent + ROOM), find(ROOM)]
-
-
-def best_move(
+def _moved(
     waypoints: list[Floats],
-    courses: tuple[float | None, float | None],
+    courses: tuple[float, float],
     members: FormationMembers,
-    world: World | None,
-    finders: Sequence[Finder],
+    views: Sequence[VehicleView],
+    static: StaticMap,
 ) -> Moved | None:
-    """The quickest flight in shape along the waypoints, of all finders' ways; None where there is none."""
-    moves = []
-    for way in _ways(waypoints, finders):
-        moved = move(way, courses, members, world)
-        if moved is None:
-            continue
-        moves.append(moved)
-        if len(moves) == 1 and not moved.squeezed.any():
-            break  # straight, and in shape all the way
-    return min(moves, key=lambda each: each.makespan, default=None)
-
-
-def _ways(waypoints: list[Floats], finders: Sequence[Finder]) -> Iterator[Path]:
-    """The straight way first, then what each finder finds."""
-    yield np.array(waypoints, dtype=np.float64)
-    for find in finders:
-        legs: list[Path] = []
-        for here, there in itertools.pairwise(waypoints):
-            leg = find(here, there) if math.dist(here, there) > 1e-6 else np.array([here, there])
+    """In shape straight along the waypoints, else by ways with room for the whole shape; None where there is none."""
+    straight = np.array(waypoints, dtype=np.float64)
+    if (moved := move(straight, courses, members, static.world)) is not None:
+        return moved
+    kind = COPTER if any(view.flies for view in views) else ROVER
+    wide, legs = float(members.radii.max()) + SPARE, [straight[:1]]
+    for here, there in itertools.pairwise(waypoints):
+        if math.dist(here, there) > 1e-6:
+            leg = static.path(here, there, wide, kind, room=members.extent + ROOM)
             if leg is None:
-                break
+                return None
             legs.append(leg)
-        else:
-            yield np.concatenate(legs)
+    return move(np.concatenate(legs), courses, members, static.world)

@@ -98,15 +98,12 @@ def _follow(goal: wire.swarm.Follow, views: Sequence[VehicleView], fleet: FleetV
     """Beside the leader, once it is sure that the places there are far enough from each other."""
     slots.check_flying(views, "follow")
     slots.check_hovering(views, "follow")
-    if (goal.leader is None) == (goal.point is None):
-        text = "follow: give a leader, or a point that moves" if goal.leader is None else "follow: a leader or a point"
-        raise BadInput(text, field="leader", value=goal.leader, expected="one of leader and point")
     if goal.leader in goal.vehicles:
         text = f"follow: {goal.leader} cannot follow itself"
         raise BadInput(text, field="leader", value=goal.leader, expected="a vehicle that is not among the followers")
-    leader = fleet.vehicles.get(goal.leader or "")
+    leader = fleet.vehicles.get(goal.leader)
     offsets_of(goal, [view.body for view in views], leader.body.radius if leader else 0.0, downwash)
-    return [Track(goal, f"following {goal.leader or 'a point'}")]
+    return [Track(goal, f"following {goal.leader}")]
 
 
 def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) -> list[Step]:

@@ -88,21 +88,7 @@ def to_and_fro(cell: list[Lane], corner: int) -> Floats:
     return np.vstack([lane.points(backwards=bool((k + corner) & 1)) for k, lane in enumerate(rows)])
 
 
-def skipping(cell: list[Lane], turn_radius: float) -> Floats:
-    """(2 K, 2) for planes: rows are left out and flown on the way back, so that each turn has room for its radius."""
-    apart = (cell[-1].y - cell[0].y) / max(1, len(cell) - 1)
-    skip = 1 if apart <= 0.0 else 1 + math.ceil(2.0 * turn_radius / apart - 1e-9)
-    order: list[int] = []
-    for block in range(0, len(cell), 2 * skip):
-        inside = list(range(block, min(block + 2 * skip, len(cell))))
-        half = (len(inside) + 1) // 2
-        first, second = inside[:half], inside[half:]
-        for k, row in enumerate(first):
-            order += [row, *second[k : k + 1]]
-    return np.vstack([cell[row].points(backwards=bool(k & 1)) for k, row in enumerate(order)])
-
-
-def tour(lanes: list[Lane], start: Floats, ways: Detours, corner: int | None, turn_radius: float) -> Floats | None:
+def tour(lanes: list[Lane], start: Floats, ways: Detours, corner: int | None) -> Floats | None:
     """(K, 2) over all lanes, the nearest cell first; ``corner``: where the first is begun, None: at the nearest.
 
     None where a cell cannot be reached from another.
@@ -113,7 +99,7 @@ def tour(lanes: list[Lane], start: Floats, ways: Detours, corner: int | None, tu
         options = []
         for cell in left:
             corners = range(CORNERS) if corner is None or not first else [corner]
-            legs = [skipping(cell, turn_radius)] if turn_radius > 0.0 else [to_and_fro(cell, c) for c in corners]
+            legs = [to_and_fro(cell, c) for c in corners]
             options += [(float(np.linalg.norm(leg[0] - here)), k, cell, leg) for k, leg in enumerate(legs)]
         _, _, cell, leg = min(options, key=lambda option: option[:2])
         for point in leg:

@@ -2,8 +2,7 @@
 
 The polygon is cut across one axis into one part for each vehicle, in the order in which they stand along it. All parts
 take the same time: sweeping, turning, the way there and the way back; nobody gets more than its endurance. Cuts along
-the lanes and across them are both tried, for several directions of the lanes, and bands cut across where these are
-uneven; the quickest split is taken. ENU.
+the lanes and across them are both tried, for several directions of the lanes; the quickest split is taken. ENU.
 """
 
 from __future__ import annotations
@@ -19,21 +18,13 @@ from shapely import affinity
 
 from agents.planner.goals.dealing import Dealer, Ground, Part, Sweeper
 from agents.planner.model.scene import Box as SceneBox
-from agents.planner.model.scene import Corner, NoFly, Obstacle, Scene
+from agents.planner.model.scene import Corner, NoFly, Obstacle, Scene, extent_of
 from zmav.errors import BadInput
 
 SPARE = 0.3
 """m more than the radius that lanes keep from obstacles"""
-BANDS = (1.0, 1.6)
-"""numbers of bands that are tried, in times the root of the number of vehicles"""
-UNEVEN = 1.08
-"""the longest time over the mean from which on bands are tried"""
 DIRECTIONS = 2
 """of lanes that are looked at closely"""
-
-
-Choice = tuple[tuple[float, float], list[Part], float, Dealer]
-"""how good, the parts, the lanes' course, who dealt"""
 
 
 @dataclass(frozen=True)
@@ -41,22 +32,9 @@ class Split:
     """A search dealt out."""
 
     parts: tuple[Part, ...]
-    course: float
-    """of the lanes, rad counter-clockwise from east"""
     covered: float
     """the share of what is wanted that will be seen, exactly"""
-    area: float
-    """m² that are wanted"""
     text: str
-
-    @property
-    def makespan(self) -> float:
-        return max(part.seconds for part in self.parts)
-
-    @property
-    def balance(self) -> float:
-        """The longest of all times over the mean of those who have a part."""
-        return _balance(self.parts)
 
 
 def ground(polygon: Sequence[Corner], scene: Scene, heights: tuple[float, float], radius: float) -> Ground:
@@ -79,7 +57,8 @@ def ground(polygon: Sequence[Corner], scene: Scene, heights: tuple[float, float]
             raise BadInput(text, field="height", value=low, expected=f"{fence.floor:g} to {fence.ceiling:g} m")
         room = room.intersection(shapely.Polygon(fence.polygon))
     reach = radius + SPARE
-    there = [each for each in scene.obstacles if _floor(each) - reach < high and _ceiling(each) + reach > low]
+    extents = [(each, *extent_of(each)) for each in scene.obstacles]
+    there = [each for each, below, above in extents if below[2] - reach < high and above[2] + reach > low]
     solid = shapely.union_all([footprint(each) for each in there])
     wanted = shape.intersection(room).difference(solid)
     free = room.difference(shapely.buffer(solid, reach, quad_segs=4, join_style="mitre") if there else solid)
@@ -107,14 +86,6 @@ def footprint(obstacle: Obstacle) -> Any:
     return shapely.Point(obstacle.center).buffer(obstacle.radius, quad_segs=16)
 
 
-def _floor(obstacle: Obstacle) -> float:
-    return obstacle.min[2] if isinstance(obstacle, SceneBox) else obstacle.floor
-
-
-def _ceiling(obstacle: Obstacle) -> float:
-    return obstacle.max[2] if isinstance(obstacle, SceneBox) else obstacle.ceiling
-
-
 def split(area: Ground, sweepers: Sequence[Sweeper], overlap: float, course: float | None) -> Split:
     """Deal the ground out so that the last is done as early as can be found.
 
@@ -125,37 +96,23 @@ def split(area: Ground, sweepers: Sequence[Sweeper], overlap: float, course: flo
         text = f"search: an overlap of {overlap} is no share"
         raise BadInput(text, field="overlap", value=overlap, expected="0 to 0.9")
     courses = [course] if course is not None else directions(area.wanted, sweepers, overlap)
-    best: Choice | None = None
+    best: tuple[tuple[float, float], list[Part]] | None = None
     for angle in courses:
         dealer = Dealer(area, sweepers, overlap, angle)
         for along in (False, True):
-            best = _better(best, area, dealer.deal(along), angle, dealer)
-    if best is not None and _balance(best[1]) > UNEVEN:
-        _, _, angle, dealer = best
-        for bands in sorted({round(math.sqrt(len(sweepers)) * share) for share in BANDS} - {0, 1}):
-            best = _better(best, area, dealer.banded(bands), angle, dealer)
+            if (parts := dealer.deal(along)) is not None:
+                # Whichever sees more; of those that see the same, to a hundredth, whichever is done sooner.
+                seen = sum(part.area.area for part in parts if len(part.path))
+                rank = (-round(seen / area.wanted.area, 2), max(part.seconds for part in parts))
+                best = (rank, parts) if best is None or rank < best[0] else best
     if best is None or not any(len(part.path) for part in best[1]):
         text = "search: no vehicle gets to the polygon and back within its endurance, with room there for its turns"
         expected = "more endurance, a nearer polygon, or more room around it"
         raise BadInput(text, field="vehicles", value=len(sweepers), expected=expected)
-    return _report(area, best[1], best[2])
+    return _report(area, best[1])
 
 
-def _better(best: Choice | None, area: Ground, parts: list[Part] | None, angle: float, dealer: Dealer) -> Choice | None:
-    """Whichever sees more; of those that see the same, to a hundredth, whichever is done sooner."""
-    if parts is None:
-        return best
-    seen = sum(part.area.area for part in parts if len(part.path))
-    rank = (-round(seen / area.wanted.area, 2), max(part.seconds for part in parts))
-    return (rank, parts, angle, dealer) if best is None or rank < best[0] else best
-
-
-def _balance(parts: Sequence[Part]) -> float:
-    times = [part.seconds for part in parts if len(part.path)]
-    return max(times) / (sum(times) / len(times)) if times else 1.0
-
-
-def _report(area: Ground, parts: list[Part], angle: float) -> Split:
+def _report(area: Ground, parts: list[Part]) -> Split:
     seen = shapely.union_all([part.seen(area.free) for part in parts])
     covered = float(seen.intersection(area.wanted).area / area.wanted.area)
     longest = max(part.seconds for part in parts)
@@ -163,7 +120,7 @@ def _report(area: Ground, parts: list[Part], angle: float) -> Split:
     dealt = sum(part.area.area for part in parts if len(part.path)) / area.wanted.area
     if dealt < 0.995:
         text += f": endurance suffices for {100.0 * dealt:.0f} % of it"
-    return Split(tuple(parts), angle, covered, float(area.wanted.area), text)
+    return Split(tuple(parts), covered, text)
 
 
 def directions(wanted: Any, sweepers: Sequence[Sweeper], overlap: float) -> list[float]:
@@ -185,6 +142,3 @@ def directions(wanted: Any, sweepers: Sequence[Sweeper], overlap: float) -> list
         strips = shapely.intersection(turned, shapely.box(left, lows, right, lows + width))
         found[angle] = float(shapely.get_num_geometries(strips).sum())
     return sorted(found, key=lambda angle: (found[angle], angle))[:DIRECTIONS] or [0.0]
-
-
-__all__ = ["Ground", "Part", "Split", "Sweeper", "directions", "footprint", "ground", "split"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Motion, Path
+from agents.planner.model.problem import Floats, Motion
 from zmav import wire
 from zmav.errors import BadInput, TimedOut
 from zmav.wire.base import Vector
@@ -153,8 +153,8 @@ class Orders:
 class Loiter:
     """Planes on their way to circles that they fly from then on: they never hover and need no time tags.
 
-    Each first reaches the height of its circle where it is, then flies over its points in turn, then circles. The
-    heights are such that no two meet, whenever each is where.
+    Each first reaches the height of its circle where it is, and then flies there. The heights are such that no two
+    meet, whenever each is where.
     """
 
     vehicles: tuple[str, ...]
@@ -164,8 +164,6 @@ class Loiter:
     """(N,) m; negative: counter-clockwise seen from above"""
     speeds: Floats
     """(N,) m/s"""
-    via: Mapping[str, Path] = field(default_factory=dict)
-    """by vehicle: (K, 3) ENU points to fly by before, as near as turns of its circle's radius allow"""
     first: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """by vehicle: planes that must have reached their heights before this one leaves its own"""
     text: str = ""

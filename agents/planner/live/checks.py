@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from agents.planner.model.scene import polygon_fault
 from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.wire import swarm
@@ -86,7 +87,9 @@ def check_obstacle(obstacle: swarm.Obstacle) -> None:
         raise BadInput(text, field="obstacle.what.floor", value=what.floor, expected=f"less than {what.ceiling}")
     if isinstance(what, swarm.NoFly | swarm.Geofence):
         _at_most(what.polygon, MOST_CORNERS, "obstacle.what.polygon")
-        _check_polygon(what.polygon)
+        if fault := polygon_fault(what.polygon):
+            text = f"the polygon of {obstacle.name}: {fault}"
+            raise BadInput(text, field="obstacle.what.polygon", value=len(what.polygon), expected="a simple polygon")
 
 
 def read_obstacle(data: bytes) -> swarm.Obstacle:
@@ -97,33 +100,6 @@ def read_obstacle(data: bytes) -> swarm.Obstacle:
     obstacle = wire.decode(data, swarm.Obstacle, "obstacle")
     check_obstacle(obstacle)
     return obstacle
-
-
-def _check_polygon(polygon: list[swarm.Corner]) -> None:
-    """Three corners, and no two sides that cross: what is inside would be anybody's guess."""
-    n = len(polygon)
-    if n < 3:
-        text = f"a polygon needs three corners or more; there are {n}"
-        raise BadInput(text, field="obstacle.what.polygon", value=n, expected="three corners or more")
-    if abs(sum(_cross(polygon[i - 1], polygon[i]) for i in range(n))) < 1e-6:
-        raise BadInput("the polygon has no area", field="obstacle.what.polygon", value=n, expected="an area")
-    for i in range(n):
-        for j in range(i + 1, n):
-            apart = j != i and (j + 1) % n != i and (i + 1) % n != j
-            if apart and _meet(polygon[i], polygon[(i + 1) % n], polygon[j], polygon[(j + 1) % n]):
-                text = f"sides {i} and {j} of the polygon cross"
-                raise BadInput(text, field="obstacle.what.polygon", value=[i, j], expected="sides that do not cross")
-
-
-def _cross(a: swarm.Corner, b: swarm.Corner) -> float:
-    return a[0] * b[1] - a[1] * b[0]
-
-
-def _meet(a: swarm.Corner, b: swarm.Corner, c: swarm.Corner, d: swarm.Corner) -> bool:
-    def side(p: swarm.Corner, q: swarm.Corner, r: swarm.Corner) -> float:
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
 
 
 def _positive(value: float, field: str) -> None:

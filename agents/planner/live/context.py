@@ -140,13 +140,6 @@ class Context:
         word = "gone" if obstacle.what is None else ("changed" if known else "new")
         return f"obstacle {obstacle.name}: {word}{by}"
 
-    def clear(self) -> int:
-        """Forget all obstacles but the fleet file's fence; how many."""
-        count = self.world.clear()
-        self.fence()
-        self.wake()
-        return count
-
     # Goals that follow each other.
 
     def kin(self, goal: str) -> set[str]:

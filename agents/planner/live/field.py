@@ -97,7 +97,7 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
         for i, place in enumerate(goal.to):
             yield f"goal.to[{i}]", *place, [views[i]] if goal.labelled and i < len(views) else views
     elif isinstance(goal, swarm.Formation):
-        offsets = offsets_of(goal, len(views), downwash)
+        offsets = offsets_of(goal, len(views))
         for field, centre in [*((f"goal.via[{i}]", via) for i, via in enumerate(goal.via)), ("goal.at", goal.at)]:
             for x, y, z in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
                 yield field, *ned((float(x), float(y), float(z))), views
@@ -105,7 +105,7 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
         for i, place in enumerate(goal.route):
             yield f"goal.route[{i}]", *place, views
     elif isinstance(goal, swarm.Search):
-        for view, sweeper in zip(views, sweepers_of(goal, views, downwash), strict=True):
+        for view, sweeper in zip(views, sweepers_of(goal, views), strict=True):
             for i, (north, east) in enumerate(goal.polygon):
                 yield f"goal.polygon[{i}]", north, east, -sweeper.height, [view]
     elif isinstance(goal, swarm.Land):
@@ -119,9 +119,9 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
 
 def _followers(goal: swarm.Follow, fleet: FleetView, downwash: float, ball: Ball) -> Iterator[Iterator[Place]]:
     """The followers' places as it begins, for each course that the leader's frame may have."""
-    views, name = fleet.pick(goal.vehicles), goal.leader or ""
+    views, name = fleet.pick(goal.vehicles), goal.leader
     leader = fleet.vehicles.get(name)
-    begin = leader.pos_ned if leader else ball(name) if name else goal.point
+    begin = leader.pos_ned if leader else ball(name)
     if begin is None:
         return
     radius = leader.body.radius if leader else 0.0
@@ -140,10 +140,8 @@ def _spots(
     goal: swarm.Follow, views: Sequence[VehicleView], begin: Vector, offsets: Sequence[Vector], course: float
 ) -> list[Vector]:
     spots: list[Vector] = []
-    before = follow.MovingTarget(0.0, begin)
+    leader, heading = follow.MovingTarget(0.0, begin), follow.Heading(0.0, course)
     for view, offset in zip(views, offsets, strict=True):
-        north, east, down = follow.slot(before, follow.Heading(0.0, course), offset, goal.frame, 0.0).pos
+        north, east, down = follow.slot(leader, heading, offset, goal.frame, 0.0).pos
         spots.append((north, east, down if view.flies else view.pos_ned[2]))
-        if goal.chain:
-            before = follow.MovingTarget(0.0, spots[-1])
     return spots

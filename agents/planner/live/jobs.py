@@ -22,13 +22,11 @@ HEAD = struct.Struct("<Q")
 
 @dataclass(frozen=True)
 class Solve:
-    """Plan a scene; answered by a :class:`Plan`, which may hold a typed error."""
+    """Plan a scene; answered by a plan, which may hold a typed error, and what the verifier says of it."""
 
     scene: Scene
     movers: tuple[MovingObstacle, ...] = ()
-    terrain: tuple[float, float, float, float] | None = None
     seconds: float = 10.0
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,6 @@ class Resolve:
     view: FleetView
     scene: Scene
     """without vehicles: obstacles, bounds, fence"""
-    terrain: tuple[float, float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,6 @@ class Judge:
     scene: Scene
     trajectories: Mapping[str, list[Sample]]
     movers: tuple[MovingObstacle, ...] = ()
-    terrain: tuple[float, float, float, float] | None = None
-    """height at the origin, rise per metre east and north, clearance"""
 
 
 @dataclass(frozen=True)
@@ -64,6 +59,7 @@ class Judgement:
 
 
 Job = Solve | Resolve | Judge
+JudgedPlan = tuple[Plan, Judgement]
 
 
 @dataclass(frozen=True)
@@ -74,17 +70,9 @@ class Ready:
 
 
 @dataclass(frozen=True)
-class News:
-    """How far a job is."""
-
-    stage: str
-    share: float
-
-
-@dataclass(frozen=True)
 class Done:
     number: int
-    result: Plan | list[Step] | Judgement
+    result: JudgedPlan | list[Step] | Judgement
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,6 @@ class LeasedVehicles:
             run.context.z,
             run.vehicles,
             holder=settings.name,
-            priority=settings.priority,
             tracking=self.tracking,
             say=self._say,
             replan=self._replan,

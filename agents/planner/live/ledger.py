@@ -77,16 +77,9 @@ class GoalBook:
         entry.state, entry.text = state, text
         if state == "done":
             entry.progress = 1.0
-        self._forget(MOST_ENDED)
-
-    def clear(self) -> None:
-        """Forget the goals that have ended."""
-        self._forget(0)
-
-    def _forget(self, most: int) -> None:
-        ended = [entry for entry in self.goals if entry.state in ENDED]
-        for entry in ended[: max(0, len(ended) - most)]:
-            self.goals.remove(entry)
+        ended = [each for each in self.goals if each.state in ENDED]
+        for each in ended[: max(0, len(ended) - MOST_ENDED)]:
+            self.goals.remove(each)
 
     def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
         """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are."""

@@ -18,7 +18,7 @@ from agents.planner.live.preview import preview
 from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
 from zmav import keys, wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Refused
 from zmav.services.orders.orders import Guarded, Orders, Report, proof_is_enough
 from zmav.services.queries.proven import Answers
 from zmav.trust.credentials import Credentials
@@ -64,7 +64,6 @@ class OrderHandlers:
             "abort": self._cancel,
             "cancel": self._cancel_one,
             "obstacle": self._obstacle,
-            "clear": self._clear,
             "status": self._status,
         }
         for verb, handler in handlers.items():
@@ -120,7 +119,7 @@ class OrderHandlers:
         self._previews += 1
         try:
             planner = Planner(self._context, "preview", await self._preview_solver())
-            return await preview(planner, args.goal, check_known(self._context, args.goal), report)
+            return await preview(planner, args.goal, check_known(self._context, args.goal))
         finally:
             self._previews -= 1
 
@@ -168,12 +167,6 @@ class OrderHandlers:
         if text:
             self._context.say("world", "info", text)
         return {"news": bool(text), "obstacles": len(self._context.world.obstacles)}
-
-    async def _clear(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
-        count = self._context.clear()
-        self._context.ledger.clear()
-        self._context.say("world", "notice", f"{count} obstacles forgotten{_by(origin)}")
-        return {"obstacles": count}
 
     # Looking.
 
@@ -227,8 +220,3 @@ def _words(goal: swarm.Goal) -> str:
     kind = str(type(goal).__struct_config__.tag)
     names = goal.vehicles
     return f"{kind} of {', '.join(names[:6])}" + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-
-
-def refusal(error: ZmavError) -> dict[str, Any]:
-    """An error as it stands in a result."""
-    return {"code": error.code, "message": error.message, "detail": msgspec.to_builtins(error.detail, enc_hook=str)}

@@ -110,7 +110,7 @@ async def speak_for(run: GoalUnderWay, volumes: Mapping[str, list[Tube]]) -> Non
 
 
 async def loiter(run: GoalUnderWay, leased: LeasedVehicles, step: Loiter) -> None:
-    """Planes over their points, one after another, and then to their circles; done when all circle."""
+    """Planes to their circles; done when all circle."""
     await speak_for(run, {name: _around(run, step, i) for i, name in enumerate(step.vehicles)})
     await circle({name: leased.vehicle(name) for name in step.vehicles}, step)
 
@@ -139,8 +139,6 @@ async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
             late = SLOWEST + abs(down - centre[2]) / CRAWL
             await vehicle.wait_until(lambda _: abs(_local(vehicle)[2] - centre[2]) <= STEADY, late)
         risen[name].set()
-        for point in step.via.get(name, ()):
-            await to(ned(_point(point)))
         await to(centre)
 
     await together(*(one(number, name) for number, name in enumerate(step.vehicles)))
@@ -155,14 +153,15 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
 
 
 def _around(run: GoalUnderWay, step: Loiter, number: int) -> list[Tube]:
-    """All that it may be off its way over the ground, from where it is over its points to its circle."""
+    """All that it may be off its way over the ground, from where it is to its circle."""
     name, wide = step.vehicles[number], CIRCLING * abs(float(step.radii[number]))
     seen = run.context.fleet.seen(name)
     assert seen is not None
     x, y, z = enu(seen.view.pos_ned)
     centre = _point(step.centres[number])
-    way = [(x, y, centre[2]), *map(_point, step.via.get(name, ())), centre]
-    boxes = tube(_array([(x, y, z), *way]), 0.0).boxes + np.array([-wide, -wide, -STEADY, wide, wide, STEADY])
+    boxes = tube(_array([(x, y, z), (x, y, centre[2]), centre]), 0.0).boxes + np.array(
+        [-wide, -wide, -STEADY, wide, wide, STEADY]
+    )
     return [Tube(boxes, seen.view.body.radius)]
 
 
@@ -172,7 +171,7 @@ def _point(place: Floats) -> Vector:
 
 
 def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:
-    """Where these orders lead it: straight up and down, and straight to places."""
+    """Where these orders lead it: straight up (takeoff) and down (land)."""
     seen = run.context.fleet.seen(name)
     assert seen is not None
     ground = -seen.view.floor
@@ -181,11 +180,8 @@ def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], pla
         x, y, _ = way[-1]
         if order.verb == "takeoff":
             way.append((x, y, ground + float(order.args.get("alt_rel", 0.0))))
-        elif order.verb in ("land", "rtl"):
+        else:
             way.append((x, y, min(ground, way[-1][2])))
-        elif order.verb == "goto" and order.args.get("pos") is not None:
-            n, e, d = order.args["pos"]
-            way.append(enu((float(n), float(e), float(d))))
     return [tube(_array(way), seen.view.body.radius)]
 
 

@@ -25,7 +25,6 @@ from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import Refused
 from zmav.wire import Vector, swarm
 
-Progress = Callable[[str, float], None]
 Margins = Sequence[tuple[float, float]]
 """m by which radii are widened, and the share of their speed that vehicles may have; best first"""
 CLEARLY, NARROW, SMALLEST = 0.15, 0.01, 0.2
@@ -69,14 +68,11 @@ class Planner:
         """What the goal comes down to; raises the typed error of one that cannot be."""
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
-        points += [enu(point) for point in _points(goal, room.downwash)]
+        points += [enu(point) for point in _points(goal)]
         points += _circles(goal, view, points)
-        terrain = self._terrain(room, view, goal.vehicles)
-        return list(await self._solver.do(jobs.Resolve(goal, view, room.empty(points), terrain)))
+        return await self._solver.do(jobs.Resolve(goal, view, room.empty(points)))
 
-    async def plan_to(
-        self, step: PlanTo, view: FleetView, progress: Progress | None = None, margins: Margins = ()
-    ) -> Planned:
+    async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
         or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.
         """
@@ -85,7 +81,7 @@ class Planner:
         while True:
             margin, share = tries.pop(0)
             try:
-                return await self._plan(step, narrower(view, own - margin, share), margin, progress)
+                return await self._plan(step, narrower(view, own - margin, share), margin)
             except PlanError as e:
                 if not tries or e.kind == "invalid_scene":
                     raise
@@ -110,21 +106,19 @@ class Planner:
             widths = np.maximum(radii * SMALLEST, radii + np.minimum(margin, spare - NARROW))
             slow = with_radii(narrower(view, 0.0, share), dict(zip(step.vehicles, widths.tolist(), strict=True)))
             try:
-                found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin, None)
+                found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin)
             except (PlanError, Refused):
                 continue
             return replace(found, before=True, clearance=None)  # less than their radii at first
         return None
 
-    async def _plan(self, step: PlanTo, view: FleetView, margin: float, progress: Progress | None) -> Planned:
+    async def _plan(self, step: PlanTo, view: FleetView, margin: float) -> Planned:
         room = self.room(step.vehicles)
         scene = scene_of(view.pick(step.vehicles), step.places, step.labelled, room)
-        terrain = self._terrain(room, view, step.vehicles)
         seconds = self._context.settings.plan_seconds
-        plan = await self._solver.solve(jobs.Solve(scene, room.movers, terrain, seconds), progress)
+        plan, judged = await self._solver.do(jobs.Solve(scene, room.movers, seconds))
         if plan.error is not None:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
-        judged = await self._judge(scene, plan.trajectories, room, terrain)
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
@@ -139,30 +133,12 @@ class Planner:
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
         scene = scene_of(moved(view, starts).pick(names), places, True, room, corners)
-        judged = await self._judge(scene, trajectories, room, self._terrain(room, view, names))
+        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
             self._context.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
             return None, judged.faults[0]
         margin = self._context.settings.margin
         return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
-
-    async def _judge(
-        self,
-        scene: Scene,
-        trajectories: dict[str, list[Sample]],
-        room: Room,
-        terrain: tuple[float, float, float, float] | None,
-    ) -> jobs.Judgement:
-        """No plan leaves unverified, and by how much it passes is told."""
-        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers, terrain))
-        assert isinstance(judged, jobs.Judgement)
-        return judged
-
-    def _terrain(
-        self, room: Room, view: FleetView, vehicles: Sequence[str]
-    ) -> tuple[float, float, float, float] | None:
-        """Not where somebody is meant to be on the ground."""
-        return room.pieces.terrain if all(view.vehicles[name].flies for name in vehicles) else None
 
 
 def _wider(clearance: float | None, margin: float) -> float | None:
@@ -199,13 +175,13 @@ def _circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> lis
     return [(float(x.min()) - wide, float(y.min()) - wide, low), (float(x.max()) + wide, float(y.max()) + wide, high)]
 
 
-def _points(goal: swarm.Goal, downwash: float) -> list[Vector]:
+def _points(goal: swarm.Goal) -> list[Vector]:
     """Every place (NED) that a goal names."""
     found: list[Vector] = []
     for field in ("to", "via", "route"):
         found += getattr(goal, field, [])
     if isinstance(goal, swarm.Formation):
-        offsets = offsets_of(goal, len(goal.vehicles), downwash)
+        offsets = offsets_of(goal, len(goal.vehicles))
         reach, lowest, highest = float(np.abs(offsets).max()), float(offsets[:, 2].max()), float(offsets[:, 2].min())
         for north, east, down in (goal.at, *goal.via):
             found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]

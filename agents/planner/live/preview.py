@@ -10,16 +10,14 @@ from agents.planner.live.plan import Planned, Planner
 from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
 from zmav.errors import Refused
-from zmav.services.orders.orders import Report
 from zmav.wire import Vector, swarm
 
 
-async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, report: Report) -> dict[str, Any]:
+async def preview(planner: Planner, goal: swarm.Goal, view: FleetView) -> dict[str, Any]:
     """Steps with their makespan, clearance and tracks (NED); raises the typed error of what cannot be."""
-    report({"stage": "resolve", "share": 0.0})
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
-        planned, view = await _step(planner, step, view, report)
+        planned, view = await _step(planner, step, view)
         row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(_names(step))}
         if planned is not None:
             tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
@@ -33,19 +31,15 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, report: R
     }
 
 
-async def _step(planner: Planner, step: Step, view: FleetView, report: Report) -> tuple[Planned | None, FleetView]:
+async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[Planned | None, FleetView]:
     """One step, and the fleet as it will be after it."""
-
-    def progress(stage: str, share: float) -> None:
-        report({"stage": stage, "share": share})
-
     planned: Planned | None = None
     if isinstance(step, PlanTo):
-        planned = await planner.plan_to(step, view, progress)
+        planned = await planner.plan_to(step, view)
     elif isinstance(step, Fly):
         planned, objection = await planner.check(step, view, 1)
         for instead in step.instead if planned is None else ():
-            planned = await planner.plan_to(instead, view, progress)
+            planned = await planner.plan_to(instead, view)
             view = moved(view, _ends(planned))
         if planned is None:
             raise Refused(f"{step.text or 'what was prepared'}: {objection}; there is no other way")
@@ -67,10 +61,7 @@ def _after(step: Orders, view: FleetView) -> FleetView:
         if order.verb == "takeoff":
             place = (north, east, floor - float(order.args.get("alt_rel", 0.0)))
             view = moved(view, {order.vehicle: place}, airborne=True)
-        elif order.verb == "goto" and order.args.get("pos"):
-            n, e, d = order.args["pos"]
-            view = moved(view, {order.vehicle: (float(n), float(e), float(d))})
-        elif order.verb in ("land", "rtl"):
+        else:
             view = moved(view, {order.vehicle: (north, east, floor)}, airborne=False)
     return view
 

@@ -332,7 +332,7 @@ class Run:
         while True:
             margins = await leased.margins()
             try:
-                return await self.planner.plan_to(step, view, self._stage, margins)
+                return await self.planner.plan_to(step, view, margins)
             except PlanError as e:
                 if e.kind in CLOSE and (first := await self.planner.make_room(step, view, margins)):
                     text = f"{self.entry.id}: first they draw apart: {e.message}"
@@ -400,9 +400,6 @@ class Run:
             self.entry.state = state
         self.text(text)
 
-    def _stage(self, stage: str, share: float) -> None:
-        self.text(f"plans: {stage} {100.0 * share:.0f} %")
-
     def _view(self, names: tuple[str, ...] = (), lost: set[str] | frozenset[str] = frozenset()) -> FleetView:
         """The fleet as known, with ``lost`` where they were heard last; raises :class:`Stale` where another one of
         ``names`` (all of ours) was not heard for long.
@@ -452,7 +449,7 @@ class Run:
         if seen is None or not self._heard(name, since):
             return COMING if seen is not None and seen.age < FRESH else f"{name} is not heard"
         lease = seen.state.lease
-        if lease is not None and lease.holder != settings.name and lease.priority >= settings.priority:
+        if lease is not None and lease.holder != settings.name:
             return f"{name} is commanded by {lease.holder}"
         if seen.state.pilot:
             return f"{name}: {seen.state.pilot}"

@@ -39,8 +39,6 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
     """s that the solver may take"""
-    priority: int = 0
-    """of the leases"""
     clock_error: float = math.inf
     """s by which all hosts' clocks agree, because something else keeps them so (chrony, GPS); inf: they are measured"""
     field: Field = Field(Geofence(), {}, None)

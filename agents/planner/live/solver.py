@@ -9,11 +9,11 @@ import sys
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
+from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.model.errors import PlanError
-from agents.planner.model.plans import Plan
 from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError, from_code
 from zmav.waiting import within
@@ -49,7 +49,6 @@ class Solver:
         self._turn = asyncio.Lock()
         self._number = 0
         self._job: asyncio.Future[Any] | None = None
-        self._progress: Callable[[str, float], None] | None = None
         self._keeper: asyncio.Task[None] | None = None
         self.warm_seconds: float | None = None
         self.deaths = 0
@@ -83,24 +82,26 @@ class Solver:
         except asyncio.TimeoutError:
             raise TimedOut(f"the {self._name} was not ready within {timeout:.0f} s") from None
 
-    async def solve(self, job: jobs.Solve, progress: Callable[[str, float], None] | None = None) -> Plan:
-        """A plan, or the typed error in it; raises :class:`SolverDied` and :class:`TimedOut`."""
-        result = await self.do(job, job.seconds, progress)
-        assert isinstance(result, Plan)
-        return result
+    @overload
+    async def do(self, job: jobs.Solve) -> jobs.JudgedPlan: ...
 
-    async def do(
-        self, job: jobs.Job, seconds: float = OTHER_JOBS, progress: Callable[[str, float], None] | None = None
-    ) -> Any:
+    @overload
+    async def do(self, job: jobs.Judge) -> jobs.Judgement: ...
+
+    @overload
+    async def do(self, job: jobs.Resolve) -> list[Step]: ...
+
+    async def do(self, job: jobs.Job) -> Any:
         """Have a job done; raises its typed error, :class:`SolverDied`, or :class:`TimedOut` when it was given up.
 
         Who stops waiting for it does not end it: loading the process again would take longer than most jobs do.
         """
-        work = asyncio.ensure_future(self._work(job, seconds, progress))
+        seconds = job.seconds if isinstance(job, jobs.Solve) else OTHER_JOBS
+        work = asyncio.ensure_future(self._work(job, seconds))
         work.add_done_callback(_look)
         return await asyncio.shield(work)
 
-    async def _work(self, job: jobs.Job, seconds: float, progress: Callable[[str, float], None] | None) -> Any:
+    async def _work(self, job: jobs.Job, seconds: float) -> Any:
         async with self._turn:
             await self.until_ready()
             process = self._process
@@ -108,7 +109,6 @@ class Solver:
             assert process.stdin is not None
             self._number += 1
             self._job = asyncio.get_running_loop().create_future()
-            self._progress = progress
             try:
                 process.stdin.write(jobs.frame((self._number, job)))
                 with contextlib.suppress(ConnectionError):  # its death is what the job hears of
@@ -118,7 +118,7 @@ class Solver:
                 self._kill(process)
                 raise TimedOut(f"the {self._name} had no answer after {seconds + GRACE:.0f} s: given up") from None
             finally:
-                self._job = self._progress = None
+                self._job = None
 
     def _kill(self, process: asyncio.subprocess.Process) -> None:
         """It is not asked any more from now on, and started again."""
@@ -171,13 +171,9 @@ class Solver:
     def _take(self, message: object, start: float) -> None:
         if isinstance(message, jobs.Ready):
             self.warm_seconds = time.monotonic() - start
-            self._say(
-                f"the {self._name} is ready ({self.warm_seconds:.1f} s to load{'' if jit.interpreted() else ' and compile'})"
-            )
+            what = "load" if jit.interpreted() else "load and compile"
+            self._say(f"the {self._name} is ready ({self.warm_seconds:.1f} s to {what})")
             self._ready.set()
-        elif isinstance(message, jobs.News):
-            if self._progress is not None:
-                self._progress(message.stage, message.share)
         elif isinstance(message, jobs.Done | jobs.Failed):
             if self._job is None or self._job.done() or message.number != self._number:
                 return  # of a job that was given up

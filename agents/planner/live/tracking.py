@@ -46,7 +46,7 @@ class Tracking:
         self._run, self._leased, self._goal, self._planner = run, leased, step.goal, planner
         self._commands = leased.commands
         self._parts: list[Part] = []
-        self._headings: list[follow.Heading | None] = [None] * len(self._goal.vehicles)
+        self._heading: follow.Heading | None = None
         self._due: dict[str, float] = {}
         self._told: dict[str, float] = {}
         self._said = ""
@@ -100,9 +100,6 @@ class Tracking:
     def leader(self, now: float) -> tuple[follow.MovingTarget, float | None, float]:
         """Where it is (NED, our UTC), where it looks (rad), s since that was heard. Raises :class:`Stale`."""
         goal, context = self._goal, self._run.context
-        if goal.leader is None:
-            assert goal.point is not None
-            return follow.MovingTarget(self._run.entry.t, goal.point, goal.velocity).at(now), None, 0.0
         seen = context.fleet.seen(goal.leader)
         if seen is not None:
             yaw = seen.state.attitude.yaw if seen.state.attitude else None
@@ -123,7 +120,7 @@ class Tracking:
             if lost or self._said:
                 text = lost or f"{self._goal.leader} is heard again"
                 self._run.context.say("leader", "warning" if lost else "notice", f"{self._run.entry.id}: {text}")
-            self._run.text(lost or f"following {self._goal.leader or 'a point'}")
+            self._run.text(lost or f"following {self._goal.leader}")
             self._said = doing
         return doing
 
@@ -131,22 +128,17 @@ class Tracking:
         context = self._run.context
         margin = context.settings.margin
         views = context.fleet.view(margin).pick(self._goal.vehicles)
-        leader = context.fleet.seen(self._goal.leader) if self._goal.leader else None
+        leader = context.fleet.seen(self._goal.leader)
         radius = leader.view.body.radius + margin if leader else margin
         return follow.offsets_of(self._goal, [view.body for view in views], radius, context.settings.downwash)
 
     def targets(self, now: float) -> list[follow.MovingTarget]:
         """Everybody's place beside the leader (NED)."""
         leader, yaw, _ = self.leader(now)
-        others = [self._known(part, now) for part in self._parts]
-        speed = float(np.linalg.norm(leader.vel))
         bodies = [self._body(part.id) for part in self._parts]
-        most = follow.most_turn(self._offsets, bodies, speed)
-        before = [leader, *others] if self._goal.chain else [leader]
-        for k in range(len(before) if not self._goal.chain else len(self._parts)):
-            self._headings[k] = follow.heading_of(self._headings[k], before[k].at(now), yaw if k == 0 else None, most)
-        headings = [heading for heading in self._headings if heading is not None]
-        return follow.slots(self._goal, leader, headings, self._offsets, others, now)
+        most = follow.most_turn(self._offsets, bodies, float(np.linalg.norm(leader.vel)))
+        heading = self._heading = follow.heading_of(self._heading, leader.at(now), yaw, most)
+        return [follow.slot(leader, heading, offset, self._goal.frame, now) for offset in self._offsets]
 
     # What followers fly.
 
@@ -264,10 +256,6 @@ class Tracking:
                 part.acknowledge((segment.lease, segment.seq) if segment else None, news[0].t)
 
     # Who is where.
-
-    def _known(self, part: Part, now: float) -> follow.MovingTarget:
-        pos, vel = state_at(part.known.rows, now)
-        return follow.MovingTarget(now, ned(_three(pos)), ned(_three(vel)))
 
     def _places(self, now: float) -> list[Vector]:
         return [_three(state_at(part.known.rows, now)[0]) for part in self._parts]

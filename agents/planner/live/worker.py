@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -26,15 +25,11 @@ from agents.planner.live import jobs
 from agents.planner.model import verify
 from agents.planner.model.errors import PlanError
 from agents.planner.model.geometry import world_of
-from agents.planner.model.plans import Plan, Sample
+from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Bounds, Fence, Obstacle, Scene, check
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.solve import jit, pipeline, warm
 from zmav.errors import ZmavError
-
-Terrain = tuple[float, float, float, float]
-TOLERANCE = 0.01
-"""m"""
 
 
 class Worker:
@@ -43,9 +38,7 @@ class Worker:
     def __init__(self, out: BinaryIO) -> None:
         self._out = out
         self._static: StaticMap | None = None
-        self._key: tuple[Bounds, Fence | None, Terrain | None] | None = None
-        self._obstacles: list[Obstacle] = []
-        self._said = 0.0
+        self._key: tuple[Bounds, Fence | None, list[Obstacle]] | None = None
 
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles; not where they never are."""
@@ -66,55 +59,35 @@ class Worker:
             self._static = None
             jobs.write(self._out, jobs.Failed(number, ZmavError.code, f"the solver's own fault: {e!r}"))
 
-    def _do(self, job: jobs.Job) -> Plan | list[Step] | jobs.Judgement:
+    def _do(self, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | jobs.Judgement:
         if isinstance(job, jobs.Solve):
-            return self.solve(job)
+            plan = self.solve(job)
+            return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
         if isinstance(job, jobs.Judge):
-            report = verify.verify(job.scene, job.trajectories, job.movers)
-            words = (*(str(fault) for fault in report.faults[:20]), *too_low(job.trajectories, job.terrain))
-            clearance = report.clearance if math.isfinite(report.clearance) else None
-            return jobs.Judgement(not words, clearance, report.makespan, words)
-        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene, job.terrain)))
+            return judge(job)
+        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene)))
 
     def solve(self, job: jobs.Solve) -> Plan:
         start = time.monotonic()
         try:
             check(job.scene)  # before anything is counted by its numbers
-            static = self._map(job.scene, job.terrain)
-            return pipeline.solve(
-                job.scene, static=static, movers=job.movers, seconds=job.seconds, seed=job.seed, progress=self._news
-            )
+            static = self._map(job.scene)
+            return pipeline.solve(job.scene, static=static, movers=job.movers, seconds=job.seconds)
         except PlanError as e:
             return Plan.failed(e, time.monotonic() - start)
 
-    def _map(self, scene: Scene, terrain: Terrain | None) -> StaticMap:
-        """The map of the scene's obstacles: the last one, changed in place, where its frame is the same."""
-        key = (scene.bounds, scene.geofence, terrain)
+    def _map(self, scene: Scene) -> StaticMap:
+        """The map of the scene's obstacles: the last one, where nothing has changed."""
+        key = (scene.bounds, scene.geofence, scene.obstacles)
         if self._static is None or self._key != key:
-            self._static, self._key = StaticMap(world_of(scene, terrain)), key
-        elif scene.obstacles != self._obstacles:
-            added = [each for each in scene.obstacles if each not in self._obstacles]
-            removed = [each for each in self._obstacles if each not in scene.obstacles]
-            self._static.update(added, removed)
-        self._obstacles = list(scene.obstacles)
+            self._static, self._key = StaticMap(world_of(scene)), key
         return self._static
 
-    def _news(self, stage: str, share: float) -> None:
-        now = time.monotonic()
-        if now - self._said > 0.1:
-            self._said = now
-            jobs.write(self._out, jobs.News(stage, share))
 
-
-def too_low(trajectories: Mapping[str, list[Sample]], terrain: Terrain | None) -> list[str]:
-    """Who comes nearer to the terrain than its clearance: over a plane, straight pieces are lowest at their ends."""
-    found = []
-    height, east, north, clearance = terrain or (-math.inf, 0.0, 0.0, 0.0)
-    for name, samples in trajectories.items():
-        depth, t = max((height + east * x + north * y + clearance - z, t) for t, x, y, z in samples)
-        if depth > TOLERANCE:
-            found.append(f"{name} is {clearance - depth:.2f} m above the terrain at {t:.2f} s, {clearance:g} are kept")
-    return found
+def judge(job: jobs.Judge) -> jobs.Judgement:
+    report = verify.verify(job.scene, job.trajectories, job.movers)
+    clearance = report.clearance if math.isfinite(report.clearance) else None
+    return jobs.Judgement(report.ok, clearance, report.makespan, tuple(str(fault) for fault in report.faults[:20]))
 
 
 def _warm_execution(plan: Plan) -> None:

@@ -1,4 +1,4 @@
-"""The world as it is told at run time: obstacles, no-fly polygons, the geofence, terrain; and what a scene needs of it.
+"""The world as it is told at run time: obstacles, no-fly polygons, the geofence; and what a scene needs of it.
 
 On the wire everything is NED about the fleet's origin, heights are metres above it; a scene is ENU.
 """
@@ -39,8 +39,6 @@ class Pieces:
 
     obstacles: tuple[scene.Obstacle, ...] = ()
     geofence: scene.Fence | None = None
-    terrain: tuple[float, float, float, float] | None = None
-    """height at the origin, rise per metre east and north, clearance"""
     movers: tuple[MovingObstacle, ...] = field(default_factory=tuple)
     """on the clock of the plan: from now"""
 
@@ -65,7 +63,7 @@ class Pieces:
         low, high = near.min(axis=0)[:2] - 2 * AROUND, near.max(axis=0)[:2] + 2 * AROUND
         found: list[Vector] = []
         for obstacle in self.obstacles:
-            first, last = extent(obstacle)
+            first, last = scene.extent_of(obstacle)
             if first[0] < high[0] and last[0] > low[0] and first[1] < high[1] and last[1] > low[1]:
                 found += [
                     (max(first[0], low[0]), max(first[1], low[1]), near[0, 2]),
@@ -89,7 +87,7 @@ class World:
     def give(self, obstacle: swarm.Obstacle, now: float) -> bool:
         """Something is there, has moved or is gone; True where that is news.
 
-        Of a fence and of terrain there is one: the last one given. Raises :class:`BadInput` where there are too many.
+        There is one fence: the last one given. Raises :class:`BadInput` where there are too many.
         """
         name, what = obstacle.name, obstacle.what
         before = self._told.get(name)
@@ -100,8 +98,10 @@ class World:
         if before is None and len(self._told) >= MOST_OBSTACLES:
             text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; clear some"
             raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
-        if isinstance(what, swarm.Geofence | swarm.Terrain):
-            for other in [n for n, told in self._told.items() if n != name and type(told.obstacle.what) is type(what)]:
+        if isinstance(what, swarm.Geofence):
+            for other in [
+                n for n, told in self._told.items() if n != name and isinstance(told.obstacle.what, type(what))
+            ]:
                 del self._told[other]
         self._told[name] = KnownObstacle(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
         if before is not None and before.obstacle.what == what:
@@ -115,12 +115,6 @@ class World:
         for name in old:
             self._gone(name)
         return old
-
-    def clear(self) -> int:
-        count = len(self._told)
-        self._told.clear()
-        self.revision += bool(count)
-        return count
 
     def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
         """Know what another planner knows: no more, and what is to be forgotten as late as it does."""
@@ -147,18 +141,15 @@ class World:
         still: list[scene.Obstacle] = []
         movers: list[MovingObstacle] = []
         fence: scene.Fence | None = None
-        terrain: tuple[float, float, float, float] | None = None
         for obstacle in self.obstacles:
             what = obstacle.what
             if isinstance(what, swarm.Geofence):
                 fence = scene.Fence(polygon=[_corner(c) for c in what.polygon], floor=what.floor, ceiling=what.ceiling)
-            elif isinstance(what, swarm.Terrain):
-                terrain = (what.height, what.rise[1], what.rise[0], what.clearance)
             elif isinstance(what, swarm.Ball) and any(what.velocity):
                 movers.append(_mover(obstacle.name, what, t - obstacle.t))
             elif what is not None:
                 still.append(_still(obstacle.name, what))
-        return Pieces(tuple(still), fence, terrain, tuple(movers))
+        return Pieces(tuple(still), fence, tuple(movers))
 
     def ball(self, name: str, t: float) -> tuple[Vector, Vector] | None:
         """Place (NED, at UTC ``t``) and velocity of what moves or stands under that name; None: no such."""
@@ -197,14 +188,3 @@ def _mover(name: str, what: swarm.Ball, age: float) -> MovingObstacle:
     u, v, w = enu(what.velocity)
     rows = [(s, x + u * (age + s), y + v * (age + s), z + w * (age + s)) for s in (0.0, AHEAD)]
     return MovingObstacle(f"@{name}", np.array(rows, dtype=np.float64), what.radius)
-
-
-def extent(obstacle: scene.Obstacle) -> tuple[Vector, Vector]:
-    """The corners of the box around it."""
-    if isinstance(obstacle, scene.Box):
-        return obstacle.min, obstacle.max
-    if isinstance(obstacle, scene.Cylinder):
-        (x, y), r = obstacle.center, obstacle.radius
-        return (x - r, y - r, obstacle.floor), (x + r, y + r, obstacle.ceiling)
-    xs, ys = [c[0] for c in obstacle.polygon], [c[1] for c in obstacle.polygon]
-    return (min(xs), min(ys), obstacle.floor), (max(xs), max(ys), obstacle.ceiling)

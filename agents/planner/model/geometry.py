@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from agents.planner.model.problem import Floats
-from agents.planner.model.world import World, changed, world_of
+from agents.planner.model.world import World, world_of
 from agents.planner.solve.jit import jit
 
-__all__ = ["World", "away", "changed", "clearance", "outside", "segment_clear", "world_of"]
+__all__ = ["World", "away", "clearance", "outside", "segment_clear", "world_of"]
 
 TOUCH = 1e-9
 """m by which a segment may come nearer than asked, or lie outside: what rounding adds"""
@@ -130,8 +130,8 @@ def clearance(world: World, x: float, y: float, z: float) -> float:
 
 
 @jit
-def rim(b: Floats, fence: Floats, fence_z: Floats, t: Floats, x: float, y: float, z: float) -> Around:
-    """How far a point is outside bounds, fence or terrain, whichever is most, and the unit vector back (0: inside)."""
+def rim(b: Floats, fence: Floats, fence_z: Floats, x: float, y: float, z: float) -> Around:
+    """How far a point is outside bounds or fence, whichever is more, and the unit vector back (0: inside)."""
     dx = max(b[0] - x, 0.0) - max(x - b[3], 0.0)
     dy = max(b[1] - y, 0.0) - max(y - b[4], 0.0)
     dz = max(b[2] - z, 0.0) - max(z - b[5], 0.0)
@@ -143,9 +143,6 @@ def rim(b: Floats, fence: Floats, fence_z: Floats, t: Floats, x: float, y: float
         far = math.sqrt(fx * fx + fy * fy + fz * fz)
         if far > most:
             most, dx, dy, dz = far, fx, fy, fz
-    under = t[0] + t[1] * x + t[2] * y + t[3] - z
-    if under > most:
-        most, dx, dy, dz = under, 0.0, 0.0, under
     if most <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
     return most, dx / most, dy / most, dz / most
@@ -153,8 +150,8 @@ def rim(b: Floats, fence: Floats, fence_z: Floats, t: Floats, x: float, y: float
 
 @jit
 def outside(world: World, x: float, y: float, z: float) -> float:
-    """Metres by which a point is outside bounds, fence or terrain; 0 inside."""
-    return rim(world.bounds, world.fence, world.fence_z, world.terrain, x, y, z)[0]
+    """Metres by which a point is outside bounds or fence; 0 inside."""
+    return rim(world.bounds, world.fence, world.fence_z, x, y, z)[0]
 
 
 @jit
@@ -164,7 +161,7 @@ def away(world: World, x: float, y: float, z: float, radius: float, out: Floats)
     0: it is ``radius`` from every obstacle, and inside bounds and fence; ``out`` is then 0 too. In a polygon's notch
     the way is that off the nearest wall only.
     """
-    depth, ux, uy, uz = rim(world.bounds, world.fence, world.fence_z, world.terrain, x, y, z)
+    depth, ux, uy, uz = rim(world.bounds, world.fence, world.fence_z, x, y, z)
     bins, start, items, solids = world.bins, world.bin_start, world.bin_items, world.solids
     i0, i1 = column_of(bins, 0, x - radius), column_of(bins, 0, x + radius)
     for j in range(column_of(bins, 1, y - radius), column_of(bins, 1, y + radius) + 1):
@@ -333,13 +330,13 @@ def misses(s: Floats, corners: Floats, p: Around, q: Around, radius: float) -> b
 @jit
 def segment_clear(world: World, start: Floats, end: Floats, radius: float) -> bool:
     """Whether the straight line from ``start`` to ``end``, (3,) each, keeps ``radius`` from every obstacle and stays
-    inside bounds, fence and terrain with its centre. Exact at every point, not sampled.
+    inside bounds and fence with its centre. Exact at every point, not sampled.
     """
     p = (start[0], start[1], start[2], 0.0)
     q = (end[0], end[1], end[2], 0.0)
     fence, fence_z = world.fence, world.fence_z
     for x, y, z, _ in (p, q):
-        if rim(world.bounds, fence, fence_z, world.terrain, x, y, z)[0] > TOUCH:
+        if rim(world.bounds, fence, fence_z, x, y, z)[0] > TOUCH:
             return False
     if len(fence) > 0 and not within_fence(fence, p, q):
         return False

@@ -5,7 +5,7 @@ ENU metres and seconds, float64, C order. A stage takes a :class:`Problem` and n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,6 @@ Path = Floats
 """(K, 3): a way through space without times; neighbours joined by straight lines"""
 Motion = Floats
 """(T, 4): t, x, y, z; t increasing; neighbours joined by straight lines; the last position is held (planes leave)"""
-Progress = Callable[[str, float], None]
-"""is told the stage and its share done, from 0 to 1"""
 
 COPTER, ROVER, PLANE = 0, 1, 2
 KINDS = {"copter": COPTER, "rover": ROVER, "plane": PLANE}

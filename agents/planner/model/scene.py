@@ -112,6 +112,17 @@ class Scene(msgspec.Struct, kw_only=True):
     lower_bound: dict[str, Any] | None = None
 
 
+def extent_of(obstacle: Obstacle) -> tuple[Point, Point]:
+    """The corners of the box around it: least x, y, z, and greatest."""
+    if isinstance(obstacle, Box):
+        return obstacle.min, obstacle.max
+    if isinstance(obstacle, Cylinder):
+        (x, y), r = obstacle.center, obstacle.radius
+        return (x - r, y - r, obstacle.floor), (x + r, y + r, obstacle.ceiling)
+    xs, ys = zip(*obstacle.polygon, strict=True)
+    return (min(xs), min(ys), obstacle.floor), (max(xs), max(ys), obstacle.ceiling)
+
+
 def name_of(scene: Scene, obstacle: int) -> str:
     """What to call an obstacle: by its name, or its kind and its place among the obstacles (from 0)."""
     each = scene.obstacles[obstacle]
@@ -255,14 +266,21 @@ def _wrong_with_obstacle(each: Obstacle) -> Iterator[str]:
 
 def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
     yield from _span("floor and ceiling", (each.floor,), (each.ceiling,))
-    corners = [c for k, c in enumerate(each.polygon) if c != each.polygon[k - 1]]
+    if fault := polygon_fault(each.polygon):
+        yield f"polygon: {fault}"
+
+
+def polygon_fault(polygon: Sequence[Corner]) -> str:
+    """Why it is no simple polygon, of which one can say what is inside; empty: it is one."""
+    corners = [c for k, c in enumerate(polygon) if c != polygon[k - 1]]
     if not all(_near(value) for corner in corners for value in corner):
-        yield "polygon: a corner is no place"
-    elif len(corners) < 3:
-        yield f"polygon: it has {len(corners)} different corners, three or more are needed"
-    elif crossing := _crossing(corners):
+        return "a corner is no place"
+    if len(corners) < 3:
+        return f"it has {len(corners)} different corners, three or more are needed"
+    if crossing := _crossing(corners):
         one, other = crossing
-        yield f"polygon: the sides after corners {corners[one]} and {corners[other]} cross or touch"
+        return f"the sides after corners {corners[one]} and {corners[other]} cross or touch"
+    return ""
 
 
 def _near(value: float) -> bool:

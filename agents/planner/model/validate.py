@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from agents.planner.model.errors import Code, PlanError
-from agents.planner.model.scene import Box, Corner, Cylinder, Obstacle, Point, Scene, check, name_of
+from agents.planner.model.scene import Box, Corner, Cylinder, Obstacle, Point, Scene, check, extent_of, name_of
 
 TOLERANCE = 0.01
 """m"""
@@ -61,7 +61,7 @@ def _clear(
     scene: Scene, code: Code, what: str, names: Sequence[str], places: Sequence[Point], radii: Sequence[float]
 ) -> None:
     offenders, texts = [], []
-    extents = np.array([_extent(obstacle) for obstacle in scene.obstacles]).reshape(-1, 6)
+    extents = np.array([extent_of(obstacle) for obstacle in scene.obstacles]).reshape(-1, 6)
     for name, place, radius in zip(names, places, radii, strict=True):
         gaps = np.maximum(extents[:, :3] - place, place - extents[:, 3:])
         for k in np.flatnonzero((gaps < radius).all(axis=1)).tolist():
@@ -131,17 +131,6 @@ def _level(scene: Scene) -> None:
     if high and scene.assignment == "labelled":
         texts = [f"{v.id} is a rover, and its goal is not at its height of {v.start[2]:g} m" for v in high]
         _fail("unreachable", [v.id for v in high], texts)
-
-
-def _extent(obstacle: Obstacle) -> tuple[float, ...]:
-    """The box around an obstacle: least x, y, z, greatest x, y, z."""
-    if isinstance(obstacle, Box):
-        return (*obstacle.min, *obstacle.max)
-    if isinstance(obstacle, Cylinder):
-        (x, y), r = obstacle.center, obstacle.radius
-        return x - r, y - r, obstacle.floor, x + r, y + r, obstacle.ceiling
-    xs, ys = [x for x, _ in obstacle.polygon], [y for _, y in obstacle.polygon]
-    return min(xs), min(ys), obstacle.floor, max(xs), max(ys), obstacle.ceiling
 
 
 def distance(obstacle: Obstacle, place: Point) -> float:

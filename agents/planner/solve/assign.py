@@ -43,7 +43,7 @@ def costs(scene: Scene, world: World, goals: Floats) -> tuple[Floats, Floats]:
     problem = problem_of(scene, list(range(len(goals))))
     way = goals[None, :, :] - problem.start[:, None, :]
     length = np.linalg.norm(way, axis=2)
-    if len(world.boxes) or len(world.cylinders) or len(world.prisms) or len(world.fence):
+    if len(world.solids) or len(world.fence):
         for i, start in enumerate(problem.start):
             for j, goal in enumerate(goals):
                 if not segment_clear(world, start, goal, problem.radius[i]):

@@ -102,13 +102,13 @@ def _slot(
     first = tuple(
         other.vehicle
         for j, other in enumerate(planes)
-        if j != i and near[i, j] and goes_first((-other.pos_ned[2], heights[j]), (now, then), gap[i, j])
+        if j != i and near[i, j] and _goes_first((-other.pos_ned[2], heights[j]), (now, then), gap[i, j])
     )
     centre = (plane.goal_ned[0], plane.goal_ned[1], -then)
     return Slot(plane.vehicle, centre, loiter_radius(plane.body), loiter_speed(plane.body), first)
 
 
-def goes_first(other: tuple[float, float], one: tuple[float, float], gap: float) -> bool:
+def _goes_first(other: tuple[float, float], one: tuple[float, float], gap: float) -> bool:
     """Whether ``other`` must have changed its height (now, then) before ``one`` may: it is in the way now, and goes."""
     (theirs, after), (now, then) = other, one
     ahead = theirs > now if then > now else theirs < now

@@ -20,7 +20,6 @@ from agents.planner.model.problem import (
     MovingObstacle,
     Path,
     Problem,
-    Progress,
     problem_of,
 )
 from agents.planner.model.scene import Scene
@@ -47,7 +46,6 @@ def solve(
     seconds: float | None = None,
     seed: int = 0,
     margin: float = 0.0,
-    progress: Progress | None = None,
 ) -> Plan:
     """A verified plan of a scene.
 
@@ -58,7 +56,7 @@ def solve(
     out.
     Raises :class:`PlanError`.
     """
-    return Pipeline(scene, static, movers, seconds, seed, margin, progress).run()
+    return Pipeline(scene, static, movers, seconds, seed, margin).run()
 
 
 class Pipeline:
@@ -72,21 +70,14 @@ class Pipeline:
         seconds: float | None,
         seed: int,
         margin: float,
-        progress: Progress | None,
     ) -> None:
         self.scene, self.static, self.movers = scene, static, tuple(movers)
-        self.seed, self.margin, self.progress = seed, margin, progress
+        self.seed, self.margin = seed, margin
         self.begun = time.monotonic()
         self.deadline = self.begun + (60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds)
 
-    def say(self, stage: str, share: float) -> None:
-        if self.progress is not None:
-            self.progress(stage, share)
-
     def run(self) -> Plan:
-        self.say("validate", 0.0)
         validate(self.scene)
-        self.say("map", 0.0)
         static = self.static or StaticMap(world_of(self.scene))
         world = static.world
         problem, planes, others, paths = self.dealt(static)
@@ -94,11 +85,9 @@ class Pipeline:
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, world, planes, others, paths):
             if isinstance(motions, list):
-                self.say("verify", 0.0)
                 tracks = dict(zip(problem.ids, motions, strict=True))
                 report = verify.verify(self.scene, tracks, self.movers)
                 if report.ok:
-                    self.say("verify", 1.0)
                     samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
                     return Plan(status="ok", planning_time_s=time.monotonic() - self.begun, trajectories=samples)
                 stuck = report.culprits()
@@ -115,13 +104,11 @@ class Pipeline:
         count = len(self.scene.vehicles)
         never = np.zeros((count, count), dtype=np.bool_)
         while True:
-            self.say("assign", 0.0)
             chosen = assign(self.scene, static.world, never if never.any() else None)
             problem = problem_of(self.scene, chosen, self.movers)
             planes = np.flatnonzero(problem.kind == PLANE)
             others = np.flatnonzero(problem.kind != PLANE)
             clear_of_movers(problem)
-            self.say("paths", 0.0)
             room = ROOM * float(problem.radius[others].min(initial=np.inf))
             try:
                 paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
@@ -129,10 +116,7 @@ class Pipeline:
             except PlanError as e:
                 known = never.sum()
                 for i in (problem.ids.index(name) for name in e.ids if chosen is not None):
-                    for k in others:
-                        who = float(problem.radius[k]), int(problem.kind[k])
-                        if static.separated(problem.start[k], problem.goal[i], *who, seconds=0.0):
-                            never[k, (chosen or [])[i]] = True
+                    never[i, (chosen or [])[i]] = True
                 if e.kind != "unreachable" or never.sum() == known or time.monotonic() > self.deadline:
                     raise
 
@@ -144,7 +128,6 @@ class Pipeline:
             rng = np.random.default_rng((self.seed, turn))
             fixed: list[Motion] = []
             if len(planes):
-                self.say("planes", 0.0)
                 fixed = plan_planes(problem, world, planes.tolist(), rng)
             aside = tuple(
                 MovingObstacle(problem.ids[i], motion, float(problem.radius[i]), leaves=True)
@@ -168,25 +151,21 @@ class Pipeline:
     ) -> Iterator[Try]:
         """What is tried for all but the planes, from quick to thorough."""
         seed = self.seed + 1000 * turn
-        refining = None if self.progress is None else (lambda share: self.say("refine", share))
         least = float(durations(problem, paths).max(initial=0.0))
 
         def shorter(found: Refined) -> Refined:
             if found.motions is None or found.seconds < LONG * least:
                 return found
-            self.say("shorten", 0.0)
             return squeeze(problem, world, found, FACTORS[0] * least, self.deadline)
 
         def direct(more: int, factors: tuple[float, ...], deadline: float, hopeless: float = 1.0) -> Refined:
-            return shorter(refine_paths(problem, world, paths, deadline, seed + more, refining, factors, hopeless))
+            return shorter(refine_paths(problem, world, paths, deadline, seed + more, factors, hopeless))
 
         def discrete() -> Refined:
-            self.say("spacetime", 0.0)
             left = self.deadline - time.monotonic()
             motions = deconflict.find(problem, world, paths, left / 2, rng)
             if motions is None:
                 return Refined(None)
-            self.say("refine", 0.5)
             return shorter(refine(problem, world, motions, self.deadline))
 
         soon = time.monotonic() + (self.deadline - time.monotonic()) / 2.0

@@ -15,16 +15,17 @@ import numpy as np
 
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, Problem
+from agents.planner.model.separation import least_between
 from agents.planner.model.world import World
-from agents.planner.solve.paths.flight import Wings, apart, fly, motion_clear, way_clear
-from agents.planner.solve.paths.poses import find, gentle, join
+from agents.planner.solve.paths.dubins import WORDS
+from agents.planner.solve.paths.flight import Wings, end_of, fly, gentle, join, motion_clear, way_clear
 
 SPEEDS = 4
 """speeds, from the least to the greatest, for whose turns ways are made, and at which they are flown"""
 SLACK = 0.02
 """m that everything is farther away than it must be, for samples are rounded"""
 VIAS = (60, 250)
-"""ways by a random pose: how many are tried first, and when all else failed"""
+"""ways by a random place: how many are tried first, and when all else failed"""
 OFFSETS = (6.0, -6.0, 12.0, -12.0, 18.0, -18.0, 24.0, -24.0, 32.0, -32.0, 40.0, -40.0)
 """m by which the middle of a way may be higher"""
 ATTEMPTS, POLISH = 40, 8
@@ -85,28 +86,15 @@ class Plane:
         return [float(speed) for speed in np.linspace(self.wings.vmin, self.wings.vmax, SPEEDS)]
 
     def _direct(self) -> Iterator[Motion]:
-        """The shortest for each radius; where obstacles or a climb are in the way, what a search finds."""
+        """The shortest for each radius."""
         for turn in self._turns():
-            for word in range(4):
-                legs = join(self._pose, np.array([*self._goal, 0.0]), turn, word, free=True)
+            for word in range(WORDS):
+                legs = join(self._pose, self._goal, turn, word)
                 known = any(legs is not None and _same(legs, other) for other in self._ways)
                 if legs is not None and not known and self._clear(legs):
                     self._ways.append(legs)
         for legs in self._ways:
             yield from self._flown(legs, self.wings.vmax)
-        if not self._ways:
-            yield from self._searched()
-
-    def _searched(self) -> Iterator[Motion]:
-        """What a search finds for each radius; the wider the turns, the fewer poses it has to look at."""
-        for turn in self._turns()[::-1]:
-            if self._ways and turn <= 1.001 * self.wings.tightest:
-                return
-            legs = find(self._world, self._posts, self._squash, self._pose, self._goal, self.wings, turn, self._rng)
-            if legs is not None:
-                motions = list(self._flown(legs, self.wings.vmax))
-                self._ways += [legs] * len(motions)
-                yield from motions
 
     def _aside(self) -> Iterator[Motion]:
         """The same ways more slowly, and higher or lower in their middle; and ways around."""
@@ -124,25 +112,22 @@ class Plane:
                         yield from self._flown(bent, cap)
 
     def _by_vias(self, count: int) -> Iterator[Motion]:
-        """By a pose somewhere beside the straight line, with the turns of any speed."""
+        """By a place somewhere beside the straight line, with the turns of any speed."""
         start, goal = self._pose[:3], self._goal
         middle, reach = (start + goal) / 2.0, max(float(np.linalg.norm(goal - start)), 6.0 * self.wings.tightest) / 2.0
         low = np.maximum(self._world.bounds[:3], middle - 1.2 * reach)
         high = np.minimum(self._world.bounds[3:], middle + 1.2 * reach)
-        caps = self._caps()
         for _ in range(count):
-            via = np.empty(4)
-            via[:3] = self._rng.uniform(low, high)
-            via[3] = math.atan2(goal[1] - via[1], goal[0] - via[0]) + self._rng.normal(0.0, 0.8)
+            via = self._rng.uniform(low, high)
             via[2] = np.clip(self._rng.normal(middle[2], 20.0), low[2], high[2])
-            cap = caps[int(self._rng.integers(len(caps)))]
+            cap = float(self._rng.choice(self._caps()))
             turn = self.wings.turn(cap)
-            first = [join(self._pose, via, turn, word, free=False) for word in range(6)]
-            second = [join(via, np.array([*goal, 0.0]), turn, word, free=True) for word in range(4)]
-            if (one := _shortest(first)) and (other := _shortest(second)):
-                legs = np.concatenate((one[0], other[0]))
-                if self._clear(legs):
-                    yield from self._flown(legs, cap)
+            one = _shortest([join(self._pose, via, turn, word) for word in range(WORDS)])
+            if one is None:
+                continue
+            other = _shortest([join(end_of(self._pose, one), goal, turn, word) for word in range(WORDS)])
+            if other is not None and self._clear(legs := np.concatenate((one, other))):
+                yield from self._flown(legs, cap)
 
     def _circling(self) -> Iterator[Motion]:
         """A circle or two first, or on the way."""
@@ -163,9 +148,8 @@ def _same(a: Floats, b: Floats) -> bool:
     return a.shape == b.shape and bool(np.allclose(a, b, atol=1e-6))
 
 
-def _shortest(ways: Sequence[Floats | None]) -> list[Floats]:
-    """The shortest alone, or none."""
-    return sorted((legs for legs in ways if legs is not None), key=lambda legs: float(legs[:, 1].sum()))[:1]
+def _shortest(ways: Sequence[Floats | None]) -> Floats | None:
+    return min((legs for legs in ways if legs is not None), key=lambda legs: float(legs[:, 1].sum()), default=None)
 
 
 def halved(legs: Floats, at: float) -> Floats:
@@ -223,21 +207,14 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     raise PlanError("unreachable", [name], text)
 
 
-def plan_planes(
-    problem: Problem,
-    world: World,
-    indices: Sequence[int],
-    rng: np.random.Generator,
-    avoid: Sequence[MovingObstacle] = (),
-) -> list[Motion]:
+def plan_planes(problem: Problem, world: World, indices: Sequence[int], rng: np.random.Generator) -> list[Motion]:
     """Motions (T, 4) of the planes ``indices``, in that order: from the start at its heading to the goal, flying.
 
-    They keep off each other, off ``problem.movers`` and ``avoid`` (others' motions, where these are fixed already), and
-    off the starts and goals of all others where that can be. Raises :class:`PlanError` ``unreachable`` for a plane that
-    has no way at all, and ``timeout`` where none was found for all together.
+    They keep off each other, off ``problem.movers``, and off the starts and goals of all others where that can be.
+    Raises :class:`PlanError` ``unreachable`` for a plane that has no way at all, and ``timeout`` where none was found
+    for all together.
     """
     planes = {index: _plane(problem, world, index, rng) for index in indices}
-    movers = (*problem.movers, *avoid)
     bounds = {
         i: float(np.linalg.norm(problem.goal[i] - problem.start[i]) / problem.vmax[i]) for i in range(len(problem))
     }
@@ -247,7 +224,7 @@ def plan_planes(
     takes = math.inf
     for attempt in range(ATTEMPTS):
         found: dict[int, Motion] = {}
-        stuck = next((i for i in order if not _place_one(problem, planes[i], movers, found)), None)
+        stuck = next((i for i in order if not _place_one(problem, planes[i], problem.movers, found)), None)
         last = max(order, key=lambda i: float(found[i][-1, 0])) if stuck is None else stuck
         if stuck is None and found[last][-1, 0] < takes:
             best, takes = found, float(found[last][-1, 0])
@@ -278,7 +255,10 @@ def _place_one(problem: Problem, plane: Plane, movers: Sequence[MovingObstacle],
 def _free(
     problem: Problem, index: int, motion: Motion, movers: Sequence[MovingObstacle], found: dict[int, Motion]
 ) -> bool:
-    radius, squash = float(problem.radius[index]) + SLACK, problem.downwash
+    others = [(track, float(problem.radius[k]), True) for k, track in found.items()]
+    others += [(np.ascontiguousarray(m.motion), m.radius, m.leaves) for m in movers]
+    keep, inverse = float(problem.radius[index]) + SLACK, 1.0 / problem.downwash
     return all(
-        apart(motion, other, radius + float(problem.radius[k]), squash, True, True) for k, other in found.items()
-    ) and all(apart(motion, m.motion, radius + m.radius, squash, True, m.leaves) for m in movers)
+        least_between(motion, track, inverse, True, leaves, -np.inf)[0] >= keep + radius
+        for track, radius, leaves in others
+    )

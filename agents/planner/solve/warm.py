@@ -32,14 +32,6 @@ def warm(planes: bool = True) -> Plan:
         for scene in (copters, lane()) if everything else (copters,):
             problem, static = problem_of(scene), StaticMap(world_of(scene))
             deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
-        if everything:
-            # A way through a narrow place, and the proof that there is none through a narrower one.
-            for gap in (2.2, 1.8):
-                scene = gapped(gap)
-                problem, static = problem_of(scene), StaticMap(world_of(scene))
-                start, goal, radius = problem.start[0], problem.goal[0], float(problem.radius[0])
-                static.path(start, goal, radius)
-                static.separated(start, goal, radius)
         if planes or everything:
             solve(example(planes=True), seconds=PATIENCE)
     return plan
@@ -57,16 +49,6 @@ def lane() -> Scene:
     ]
     bounds = Bounds(min=(-26.0, -8.0, 4.0), max=(26.0, 8.0, 6.0))
     return Scene(vehicles=vehicles, obstacles=walls, bounds=bounds, downwash=1.5)
-
-
-def gapped(gap: float) -> Scene:
-    """Two rooms and a gap between them, not where anybody would look first."""
-    walls: list[Obstacle] = [
-        Box(min=(-1.0, -20.0, 0.0), max=(1.0, 13.3, 20.0)),
-        Box(min=(-1.0, 13.3 + gap, 0.0), max=(1.0, 20.0, 20.0)),
-    ]
-    bounds = Bounds(min=(-20.0, -20.0, 0.0), max=(20.0, 20.0, 20.0))
-    return Scene(vehicles=[copter("a", (-10.0, -10.0, 5.0), (10.0, -10.0, 5.0))], obstacles=walls, bounds=bounds)
 
 
 def example(planes: bool) -> Scene:

@@ -153,14 +153,6 @@ def test_outside_says_how_far() -> None:
     assert geometry.outside(world, 63.0, -20.0, 10.0) == pytest.approx(8.0)
 
 
-def test_the_terrain_is_a_floor_that_may_rise() -> None:
-    world = world_of(scene(), terrain=(1.0, 0.1, 0.0, 2.0))
-    low, high = np.array([0.0, 0.0, 3.1]), np.array([20.0, 0.0, 5.1])
-    assert geometry.segment_clear(world, low, high, 1.0)
-    assert not geometry.segment_clear(world, low, np.array([20.0, 0.0, 4.9]), 1.0)
-    assert geometry.outside(world, 10.0, 0.0, 3.5) == pytest.approx(0.5)
-
-
 def escape(world: World, point: Floats, radius: float) -> tuple[float, Floats]:
     out = np.zeros(3)
     return geometry.away(world, point[0], point[1], point[2], radius, out), out

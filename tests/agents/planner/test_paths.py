@@ -1,4 +1,4 @@
-"""Single ways: lattices, the search, shortening, OMPL, and proofs that there is no way."""
+"""Single ways: lattices, the search, shortening and OMPL."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 
 from agents.planner.model import geometry
 from agents.planner.model.problem import ROVER, Floats, Path
-from agents.planner.model.scene import Bounds, Box, Fence, NoFly, Obstacle, Scene
+from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
-from agents.planner.solve.paths import enclosed, lattice, sampled, shorten
+from agents.planner.solve.paths import lattice, sampled, shorten
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 ROOM: Corners = ((-60, -40, 0), (60, 40, 24))
@@ -72,19 +72,6 @@ def test_a_window_is_found_however_narrow(size: Corners, spare: float) -> None:
     path = assert_clear(there, StaticMap(there).path(start, goal, 1.0), start, goal, 1.0)
     through = math.dist(start, (0, 3.7, 11.3)) + math.dist((0, 3.7, 11.3), goal)
     assert length(path) < 1.03 * through
-
-
-def test_a_slanted_slot_in_a_large_land_is_found() -> None:
-    turn = math.radians(31)
-    along, across = point(math.cos(turn), math.sin(turn)), point(-math.sin(turn), math.cos(turn))
-
-    def wall(begin: float, end: float) -> NoFly:
-        ring = [u * along + v * across for u, v in ((begin, -1), (end, -1), (end, 1), (begin, 1))]
-        return NoFly(polygon=[(float(x), float(y)) for x, y in ring], floor=0, ceiling=120)
-
-    there = world(wall(-400, 17.0), wall(19.6, 400), size=LAND)
-    start, goal = point(100, -150, 60), point(-100, 150, 60)
-    assert_clear(there, StaticMap(there).path(start, goal, 1.0, patience=60.0), start, goal, 1.0)
 
 
 def test_round_a_tower_by_the_shortest_way() -> None:
@@ -157,56 +144,6 @@ def test_shortening_keeps_clear_and_never_lengthens() -> None:
         assert shorten.travel_time(short, RATES) <= shorten.travel_time(way, RATES)
 
 
-def pocket(there: World, start: Floats, goal: Floats, radius: float, **more: float) -> enclosed.Pocket | None:
-    """The proof that there is no way; where there is none, it must have found a way."""
-    found = enclosed.decide(there, radius, start, goal, 60.0, **more)
-    if isinstance(found, enclosed.Pocket):
-        return found
-    assert_clear(there, found, start, goal, radius)
-    return None
-
-
-def test_there_is_no_way_out_of_a_cell() -> None:
-    there = world(*cell(9, 12))
-    inside, beyond = point(1, 2, 5), point(40, 0, 10)
-    found = pocket(there, beyond, inside, 1.0)
-    assert found is not None
-    # Whichever flood ran dry: it was at its own end, and not at the other.
-    assert found.holds(there, 1.0, inside) != found.holds(there, 1.0, beyond)
-    assert found.holds(there, 1.0, inside) == found.holds(there, 1.0, point(-3, -4, 7))
-    assert pocket(there, point(-40, 0, 10), beyond, 1.0) is None
-    assert pocket(there, inside, point(-3, -4, 7), 1.0) is None
-
-
-@pytest.mark.parametrize("width", [1.0, 1.9])
-def test_there_is_no_way_through_a_window_that_is_too_narrow(width: float) -> None:
-    assert pocket(world(*gate(width)), point(-20, 0, 10), point(20, 0, 10), 1.0) is not None
-
-
-def test_nothing_is_proven_where_there_is_a_way() -> None:
-    start, goal = point(-20, 0, 10), point(20, 0, 10)
-    for width in (2.05, 5.0):
-        assert pocket(world(*gate(width)), start, goal, 1.0) is None
-    walls = cell(9, 12)[:4]  # no roof
-    assert pocket(world(*walls), start, point(0, 0, 5), 1.0) is None
-
-
-def test_what_stays_on_the_ground_is_walled_in_by_what_others_fly_over() -> None:
-    there = world(*cell(9, 4)[:4])
-    start, goal = point(-40, 0, 0.5), point(0, 0, 0.5)
-    assert pocket(there, start, goal, 0.7) is None
-    assert pocket(there, start, goal, 0.7, height=0.5) is not None
-
-
-def test_a_fence_may_leave_no_way() -> None:
-    ring = [(-55.0, -35.0), (55.0, -35.0), (55.0, 0.0), (0.0, 0.0), (0.0, 35.0), (-55.0, 35.0)]
-    cut = NoFly(polygon=[(-1, 1), (1, -1), (-56, -38), (-58, -36)], floor=0, ceiling=24)
-    fence = Fence(polygon=ring, floor=1, ceiling=20)
-    start, goal = point(50, -5, 5), point(-5, 30, 5)
-    assert pocket(world(cut, fence=fence), start, goal, 1.0) is not None
-    assert pocket(world(cut), start, goal, 1.0) is None
-
-
 def test_a_lattice_has_a_point_in_every_gap() -> None:
     there = world(*gate(2.2))
     lines = lattice.lattice_of(there, 4.0, 1.0)
@@ -217,13 +154,10 @@ def test_a_lattice_has_a_point_in_every_gap() -> None:
         assert low < line[0] and line[-1] < high and (np.diff(line) > 0).all() and np.diff(line).max() <= 4.0 + 1e-9
 
 
-@pytest.mark.parametrize("planner", ["connect", "informed"])
-def test_a_sampled_way_is_clear(planner: str) -> None:
+def test_a_sampled_way_is_clear() -> None:
     there = world(Box(min=(-10, -10, 0), max=(10, 10, 24)))
     start, goal = point(-40, 0, 12), point(40, 0, 12)
-    seconds = 5.0 if planner == "connect" else 0.1
-    path = sampled.find(there, start, goal, 1.0, seconds, "connect" if planner == "connect" else "informed")
-    assert_clear(there, path, start, goal, 1.0)
+    assert_clear(there, sampled.find(there, start, goal, 1.0, 5.0), start, goal, 1.0)
 
 
 def test_no_sampled_way_is_made_up() -> None:

@@ -13,7 +13,7 @@ from agents.planner.model.scene import Bounds, Cylinder, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.verify import verify
-from agents.planner.solve.refine import FACTORS, Refined, refine, refine_paths
+from agents.planner.solve.refine import FACTORS, Refined, flyable, refine, refine_paths
 from agents.planner.solve.refine.knots import durations, knots_of_paths, ramped, resampled
 from agents.planner.solve.refine.swarm import Swarm
 from tests.agents.planner.generate import CLASSES
@@ -126,14 +126,21 @@ def test_finer_knots_lie_on_the_same_curve() -> None:
     assert np.array_equal(fine[-1], place[0, -1])
 
 
-def test_no_longer_try_where_most_are_in_each_others_way() -> None:
+def test_no_longer_try_where_most_are_in_each_others_way(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = CLASSES["tunnel"](8, 0)
     problem, static = problem_of(scene), StaticMap(world_of(scene))
+    real, told = flyable.settle_and_finish, list[float]()
+
+    def counted(swarm: Swarm, deadline: float, slide: float = flyable.SLIDE) -> flyable.Refined:
+        told.append(swarm.seconds)
+        return real(swarm, deadline, slide)
+
+    monkeypatch.setattr(flyable, "settle_and_finish", counted)
     for hopeless, tries in ((0.2, 3), (1.0, 6)):
-        told: list[float] = []
+        told.clear()
         until = time.monotonic() + 600.0
         ways = static.paths_for(problem)
-        found = refine_paths(problem, static.world, ways, until, 0, told.append, FACTORS[:2], hopeless)
+        found = refine_paths(problem, static.world, ways, until, 0, FACTORS[:2], hopeless)
         assert found.motions is None
         assert len(found.stuck) > 0.2 * len(problem)
         assert len(told) == tries

@@ -159,17 +159,3 @@ def test_a_spent_budget_is_said_with_the_vehicles() -> None:
     assert set(caught.value.ids) <= {v.id for v in scene.vehicles}
     assert caught.value.ids
     assert time.monotonic() - begun < 60.0
-
-
-def test_stages_are_told_as_they_come() -> None:
-    told: list[str] = []
-    solve(CLASSES["mixed"](6, 0), progress=lambda stage, share: told.append(stage))
-    assert [stage for k, stage in enumerate(told) if stage not in told[:k]] == [
-        "validate",
-        "map",
-        "assign",
-        "paths",
-        "planes",
-        "refine",
-        "verify",
-    ]

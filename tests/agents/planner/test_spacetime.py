@@ -13,7 +13,9 @@ from agents.planner.model.problem import Floats, Motion, MovingObstacle, Path, P
 from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
-from agents.planner.solve.spacetime import deconflict, find, repair
+from agents.planner.solve.refine.knots import leg_times
+from agents.planner.solve.spacetime import deconflict
+from agents.planner.solve.spacetime.deconflict import find
 from agents.planner.solve.spacetime.negotiate import Negotiation
 from agents.planner.solve.spacetime.table import Table, empty_table, put, take, trouble, troubles
 from tests.agents.planner import generate
@@ -94,7 +96,7 @@ def table_of(count: int, seed: int, *, filed: bool = True) -> Table:
         bounds=Bounds(min=(-20.0, -20.0, 0.0), max=(20.0, 20.0, 9.0)),
         downwash=1.5,
     )
-    table = empty_table(problem_of(scene), 0.25, 40, 0, AREA, 5.0, 0.0)
+    table = empty_table(problem_of(scene), 0.25, 40, AREA, 5.0, 0.0)
     for body in range(count):
         steps = rng.uniform(-0.7, 0.7, (40, 3)) * (rng.random((40, 1)) < 0.7)
         table.places[body] = np.concatenate((np.zeros((1, 3)), np.cumsum(steps, axis=0))) + rng.uniform(-4.0, 4.0, 3)
@@ -163,7 +165,7 @@ def test_no_finer_lattice_where_the_first_will_do(monkeypatch: pytest.MonkeyPatc
     problem, world, paths = ready(generate.gate_opposing(16, 1))
     motions = find(problem, world, paths, 300.0, np.random.default_rng(0))
     assert motions is not None
-    assert max(motion[-1, 0] for motion in motions) > 1.3 * max(deconflict.travel(problem, 0, p) for p in paths)
+    assert max(motion[-1, 0] for motion in motions) > 1.3 * max(leg_times(problem, 0, p).sum() for p in paths)
     assert asked == [1.0, 1.0]
 
 
@@ -209,30 +211,3 @@ def test_the_same_seed_gives_the_same_motions() -> None:
     assert one is not None
     assert two is not None
     assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
-
-
-def test_one_is_planned_again_among_all_others() -> None:
-    problem, world, paths = ready(generate.shuffle(36, 2))
-    motions = find(problem, world, paths, 30.0, np.random.default_rng(0))
-    assert motions is not None
-    halted = 4
-    motions[halted] = np.array([[0.0, *problem.start[halted]]])
-    again = repair(problem, world, motions, [halted], [paths[halted]], 20.0, np.random.default_rng(0), begin=2.0)
-    judge(problem, world, again)
-    assert again is not None
-    assert 2.0 <= again[halted][0, 0] <= 2.5
-    assert all(again[i] is motions[i] for i in range(36) if i != halted)
-
-
-def test_what_was_before_a_repair_begins_is_no_concern_of_it() -> None:
-    scene = Scene(
-        vehicles=[copter("v0", (-12.0, 0.0, 5.0), (12.0, 0.0, 5.0)), copter("v1", (0.0, 0.0, 5.0), (0.0, 12.0, 5.0))],
-        bounds=Bounds(min=(-20.0, -20.0, 0.0), max=(20.0, 20.0, 10.0)),
-        downwash=1.5,
-    )
-    problem, world, paths = ready(scene)
-    through = np.array([[0.0, *problem.start[0]], [6.0, *problem.goal[0]]])
-    motions = [through, np.array([[0.0, *problem.start[1]]])]
-    again = repair(problem, world, motions, [1], [paths[1]], 5.0, np.random.default_rng(0), begin=7.0)
-    assert again is not None
-    assert 7.0 <= again[1][0, 0] < again[1][-1, 0] < 12.0

@@ -1,8 +1,7 @@
-"""Dubins ways: the shortest for what turns no tighter than a radius, to a place with or without a heading there.
+"""Dubins ways to a place: the shortest for what turns no tighter than a radius, whatever the heading there.
 
-After L. E. Dubins, *On curves of minimal length with a constraint on average curvature* (1957), the six words in the
-closed form of A. Shkel and V. Lumelsky (2001); to a place with any heading after X.-N. Bui and others (1994): a turn
-and a straight line, or two turns.
+A turn and a straight line, or two turns (X.-N. Bui and others, 1994, after L. E. Dubins, *On curves of minimal length
+with a constraint on average curvature*, 1957).
 
 A pose is x, y (m) and the heading (rad counter-clockwise from east). A way is legs, one a row: curvature (1/m, left is
 positive, 0 is straight) and length (m).
@@ -17,9 +16,7 @@ import numpy as np
 from agents.planner.model.problem import Floats
 from agents.planner.solve.jit import jit
 
-WORDS = 6
-"""LSL, RSR, LSR, RSL, RLR, LRL"""
-POINT_WORDS = 4
+WORDS = 4
 """LS, RS, LR, RL"""
 _TAU = 2.0 * math.pi
 
@@ -42,60 +39,6 @@ def _wrap(angle: float) -> float:
     """In [0, 2π); what rounding put just below a full turn is none."""
     angle = angle % _TAU
     return 0.0 if angle > _TAU - 1e-9 else angle
-
-
-@jit
-def between(
-    x0: float, y0: float, h0: float, x1: float, y1: float, h1: float, radius: float, word: int, legs: Floats
-) -> float:
-    """Fill ``legs`` (3, 2) with the way of one of the six words; its length, inf where there is none."""
-    dx, dy = x1 - x0, y1 - y0
-    d = math.hypot(dx, dy) / radius
-    aim = math.atan2(dy, dx)
-    a, b = h0 - aim, h1 - aim
-    sa, ca, sb, cb, cab = math.sin(a), math.cos(a), math.sin(b), math.cos(b), math.cos(a - b)
-    first, last, middle = 1.0, 1.0, 0.0
-    if word == 0:
-        square = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sa - sb)
-        turn = math.atan2(cb - ca, d + sa - sb)
-        t, p, q = _wrap(turn - a), math.sqrt(max(square, 0.0)), _wrap(b - turn)
-    elif word == 1:
-        first, last = -1.0, -1.0
-        square = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sb - sa)
-        turn = math.atan2(ca - cb, d - sa + sb)
-        t, p, q = _wrap(a - turn), math.sqrt(max(square, 0.0)), _wrap(turn - b)
-    elif word == 2:
-        last = -1.0
-        square = d * d - 2.0 + 2.0 * cab + 2.0 * d * (sa + sb)
-        p = math.sqrt(max(square, 0.0))
-        turn = math.atan2(-ca - cb, d + sa + sb) - math.atan2(-2.0, p)
-        t, q = _wrap(turn - a), _wrap(turn - b)
-    elif word == 3:
-        first = -1.0
-        square = d * d - 2.0 + 2.0 * cab - 2.0 * d * (sa + sb)
-        p = math.sqrt(max(square, 0.0))
-        turn = math.atan2(ca + cb, d - sa - sb) - math.atan2(2.0, p)
-        t, q = _wrap(a - turn), _wrap(b - turn)
-    elif word == 4:
-        first, middle, last = -1.0, 1.0, -1.0
-        cosine = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sa - sb)) / 8.0
-        square = 1.0 - abs(cosine)
-        p = _wrap(_TAU - math.acos(min(max(cosine, -1.0), 1.0)))
-        t = _wrap(a - math.atan2(ca - cb, d - sa + sb) + p / 2.0)
-        q = _wrap(a - b - t + p)
-    else:
-        middle = -1.0
-        cosine = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sb - sa)) / 8.0
-        square = 1.0 - abs(cosine)
-        p = _wrap(_TAU - math.acos(min(max(cosine, -1.0), 1.0)))
-        t = _wrap(-a - math.atan2(ca - cb, d + sa - sb) + p / 2.0)
-        q = _wrap(b - a - t + p)
-    if square < 0.0:
-        return np.inf
-    legs[0, 0], legs[0, 1] = first / radius, t * radius
-    legs[1, 0], legs[1, 1] = middle / radius, p * radius
-    legs[2, 0], legs[2, 1] = last / radius, q * radius
-    return (t + p + q) * radius
 
 
 @jit
@@ -128,13 +71,3 @@ def to_point(x0: float, y0: float, h0: float, x1: float, y1: float, radius: floa
     legs[0, 0], legs[0, 1] = side / radius, turn * radius
     legs[1, 0], legs[1, 1] = -side / radius, second * radius
     return (turn + second) * radius
-
-
-@jit
-def shortest_to_point(x0: float, y0: float, h0: float, x1: float, y1: float, radius: float) -> float:
-    """The length of the shortest way to a place, whatever the heading there."""
-    legs = np.empty((2, 2))
-    best = np.inf
-    for word in range(POINT_WORDS):
-        best = min(best, to_point(x0, y0, h0, x1, y1, radius, word, legs))
-    return best

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Ints, Path
-from agents.planner.model.scene import Box
+from agents.planner.model.problem import Floats, Ints
 from agents.planner.model.world import World
 
 MOST_GAPS = 150
@@ -97,16 +96,3 @@ def corners_of(lattice: Lattice, point: Floats, reach: int) -> Ints:
     i, j, k = np.meshgrid(*picked, indexing="ij")
     numbers: Ints = ((k * len(lattice.y) + j) * len(lattice.x) + i).ravel().astype(np.int64)
     return numbers
-
-
-def pillar_on(world: World, path: Path, reach: float) -> Box | None:
-    """A box from the least to the greatest height that closes a way half-way, ``reach`` to each side; None: the way is
-    too short for that.
-    """
-    legs = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    if legs.sum() < 4.0 * reach:
-        return None
-    along = np.concatenate(([0.0], np.cumsum(legs)))
-    x, y = (float(np.interp(along[-1] / 2.0, along, path[:, axis])) for axis in range(2))
-    low, high = float(world.bounds[2]), float(world.bounds[5])
-    return Box(min=(x - reach, y - reach, low), max=(x + reach, y + reach, high))

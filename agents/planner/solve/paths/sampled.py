@@ -1,12 +1,12 @@
-"""Sampling planners (OMPL) in three dimensions, each edge tested exactly.
+"""A sampling planner (OMPL's RRTConnect) in three dimensions, each edge tested exactly.
 
-RRTConnect finds a way where lines of a lattice miss what is free; InformedRRT* looks for the shortest in the time it is
-given. No other thread of the process runs while OMPL plans, so that this belongs into a solver's process.
+It finds a way where lines of a lattice miss what is free. No other thread of the process runs while OMPL plans, so that
+this belongs into a solver's process.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from ompl import base, geometric, util
@@ -16,23 +16,14 @@ from agents.planner.model.problem import Floats, Path
 from agents.planner.model.world import World
 from agents.planner.solve.paths.lattice import extent
 
-PLANNERS = {"connect": geometric.RRTConnect, "informed": geometric.InformedRRTstar}
 STEPS = 25
 """of the extent's diagonal in the longest edge"""
 
 
-def find(
-    world: World,
-    start: Floats,
-    goal: Floats,
-    radius: float,
-    seconds: float,
-    planner: Literal["connect", "informed"] = "connect",
-) -> Path | None:
+def find(world: World, start: Floats, goal: Floats, radius: float, seconds: float) -> Path | None:
     """A way from start to goal, (3,) each, that keeps ``radius`` everywhere; None: none was found in ``seconds``.
 
-    Wall time: "connect" ends with the first way, "informed" when time is up. Both ends must be free, or all of the time
-    is spent in vain.
+    Wall time. Both ends must be free, or all of the time is spent in vain.
     """
     util.setLogLevel(util.LOG_NONE)
     low, high = extent(world)
@@ -48,8 +39,8 @@ def find(
     setup.setStateValidityChecker(lambda state: _free(world, state, radius))
     information.setMotionValidator(_motions(information, world, radius))
     setup.setStartAndGoalStates(_state(space, start), _state(space, goal))
-    chosen = PLANNERS[planner](information)
-    chosen.setRange(float(np.linalg.norm(high - low)) / STEPS if planner == "connect" else 0.0)
+    chosen = geometric.RRTConnect(information)
+    chosen.setRange(float(np.linalg.norm(high - low)) / STEPS)
     setup.setPlanner(chosen)
     setup.solve(seconds)
     if not setup.haveExactSolutionPath():

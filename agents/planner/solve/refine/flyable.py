@@ -7,7 +7,7 @@ each other as the samples of a plan.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,7 +48,6 @@ def refine_paths(
     paths: list[Path],
     deadline: float,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
     factors: tuple[float, ...] = FACTORS,
     hopeless: float = 1.0,
 ) -> Refined:
@@ -60,13 +59,10 @@ def refine_paths(
     if least <= 0.0:
         return Refined([np.array([[0.0, *p]]) for p in problem.start])
     best = Refined(None)
-    for n, factor in enumerate(factors):
-        seconds = least * factor
-        for m, swarm in enumerate(race(problem, world, paths, seconds, seed)):
+    for factor in factors:
+        for swarm in race(problem, world, paths, least * factor, seed):
             if time.monotonic() > deadline:
                 return best
-            if progress is not None:
-                progress((n + m / len(GUESSES)) / len(factors))
             result = settle_and_finish(swarm, deadline)
             if result.motions is not None:
                 return result

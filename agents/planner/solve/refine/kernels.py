@@ -191,7 +191,7 @@ def keep_limits(
     fenced = len(world.fence) > 0
     stride = 0.25 if h <= FINE else 0.5
     spare = -1.0  # no obstacle is nearer than this on top of what is kept clear of them
-    if len(world.boxes) + len(world.cylinders) + len(world.prisms) == 0:
+    if len(world.solids) == 0:
         spare = np.inf
     worst[0], worst[1], worst[2] = 0.0, 0.0, 0.0
     # Anyone who starts or ends in contact with something may stay in contact until it has left, or once it comes near.

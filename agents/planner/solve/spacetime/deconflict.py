@@ -1,15 +1,15 @@
-"""The two questions that the solver asks of the discrete search: motions for all, and new ones for a few."""
+"""What the solver asks of the discrete search: motions for all."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from agents.planner.model.problem import PLANE, Floats, Ints, Motion, MovingObstacle, Path, Problem
+from agents.planner.model.problem import Ints, Motion, Path, Problem
 from agents.planner.model.world import World
+from agents.planner.solve.refine.knots import leg_times
 from agents.planner.solve.spacetime.negotiate import Negotiation
 
 FINE = 0.55
@@ -58,7 +58,7 @@ def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) 
     """Who is planned before whom, and how fine a lattice is: first the longest ways first, then so but one direction of
     travel before the other; then both on a lattice that smaller bays have a node in; then any order.
     """
-    times = np.array([travel(problem, i, path) for i, path in enumerate(paths)])
+    times = np.array([leg_times(problem, i, path).sum() for i, path in enumerate(paths)])
     ways = problem.goal - problem.start
     _, _, axes = np.linalg.svd(ways, full_matrices=False)
     longest, one_way = np.argsort(-times, kind="stable"), np.lexsort((-times, ways @ axes[0] < 0.0))
@@ -70,53 +70,8 @@ def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) 
             yield rng.permutation(len(problem)), fine
 
 
-def travel(problem: Problem, i: int, path: Path) -> float:
-    """Seconds along a path at full speed."""
-    legs = np.diff(path, axis=0)
-    rises = np.maximum(legs[:, 2] / problem.climb[i], -legs[:, 2] / problem.descend[i])
-    return float(np.maximum(np.linalg.norm(legs, axis=1) / problem.vmax[i], rises).sum())
-
-
-def horizon(problem: Problem, paths: Sequence[Path], begin: float = 0.0) -> float:
-    """Seconds from ``begin`` that a table should have room for."""
-    longest = max((travel(problem, i, path) for i, path in enumerate(paths)), default=0.0)
+def horizon(problem: Problem, paths: Sequence[Path]) -> float:
+    """Seconds that a table should have room for."""
+    longest = max((leg_times(problem, i, path).sum() for i, path in enumerate(paths)), default=0.0)
     moved = max((float(mover.motion[-1, 0]) for mover in problem.movers), default=0.0)
-    return max(0.0, moved - begin) + 3.0 * longest + 25.0 + 2.0 * len(problem)
-
-
-def repair(
-    problem: Problem,
-    world: World,
-    motions: Sequence[Motion],
-    who: Sequence[int],
-    paths: Sequence[Path],
-    seconds: float,
-    rng: np.random.Generator,
-    begin: float = 0.0,
-) -> list[Motion] | None:
-    """The motions with new ones for the vehicles ``who``, clear of all others' as these are; None: none found.
-
-    ``who`` are at rest at their starts at ``begin`` s, or a step later; ``paths``: theirs, in the same order. Their
-    new motions begin then.
-    """
-    others = [i for i in range(len(problem)) if i not in set(who)]
-    fixed = tuple(
-        MovingObstacle(problem.ids[i], motions[i], float(problem.radius[i]), leaves=bool(problem.kind[i] == PLANE))
-        for i in others
-    )
-    few = part(replace(problem, movers=problem.movers + fixed), np.array(who, dtype=np.int64))
-    deadline = time.perf_counter() + seconds
-    length = horizon(few, paths, begin)
-    talk = Negotiation(few, world, paths, margin=MARGIN, seconds=length, begin=begin)
-    talk.start(np.argsort(-talk.alone, kind="stable").tolist(), deadline)
-    if not talk.settle(deadline, rng):
-        return None
-    new = dict(zip(who, talk.motions(), strict=True))
-    return [new.get(i, motion) for i, motion in enumerate(motions)]
-
-
-def part(problem: Problem, who: Ints) -> Problem:
-    """The same with some of the vehicles only."""
-    columns = ("kind", "start", "goal", "radius", "vmax", "amax", "climb", "descend", "vmin", "heading")
-    chosen: dict[str, Floats] = {name: np.ascontiguousarray(getattr(problem, name)[who]) for name in columns}
-    return replace(problem, ids=tuple(problem.ids[i] for i in who), **chosen)  # type: ignore[arg-type]
+    return max(0.0, moved) + 3.0 * longest + 25.0 + 2.0 * len(problem)

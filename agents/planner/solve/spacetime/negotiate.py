@@ -18,7 +18,7 @@ from agents.planner.model.world import World
 from agents.planner.solve.spacetime.lattice import MOVES, Lattice, anchor, lattice_of
 from agents.planner.solve.spacetime.roads import ROOM, durations, no_lattice, pitch_for, roads_of
 from agents.planner.solve.spacetime.search import BLOCKED, FOREVER, Roads, lay, search
-from agents.planner.solve.spacetime.table import GONE, Table, empty_table, put, take, troubles
+from agents.planner.solve.spacetime.table import Table, empty_table, put, take, troubles
 
 SHARE = 0.8
 """of the greatest speeds, that straight moves are planned at"""
@@ -59,11 +59,10 @@ class Negotiation:
         *,
         margin: float,
         seconds: float,
-        begin: float = 0.0,
         fine: float = 1.0,
     ) -> None:
-        """``margin``: share of the radii kept on top of them; ``seconds``: how far the table goes; ``begin``: s;
-        ``fine``: by which the lattice's pitch is multiplied.
+        """``margin``: share of the radii kept on top of them; ``seconds``: how far the table goes; ``fine``: by which
+        the lattice's pitch is multiplied.
         """
         self.problem, self.world, self.paths, self.fine = problem, world, paths, fine
         count = len(problem)
@@ -77,9 +76,8 @@ class Negotiation:
         lanes = ROOM * problem.radius / self.speed
         self.step = float(np.clip(np.median(lanes), LEAST_STEP, MOST_STEP))
         """s"""
-        self.begin = math.ceil(begin / self.step - 1e-9)
-        steps = min(LONGEST, self.begin + math.ceil(seconds / self.step))
-        self.table: Table = empty_table(problem, self.step, steps, self.begin, area, float(np.max(self.speed)), margin)
+        steps = min(LONGEST, math.ceil(seconds / self.step))
+        self.table: Table = empty_table(problem, self.step, steps, area, float(np.max(self.speed)), margin)
         bodies = len(self.table.apart)
         self.weight = np.full((bodies, bodies), PRICE)
         self.weight[:, count:] = 10.0 * BLOCKED
@@ -143,7 +141,7 @@ class Negotiation:
         """
         lattice, roads = no_lattice(), self._chains[i]
         rows = self._search(i, lattice, roads, 0.0, delay, FOREVER)
-        will_do = max(self.begin + delay + self.alone[i] * HARDLY + 4, enough)
+        will_do = max(delay + self.alone[i] * HARDLY + 4, enough)
         if not len(rows) or rows[-1, 1] > will_do:
             wide = self.wide(i)
             found = self._search(i, *wide, 0.0, delay, int(rows[-1, 1]) if len(rows) else FOREVER)
@@ -157,12 +155,11 @@ class Negotiation:
         return True
 
     def _search(self, i: int, lattice: Lattice, roads: Roads, limit: float, delay: int, before: int) -> Ints:
-        begin = self.begin + delay
-        last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), begin) + 1
+        last = max(self.moved_until, int(self.arrival[self.filed].max(initial=0)), delay) + 1
         pace, detour = float(self.speed[i]) * self.step, int(DETOUR * self.alone[i]) + 24
         weight, moves = self.weight, self._moves[i]
         return search(
-            self.table, weight, limit, i, lattice, MOVES, moves, roads, begin, last, MOST, GREED, pace, detour, before
+            self.table, weight, limit, i, lattice, MOVES, moves, roads, delay, last, MOST, GREED, pace, detour, before
         )
 
     def file(self, i: int) -> None:
@@ -211,29 +208,24 @@ class Negotiation:
         rows = np.zeros((count, 3), dtype=np.int64)
         rows[:, 0] = np.arange(count)
         rows[1:, 2] = chain.ahead[:-1] - chain.ahead[1:]
-        rows[:, 1] = self.begin + chain.ahead[0] - chain.ahead
+        rows[:, 1] = chain.ahead[0] - chain.ahead
         self._lay(i, rows, no_lattice(), chain)
 
     def _lay(self, i: int, rows: Ints, lattice: Lattice, roads: Roads) -> None:
-        """Write a way to the table; what was before its begin is nobody's concern."""
+        """Write a way to the table."""
         lay(rows, lattice, roads, self.table.places[i])
-        self.table.places[i, : self.begin] = GONE
         self.arrival[i] = rows[-1, 1]
 
-    def settle(self, deadline: float, rng: np.random.Generator, who: Sequence[int] | None = None) -> bool:
+    def settle(self, deadline: float, rng: np.random.Generator) -> bool:
         """Plan groups again until nobody is in conflict; False: time is over first."""
-        free = np.ones(len(self.problem), dtype=bool)
-        if who is not None:
-            free[:] = False
-            free[list(who)] = True
         while True:
-            clashing = np.flatnonzero(self.conflicts[: len(free)].any(axis=1) & free)
+            clashing = np.flatnonzero(self.conflicts[: len(self.problem)].any(axis=1))
             if not self.conflicts.any():
                 return True
             if not len(clashing) or time.perf_counter() >= deadline:
                 return False
             self._dearer()
-            self.again(self._group(int(rng.choice(clashing)), free, rng), LIMIT, rng)
+            self.again(self._group(int(rng.choice(clashing)), rng), LIMIT, rng)
 
     def _dearer(self) -> None:
         """Raise the price of every conflict that there is."""
@@ -243,14 +235,14 @@ class Negotiation:
             self.weight[:count, :count][met[:count, :count]] * 1.1 + 1.0, DEAREST
         )
 
-    def _group(self, one: int, free: Ints, rng: np.random.Generator) -> list[int]:
+    def _group(self, one: int, rng: np.random.Generator) -> list[int]:
         """A vehicle in conflict, those it is in conflict with, and theirs, up to a random number."""
         most = int(rng.integers(1, GROUP + 1))
         group, at = [one], 0
         while len(group) < most and at < len(group):
-            others = np.flatnonzero(self.conflicts[group[at], : len(free)])
+            others = np.flatnonzero(self.conflicts[group[at], : len(self.problem)])
             rng.shuffle(others)
-            group += [int(o) for o in others if free[o] and o not in group][: most - len(group)]
+            group += [int(o) for o in others if o not in group][: most - len(group)]
             at += 1
         return group
 
@@ -287,9 +279,9 @@ class Negotiation:
         """Bring the last arrivals forward: plan each again before those that it has to wait for."""
         stale = 0
         while stale < STALE and time.perf_counter() < deadline:
-            late = np.argsort(self.arrival - self.begin, kind="stable")[::-1]
+            late = np.argsort(self.arrival, kind="stable")[::-1]
             one = int(late[min(int(rng.geometric(0.5)) - 1, len(late) - 1)])
-            if self.arrival.max() - self.begin <= self.alone.max() * HARDLY + 4:
+            if self.arrival.max() <= self.alone.max() * HARDLY + 4:
                 return
             in_its_way = self._blockers(one)
             rng.shuffle(in_its_way)
@@ -315,13 +307,13 @@ class Negotiation:
 
     def motions(self) -> list[Motion]:
         """(T, 4) each: the corners of what is in the table."""
-        return [motion_of(self.table.places[i], self.begin, self.step) for i in range(len(self.problem))]
+        return [motion_of(self.table.places[i], self.step) for i in range(len(self.problem))]
 
 
-def motion_of(places: Floats, begin: int, step: float) -> Motion:
+def motion_of(places: Floats, step: float) -> Motion:
     """The motion through places at equal steps, without those that lie evenly between others."""
     steps = np.diff(places, axis=0)
     bends = np.flatnonzero((np.abs(np.diff(steps, axis=0)) > 1e-9).any(axis=1)) + 1
-    keep = np.unique(np.concatenate(([begin], bends[bends > begin])))
+    keep = np.concatenate(([0], bends))
     motion = np.concatenate([keep[:, None] * step, places[keep]], axis=1)
     return np.ascontiguousarray(motion)

@@ -177,12 +177,10 @@ def troubles(table: Table, body: int, out: Ints) -> int:
     return total
 
 
-def empty_table(
-    problem: Problem, step: float, steps: int, begin: int, area: Floats, fastest: float, margin: float
-) -> Table:
+def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest: float, margin: float) -> Table:
     """A table with the movers filed and the vehicles not, of ``steps`` steps of ``step`` seconds.
 
-    The vehicles are at their starts at step ``begin``. ``area`` (4,): least and greatest x and y where they will move;
+    ``area`` (4,): least and greatest x and y where they will move;
     ``fastest``: m/s of any of them; ``margin``: share of the radii kept on top of these, as far as starts and goals
     leave room for it.
     """
@@ -192,7 +190,7 @@ def empty_table(
     slack = np.zeros(count)
     for n, mover in enumerate(movers, len(problem)):
         places[n], slack[n] = stepped(mover, step, steps)
-    apart = distances(problem, places[len(problem) :, [begin, -1]], slack, margin)
+    apart = distances(problem, places[len(problem) :, [0, -1]], slack, margin)
     reach = apart.max(axis=1, initial=0.0) + fastest * step / 2.0 + 1e-6
     jumps = np.linalg.norm(np.diff(places[len(problem) :, :, :2], axis=1), axis=2)
     travel = max(fastest * step, float(jumps[jumps < GONE / 2].max(initial=0.0)))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from agents.planner.goals import formation
+from agents.planner.goals.dealing import Part
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
 from agents.planner.model import verify
@@ -114,3 +117,34 @@ def fly_all(steps: Sequence[Step], fleet: FleetView, world: Scene, seconds: floa
             assert report.ok, report.faults[:5]
             took += report.makespan
     return took
+
+
+def shape_error(offsets: Floats, tracks: Floats) -> Floats:
+    """(T,) RMS metres from the ideal shape, moved and turned to fit best, of (T, N, 3) positions at common times."""
+    shape = formation.placed(offsets, np.zeros(3), 0.0)
+    a = shape - shape.mean(axis=0)
+    b = tracks - tracks.mean(axis=1, keepdims=True)
+    cross = np.sum(a[None, :, 0] * b[:, :, 1] - a[None, :, 1] * b[:, :, 0], axis=1)
+    dot = np.sum(a[None, :, 0] * b[:, :, 0] + a[None, :, 1] * b[:, :, 1], axis=1)
+    course = np.arctan2(cross, dot)[:, None]
+    east = a[:, 0] * np.cos(course) - a[:, 1] * np.sin(course)
+    north = a[:, 0] * np.sin(course) + a[:, 1] * np.cos(course)
+    ideal = np.stack((east, north, np.broadcast_to(a[:, 2], east.shape)), axis=2)
+    errors: Floats = np.sqrt(np.mean(np.sum((ideal - b) ** 2, axis=2), axis=1))
+    return errors
+
+
+def nearest(points: Floats, downwash: float) -> tuple[float, int, int]:
+    """The least distance of two of (N, 3) points, and which two; inf, 0, 0 for a single one."""
+    if len(points) < 2:
+        return math.inf, 0, 0
+    apart = formation.scaled_distances(points, points, downwash)
+    np.fill_diagonal(apart, np.inf)
+    one, other = divmod(int(np.argmin(apart)), len(points))
+    return float(apart[one, other]), min(one, other), max(one, other)
+
+
+def balance(parts: Sequence[Part]) -> float:
+    """The longest time of a search's parts over the mean of those that have one."""
+    times = [part.seconds for part in parts if len(part.path)]
+    return max(times) / (sum(times) / len(times))

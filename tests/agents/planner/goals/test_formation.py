@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.planner.goals import formation
+from tests.agents.planner.goals import crew
 from zmav import wire
 from zmav.config.body import USUAL
 from zmav.errors import BadInput
@@ -26,18 +27,11 @@ def places(asked: wire.swarm.Formation) -> Any:
 
 
 @pytest.mark.parametrize("count", [2, 3, 7, 16, 40])
-@pytest.mark.parametrize("shape", ["line", "vee", "column", "circle", "grid", "sphere"])
+@pytest.mark.parametrize("shape", ["line", "vee", "column", "circle", "grid"])
 def test_the_nearest_neighbours_are_the_spacing_apart(shape: str, count: int) -> None:
     found = places(goal(count, shape))
     assert found.shape == (count, 3)
-    assert formation.nearest(found, DOWNWASH)[0] == pytest.approx(5.0, rel=1e-6)
-
-
-def test_a_sphere_is_round_and_not_larger_than_it_must_be() -> None:
-    found = places(goal(64, "sphere"))
-    reach = np.linalg.norm(found - [20.0, 10.0, 30.0], axis=1)
-    assert np.ptp(reach) < 1e-9
-    assert reach[0] < 5.0 * 2.9, "a plain Fibonacci sphere has 2.91 spacings"
+    assert crew.nearest(found, DOWNWASH)[0] == pytest.approx(5.0, rel=1e-6)
 
 
 def test_a_shape_looks_to_its_heading_with_the_leader_at_its_place() -> None:
@@ -91,7 +85,7 @@ def test_what_is_no_formation_is_named(more: dict[str, Any], field: str) -> None
 
 
 def test_vehicles_in_shape_are_found_with_centre_and_course() -> None:
-    offsets = formation.offsets_of(goal(6), 6, DOWNWASH)
+    offsets = formation.offsets_of(goal(6), 6)
     there = formation.placed(offsets, np.array([3.0, 4.0, 5.0]), 2.0)
     found = formation.in_shape(offsets, there + 0.1, 0.5)
     assert found is not None
@@ -102,9 +96,9 @@ def test_vehicles_in_shape_are_found_with_centre_and_course() -> None:
 
 
 def test_the_error_of_a_shape_is_what_it_is_bent_by() -> None:
-    offsets = formation.offsets_of(goal(4, "line"), 4, DOWNWASH)
+    offsets = formation.offsets_of(goal(4, "line"), 4)
     still = formation.placed(offsets, np.zeros(3), 0.0)
     bent = formation.placed(offsets, np.ones(3), 1.0)
     bent[:2, 2] += 1.0
-    errors = formation.shape_error(offsets, np.stack((still, bent)))
+    errors = crew.shape_error(offsets, np.stack((still, bent)))
     assert errors == pytest.approx([0.0, 0.5], abs=1e-9)

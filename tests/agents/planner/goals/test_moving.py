@@ -1,20 +1,18 @@
-"""Formations on their way: in shape where there is room, drawn out where there is not, always within the limits."""
+"""Formations on their way: in shape where there is room, always within the limits."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
 
-from agents.planner.goals import formation, moving
+from agents.planner.goals import formation
 from agents.planner.goals.moving import FormationMembers, Moved, move
 from agents.planner.goals.timing import Limits
 from agents.planner.model.geometry import world_of
 from agents.planner.model.problem import Floats
 from agents.planner.model.scene import Scene, Vehicle
 from agents.planner.model.verify import verify
-from tests.agents.planner.goals.crew import DOWNWASH, GATE, ground, point
+from tests.agents.planner.goals.crew import DOWNWASH, GATE, ground, point, shape_error
 from zmav import wire
 from zmav.wire.swarm import Shape
 
@@ -26,7 +24,7 @@ def crew(shape: Shape, count: int, speed: float = 5.0) -> FormationMembers:
     goal = wire.swarm.Formation(vehicles=[f"v{i}" for i in range(count)], shape=shape, at=(0.0, 0.0, 0.0))
     one = np.ones(count)
     limits = Limits(speed * one, 2.5 * one, 2.0 * one, 1.5 * one)
-    return FormationMembers(formation.offsets_of(goal, count, DOWNWASH), one, limits, DOWNWASH)
+    return FormationMembers(formation.offsets_of(goal, count), one, limits)
 
 
 def judged(moved: Moved | None, who: FormationMembers, world: Scene) -> Floats:
@@ -51,23 +49,17 @@ def judged(moved: Moved | None, who: FormationMembers, world: Scene) -> Floats:
     scene = Scene(vehicles=vehicles, obstacles=world.obstacles, bounds=world.bounds, downwash=DOWNWASH)
     report = verify(scene, {f"v{i}": motion for i, motion in enumerate(moved.motions)})
     assert report.ok, report.faults[:3]
-    return formation.shape_error(who.offsets, np.stack(moved.motions, axis=1)[:, :, 1:])
+    return shape_error(who.offsets, np.stack(moved.motions, axis=1)[:, :, 1:])
 
 
-@pytest.mark.parametrize(("shape", "count"), [("vee", 9), ("line", 5), ("circle", 12), ("sphere", 12), ("grid", 16)])
-def test_a_shape_is_drawn_out_through_a_gate_and_restored(shape: Shape, count: int) -> None:
+@pytest.mark.parametrize(("shape", "count"), [("vee", 9), ("line", 5), ("circle", 12), ("grid", 16)])
+def test_a_shape_goes_where_there_is_room_and_nowhere_else(shape: Shape, count: int) -> None:
     who, world = crew(shape, count), ground(GATE)
-    moved = move(
-        np.array([[-90.0, 0.0, 20.0], [0.0, 0.0, 10.0], [90.0, 0.0, 20.0]]), (None, None), who, world_of(world)
-    )
-    errors = judged(moved, who, world)
-    assert moved is not None
-    whole = moved.squeezed < 1e-6
-    assert errors[whole].max() < RIGID
-    assert whole[0] and whole[-1] and moved.squeezed.max() > 0.5
-    x = moved.centre[:, 1]
-    assert whole[np.abs(x) > 75.0].all(), "in shape long before the gate and long after it"
-    assert moved.makespan < 1.5 * (180.0 / 5.0 + 2.0)
+    past = np.array([[-90.0, -90.0, 20.0], [-90.0, 90.0, 20.0]])
+    moved = move(past, (0.0, 1.0), who, world_of(world))
+    assert judged(moved, who, world).max() < RIGID
+    through = np.array([[-90.0, 0.0, 20.0], [0.0, 0.0, 10.0], [90.0, 0.0, 20.0]])
+    assert move(through, (None, None), who, world_of(world)) is None
 
 
 def test_a_shape_turns_with_its_way_and_ends_as_it_is_told() -> None:
@@ -104,17 +96,4 @@ def test_no_way_through_is_none() -> None:
     world = world_of(ground(GATE))
     through_the_wall = np.array([[-60.0, 30.0, 10.0], [60.0, 30.0, 10.0]])
     assert move(through_the_wall, (None, None), crew("vee", 5), world) is None
-    no_room_before_it = np.array([[-4.0, 0.0, 10.0], [90.0, 0.0, 10.0]])
-    assert move(no_room_before_it, (None, None), crew("line", 5), world) is None
     assert move(np.array([[0.0, 0.0, 10.0]]), (None, None), crew("line", 5), None) is None
-
-
-def test_a_column_of_any_shape_keeps_apart_while_it_forms() -> None:
-    for shape, count in (("vee", 9), ("line", 20), ("circle", 24), ("grid", 49), ("sphere", 32)):
-        who = crew(shape, count)  # type: ignore[arg-type]
-        column = moving._column(who)
-        assert np.diff(np.sort(column)) == pytest.approx(3.0)
-        for share in np.linspace(0.0, 1.0, 21):
-            offsets = (1.0 - share) * who.offsets + share * np.column_stack((column, np.zeros((count, 2))))
-            assert formation.nearest(offsets, DOWNWASH)[0] > 2.0, (shape, share)
-    assert math.isclose(who.apart, 2.0)

@@ -260,13 +260,13 @@ async def test_where_it_is_tight_plans_have_less_margin_and_less_speed(field: Fi
         places = np.array([(e + 20.0, n + 30.0, -d), (e + 20.0 + metres, n + 30.0, -d)])
         return PlanTo(("quad1", "quad2"), places, True)
 
-    wide, tight = [await planner.plan_to(beside(metres), view, None, margins) for metres in (5.0, 2.3)]
+    wide, tight = [await planner.plan_to(beside(metres), view, margins) for metres in (5.0, 2.3)]
     assert (wide.margin, tight.margin) == (0.9, 0.1)
     assert tight.makespan > 2.0 * wide.makespan
     assert tight.clearance is not None
     assert 0.2 < tight.clearance <= 0.31, "between the vehicles themselves"
     with pytest.raises(PlanError, match="goals"):
-        await planner.plan_to(beside(2.1), view, None, margins)
+        await planner.plan_to(beside(2.1), view, margins)
 
 
 async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
@@ -293,7 +293,7 @@ async def test_an_obstacle_in_the_way_is_flown_around(field: Field) -> None:
     assert 0.8 < nearest < 20.0
     assert field.away("quad3", (n - 32.0, e, -10.0)) < 1.0
     assert any("wall" in event.text or "planned again" in event.text for event in field.agent.context.events)
-    await planner.order("clear", swarm.GoalId())
+    _forget_all(field)
     assert field.agent.context.world.obstacles == []
 
 
@@ -317,7 +317,11 @@ async def test_something_that_moves_is_followed_and_kept_clear_of(field: Field) 
     assert nearest > 2.0
     await planner.order("cancel", swarm.GoalId(goal=name))
     await within(PATIENCE_S, _until(lambda: name not in field.agent.runs))
-    await planner.order("clear", swarm.GoalId())
+    _forget_all(field)
+
+
+def _forget_all(field: Field) -> None:
+    field.agent.context.world.follow([], time.monotonic(), time.time())
 
 
 async def _raw(field: Field, verb: str, payload: bytes) -> ZmavError:
@@ -389,7 +393,7 @@ async def test_a_flood_of_obstacles_leaves_the_log_short_and_none_is_for_ever(fi
     assert sum(event.t > begun and event.kind in ("world", "refused") for event in field.agent.context.events) < 25
     gone = swarm.GiveObstacle(obstacle=swarm.Obstacle(name="post7", t=time.time(), what=None))
     assert (await planner.order("obstacle", gone))["news"], "whatever time who put it there believed it to be"
-    await planner.order("clear", swarm.GoalId())
+    _forget_all(field)
 
 
 async def test_who_is_not_heard_when_a_goal_begins_is_gone_without(
@@ -431,10 +435,9 @@ async def test_a_namesake_is_told_of_once(field: Field) -> None:
     assert sum("is called ground, too" in event.text for event in field.agent.context.events) == 1
 
 
-async def test_the_fleet_files_fence_stays_and_a_wrong_origin_is_named(field: Field) -> None:
+async def test_the_fleet_files_fence_is_there_and_a_wrong_origin_is_named(field: Field) -> None:
     fence = swarm.Geofence(polygon=[(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)], floor=0.0, ceiling=50.0)
     aside = Agent(field.me, Settings(name="aside", geofence=fence))
-    assert aside.context.clear() == 1
     assert [each.name for each in aside.context.world.obstacles] == ["fleet-file"]
     state = field.me.vehicle("quad1").state
     far = msgspec.structs.replace(state, name="far", local=(2e5, 0.0, -10.0))

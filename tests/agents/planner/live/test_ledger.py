@@ -62,8 +62,6 @@ def test_the_book_is_finite() -> None:
     for entry in ledger.open:
         ledger.end(entry, "done", "")
     assert len(ledger.goals) == MOST_ENDED
-    ledger.clear()
-    assert ledger.goals == []
 
 
 def test_a_standby_goes_on_with_what_has_not_ended() -> None:

@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from agents.planner.cli.asking import match_names
 from agents.planner.goals.steps import Fly, VehicleView
 from agents.planner.live import frames
 from agents.planner.live.fleet import HeardVehicle
-from agents.planner.live.fleet_names import match_names
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.run import MANY_LAPS, many_laps
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
@@ -68,18 +68,15 @@ def test_what_is_not_said_again_is_forgotten() -> None:
     assert world.expire(12.5) == []
     assert world.expire(13.0) == ["a"]
     assert [each.name for each in world.obstacles] == ["b"]
-    assert world.clear() == 1
 
 
-def test_there_is_one_fence_and_one_ground() -> None:
+def test_there_is_one_fence() -> None:
     world = World()
     square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
     world.give(told("old", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0)), 0.0)
     world.give(told("new", swarm.Geofence(polygon=square, floor=1.0, ceiling=30.0)), 0.0)
-    world.give(told("ground", swarm.Terrain(height=3.0, rise=(0.1, 0.2), clearance=2.0)), 0.0)
     pieces = world.pieces(0.0)
     assert pieces.geofence == scene.Fence(polygon=[(0.0, 0.0), (0.0, 50.0), (40.0, 50.0)], floor=1.0, ceiling=30.0)
-    assert pieces.terrain == (3.0, 0.2, 0.1, 2.0)
     assert pieces.obstacles == ()
 
 
