@@ -322,7 +322,3 @@ def test_a_link_that_loses_some_is_told_of_and_is_no_fault(here: type[Here]) -> 
 def test_a_link_that_does_not_open(here: type[Here], url: str, words: str) -> None:
     told = here().fails("doctor", "--link", url, "--for", "0.2")
     assert f"RED {words}" in told.out
-
-
-def test_a_dialect_that_there_is_not(here: type[Here]) -> None:
-    assert "klingon" in here().fails("doctor", "--link", "udpin:127.0.0.1:0", "--dialect", "klingon").out

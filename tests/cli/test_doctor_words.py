@@ -25,8 +25,9 @@ from zmav.doctor.page import page
 from zmav.doctor.survey import Survey
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here, Speaker
+    from tests.cli.conftest import Speaker
 
+ROW = re.compile(r"^\| (?!line )([^|]+?) \|(?:[^|]+\|){3}$", re.MULTILINE)
 Said = dict[tuple[str, str], wire.NeighbourQuality]
 
 
@@ -168,7 +169,7 @@ def test_an_agent_that_failed(state: str) -> None:
     for age, silent in ((1.0, ""), (7.0, ", silent for 7 s")):
         (line,) = vehicles.check_agents(Survey(agents={"demo/quad7 follower": survey.AgentReport(status, age)}))
         assert (line.level, line.found) == (Level.RED, f"demo/quad7 follower: {state}, no helipad in sight{silent}")
-        assert "zmav agent logs" in line.advice
+        assert "journalctl -u zmav-agent@" in line.advice
 
 
 def test_an_agent_that_fell_silent() -> None:
@@ -247,9 +248,7 @@ def test_one_page_for_many_hosts() -> None:
     assert any(line.startswith("  ... time at demo/quad00, ") and "and 24 more" in line for line in lines)
     assert any("nothing else at demo/quad00, " in line and "and 23 more" in line for line in lines)
     assert lines[-1] == "1 red, 32 ok, 30 to consider"
-    whole = list(page(told, whole=True))
-    assert len(whole) > 90
-    assert not any("nothing else" in line for line in whole)
+    assert not any("nothing else" in line for line in page(told[:5]))
 
 
 def test_what_others_say_cannot_hurt_a_terminal() -> None:
@@ -266,17 +265,14 @@ def test_what_others_say_cannot_hurt_a_terminal() -> None:
 # The guide.
 
 
-def test_the_guide_has_every_line_and_says_what_the_program_says(root: Path, here: type[Here]) -> None:
-    guide = (root / "docs" / "doctor.md").read_text()
-    explained = here()("doctor", "--explain").out
-    for line in filter(None, explained.splitlines()):
-        assert line.startswith("### ") or line.count("|") == 5, "a cell of the table holds a bar"
-        assert line in guide, "docs/doctor.md is older than zmav/doctor/topics.py: paste 'zmav doctor --explain'"
-    for topic in topics.TOPICS:
-        assert f"| {topic.name} | " in explained
-        assert topic.about
-        assert topic.todo
-    assert len({(topic.group, topic.name) for topic in topics.TOPICS}) == len(topics.TOPICS)
+def test_the_guide_has_every_line(root: Path) -> None:
+    """Under the heading of its group, and no other lines."""
+    chapters = (
+        (root / "docs" / "doctor.md").read_text().partition("## Every line")[2].partition("\n## ")[0].split("### ")
+    )
+    told = {(chapter.partition("\n")[0].lower(), name) for chapter in chapters for name in ROW.findall(chapter)}
+    assert told == {(topic.group.lower(), topic.name) for topic in topics.TOPICS}
+    assert len(told) == len(topics.TOPICS)
 
 
 def test_every_topic_is_told_by_some_check(root: Path) -> None:

@@ -41,7 +41,6 @@ class Request(msgspec.Struct, frozen=True):
     name: str | None
     user: str | None
     disks: tuple[str, ...]
-    dialect: str | None
     seconds: float
     fleet: str | None
     settings: SessionSettings
@@ -60,9 +59,6 @@ class Agent(msgspec.Struct, frozen=True):
 @click.option("--name", help="With --file, which host of it this is: its link is looked at, too.")
 @click.option("--user", help="Who runs zmav here, for the serial port.  [default: who asks; for root, zmav]")
 @click.option("--disk", "disks", multiple=True, metavar="DIR", help="Look for room there, too (repeatable).")
-@click.option("--dialect", help="For the link: common, an XML file...  [default: ardupilotmega, or the fleet file's]")
-@click.option("--explain", is_flag=True, help="Say what each line means, and what to do about it; examine nothing.")
-@click.option("--all", "whole", is_flag=True, help="Green lines of every vehicle, however many there are.")
 @click.option("--fleet", help="Fleet to look at; '*' for all.  [default: the file's, $ZMAV_FLEET, or demo]")
 @seconds_option
 @json_option
@@ -73,9 +69,6 @@ def command(
     name: str | None,
     user: str | None,
     disks: tuple[str, ...],
-    dialect: str | None,
-    explain: bool,
-    whole: bool,
     fleet: str | None,
     seconds: float,
     as_json: bool,
@@ -86,22 +79,19 @@ def command(
 
     Ends with 0 if nothing is red, else with 1. A serial port that some program has open is left to it.
     """
-    if explain:
-        click.echo(topics.explain(), nl=False)
-        return
     if name is not None and fleet_file is None:
         raise click.UsageError("--name is a host of the fleet file: give --file, too")
-    request = Request(link, fleet_file, name, user, disks, dialect, seconds, fleet, settings)
-    run(_doctor(request, as_json, whole))
+    request = Request(link, fleet_file, name, user, disks, seconds, fleet, settings)
+    run(_doctor(request, as_json))
 
 
-async def _doctor(request: Request, as_json: bool, whole: bool) -> None:
+async def _doctor(request: Request, as_json: bool) -> None:
     findings = await _examine(request)
     if as_json:
         for finding in findings:
-            click.echo(dump(finding.document(), pretty=False))
+            click.echo(dump(finding.document()))
     else:
-        for line in page(findings, whole):
+        for line in page(findings):
             click.echo(line)
     if any(not finding.ok for finding in findings):
         raise SystemExit(1)
@@ -115,8 +105,8 @@ async def _examine(request: Request) -> list[Finding]:
     told, own = check_folder(request.settings.credentials)
     here += told
     if request.link is not None:
-        dialect = request.dialect or "ardupilotmega"
-        return here + await asyncio.to_thread(examine_link, request.link, dialect, request.seconds, request.user)
+        found = await asyncio.to_thread(examine_link, request.link, "ardupilotmega", request.seconds, request.user)
+        return here + found
     file = None
     if request.file is not None:
         told, file = check_file(request.file, request.name, own)
@@ -132,8 +122,7 @@ async def _examine(request: Request) -> list[Finding]:
 async def _examine_own_link(request: Request, table: VehicleConfig, agent: Agent | None) -> list[Finding]:
     """The link of this vehicle: listened to only where no ``zmav up`` does."""
     if agent is None:
-        dialect = request.dialect or table.dialect
-        return await asyncio.to_thread(examine_link, table.link, dialect, request.seconds, request.user)
+        return await asyncio.to_thread(examine_link, table.link, table.dialect, request.seconds, request.user)
     found = await asyncio.to_thread(examine_device, table.link, request.user)
     if agent.hears:
         return [*found, topics.OPEN.well(f"{table.link}: left to 'zmav up', which hears the autopilot")]

@@ -19,12 +19,12 @@ MARKS = {
 }
 
 
-def page(findings: list[Finding], whole: bool = False) -> Iterator[str]:
-    """Its lines. Of more than :data:`FEW` hosts, unless the ``whole`` is asked for, only those in trouble have lines of
-    their own, and what is to be advised of several is said once.
+def page(findings: list[Finding]) -> Iterator[str]:
+    """Its lines. Of more than :data:`FEW` hosts, only those in trouble have lines of their own, and what is to be
+    advised of several is said once.
     """
     hosts = list(dict.fromkeys(f.who for f in findings if f.group == VEHICLE))
-    short = len(hosts) > FEW and not whole
+    short = len(hosts) > FEW
     alike = _alike(findings) if short else {}
     heading, quiet = "", set(hosts)
     for finding in sorted(findings, key=_place):
@@ -48,7 +48,7 @@ def _several(alike: dict[tuple[str, str], list[Finding]], quiet: set[str]) -> It
     yield click.style("several hosts", bold=True)
     for same in alike.values():
         yield from _lines(same[0], f"{same[0].topic} at {_few([each.who for each in same])}")
-    yield f"  {MARKS[Level.OK]} nothing else at {_few(sorted(quiet)) or 'none of them'}  (--all shows every line)"
+    yield f"  {MARKS[Level.OK]} nothing else at {_few(sorted(quiet)) or 'none of them'}  (--json has every line)"
 
 
 def _place(finding: Finding) -> tuple[int, str]:

@@ -267,6 +267,7 @@ def _recording(f: Facts) -> str | None:
 CHARGE = "charge or change it before the next flight"
 SKY = "wait for GPS and EKF under open sky"
 LINE = "ask for fewer messages, or a higher baud rate with flow control; on a radio, look at the antennas"
+LOG = "its terminal or 'journalctl -u zmav-agent@NAME' says why"
 RULES: tuple[Rule, ...] = (
     Rule("state", "bad", _no_state, "is its computer on, and its router linked to this one?", always=True),
     Rule("clash", "bad", _clash, "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"),
@@ -281,7 +282,7 @@ RULES: tuple[Rule, ...] = (
     Rule("battery-empty", "bad", _battery_empty, f"land it; {CHARGE}"),
     Rule("gps-fix", "bad", _gps_fix, SKY),
     Rule("link-poor", "bad", _link_poor, LINE),
-    Rule("agent-failed", "bad", _agent_failed, "its terminal or 'zmav agent logs' says why"),
+    Rule("agent-failed", "bad", _agent_failed, LOG),
     Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
     Rule("battery-low", "warn", _battery_low, CHARGE),
     Rule("gps-weak", "warn", _gps_weak, SKY),
@@ -293,7 +294,12 @@ RULES: tuple[Rule, ...] = (
     Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
     Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
     Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
-    Rule("agent-silent", "warn", _agent_silent, "its terminal or 'zmav agent logs' says why; start it again"),
+    Rule(
+        "agent-silent",
+        "warn",
+        _agent_silent,
+        "{LOG}; start it again",
+    ),
     Rule("clock", "warn", _clock, "set its computer's clock: chrony"),
     Rule("error", "warn", _error, "zmav echo NAME/event shows what came before"),
     Rule("pilot", "note", _pilot, "the pilot's switch gives it back"),
