@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from mesh.topology import Graph, Link
+from mesh.topology import Graph
 from mesh.words import milliseconds, percent
+from zmav.doctor.ways import Link
 
 COLOURS = {"good": "forestgreen", "fair": "goldenrod", "poor": "orangered", "down": "red", "unknown": "gray50"}
 

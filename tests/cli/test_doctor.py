@@ -18,7 +18,7 @@ import zmav
 from zmav import host, keys, wire
 from zmav.doctor.computer import check_packages
 from zmav.doctor.routers import check_routers
-from zmav.doctor.survey import Survey
+from zmav.doctor.survey import RouterReport, Survey
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
@@ -206,8 +206,7 @@ def test_parameters_that_leave_a_vehicle_flying_without_its_companion(vehicle: V
 
 
 def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
-    old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
-    (found,) = check_routers(Survey(routers=[old]))
+    (found,) = check_routers(Survey(routers={"0123456789": RouterReport(version="0.9.0")}))
     assert (found.ok, found.subject) == (False, "router 01234567")
     assert "0.9.0" in found.found
     (found,) = check_routers(Survey())

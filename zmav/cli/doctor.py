@@ -6,6 +6,7 @@ import asyncio
 import os
 import platform
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -55,7 +56,7 @@ class Agent(msgspec.Struct, frozen=True):
 
 @click.command("doctor")
 @click.option("--link", metavar="URL", help="Open this link instead, without any router, and say what is heard on it.")
-@click.option("--file", "fleet_file", metavar="FILE", help="Fleet file: check it, too, and who of it is missing.")
+@click.option("--file", metavar="FILE", help="Fleet file: check it, too, and who of it is missing.")
 @click.option("--name", help="With --file, which host of it this is: its link is looked at, too.")
 @click.option("--user", help="Who runs zmav here, for the serial port.  [default: who asks; for root, zmav]")
 @click.option("--disk", "disks", multiple=True, metavar="DIR", help="Look for room there, too (repeatable).")
@@ -63,25 +64,15 @@ class Agent(msgspec.Struct, frozen=True):
 @seconds_option
 @json_option
 @zenoh_options
-def command(
-    link: str | None,
-    fleet_file: str | None,
-    name: str | None,
-    user: str | None,
-    disks: tuple[str, ...],
-    fleet: str | None,
-    seconds: float,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
+def command(as_json: bool, **options: Any) -> None:
     """Examine this host, the routers and the vehicles: 'zmav doctor'; on a vehicle, with its serial port: 'zmav doctor
     --file /etc/zmav/vehicle.toml --name quad1'; or a link alone: 'zmav doctor --link /dev/ttyACM0'.
 
     Ends with 0 if nothing is red, else with 1. A serial port that some program has open is left to it.
     """
-    if name is not None and fleet_file is None:
+    request = Request(**options)
+    if request.name is not None and request.file is None:
         raise click.UsageError("--name is a host of the fleet file: give --file, too")
-    request = Request(link, fleet_file, name, user, disks, seconds, fleet, settings)
     run(_doctor(request, as_json))
 
 

@@ -11,8 +11,8 @@ import msgspec
 from zmav.autopilots import autopilot_for, kind_of
 from zmav.doctor import topics
 from zmav.doctor.findings import Finding
-from zmav.doctor.rules import loss_level
 from zmav.doctor.serial import check_device
+from zmav.doctor.ways import loss_level
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
 from zmav.links.url import LossyUrl, SerialUrl, parse_url

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import click
 
-from zmav.doctor.findings import FLEET, GROUPS, HOST, VEHICLE, Finding, Level, shown
+from zmav.doctor.findings import FLEET, GROUPS, HOST, VEHICLE, Finding, Level
+from zmav.doctor.words import clean
 
 FEW = 4
 """hosts up to which each has all of its lines on the page"""
@@ -35,7 +36,7 @@ def page(findings: list[Finding]) -> Iterator[str]:
             continue
         if finding.heading != heading:
             heading = finding.heading
-            yield click.style(f"{heading} ({platform.node()})" if heading == HOST else shown(heading), bold=True)
+            yield click.style(f"{heading} ({platform.node()})" if heading == HOST else clean(heading), bold=True)
         quiet.discard(finding.who)
         yield from _lines(finding)
     if short:
@@ -69,14 +70,14 @@ def _alike(findings: list[Finding]) -> dict[tuple[str, str], list[Finding]]:
 
 
 def _few(names: list[str], most: int = 6) -> str:
-    return shown(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+    return clean(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _lines(finding: Finding, title: str = "") -> Iterator[str]:
-    title = title or shown(finding.topic if finding.group == VEHICLE else finding.subject)
-    yield f"  {MARKS[finding.level]} {title}: {shown(finding.found)}"
+    title = title or clean(finding.topic if finding.group == VEHICLE else finding.subject)
+    yield f"  {MARKS[finding.level]} {title}: {clean(finding.found)}"
     if finding.advice:
-        yield f"        -> {shown(finding.advice)}"
+        yield f"        -> {clean(finding.advice)}"
 
 
 def _sum(findings: list[Finding]) -> str:

@@ -14,15 +14,12 @@ from typing import Literal
 import msgspec
 
 from zmav import wire
-from zmav.doctor.facts import AgentReport, Facts
+from zmav.doctor.facts import Facts
+from zmav.doctor.ways import loss_level
 from zmav.doctor.words import clean, duration
 
 BATTERY_LOW, BATTERY_EMPTY = 0.25, 0.15
 SATELLITES, HDOP = 6, 2.5
-LINK_LOSS, LINK_POOR = 0.05, 0.20
-"""shares of what is sent that a link loses, between an autopilot and its companion or between two routers: see
-:func:`loss_level`
-"""
 RTT = 1.0
 """s of a query to the vehicle and back"""
 PART_OLD = 5.0
@@ -74,16 +71,6 @@ def reasons(facts: Facts) -> list[Reason]:
         if (rule.always or facts.presence == "ok") and (words := rule.says(facts))
     ]
     return sorted(found, key=lambda reason: -LEVELS.index(reason.level))
-
-
-def loss_level(share: float) -> Level:
-    """How bad it is that a link loses this share."""
-    return "bad" if share >= LINK_POOR else "warn" if share >= LINK_LOSS else "ok"
-
-
-def of_agent(agent: AgentReport) -> list[Reason]:
-    """What an agent's status alone tells."""
-    return reasons(Facts(name=agent.host, agents=(agent,)))
 
 
 # Is it there?

@@ -19,8 +19,8 @@ from zmav import keys, wire
 from zmav.autopilots.safety import Safety
 from zmav.client import Answer, Client
 from zmav.config import FleetConfig
-from zmav.doctor.admin import routers
 from zmav.doctor.credentials import Trust, look_at_trust
+from zmav.doctor.facts import AgentReport
 from zmav.doctor.failsafes import Value, read_safety
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.credentials import Credentials
@@ -43,18 +43,27 @@ class Clock(msgspec.Struct, frozen=True):
     within: float
 
 
-class AgentReport(msgspec.Struct, frozen=True):
-    """An agent's last status, and how long ago it came (s)."""
+class Session(msgspec.Struct, frozen=True):
+    """What is linked to a router: another router, or a client."""
 
-    status: wire.AgentStatus
-    age: float
+    peer: str
+    whatami: str
+
+
+class RouterReport(msgspec.Struct, frozen=True):
+    """What a router of Zenoh says of itself in its admin space, as far as it is used here."""
+
+    version: str = ""
+    locators: list[str] = []
+    sessions: list[Session] = []
 
 
 class Survey(msgspec.Struct, frozen=True):
     """What was seen of the key space; the dicts are by vehicle (``fleet/name``), and lack those that said nothing."""
 
     vehicles: list[Vehicle] = []
-    routers: list[dict[str, Any]] = []
+    routers: dict[str, RouterReport] = {}
+    """by Zenoh id"""
     links: dict[str, list[wire.LinkQuality]] = {}
     """oldest first"""
     clocks: dict[str, Clock | ZmavError] = {}
@@ -64,8 +73,7 @@ class Survey(msgspec.Struct, frozen=True):
     """by (host, neighbour), the newest"""
     hosts: dict[str, wire.HostReport | dict[str, str] | ZmavError] = {}
     """how each host's computer is; of a report that is not known here, the versions it names"""
-    agents: dict[str, AgentReport] = {}
-    """by ``fleet/vehicle agent``"""
+    agents: list[AgentReport] = []
     tokens: list[dict[str, str]] = []
     """who is present, by the parts of their liveliness tokens"""
     unfinished: list[str] = []
@@ -99,7 +107,7 @@ async def look(
             return asyncio.create_task(finish(what, work, nothing))
 
         links = part("links", ears.ask(), None)
-        found, tokens = part("routers", routers(z), []), part("who is present", find_tokens(z), [])
+        found, tokens = part("routers", find_routers(z), {}), part("who is present", find_tokens(z), [])
         hosts = part("hosts", find_hosts(z), {})
         clocks = part("clocks", _of_all(names, [_clock_of(v) for v in present]), {})
         safety = part("parameters", _of_all(names, [read_safety(v) for v in present]), {})
@@ -138,7 +146,7 @@ class StatusListener:
         self._z = z
         self.autopilots: dict[str, list[wire.LinkQuality]] = defaultdict(list)
         self.neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
-        self._agents: dict[str, tuple[wire.AgentStatus, float]] = {}
+        self._agents: dict[tuple[str, str, str], tuple[wire.AgentStatus, float]] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> StatusListener:
@@ -184,13 +192,26 @@ class StatusListener:
 
     def _on_status(self, key: str, payload: bytes) -> None:
         parts = keys.match(key)[1]
-        who = f"{parts['fleet']}/{parts['vehicle']} {keys.check_name(parts['agent'])}"
+        who = parts["fleet"], parts["vehicle"], keys.check_name(parts["agent"])
         if who in self._agents or len(self._agents) < MOST:
             self._agents[who] = wire.decode(payload, wire.AgentStatus, "status"), time.monotonic()
 
-    def agents(self) -> dict[str, AgentReport]:
+    def agents(self) -> list[AgentReport]:
         now = time.monotonic()
-        return {who: AgentReport(status, now - at) for who, (status, at) in sorted(self._agents.items())}
+        return [
+            AgentReport.of(fleet, host, status, now - at)
+            for (fleet, host, _), (status, at) in sorted(self._agents.items())
+        ]
+
+
+async def find_routers(z: Client) -> dict[str, RouterReport]:
+    """Every router that answers; what is not to be read as that is left out."""
+    found = {}
+    for answer in await z.ask("@/*/router", timeout=2.0):
+        if isinstance(answer, Answer):
+            with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                found[answer.key.split("/")[1]] = msgspec.json.decode(answer.payload, type=RouterReport)
+    return found
 
 
 async def find_tokens(z: Client) -> list[dict[str, str]]:

@@ -20,6 +20,7 @@ import msgspec
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Stale, TimedOut, ZmavError
 from zmav.mavlink.ftp import crc32, crc32_of_file
+from zmav.services.files.progress import Meter
 from zmav.waiting import together
 from zmav.wire.files import CHUNK, MOST_CHUNKS
 
@@ -126,9 +127,9 @@ class Files:
             raise BadInput(f"cannot write {target}: {e.strerror}", field="to", value=str(target)) from e
         return target
 
-    async def _pull(self, stored: wire.StoredFile, fd: int, have: int, progress: Progress | None) -> None:
+    async def _pull(self, stored: wire.StoredFile, fd: int, have: int, progress: Progress) -> None:
         """Append to the file what it lacks, in order; what came ahead of a lost chunk waits for it in memory."""
-        meter = _Rate(progress, stored.size, have)
+        meter = Meter(progress, stored.size, have)
         ahead: dict[int, bytes] = {}
         count, wait, fresh = FEWEST_CHUNKS * 8, ANSWER, time.monotonic()
         while have < stored.size:
@@ -140,7 +141,7 @@ class Files:
                 os.write(fd, data)
                 have += len(data)
             ahead = {at: data for at, data in ahead.items() if at > have}
-            meter.at(have)
+            meter.add(have - start)
             took, now = time.monotonic() - began, time.monotonic()
             if have - start < min(count * CHUNK, stored.size - start):  # too much at once, or too little patience
                 count, wait = max(count // 2, FEWEST_CHUNKS), min(2.0 * wait, ANSWER)
@@ -168,19 +169,17 @@ class Files:
 
     # From here to the vehicle's computer.
 
-    async def _upload(self, name: str, data: bytes, progress: Progress | None) -> None:
+    async def _upload(self, name: str, data: bytes, progress: Progress) -> None:
         """Put every chunk until each is acknowledged."""
-        meter = _Rate(progress, len(data), 0)
+        meter = Meter(progress, len(data))
         offsets = list(range(0, max(len(data), 1), CHUNK))[::-1]
-        done = 0
 
         async def worker() -> None:
-            nonlocal done
             while offsets:
                 offset = offsets.pop()
-                await self._put_chunk(name, offset, data[offset : offset + CHUNK])
-                done = min(done + CHUNK, len(data))
-                meter.at(done)
+                chunk = data[offset : offset + CHUNK]
+                await self._put_chunk(name, offset, chunk)
+                meter.add(len(chunk))
 
         await together(*(worker() for _ in range(min(AT_ONCE, len(offsets)))))
 
@@ -226,27 +225,8 @@ class Logs:
         return int((await self._vehicle.order("log_erase", wire.LogErase()))["erased"])
 
 
-class _Rate:
-    """Says how far a copy is, a few times a second."""
-
-    def __init__(self, progress: Progress | None, size: int, have: int) -> None:
-        self._progress, self._size, self._first = progress, size, have
-        self._began, self._said = time.monotonic(), 0.0
-
-    def at(self, count: int) -> None:
-        now = time.monotonic()
-        if self._progress is None or (now - self._said < 0.2 and count < self._size):
-            return
-        self._said = now
-        rate = (count - self._first) / max(now - self._began, 1e-6)
-        self._progress({"bytes": count, "size": self._size, "rate": round(rate)})
-
-
-def _staged(progress: Progress | None, stage: str) -> Progress | None:
-    if progress is None:
-        return None
-    said = progress
-    return lambda news: said({"stage": stage, **news})
+def _staged(progress: Progress | None, stage: str) -> Progress:
+    return lambda news: progress({"stage": stage, **news}) if progress is not None else None
 
 
 def _good(answers: Sequence[Answer | ZmavError]) -> list[Answer]:

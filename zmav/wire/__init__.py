@@ -6,187 +6,23 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 ``t`` is UTC in seconds at the source.
 """
 
+# ruff: noqa: F403 (what its files define, and no list of it beside them)
+
 from __future__ import annotations
 
-from zmav.wire import swarm
-from zmav.wire.agent import SetTunable, Signals, TunableInfo
-from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from, refuse_repeated
-from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
-from zmav.wire.files import (
-    FileEntry,
-    FileGet,
-    FilePath,
-    FilePut,
-    FileQuery,
-    FileRename,
-    LogEntry,
-    LogErase,
-    LogGet,
-    LogList,
-    StoredFile,
-    Uploaded,
-)
-from zmav.wire.group import GroupMember, GroupStates
-from zmav.wire.history import History, HistoryEntry, HistoryQuery
-from zmav.wire.host import Disk, HostReport
-from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
-from zmav.wire.mission import (
-    Mission,
-    MissionClear,
-    MissionItem,
-    MissionJump,
-    MissionKind,
-    MissionRefresh,
-    MissionStart,
-    MissionUpload,
-)
-from zmav.wire.orders import (
-    Arm,
-    DropLease,
-    Forced,
-    Gimbal,
-    GoTo,
-    Order,
-    Outcome,
-    Reboot,
-    Reposition,
-    RevokeLease,
-    RunCommand,
-    SetMode,
-    SetRelay,
-    SetServo,
-    TakeLease,
-    Takeoff,
-    Trigger,
-)
-from zmav.wire.param import (
-    PARAM_TYPES,
-    Param,
-    ParamChanged,
-    ParamLoad,
-    ParamLoaded,
-    ParamQuery,
-    ParamRefresh,
-    ParamSet,
-    ParamTable,
-)
-from zmav.wire.rates import MessageRate, RateTable
-from zmav.wire.setpoint import ManualControl, Quaternion, SegmentPoint, Setpoint
-from zmav.wire.state import (
-    AgentStatus,
-    Attitude,
-    Battery,
-    ClockInfo,
-    Event,
-    GlobalPosition,
-    Gps,
-    LastMessage,
-    LeaseEnd,
-    LeaseEnding,
-    LeaseInfo,
-    Origin,
-    Severity,
-    VehicleState,
-)
-from zmav.wire.vision import CameraInfo, Detection, Detections, FrameReport
-
-__all__ = [
-    "PARAM_TYPES",
-    "AgentStatus",
-    "Arm",
-    "Attitude",
-    "Battery",
-    "BenchOrder",
-    "BenchQuery",
-    "BenchReport",
-    "BenchStop",
-    "CameraInfo",
-    "ClockInfo",
-    "Detection",
-    "Detections",
-    "Disk",
-    "DropLease",
-    "ErrorBody",
-    "Event",
-    "FileEntry",
-    "FileGet",
-    "FilePath",
-    "FilePut",
-    "FileQuery",
-    "FileRename",
-    "Forced",
-    "FrameReport",
-    "Gimbal",
-    "GlobalPosition",
-    "GoTo",
-    "Gps",
-    "GroupMember",
-    "GroupStates",
-    "History",
-    "HistoryEntry",
-    "HistoryQuery",
-    "HostReport",
-    "LastMessage",
-    "LeaseEnd",
-    "LeaseEnding",
-    "LeaseInfo",
-    "LinkQuality",
-    "LinkState",
-    "LogEntry",
-    "LogErase",
-    "LogGet",
-    "LogList",
-    "ManualControl",
-    "MessageRate",
-    "Mission",
-    "MissionClear",
-    "MissionItem",
-    "MissionJump",
-    "MissionKind",
-    "MissionRefresh",
-    "MissionStart",
-    "MissionUpload",
-    "NeighbourQuality",
-    "Order",
-    "Origin",
-    "Outcome",
-    "Param",
-    "ParamChanged",
-    "ParamLoad",
-    "ParamLoaded",
-    "ParamQuery",
-    "ParamRefresh",
-    "ParamSet",
-    "ParamTable",
-    "Pong",
-    "Quaternion",
-    "RateTable",
-    "Reboot",
-    "Reposition",
-    "RevokeLease",
-    "RunCommand",
-    "SegmentPoint",
-    "SetMode",
-    "SetRelay",
-    "SetServo",
-    "SetTunable",
-    "Setpoint",
-    "Severity",
-    "Signals",
-    "StoredFile",
-    "TakeLease",
-    "Takeoff",
-    "Trigger",
-    "TunableInfo",
-    "Uploaded",
-    "Vector",
-    "VehicleState",
-    "Wire",
-    "decode",
-    "decode_link",
-    "encode",
-    "error_body",
-    "error_from",
-    "refuse_repeated",
-    "swarm",
-]
+from zmav.wire import swarm as swarm
+from zmav.wire.agent import *
+from zmav.wire.base import *
+from zmav.wire.bench import *
+from zmav.wire.files import *
+from zmav.wire.group import *
+from zmav.wire.history import *
+from zmav.wire.host import *
+from zmav.wire.link import *
+from zmav.wire.mission import *
+from zmav.wire.orders import *
+from zmav.wire.param import *
+from zmav.wire.rates import *
+from zmav.wire.setpoint import *
+from zmav.wire.state import *
+from zmav.wire.vision import *
