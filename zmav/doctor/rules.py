@@ -7,6 +7,7 @@ is not heard any more only the rules on its presence speak: the rest of what is 
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -129,18 +130,14 @@ def _pilot(f: Facts) -> str | None:
 # Battery and position.
 
 
-def _charge(f: Facts) -> float | None:
-    return f.state.battery.remaining if f.state and f.state.battery else None
+def _battery(least: float, most: float) -> Judge:
+    """The charge is so much, 0 to 1, or less than ``most``."""
 
+    def says(f: Facts) -> str | None:
+        charge = f.state.battery.remaining if f.state and f.state.battery else None
+        return f"battery {charge:.0%}" if charge is not None and least <= charge < most else None
 
-def _battery_empty(f: Facts) -> str | None:
-    charge = _charge(f)
-    return f"battery {charge:.0%}" if charge is not None and charge < BATTERY_EMPTY else None
-
-
-def _battery_low(f: Facts) -> str | None:
-    charge = _charge(f)
-    return f"battery {charge:.0%}" if charge is not None and BATTERY_EMPTY <= charge < BATTERY_LOW else None
+    return says
 
 
 def _gps_fix(f: Facts) -> str | None:
@@ -164,18 +161,14 @@ def _position_old(f: Facts) -> str | None:
 # Its links.
 
 
-def _link_poor(f: Facts) -> str | None:
-    loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "bad" else None
+def _link_loses(level: Level) -> Judge:
+    """The link to its autopilot loses so much."""
 
+    def says(f: Facts) -> str | None:
+        loss = f.link.loss if f.link else f.state.link_loss if f.state else None
+        return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == level else None
 
-def _link_loss(f: Facts) -> str | None:
-    loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "warn" else None
-
-
-def _loss(f: Facts) -> float | None:
-    return f.link.loss if f.link else f.state.link_loss if f.state else None
+    return says
 
 
 def _way(f: Facts) -> str | None:
@@ -205,15 +198,19 @@ def _lease_end(f: Facts) -> str | None:
     return f"lease of {end.holder} ended {duration(f.now - end.t)} ago: {end.reason}{by}"
 
 
+def _counted(recent: collections.Counter[str], proofs: bool) -> str:
+    """What was dropped of late, by its reasons: of refused proofs, or of setpoints."""
+    chosen = ((why, count) for why, count in sorted(recent.items()) if why.startswith(PROOF) == proofs)
+    return ", ".join(f"{count} {why.removeprefix(PROOF)}" for why, count in chosen)
+
+
 def _dropped(f: Facts) -> str | None:
-    words = ", ".join(f"{count} {why}" for why, count in sorted(f.recent.items()) if not why.startswith(PROOF))
+    words = _counted(f.recent, proofs=False)
     return f"setpoints dropped: {words}" if words else None
 
 
 def _refused(f: Facts) -> str | None:
-    words = ", ".join(
-        f"{count} {why.removeprefix(PROOF)}" for why, count in sorted(f.recent.items()) if why.startswith(PROOF)
-    )
+    words = _counted(f.recent, proofs=True)
     return f"orders without proof refused: {words}" if words else None
 
 
@@ -266,15 +263,15 @@ RULES: tuple[Rule, ...] = (
         "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there",
     ),
     Rule("status", "bad", _status, "its own words say why: zmav echo NAME/event"),
-    Rule("battery-empty", "bad", _battery_empty, f"land it; {CHARGE}"),
+    Rule("battery-empty", "bad", _battery(-1.0, BATTERY_EMPTY), f"land it; {CHARGE}"),
     Rule("gps-fix", "bad", _gps_fix, SKY),
-    Rule("link-poor", "bad", _link_poor, LINE),
+    Rule("link-poor", "bad", _link_loses("bad"), LINE),
     Rule("agent-failed", "bad", _agent_failed, LOG),
     Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
-    Rule("battery-low", "warn", _battery_low, CHARGE),
+    Rule("battery-low", "warn", _battery(BATTERY_EMPTY, BATTERY_LOW), CHARGE),
     Rule("gps-weak", "warn", _gps_weak, SKY),
     Rule("position-old", "warn", _position_old, "look at its link and at the rate of GLOBAL_POSITION_INT: zmav rate"),
-    Rule("link-loss", "warn", _link_loss, LINE),
+    Rule("link-loss", "warn", _link_loses("warn"), LINE),
     Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),
     Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; zmav mesh graph --watch"),
     Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),

@@ -36,7 +36,7 @@ MOST = 250
 T = TypeVar("T")
 
 
-class Clock(msgspec.Struct, frozen=True):
+class ClockOffset(msgspec.Struct, frozen=True):
     """A vehicle's clock less ours in seconds, and by how much that may be wrong: half the round trip."""
 
     offset: float
@@ -66,7 +66,7 @@ class Survey(msgspec.Struct, frozen=True):
     """by Zenoh id"""
     links: dict[str, list[wire.LinkQuality]] = {}
     """oldest first"""
-    clocks: dict[str, Clock | ZmavError] = {}
+    clocks: dict[str, ClockOffset | ZmavError] = {}
     safety: dict[str, dict[Safety, Value | None] | ZmavError] = {}
     trust: Trust | None = None
     neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
@@ -87,8 +87,8 @@ async def look(
     z: Client, seconds: float, own: Credentials | None = None, file: FleetConfig | None = None, name: str | None = None
 ) -> Survey:
     """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
-    ears = StatusListener(z)
-    async with ears:
+    listener = StatusListener(z)
+    async with listener:
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
@@ -106,7 +106,7 @@ async def look(
         def part(what: str, work: Coroutine[Any, Any, T], nothing: T) -> asyncio.Task[T]:
             return asyncio.create_task(finish(what, work, nothing))
 
-        links = part("links", ears.ask(), None)
+        links = part("links", listener.ask(), None)
         found, tokens = part("routers", find_routers(z), {}), part("who is present", find_tokens(z), [])
         hosts = part("hosts", find_hosts(z), {})
         clocks = part("clocks", _of_all(names, [_clock_of(v) for v in present]), {})
@@ -116,13 +116,13 @@ async def look(
         return Survey(
             vehicles,
             await found,
-            ears.autopilots,
+            listener.autopilots,
             await clocks,
             await safety,
             await trust,
-            ears.neighbours,
+            listener.neighbours,
             await hosts,
-            ears.agents(),
+            listener.agents(),
             await tokens,
             late,
             file,
@@ -261,7 +261,7 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
             return e
 
 
-async def _clock_of(vehicle: Vehicle) -> Clock | ZmavError:
+async def _clock_of(vehicle: Vehicle) -> ClockOffset | ZmavError:
     """By the quickest of a few round trips, taken to be as long there as back."""
     clocks = []
     try:
@@ -271,7 +271,7 @@ async def _clock_of(vehicle: Vehicle) -> Clock | ZmavError:
             back = time.time()
             if not isinstance(there, (int, float)) or not math.isfinite(there):
                 return ZmavError(f"its ping brings no time: {there!r}")
-            clocks.append(Clock(there - (sent + back) / 2, (back - sent) / 2))
+            clocks.append(ClockOffset(there - (sent + back) / 2, (back - sent) / 2))
     except ZmavError as e:
         return e
     return min(clocks, key=lambda clock: clock.within)
