@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from mesh.topology import Graph
+from mesh.topology import Graph, Link
 from mesh.words import milliseconds, percent
-from zmav.doctor.ways import Link
 
 COLOURS = {"good": "forestgreen", "fair": "goldenrod", "poor": "orangered", "down": "red", "unknown": "gray50"}
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mesh.linkstate import ROUTER_ID
-from mesh.topology import Node
+from mesh.topology import Link, Node
 from zmav import keys, wire
 from zmav.client import Answer
-from zmav.doctor.ways import Link
 from zmav.errors import BadInput
 from zmav.trust.member import Place
 

@@ -21,10 +21,9 @@ import zenoh
 from mesh import linkstate
 from mesh.findings import Findings
 from mesh.tokens import find_tokens
-from mesh.topology import Graph, Node
+from mesh.topology import Grade, Graph, Link, Node, Way
 from zmav import keys
 from zmav.client import Client
-from zmav.doctor.ways import Grade, Link, Way
 from zmav.errors import NoSuchVehicle
 
 __all__ = ["Grade", "Graph", "Link", "Node", "Way", "gather"]

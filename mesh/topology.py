@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from zmav import wire
-from zmav.doctor.ways import Link, Way
+from zmav.doctor.ways import FAIR_COST, POOR_COST, Grade, Link, Way
+
+__all__ = ["FAIR_COST", "POOR_COST", "Grade", "Graph", "Link", "Node", "Way"]
 
 
 @dataclass(frozen=True)

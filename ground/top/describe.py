@@ -8,11 +8,10 @@ from dataclasses import replace
 import msgspec
 
 from ground.top.report import GpsReport, LeaseReport, LinkReport, NetworkReport, Position, VehicleReport, WeakHop
-from mesh.topology import Graph
+from mesh.topology import Graph, Link, Way
 from zmav import wire
 from zmav.doctor.facts import Facts
 from zmav.doctor.rules import reasons
-from zmav.doctor.ways import Link, Way
 
 
 def describe(facts: Facts, fleet: str, twins: tuple[str, ...], graph: Graph | None, several: bool) -> VehicleReport:

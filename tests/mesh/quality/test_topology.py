@@ -16,11 +16,10 @@ from mesh import linkstate
 from mesh.cli.graph import document, view, way_words
 from mesh.dot import dot, quoted
 from mesh.findings import Findings
-from mesh.topology import Graph, Node
+from mesh.topology import Graph, Link, Node, Way
 from mesh.words import duration, milliseconds, percent, rate
 from zmav import keys, wire
 from zmav.client import Answer
-from zmav.doctor.ways import Link, Way
 
 
 def said(name: str, state: wire.LinkState = "up", **figures: object) -> wire.NeighbourQuality:
