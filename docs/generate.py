@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import inspect
+import itertools
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -104,6 +105,18 @@ def about(payload: type[msgspec.Struct]) -> Iterator[str]:
         yield from table(("field", "type", "default", "meaning"), rows)
 
 
+def channel_docs() -> dict[str, str]:
+    """What stands below each channel in the registry, by the channel's name."""
+    body = ast.parse(inspect.getsource(keys)).body
+    found = {}
+    for node, doc in itertools.pairwise(body):
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            channel = getattr(keys, node.targets[0].id, None)
+            if isinstance(channel, keys.Channel) and isinstance(doc, ast.Expr) and isinstance(doc.value, ast.Constant):
+                found[channel.name] = str(doc.value.value)
+    return found
+
+
 def number(value: float | None, unit: str) -> str:
     return "" if value is None else f"{value:g} {unit}"
 
@@ -141,11 +154,11 @@ def writers(channel: keys.Channel) -> str:
 
 
 def channel_tables() -> Iterator[str]:
-    channels = keys.CHANNELS.values()
+    channels, docs = keys.CHANNELS.values(), channel_docs()
     yield "## Channels\n"
     yield "`pub`: the vehicle publishes. `put`: others write. `query`: others ask. `token`: liveliness.\n"
     rows = (
-        (code(f"{keys.ROOT}/{c.template}"), c.kind, linked(c.payload) if c.kind != "token" else "", line(c.doc))
+        (code(f"{keys.ROOT}/{c.template}"), c.kind, linked(c.payload) if c.kind != "token" else "", line(docs[c.name]))
         for c in channels
     )
     yield from table(("key", "kind", "payload", "meaning"), rows)

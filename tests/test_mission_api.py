@@ -15,7 +15,7 @@ from zmav.formats.items import Plan
 from zmav.mavlink import load_dialect
 from zmav.services.missions.transfer import Pace
 from zmav.sim import VehicleSpec, World
-from zmav.wire import Mission, MissionItem
+from zmav.wire import MissionItem
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -64,13 +64,13 @@ async def test_what_can_be_uploaded(scene: Scene, tmp_path: Path) -> None:
         done = await quad.missions.upload(waypoints(4), progress=told.append)
         assert (list(done), done["mission"]["count"]) == (["mission"], 4)
         assert (await quad.missions.get()).items == waypoints(4)
-        await quad.missions.upload(Mission(kind="rally", items=RALLY))
+        await quad.missions.upload(RALLY, "rally")
         assert [i.z for i in (await quad.missions.get("rally")).items] == [20.0]
         path = tmp_path / "both.plan"
         plans.save(path, Plan(mission=waypoints(2), rally=RALLY * 2), ENUMS)
         done = await quad.missions.upload(path)
         assert {kind: each["count"] for kind, each in done.items()} == {"mission": 2, "rally": 2}
-        await quad.missions.upload(plans.load(path, ENUMS), "mission")
+        await quad.missions.upload(path, "mission")
         got = await quad.missions.download("rally")
         assert (got.kind, len(got.items)) == ("rally", 2)
         await quad.missions.clear()

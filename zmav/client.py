@@ -196,7 +196,7 @@ class Client:
         return True
 
     def _on_rosters(self, samples: list[zenoh.Sample]) -> None:
-        """In a thread of their own: anybody may bring them, as fast as he likes."""
+        """In a thread of their own: anybody may bring them, however fast."""
         assert self.member is not None
         for sample in samples:
             self.member.take_roster(sample.payload.to_bytes())

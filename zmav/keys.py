@@ -11,6 +11,7 @@ import enum
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -77,10 +78,9 @@ class Channel:
 
     name: str
     template: str
-    kind: str
-    payload: type | None
-    qos: Qos
-    doc: str
+    payload: type | None = None
+    kind: str = "pub"
+    qos: Qos = Qos.LATEST_WINS
     writers: tuple[str, ...] = (VEHICLE,)
     encoding: zenoh.Encoding = JSON
     rate_hz: float | None = None
@@ -100,209 +100,194 @@ class Channel:
         return f"{ROOT}/" + self.template.format(fleet=fleet, vehicle=vehicle, **chunks)
 
 
-CHANNELS: dict[str, Channel] = {
-    c.name: c
-    for c in (
-        Channel(
-            "rx", "{fleet}/{vehicle}/mav/rx/{sys}/{comp}/{msg}", "pub", None, Qos.LATEST_WINS,
-            "raw MAVLink frame, as it came from the vehicle", encoding=RAW, recorded=True,
-        ),
-        Channel(
-            "tx", "{fleet}/{vehicle}/mav/tx/{sys}/{comp}/{msg}", "put", None, Qos.LATEST_WINS,
-            "raw MAVLink frame for the vehicle; sys and comp are the target", (OPERATOR,), encoding=RAW, recorded=True,
-            proven=True,
-        ),
-        Channel(
-            "state", "{fleet}/{vehicle}/state", "pub", wire.VehicleState, Qos.LATEST_WINS,
-            "what the vehicle is and does; also its heartbeat of presence; answers queries too",
-            rate_hz=5.0, stale_after=2.0, recorded=True, repeated=False,
-        ),
-        Channel(
-            "event", "{fleet}/{vehicle}/event", "pub", wire.Event, Qos.MUST_ARRIVE,
-            "status text, mode, failsafe step, lease, refusals; cached and recovered", recorded=True,
-        ),
-        Channel(
-            "msg", "{fleet}/{vehicle}/msg/{msg}", "query", wire.LastMessage, Qos.MUST_ARRIVE,
-            "the last such message, decoded, with its age", (ANYONE,), answerers=(VEHICLE,),
-        ),
-        Channel(
-            "do", "{fleet}/{vehicle}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
-            "a command: JSON arguments in, JSON outcome or error out", (OPERATOR, PLANNER, AGENT, VIEWER),
-            recorded=True, proven=True, answerers=(VEHICLE,),
-        ),
-        Channel(
-            "setpoint", "{fleet}/{vehicle}/setpoint/{agent}", "put", wire.Setpoint, Qos.REALTIME,
-            "one point of an outer-loop command stream", (PLANNER, AGENT, OPERATOR),
-            rate_hz=10.0, stale_after=0.5, recorded=True, repeated=False,
-        ),
-        Channel(
-            "body", "{fleet}/{vehicle}/body", "query", wire.swarm.BodyReport, Qos.MUST_ARRIVE,
-            "how much room the vehicle needs and what it can do, for planners", (ANYONE,), answerers=(VEHICLE,),
-        ),
-        Channel(
-            "beacon", "{fleet}/{vehicle}/beacon", "pub", wire.swarm.Beacon, Qos.LATEST_WINS,
-            "in flight: where the vehicle is about to be, for its neighbours' last resort against a collision",
-            rate_hz=1.0, stale_after=1.5, repeated=False,
-        ),
-        Channel(
-            "host", "{fleet}/{vehicle}/host", "query", wire.HostReport, Qos.MUST_ARRIVE,
-            "how the host's computer is: versions, disks, memory, load, heat, power, what keeps its clock", (ANYONE,),
-        ),
-        Channel(
-            "params", "{fleet}/{vehicle}/param", "query", wire.ParamTable, Qos.MUST_ARRIVE,
-            "the whole parameter set, from the vehicle's cache; unchanged sets cost a line", (ANYONE,),
-            answerers=(VEHICLE,),
-        ),
-        Channel(
-            "param", "{fleet}/{vehicle}/param/{param}", "query", wire.Param, Qos.MUST_ARRIVE,
-            "one parameter, from the vehicle's cache", (ANYONE,), answerers=(VEHICLE,),
-        ),
-        Channel(
-            "mission", "{fleet}/{vehicle}/mission/{kind}", "query", wire.Mission, Qos.MUST_ARRIVE,
-            "mission, fence or rally points, from the vehicle's cache", (ANYONE,), answerers=(VEHICLE,),
-        ),
-        Channel(
-            "file", "{fleet}/{vehicle}/file/{file}", "query", wire.StoredFile, Qos.MUST_ARRIVE,
-            "a file or log fetched from the autopilot: what it is", (ANYONE,),
-        ),
-        Channel(
-            "file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", "query", None, Qos.BULK,
-            "its bytes: ask for offset * with a FileQuery, answered by chunks under their offsets", (ANYONE,),
-            encoding=RAW,
-        ),
-        Channel(
-            "rates", "{fleet}/{vehicle}/rates", "query", wire.RateTable, Qos.MUST_ARRIVE,
-            "message statistics: what comes, what was asked for, what is shed", (ANYONE,),
-        ),
-        Channel(
-            "want", "{fleet}/{vehicle}/want/{msg}/{hz}/{instance}", "token", None, Qos.MUST_ARRIVE,
-            "liveliness token of a reader who wants a message at a rate in Hz", (ANYONE,),
-        ),
-        Channel(
-            "holder", "{fleet}/{vehicle}/holder/{holder}/{instance}", "token", None, Qos.MUST_ARRIVE,
-            "liveliness token of who holds a lease: when it goes, the lease ends", (PLANNER, AGENT, OPERATOR),
-        ),
-        Channel(
-            "link", "{fleet}/{vehicle}/link/{link}", "pub", wire.LinkQuality, Qos.LATEST_WINS,
-            "quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too",
-            (VEHICLE, OPERATOR, PLANNER), rate_hz=1.0, stale_after=5.0, recorded=True,
-        ),
-        Channel(
-            "probe", "{fleet}/@probe/{to}/{vehicle}", "pub", None, Qos.LATEST_WINS,
-            "one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on",
-            (VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0,
-        ),
-        Channel(
-            "agent_status", "{fleet}/{vehicle}/agent/{agent}/status", "pub", wire.AgentStatus, Qos.LATEST_WINS,
-            "what an agent does", (AGENT, PLANNER, OPERATOR), rate_hz=1.0, stale_after=5.0, recorded=True,
-        ),
-        Channel(
-            "agent_do", "{fleet}/{vehicle}/agent/{agent}/do/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
-            "an order to an agent that runs for the vehicle, wherever it runs", (OPERATOR, PLANNER, AGENT),
-            recorded=True, proven=True, answerers=(AGENT, PLANNER, OPERATOR),
-        ),
-        Channel(
-            "agent_param", "{fleet}/{vehicle}/agent/{agent}/param/{param}", "pub", wire.TunableInfo, Qos.LATEST_WINS,
-            "a parameter of an agent when it changes; answers queries too", (AGENT, PLANNER, OPERATOR), recorded=True,
-        ),
-        Channel(
-            "agent_out", "{fleet}/{vehicle}/agent/{agent}/out/{topic}", "pub", wire.Signals, Qos.LATEST_WINS,
-            "numbers that an agent streams: references, errors, integrators, outputs", (AGENT, PLANNER, OPERATOR),
-            rate_hz=50.0, stale_after=1.0, recorded=True, repeated=False,
-        ),
-        Channel(
-            "slot", "{fleet}/{vehicle}/slot/{target}/{slot}/{since}/{instance}", "token", None, Qos.MUST_ARRIVE,
-            "liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it",
-            (PLANNER, AGENT, OPERATOR),
-        ),
-        Channel(
-            "camera_frame", "{fleet}/{vehicle}/camera/{camera}/frame", "pub", None, Qos.BULK,
-            "pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure",
-            (VEHICLE, AGENT), encoding=RAW, stale_after=1.0, repeated=False,
-        ),
-        Channel(
-            "camera", "{fleet}/{vehicle}/camera/{camera}/info", "query", wire.CameraInfo, Qos.MUST_ARRIVE,
-            "the camera's lens, mount, size and rate", (ANYONE,),
-        ),
-        Channel(
-            "frame_report", "{fleet}/{vehicle}/camera/{camera}/report/{reader}", "put", wire.FrameReport,
-            Qos.LATEST_WINS, "what comes of the pictures at a reader, whose link they are adapted to", (ANYONE,),
-            rate_hz=2.0, stale_after=3.0, repeated=False,
-        ),
-        Channel(
-            "camera_detection", "{fleet}/{vehicle}/camera/{camera}/detection", "pub", wire.Detections, Qos.LATEST_WINS,
-            "what was found in each picture, and where that is", (AGENT, OPERATOR, PLANNER), rate_hz=15.0,
-            stale_after=0.5, recorded=True, repeated=False,
-        ),
-        Channel(
-            "alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}", "token", None,
-            Qos.MUST_ARRIVE, "liveliness token of a vehicle, agent or ground node", (ANYONE,),
-        ),
-        Channel(
-            "certificate", "{fleet}/{vehicle}/certificate", "query", None, Qos.MUST_ARRIVE,
-            "the vehicle's certificate (DER), by which what it signs is told from what others say of it", (ANYONE,),
-            encoding=RAW,
-        ),
-        Channel(
-            "bench", "{fleet}/{vehicle}/bench/order/{order}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
-            "start or stop this host's part in measuring the network", (OPERATOR,), proven=True,
-        ),
-        Channel(
-            "bench_report", "{fleet}/{vehicle}/bench/report/{run}", "query", wire.BenchReport, Qos.MUST_ARRIVE,
-            "what a host has measured in a run", (ANYONE,),
-        ),
-        Channel(
-            "bench_ping", "{fleet}/{vehicle}/bench/ping", "query", wire.Pong, Qos.MUST_ARRIVE,
-            "answered at once: which host it is, and its clocks", (ANYONE,),
-        ),
-        Channel(
-            "bench_flow", "{fleet}/{vehicle}/bench/flow/{run}", "pub", None, Qos.BULK,
-            "the datagrams of a measurement, in the class that is measured", (VEHICLE, OPERATOR, PLANNER), encoding=RAW,
-        ),
-        Channel(
-            "fleet", "{fleet}/@fleet/{topic}", "pub", None, Qos.LATEST_WINS,
-            "fleet-wide topics: origin, goal, charge, plan, obstacle, roster", (OPERATOR, PLANNER), recorded=True,
-        ),
-        Channel(
-            "swarm", "{fleet}/{vehicle}/swarm/{verb}", "query", wire.Outcome, Qos.MUST_ARRIVE,
-            "an order for several vehicles at once, to the planner in charge (the vehicle here is its host)",
-            (OPERATOR, PLANNER), recorded=True, proven=True, answerers=(AGENT, PLANNER, OPERATOR),
-        ),
-        Channel(
-            "obstacle", "{fleet}/@obstacle/{name}", "pub", wire.swarm.Obstacle, Qos.LATEST_WINS,
-            "something to keep clear of, by anyone who knows of it; said again before its ttl is over",
-            (OPERATOR, PLANNER), recorded=True,
-        ),
-        Channel(
-            "history", "{fleet}/{vehicle}/history/{of}/{what}", "query", wire.History, Qos.MUST_ARRIVE,
-            "what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then",
-            (ANYONE,),
-        ),
-    )
-}  # fmt: skip
+_put = partial(Channel, kind="put")
+_asked = partial(Channel, kind="query", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
+_token = partial(Channel, kind="token", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
 
-RX, TX, STATE, EVENT = CHANNELS["rx"], CHANNELS["tx"], CHANNELS["state"], CHANNELS["event"]
-MSG, DO, SETPOINT, LINK = CHANNELS["msg"], CHANNELS["do"], CHANNELS["setpoint"], CHANNELS["link"]
-PROBE = CHANNELS["probe"]
-PARAMS, PARAM, MISSION, RATES = CHANNELS["params"], CHANNELS["param"], CHANNELS["mission"], CHANNELS["rates"]
-FILE, FILE_CHUNK = CHANNELS["file"], CHANNELS["file_chunk"]
-WANT, HOLDER = CHANNELS["want"], CHANNELS["holder"]
-AGENT_STATUS, ALIVE, FLEET = CHANNELS["agent_status"], CHANNELS["alive"], CHANNELS["fleet"]
-AGENT_DO, SLOT = CHANNELS["agent_do"], CHANNELS["slot"]
-AGENT_PARAM, AGENT_OUT = CHANNELS["agent_param"], CHANNELS["agent_out"]
-FRAME, CAMERA, FRAME_REPORT = CHANNELS["camera_frame"], CHANNELS["camera"], CHANNELS["frame_report"]
-DETECTION = CHANNELS["camera_detection"]
-BENCH, BENCH_REPORT = CHANNELS["bench"], CHANNELS["bench_report"]
-BENCH_PING, BENCH_FLOW = CHANNELS["bench_ping"], CHANNELS["bench_flow"]
-HISTORY = CHANNELS["history"]
+RX = Channel("rx", "{fleet}/{vehicle}/mav/rx/{sys}/{comp}/{msg}", encoding=RAW, recorded=True)
+"""raw MAVLink frame, as it came from the vehicle"""
+TX = _put(
+    "tx", "{fleet}/{vehicle}/mav/tx/{sys}/{comp}/{msg}", writers=(OPERATOR,), encoding=RAW, recorded=True, proven=True
+)
+"""raw MAVLink frame for the vehicle; sys and comp are the target"""
+STATE = Channel(
+    "state", "{fleet}/{vehicle}/state", wire.VehicleState, rate_hz=5.0, stale_after=2.0, recorded=True, repeated=False
+)
+"""what the vehicle is and does; also its heartbeat of presence; answers queries too"""
+EVENT = Channel("event", "{fleet}/{vehicle}/event", wire.Event, qos=Qos.MUST_ARRIVE, recorded=True)
+"""status text, mode, failsafe step, lease, refusals; cached and recovered"""
+MSG = _asked("msg", "{fleet}/{vehicle}/msg/{msg}", wire.LastMessage, answerers=(VEHICLE,))
+"""the last such message, decoded, with its age"""
+DO = _asked(
+    "do",
+    "{fleet}/{vehicle}/do/{verb}",
+    wire.Outcome,
+    writers=(OPERATOR, PLANNER, AGENT, VIEWER),
+    recorded=True,
+    proven=True,
+    answerers=(VEHICLE,),
+)
+"""a command: JSON arguments in, JSON outcome or error out"""
+SETPOINT = _put(
+    "setpoint",
+    "{fleet}/{vehicle}/setpoint/{agent}",
+    wire.Setpoint,
+    qos=Qos.REALTIME,
+    writers=(PLANNER, AGENT, OPERATOR),
+    rate_hz=10.0,
+    stale_after=0.5,
+    recorded=True,
+    repeated=False,
+)
+"""one point of an outer-loop command stream"""
+BODY = _asked("body", "{fleet}/{vehicle}/body", wire.swarm.BodyReport, answerers=(VEHICLE,))
+"""how much room the vehicle needs and what it can do, for planners"""
+BEACON = Channel("beacon", "{fleet}/{vehicle}/beacon", wire.swarm.Beacon, rate_hz=1.0, stale_after=1.5, repeated=False)
+"""in flight: where the vehicle is about to be, for its neighbours' last resort against a collision"""
+HOST = _asked("host", "{fleet}/{vehicle}/host", wire.HostReport)
+"""how the host's computer is: versions, disks, memory, load, heat, power, what keeps its clock"""
+PARAMS = _asked("params", "{fleet}/{vehicle}/param", wire.ParamTable, answerers=(VEHICLE,))
+"""the whole parameter set, from the vehicle's cache; unchanged sets cost a line"""
+PARAM = _asked("param", "{fleet}/{vehicle}/param/{param}", wire.Param, answerers=(VEHICLE,))
+"""one parameter, from the vehicle's cache"""
+MISSION = _asked("mission", "{fleet}/{vehicle}/mission/{kind}", wire.Mission, answerers=(VEHICLE,))
+"""mission, fence or rally points, from the vehicle's cache"""
+FILE = _asked("file", "{fleet}/{vehicle}/file/{file}", wire.StoredFile)
+"""a file or log fetched from the autopilot: what it is"""
+FILE_CHUNK = _asked("file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", qos=Qos.BULK, encoding=RAW)
+"""its bytes: ask for offset * with a FileQuery, answered by chunks under their offsets"""
+RATES = _asked("rates", "{fleet}/{vehicle}/rates", wire.RateTable)
+"""message statistics: what comes, what was asked for, what is shed"""
+WANT = _token("want", "{fleet}/{vehicle}/want/{msg}/{hz}/{instance}")
+"""liveliness token of a reader who wants a message at a rate in Hz"""
+HOLDER = _token("holder", "{fleet}/{vehicle}/holder/{holder}/{instance}", writers=(PLANNER, AGENT, OPERATOR))
+"""liveliness token of who holds a lease: when it goes, the lease ends"""
+LINK = Channel(
+    "link",
+    "{fleet}/{vehicle}/link/{link}",
+    wire.LinkQuality,
+    writers=(VEHICLE, OPERATOR, PLANNER),
+    rate_hz=1.0,
+    stale_after=5.0,
+    recorded=True,
+)
+"""quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too"""
+PROBE = Channel(
+    "probe", "{fleet}/@probe/{to}/{vehicle}", writers=(VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0
+)
+"""one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on"""
+AGENT_STATUS = Channel(
+    "agent_status",
+    "{fleet}/{vehicle}/agent/{agent}/status",
+    wire.AgentStatus,
+    writers=(AGENT, PLANNER, OPERATOR),
+    rate_hz=1.0,
+    stale_after=5.0,
+    recorded=True,
+)
+"""what an agent does"""
+AGENT_DO = _asked(
+    "agent_do",
+    "{fleet}/{vehicle}/agent/{agent}/do/{verb}",
+    wire.Outcome,
+    writers=(OPERATOR, PLANNER, AGENT),
+    recorded=True,
+    proven=True,
+    answerers=(AGENT, PLANNER, OPERATOR),
+)
+"""an order to an agent that runs for the vehicle, wherever it runs"""
+AGENT_PARAM = Channel(
+    "agent_param",
+    "{fleet}/{vehicle}/agent/{agent}/param/{param}",
+    wire.TunableInfo,
+    writers=(AGENT, PLANNER, OPERATOR),
+    recorded=True,
+)
+"""a parameter of an agent when it changes; answers queries too"""
+AGENT_OUT = Channel(
+    "agent_out",
+    "{fleet}/{vehicle}/agent/{agent}/out/{topic}",
+    wire.Signals,
+    writers=(AGENT, PLANNER, OPERATOR),
+    rate_hz=50.0,
+    stale_after=1.0,
+    recorded=True,
+    repeated=False,
+)
+"""numbers that an agent streams: references, errors, integrators, outputs"""
+SLOT = _token("slot", "{fleet}/{vehicle}/slot/{target}/{slot}/{since}/{instance}", writers=(PLANNER, AGENT, OPERATOR))
+"""liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it"""
+FRAME = Channel(
+    "camera_frame",
+    "{fleet}/{vehicle}/camera/{camera}/frame",
+    qos=Qos.BULK,
+    writers=(VEHICLE, AGENT),
+    encoding=RAW,
+    stale_after=1.0,
+    repeated=False,
+)
+"""pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure"""
+CAMERA = _asked("camera", "{fleet}/{vehicle}/camera/{camera}/info", wire.CameraInfo)
+"""the camera's lens, mount, size and rate"""
+FRAME_REPORT = _put(
+    "frame_report",
+    "{fleet}/{vehicle}/camera/{camera}/report/{reader}",
+    wire.FrameReport,
+    writers=(ANYONE,),
+    rate_hz=2.0,
+    stale_after=3.0,
+    repeated=False,
+)
+"""what comes of the pictures at a reader, whose link they are adapted to"""
+DETECTION = Channel(
+    "camera_detection",
+    "{fleet}/{vehicle}/camera/{camera}/detection",
+    wire.Detections,
+    writers=(AGENT, OPERATOR, PLANNER),
+    rate_hz=15.0,
+    stale_after=0.5,
+    recorded=True,
+    repeated=False,
+)
+"""what was found in each picture, and where that is"""
+ALIVE = _token("alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}")
+"""liveliness token of a vehicle, agent or ground node"""
+CERTIFICATE = _asked("certificate", "{fleet}/{vehicle}/certificate", encoding=RAW)
+"""the vehicle's certificate (DER), by which what it signs is told from what others say of it"""
+BENCH = _asked("bench", "{fleet}/{vehicle}/bench/order/{order}", wire.BenchReport, writers=(OPERATOR,), proven=True)
+"""start or stop this host's part in measuring the network"""
+BENCH_REPORT = _asked("bench_report", "{fleet}/{vehicle}/bench/report/{run}", wire.BenchReport)
+"""what a host has measured in a run"""
+BENCH_PING = _asked("bench_ping", "{fleet}/{vehicle}/bench/ping", wire.Pong)
+"""answered at once: which host it is, and its clocks"""
+BENCH_FLOW = Channel(
+    "bench_flow", "{fleet}/{vehicle}/bench/flow/{run}", qos=Qos.BULK, writers=(VEHICLE, OPERATOR, PLANNER), encoding=RAW
+)
+"""the datagrams of a measurement, in the class that is measured"""
+FLEET = Channel("fleet", "{fleet}/@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
+"""fleet-wide topics: origin, goal, charge, plan, obstacle, roster"""
+SWARM = _asked(
+    "swarm",
+    "{fleet}/{vehicle}/swarm/{verb}",
+    wire.Outcome,
+    writers=(OPERATOR, PLANNER),
+    recorded=True,
+    proven=True,
+    answerers=(AGENT, PLANNER, OPERATOR),
+)
+"""an order for several vehicles at once, to the planner in charge (the vehicle here is its host)"""
+OBSTACLE = Channel(
+    "obstacle", "{fleet}/@obstacle/{name}", wire.swarm.Obstacle, writers=(OPERATOR, PLANNER), recorded=True
+)
+"""something to keep clear of, by anyone who knows of it; said again before its ttl is over"""
+HISTORY = _asked("history", "{fleet}/{vehicle}/history/{of}/{what}", wire.History)
+"""what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then"""
+
+CHANNELS: dict[str, Channel] = {c.name: c for c in vars().copy().values() if isinstance(c, Channel)}
 VEHICLES_OWN = tuple(c for c in CHANNELS.values() if c.kind == "pub" and c.writers == (VEHICLE,))
 """what vehicles alone publish: under any other name it is believed of nobody"""
 IsVehicle = Callable[[str, str], bool]
 """``is_vehicle(fleet, name)``: whether that is a vehicle, as far as anybody can tell"""
-SWARM, OBSTACLE = CHANNELS["swarm"], CHANNELS["obstacle"]
-HOST = CHANNELS["host"]
-BODY, BEACON = CHANNELS["body"], CHANNELS["beacon"]
-CERTIFICATE = CHANNELS["certificate"]
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""
 TOPICS: dict[str, tuple[str, ...]] = {

@@ -53,7 +53,7 @@ class SessionSettings(msgspec.Struct, kw_only=True, frozen=True):
     values: dict[str, Any] = {}
     """Zenoh configuration paths and values that were worked out for a router: they go before zmav's own defaults"""
 
-    def given(self) -> dict[str, Any]:
+    def options(self) -> dict[str, Any]:
         """Zenoh configuration paths and values that were asked for here."""
         asked = {
             "mode": self.mode,
@@ -102,7 +102,7 @@ def config(settings: SessionSettings) -> zenoh.Config:
     """The Zenoh configuration of ``settings``; raises :class:`BadConfig` naming the value Zenoh refuses."""
     built = _from_file(settings.file) if settings.file else zenoh.Config()
     in_file = _in_file(built, settings.values)
-    given = settings.given()
+    given = settings.options()
     values = defaults(settings.mode or json.loads(in_file.get("mode", "null")) or "client")
     if settings.credentials:
         values.update(Credentials.load(settings.credentials).zenoh())
@@ -129,7 +129,7 @@ def sources(settings: SessionSettings) -> dict[str, str]:
     if settings.file:
         found = dict.fromkeys(_in_file(_from_file(settings.file), settings.values), f"-c {settings.file}")
     options = {"mode": "-m", "connect/endpoints": "-e", "listen/endpoints": "-l"}
-    found.update({path: options[path] for path in settings.given()})
+    found.update({path: options[path] for path in settings.options()})
     found.update({pair.partition(":")[0]: "--cfg" for pair in settings.cfg})
     return found
 

@@ -44,6 +44,7 @@ BACK = ("rtl", "land")
 SURFACE = ("rover", "boat")
 STAYING = (*SURFACE, "plane")
 """kinds that do not land at home: they stand or circle there, armed"""
+Status = Literal["running", "returning", "done", "left_out", "failed"]
 UNDER_WAY = ("running", "returning")
 TAKEN = ("revoked", "preempted", "pilot")
 """how the planner's lease ends where somebody has ordered otherwise since"""
@@ -54,7 +55,7 @@ class VehicleProgress(msgspec.Struct, kw_only=True):
 
     vehicle: str
     fleet: str
-    status: Literal["running", "returning", "done", "left_out", "failed"] = "running"
+    status: Status = "running"
     """returning: it is on its way home"""
     text: str = ""
     """in words: what it does, how it ended, or why not"""
@@ -132,16 +133,15 @@ class FleetOrder:
         self._end(vehicle, "done", _ended(self.verb, vehicle, result), result=result)
 
     def _returning(self, vehicle: Vehicle, how: str) -> None:
-        self.told[vehicle.fleet, vehicle.name] = VehicleProgress(
-            vehicle=vehicle.name, fleet=vehicle.fleet, status="returning", text=f"on its way home, {how}"
-        )
+        self._set(vehicle, "returning", f"on its way home, {how}")
 
     def _end(self, vehicle: Vehicle, status: Literal["done", "left_out", "failed"], text: str, **more: Any) -> None:
-        place = (vehicle.fleet, vehicle.name)
-        self.told[place] = told = VehicleProgress(
-            vehicle=vehicle.name, fleet=vehicle.fleet, status=status, text=text, **more
-        )
-        self._say(told)
+        self._say(self._set(vehicle, status, text, **more))
+
+    def _set(self, vehicle: Vehicle, status: Status, text: str, **more: Any) -> VehicleProgress:
+        told = VehicleProgress(vehicle=vehicle.name, fleet=vehicle.fleet, status=status, text=text, **more)
+        self.told[vehicle.fleet, vehicle.name] = told
+        return told
 
     def _note(self, text: str) -> None:
         self.notes.append(text)
@@ -171,8 +171,7 @@ class FleetOrder:
             self._note(f"no planned return ({e.message}): each returns by itself, and nobody keeps them apart")
         finally:
             await _cancelled(stops)
-        left = [vehicle for vehicle in vehicles if self._runs(vehicle)]
-        await self._each([vehicle for vehicle in left if not self._taken(vehicle)])
+        await self._each([vehicle for vehicle in vehicles if self._runs(vehicle) and not self._taken(vehicle)])
 
     async def _stop(self, vehicle: Vehicle) -> None:
         try:

@@ -11,7 +11,7 @@ from agents.hil.kinds import kind_of
 from agents.hil.report import Identity
 from agents.hil.steps import STEPS
 from zmav.autopilots import Command
-from zmav.doctor.rules import LINK_LOSS
+from zmav.doctor.ways import LINK_LOSS
 from zmav.errors import LinkDown, Refused, TimedOut, ZmavError
 from zmav.vehicle.params import values
 

@@ -148,7 +148,7 @@ def test_settings_and_names_that_there_are_not_are_refused(here: type[Here], etc
 def test_hostile_names_are_refused(here: type[Here], etc: Path, blinker: Path, name: str) -> None:
     with pytest.raises(BadInput, match="cannot name an installed agent"):
         here()("agent", "install", str(blinker), f"--as={name}")
-    for verb in ("start", "stop", "restart", "logs", "remove", "serve"):
+    for verb in ("remove", "serve"):
         with pytest.raises(BadInput, match="cannot name an installed agent"):
             here()("agent", verb, "--", name)
     with pytest.raises(BadInput, match="cannot name an installed agent"):
@@ -191,13 +191,6 @@ def test_settings_are_read_as_they_were_written(etc: Path, value: Any) -> None:
     given = installed.Installed(agent="x", vehicle="quad1", options={"value": value, "odd name = [x]": 1})
     (etc / "agents.d" / "x.toml").write_text(given.text(), encoding="utf-8")
     assert installed.read("x") == given
-
-
-def test_without_systemd_each_verb_says_so(here: type[Here], etc: Path, blinker: Path) -> None:
-    here()("agent", "install", str(blinker))
-    for verb in ("start", "stop", "restart", "logs"):
-        with pytest.raises(BadConfig, match=r"systemd does not run here.*zmav agent serve blinker"):
-            here()("agent", verb, "blinker")
 
 
 def test_list_shows_what_is_installed_before_what_is_heard(

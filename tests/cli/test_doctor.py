@@ -18,7 +18,7 @@ import zmav
 from zmav import host, keys, wire
 from zmav.doctor.computer import check_packages
 from zmav.doctor.routers import check_routers
-from zmav.doctor.survey import Survey
+from zmav.doctor.survey import RouterReport, Survey
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
@@ -206,8 +206,7 @@ def test_parameters_that_leave_a_vehicle_flying_without_its_companion(vehicle: V
 
 
 def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
-    old = {"zid": "0123456789", "version": "0.9.0", "locators": [], "links": []}
-    (found,) = check_routers(Survey(routers=[old]))
+    (found,) = check_routers(Survey(routers={"0123456789": RouterReport(version="0.9.0")}))
     assert (found.ok, found.subject) == (False, "router 01234567")
     assert "0.9.0" in found.found
     (found,) = check_routers(Survey())
@@ -322,7 +321,3 @@ def test_a_link_that_loses_some_is_told_of_and_is_no_fault(here: type[Here]) -> 
 def test_a_link_that_does_not_open(here: type[Here], url: str, words: str) -> None:
     told = here().fails("doctor", "--link", url, "--for", "0.2")
     assert f"RED {words}" in told.out
-
-
-def test_a_dialect_that_there_is_not(here: type[Here]) -> None:
-    assert "klingon" in here().fails("doctor", "--link", "udpin:127.0.0.1:0", "--dialect", "klingon").out

@@ -314,7 +314,7 @@ def liars(fleet: Fleet) -> None:
 
         thread = threading.Thread(target=shout)
         thread.start()
-        told = zmav_here("doctor", "--fleet", "alpha", "--all", "--for", "1.2", "-e", fleet.ground)
+        told = zmav_here("doctor", "--fleet", "alpha", "--for", "1.2", "-e", fleet.ground)
         over.set()
         thread.join()
         token.undeclare()

@@ -23,7 +23,7 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     zmav("do", "quad1", "arm")
     zmav("do", "quad1", "takeoff", "alt_rel=5")
     north = sim.status().ned_m[0]
-    (line,) = zmav("fly", "quad1", "--level", "velocity", "--vel", "1,0,0", "--for", "0.6", "--json").lines
+    (line,) = zmav("fly", "quad1", "--vel", "1,0,0", "--for", "0.6", "--json").lines
     assert (line["vehicle"], line["sent"]) == ("quad1", 12)
     assert line["counts"]["flown"] >= 6
     assert sim.status().ned_m[0] > north + 1.0  # the simulator runs at eight times the clock
@@ -49,7 +49,6 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
         ("--vel", "1,0,0", "--stdin"),
         ("--vel", "1,0"),
         ("--pos", "1", "0", "-5"),
-        ("--level", "velocity", "--acc", "1,0,0"),
         ("--at", "1", "2"),
         ("--alt", "3"),
         ("--vel", "nan,0,0"),

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.cli.transfer import line, size
+from zmav.cli.common import size
 from zmav.errors import BadInput, NoSuchVehicle, Refused
-from zmav.mavlink.ftp import crc32
 
 if TYPE_CHECKING:
     from tests.cli.conftest import StartProcess, Vehicle
@@ -26,7 +25,6 @@ def test_a_file_there_and_back_from_the_shell(vehicle: Vehicle, tmp_path: Path) 
     assert zmav("ftp", "quad1", "ls", "/APM/cli").out.split() == ["5120", "hello.lua"]
     (row,) = zmav("ftp", "quad1", "ls", "/APM/cli", "--json").lines
     assert row == {"name": "hello.lua", "size": 5120, "directory": False}
-    assert zmav("ftp", "quad1", "crc", "/APM/cli/hello.lua").out.startswith(f"0x{crc32(data):08x}  ")
     zmav("ftp", "quad1", "mv", "/APM/cli/hello.lua", "/APM/cli/b.lua")
     back = tmp_path / "back.lua"
     (row,) = zmav("ftp", "quad1", "get", "/APM/cli/b.lua", str(back), "--json").lines
@@ -62,11 +60,3 @@ def test_a_refusal_ends_with_1_and_the_reason(start: StartProcess, vehicle: Vehi
 )
 def test_sizes_as_a_person_reads_them(count: float, text: str) -> None:
     assert size(count) == text
-
-
-def test_progress_in_words() -> None:
-    assert line({"stage": "autopilot", "waiting_for": "getting /a"}) == "waiting for another transfer: getting /a"
-    assert line({"stage": "autopilot", "checking": True}).endswith("takes the checksum")
-    half = {"stage": "autopilot", "bytes": 500, "size": 1000, "rate": 90}
-    assert line(half) == "autopilot -> vehicle:  50.0 % 500 B at 90 B/s"
-    assert line({"stage": "network", "bytes": 10, "size": None, "rate": 0}) == "vehicle <-> here:  10 B at 0 B/s"

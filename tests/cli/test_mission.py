@@ -152,24 +152,6 @@ def test_files_are_read_before_anybody_is_asked(here: type[Here], tmp_path: Path
     assert "holds no fence" in error.message
 
 
-def test_convert_and_show_files(here: type[Here], survey: Path, tmp_path: Path) -> None:
-    offline = here()
-    target = tmp_path / "survey.waypoints"
-    error = offline.fails("mission", "convert", str(survey), str(target)).error
-    assert error is not None
-    assert "one kind, not mission and fence and rally" in str(error)
-    assert not target.exists()
-    told = offline("mission", "convert", str(survey), str(target), "--kind", "mission")
-    assert told.out == f"{target}: mission 3 items\n"
-    assert plans.load(target, ENUMS).mission == plans.load(survey, ENUMS).mission
-    shown = here()("mission", "show", str(survey)).out
-    for words in ("mission, 3 items", "fence, 3 items", "rally, 1 items"):
-        assert words in shown
-    lines = here()("mission", "show", str(target), "--json").lines
-    assert [line["mission"]["kind"] for line in lines] == ["mission"]
-    assert isinstance(offline.fails("mission", "convert", str(target), str(survey), "--kind", "rally").error, BadInput)
-
-
 async def test_several_vehicles_side_by_side(
     here: type[Here], net: Net, onboard: StartOnboard, survey: Path, tmp_path: Path
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -50,12 +50,23 @@ def test_how_far_a_long_order_is_is_said_meanwhile(vehicle: Vehicle, monkeypatch
     assert re.match(r"quad1: takeoff: at \d+\.\d m\n", told.err)
     assert told.out.startswith("quad1: takeoff done")
     assert do("do", "quad1", "land", "--json").err == "", "a script is told the end alone"
-    said = list[str]()
-    monkeypatch.setattr(progress, "say", said.append)
-    far = progress.Progress("quad1", "goto")
-    far({})
-    far({"away": 123.4})
-    assert said == ["quad1: goto: 123 m to go"]
+
+
+@pytest.mark.parametrize(
+    ("news", "text"),
+    [
+        ({"away": 123.4}, "123 m to go"),
+        ({"waiting_for": ["GPS", "EKF"]}, "waits: GPS, EKF"),
+        ({"stage": "autopilot", "waiting_for": "getting /a"}, "autopilot -> vehicle, waits: getting /a"),
+        ({"stage": "autopilot", "checking": True}, "autopilot -> vehicle, the autopilot takes the checksum"),
+        ({"stage": "autopilot", "bytes": 500, "size": 1000, "rate": 90}, "autopilot -> vehicle, 500 B, 90 B/s, 50%"),
+        ({"stage": "network", "bytes": 10, "size": None, "rate": 0}, "vehicle <-> here, 10 B, 0 B/s"),
+        ({"kind": "fence", "phase": "send", "done": 3, "of": 7}, "fence, send, 3/7"),
+        ({"received": 30, "count": None}, "30/?"),
+    ],
+)
+def test_progress_in_words(news: dict[str, Any], text: str) -> None:
+    assert progress.words(news) == text
 
 
 def test_a_refusal_ends_with_1_and_the_reason(start: StartProcess, vehicle: Vehicle) -> None:

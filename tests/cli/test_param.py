@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.cli.paramtable import comparison, shown
+from zmav.cli.param import comparison, shown
 from zmav.errors import BadInput, NoSuchVehicle
 from zmav.formats import paramfile
 from zmav.vehicle.params import differences
@@ -104,9 +104,9 @@ def test_load_names_what_failed(vehicle: Vehicle, tmp_path: Path) -> None:
 
 
 def test_save_a_part_and_refuse_what_cannot_be_written(vehicle: Vehicle, tmp_path: Path) -> None:
-    path = tmp_path / "{vehicle}.txt"
-    vehicle.zmav("param", "save", "quad*", str(path), "WPNAV_*", "--format", "planner")
-    written = (tmp_path / "quad1.txt").read_text(encoding="utf-8").splitlines()
+    path = tmp_path / "{vehicle}.parm"
+    vehicle.zmav("param", "save", "quad*", str(path), "WPNAV_*")
+    written = (tmp_path / "quad1.parm").read_text(encoding="utf-8").splitlines()
     assert "WPNAV_SPEED,1000" in written
     assert all(line.startswith(("WPNAV_", "#")) for line in written)
     for target in (str(tmp_path / "q.txt"), str(tmp_path / "nowhere" / "q.params")):
@@ -121,19 +121,19 @@ def test_diff_needs_two_and_readable_files(vehicle: Vehicle, tmp_path: Path) -> 
     assert "cannot read" in str(vehicle.zmav.fails("param", "diff", "quad1", str(tmp_path / "no.params")).error)
     same = tmp_path / "same.parm"
     same.write_text("RTL_ALT,1500\n", encoding="utf-8")
-    assert vehicle.zmav("param", "diff", "quad1", str(same), "--exit-code").out == ""
+    assert vehicle.zmav("param", "diff", "quad1", str(same)).out == ""
     same.write_text("RTL_ALT,1\nFOREIGN,2\n", encoding="utf-8")
-    told = vehicle.zmav.fails("param", "diff", "quad1", str(same), "--exit-code")
+    told = vehicle.zmav("param", "diff", "quad1", str(same))
     assert told.out.split()[-6:] == ["FOREIGN", "-", "2", "RTL_ALT", "1500", "1"]
 
 
 def test_a_table_for_fifty() -> None:
     columns = {f"quad{i}": {"A": 2 if i == 7 else 1, **({} if i in (3, 4) else {"B": 0.5})} for i in range(50)}
-    table = comparison(differences(columns), list(columns))
-    cells = [list(column.cells) for column in table.columns]
-    assert cells == [["A", "B"], ["1 ×49", "0.5 ×48"], ["2: quad7", "-: quad3 quad4"]]
-    few = comparison(differences({"a": {"A": 1}, "b": {}}), ["a", "b"])
-    assert [list(column.cells) for column in few.columns] == [["A"], ["1"], ["-"]]
+    head, rows = comparison(differences(columns), list(columns))
+    assert head == ["name", "most of 50", "the others"]
+    assert list(rows) == [["A", "1 ×49", "2: quad7"], ["B", "0.5 ×48", "-: quad3 quad4"]]
+    head, rows = comparison(differences({"a": {"A": 1}, "b": {}}), ["a", "b"])
+    assert (head, list(rows)) == (["name", "a", "b"], [["A", "1", "-"]])
 
 
 def test_values_for_a_person() -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from zmav.errors import BadInput, BadMessage, NoSuchVehicle
+from zmav.errors import BadInput, NoSuchVehicle
 
 if TYPE_CHECKING:
     from tests.cli.conftest import StartProcess, Vehicle
@@ -46,27 +46,6 @@ def test_the_table_shows_what_comes_and_for_whom(vehicle: Vehicle) -> None:
     assert " bytes/s" in told.err
 
 
-def test_a_message_is_held_at_a_rate_and_let_go(vehicle: Vehicle) -> None:
-    assert row(vehicle, "VFR_HUD").get("wanted_hz") is None
-    lines = vehicle.zmav("rate", "quad1", "VFR_HUD", "20", "--for", "3.5", "--json").lines
-    assert len(lines) >= 3
-    last = lines[-1]
-    assert (last["name"], last["asked_hz"], last["wanted_hz"]) == ("VFR_HUD", 20.0, 20.0)
-    assert last["arrived_hz"] > 0.0
-    assert any(reader.startswith("reader-") for reader in last["readers"])
-    until(vehicle, "VFR_HUD", wanted_hz=None, asked_hz=None)
-    told = vehicle.zmav("rate", "quad1", "VFR_HUD", "20", "--for", "2.5")
-    assert told.out.splitlines()[-1].endswith("20.0 asked, 20.0 wanted")
-    until(vehicle, "VFR_HUD", wanted_hz=None, asked_hz=None)
-
-
-def test_an_interrupt_lets_it_go(vehicle: Vehicle, start: StartProcess) -> None:
-    holding = start("rate", "quad1", "WIND", "5", "-e", vehicle.endpoint)
-    holding.expect("5.0 asked")
-    assert holding.stop(2) == 130
-    until(vehicle, "WIND", wanted_hz=None, asked_hz=None)
-
-
 def test_echo_has_its_message_sent(vehicle: Vehicle) -> None:
     told = vehicle.zmav("echo", "quad*/VIBRATION", "--rate", "10", "-n", "2", "--json")
     assert [line["message"]["name"] for line in told.lines] == ["VIBRATION"] * 2
@@ -74,17 +53,22 @@ def test_echo_has_its_message_sent(vehicle: Vehicle) -> None:
     until(vehicle, "VIBRATION", wanted_hz=None, asked_hz=None)
 
 
+def test_an_interrupt_lets_it_go(vehicle: Vehicle, start: StartProcess) -> None:
+    holding = start("echo", "quad1/WIND", "--rate", "5", "-e", vehicle.endpoint)
+    until(vehicle, "WIND", wanted_hz=5.0, asked_hz=5.0)
+    assert holding.stop(2) == 130
+    until(vehicle, "WIND", wanted_hz=None, asked_hz=None)
+
+
 def test_what_cannot_be_is_said(vehicle: Vehicle) -> None:
     fails = vehicle.zmav.fails
-    assert isinstance(fails("rate", "quad1", "ATTITUDE").error, BadInput)
-    assert isinstance(fails("rate", "quad1", "ATTITUDES", "5").error, BadMessage)
-    assert isinstance(fails("rate", "quad1", "ATTITUDE", "0").error, BadInput)
-    assert isinstance(fails("rate", "quad1", "ATTITUDE", "501").error, BadInput)
+    assert isinstance(fails("echo", "quad1/ATTITUDE", "--rate", "0").error, BadInput)
+    assert isinstance(fails("echo", "quad1/ATTITUDE", "--rate", "501").error, BadInput)
     assert isinstance(fails("echo", "quad1", "--rate", "5").error, BadInput)
     assert isinstance(fails("rate", "nobody").error, NoSuchVehicle)
-    vehicle.zmav.misused("rate", "quad1", "ATTITUDE", "often")
+    vehicle.zmav.misused("echo", "quad1/ATTITUDE", "--rate", "often")
 
 
-@pytest.mark.parametrize("words", ["quad1 ATTITUDE 50", "zmav rate quad1"])
+@pytest.mark.parametrize("words", ["quad1/ATTITUDE --rate 50", "zmav rate quad1"])
 def test_the_help_has_an_example(vehicle: Vehicle, words: str) -> None:
     assert words in " ".join(vehicle.zmav("rate", "--help").out.split())

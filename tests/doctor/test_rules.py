@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from mesh.topology import Link, Way
 from zmav import wire
 from zmav.doctor.facts import AgentReport, Facts, Happening
 from zmav.doctor.rules import PROOF, RULES, reasons
+from zmav.doctor.ways import Link, Way
 
 NOW = 1_800_000_000.0
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
-from importlib.metadata import entry_points
 
 import click
 
+from zmav.cli.common import Verbs
 from zmav.errors import ZmavError
 
 VERBS = (
@@ -16,9 +15,6 @@ VERBS = (
     "ls",
     "echo",
     "hz",
-    "bw",
-    "delay",
-    "info",
     "rate",
     "do",
     "command",
@@ -35,25 +31,13 @@ VERBS = (
 )
 
 
-class Verbs(click.Group):
-    """Loads a verb's file only when the verb is used: ``zmav ls`` need not wait for what the planner imports."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted({*VERBS, *(point.name for point in entry_points(group="zmav.verbs"))})
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name in VERBS:
-            found = importlib.import_module(f"zmav.cli.{name}").command
-        else:
-            points = [point for point in entry_points(group="zmav.verbs") if point.name == name]
-            if not points:
-                return None
-            found = points[0].load()
-        assert isinstance(found, click.Command)
-        return found
-
-
-@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Verbs,
+    package="zmav.cli",
+    files=VERBS,
+    points="zmav.verbs",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="zmav")
 def zmav() -> None:
     """One key space for a swarm of vehicles: MAVLink over Zenoh.

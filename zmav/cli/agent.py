@@ -6,12 +6,10 @@ import asyncio
 import contextlib
 import sys
 import time
-from importlib.metadata import entry_points
 from typing import Any
 
 import click
 import msgspec
-from rich.table import Table
 
 import zmav
 from zmav import keys, systemd, wire
@@ -19,35 +17,29 @@ from zmav.agent import Agent
 from zmav.bus import Alive
 from zmav.cli import installed
 from zmav.cli.agentkind import resolve, settings_of
-from zmav.cli.common import assignments, console, dump, fleet_option, json_option, run, seconds_option, zenoh_options
+from zmav.cli.common import (
+    Verbs,
+    Work,
+    assignments,
+    connected,
+    dump,
+    fleet_option,
+    json_option,
+    run,
+    seconds_option,
+    show_table,
+    zenoh_options,
+)
+from zmav.cli.vehicles import one
 from zmav.errors import BadInput
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.waiting import within
 
-VERBS = "zmav.agent.verbs"
-"""entry points: verbs of packages above the library"""
 vehicle_option = click.option("--vehicle", required=True, help="The vehicle that it runs for.")
 
 
-class Group(click.Group):
-    """Takes verbs of the packages above the library in."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted({*super().list_commands(ctx), *(point.name for point in entry_points(group=VERBS))})
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        own = super().get_command(ctx, name)
-        if own is not None:
-            return own
-        found = [point for point in entry_points(group=VERBS) if point.name == name]
-        if not found:
-            return None
-        verb: click.Command = found[0].load()
-        return verb
-
-
-@click.group("agent", cls=Group)
+@click.group("agent", cls=Verbs, points="zmav.agent.verbs")
 def command() -> None:
     """Agents: 'zmav agent run helipad --vehicle quad1', 'zmav agent list', 'zmav agent about follower'.
 
@@ -80,7 +72,7 @@ async def _run(
 ) -> None:
     for name, value in tuned.items():
         if not isinstance(value, (int, float)):
-            raise BadInput(f"{name}={value!r}; expected a number", field=name, value=value, expected="a number")
+            raise BadInput.wrong(name, value, "a number")
     async with zmav.open(fleet=fleet, settings=settings) as z:
         agent = kind(z, vehicle, own, tuned)
         async with agent:
@@ -122,63 +114,54 @@ def serve(name: str, directory: str | None, check: bool, settings: SessionSettin
 def about(name: str) -> None:
     """Show what an agent is, its settings, parameters and orders."""
     kind, _ = resolve(name)
-    out = console()
-    out.print((kind.__doc__ or "").strip(), markup=False)
-    table = Table("setting", "default", box=None, pad_edge=False, header_style="bold")
-    for field in msgspec.structs.fields(kind.settings_type):
-        default = "required" if field.required else dump(msgspec.to_builtins(field.default), pretty=False)
-        table.add_row(field.name, default)
-    out.print(table)
-    table = Table("parameter", "default", "bounds", "unit", "", box=None, pad_edge=False, header_style="bold")
-    for parameter, each in kind.tunables.items():
-        table.add_row(parameter, f"{each.default:g}", f"{each.low:g} to {each.high:g}", each.unit, each.doc)
-    out.print(table)
-    table = Table("order", "", box=None, pad_edge=False, header_style="bold")
-    for verb in kind.verbs.values():
-        table.add_row(verb.name, verb.doc)
-    out.print(table)
+    click.echo((kind.__doc__ or "").strip())
+    defaults = (
+        (field.name, "required" if field.required else dump(msgspec.to_builtins(field.default)))
+        for field in msgspec.structs.fields(kind.settings_type)
+    )
+    show_table(("setting", "default"), defaults)
+    tunables = (
+        (name, f"{each.default:g}", f"{each.low:g} to {each.high:g}", each.unit, each.doc)
+        for name, each in kind.tunables.items()
+    )
+    show_table(("parameter", "default", "bounds", "unit", ""), tunables)
+    show_table(("order", ""), ((verb.name, verb.doc) for verb in kind.verbs.values()))
 
 
 @command.command("list")
 @click.argument("vehicles", default="*")
 @seconds_option
-@fleet_option
 @json_option
-@zenoh_options
-def list_(vehicles: str, seconds: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def list_(vehicles: str, seconds: float, as_json: bool) -> Work:
     """Show the agents that are installed on this computer, with their units, and all that are heard."""
     installed.show(as_json)
-    run(_list(vehicles, seconds, fleet, as_json, settings))
 
+    async def listen(z: zmav.Client) -> None:
+        found: dict[tuple[str, str], wire.AgentStatus] = {}
 
-async def _list(vehicles: str, seconds: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    found: dict[tuple[str, str], wire.AgentStatus] = {}
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        key = keys.AGENT_STATUS.key(fleet, vehicles, agent="*")
+        async def hear() -> None:
+            async with z.subscribe(keys.AGENT_STATUS.key(z.fleet_name, vehicles, agent="*")) as samples:
+                async for sample in samples:
+                    with contextlib.suppress(BadInput):
+                        status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
+                        found[str(sample.key_expr).split("/")[2], status.agent] = status
 
-        def take(sample: Any) -> None:
-            status = wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "status")
-            found[str(sample.key_expr).split("/")[2], status.agent] = status
+        with contextlib.suppress(asyncio.TimeoutError):
+            await within(seconds, hear())
+        if as_json:
+            for (vehicle, _), status in sorted(found.items()):
+                click.echo(dump({"vehicle": vehicle, **msgspec.to_builtins(status)}))
+        elif found:
+            rows = (
+                (vehicle, agent, status.state, f"{time.time() - status.t:.1f} s", status.text)
+                for (vehicle, agent), status in sorted(found.items())
+            )
+            show_table(("vehicle", "agent", "state", "age", "text"), rows)
+        else:
+            click.echo(f"no agent was heard within {seconds:g} s", err=True)
 
-        async with z.subscribe(key, take) as heard:
-            with contextlib.suppress(asyncio.TimeoutError):
-                await within(seconds, _read(heard))
-    if as_json:
-        for (vehicle, _), status in sorted(found.items()):
-            click.echo(dump({"vehicle": vehicle, **msgspec.to_builtins(status)}, pretty=False))
-        return
-    if not found:
-        click.echo(f"no agent was heard within {seconds:g} s", err=True)
-        return
-    table = Table("vehicle", "agent", "state", "age", "text", box=None, pad_edge=False, header_style="bold")
-    for (vehicle, agent), status in sorted(found.items()):
-        table.add_row(vehicle, agent, status.state, f"{time.time() - status.t:.1f} s", status.text)
-    console().print(table)
-
-
-async def _read(heard: zmav.Subscription[None]) -> None:
-    async for _ in heard:
-        pass
+    return listen
 
 
 @command.command("do")
@@ -186,11 +169,10 @@ async def _read(heard: zmav.Subscription[None]) -> None:
 @click.argument("verb")
 @click.argument("arguments", nargs=-1, metavar="[NAME=VALUE]...")
 @vehicle_option
-@fleet_option
-@zenoh_options
-def do(agent: str, verb: str, arguments: tuple[str, ...], vehicle: str, fleet: str, settings: SessionSettings) -> None:
+@connected
+def do(agent: str, verb: str, arguments: tuple[str, ...], vehicle: str) -> Work:
     """Give an agent an order: 'zmav agent do follower follow target=rover1 --vehicle quad1'."""
-    run(_tell(agent, verb, assignments(arguments), vehicle, fleet, settings))
+    return _order(agent, verb, assignments(arguments), vehicle)
 
 
 @command.group("param")
@@ -201,11 +183,20 @@ def param() -> None:
 @param.command("list")
 @click.argument("agent")
 @vehicle_option
-@fleet_option
-@zenoh_options
-def param_list(agent: str, vehicle: str, fleet: str, settings: SessionSettings) -> None:
+@connected
+def param_list(agent: str, vehicle: str) -> Work:
     """Show an agent's parameters: 'zmav agent param list follower --vehicle quad1'."""
-    run(_tell(agent, "params", {}, vehicle, fleet, settings, table=True))
+
+    async def ask(z: zmav.Client) -> None:
+        result = await (await one(z, vehicle)).tell(agent, "params")
+        known = {name: msgspec.convert(raw, wire.TunableInfo) for name, raw in result.items()}
+        rows = (
+            (name, f"{each.value:g}", f"{each.default:g}", f"{each.low:g} to {each.high:g}", each.unit, each.doc)
+            for name, each in known.items()
+        )
+        show_table(("parameter", "value", "default", "bounds", "unit", ""), rows)
+
+    return ask
 
 
 @param.command("set")
@@ -213,35 +204,19 @@ def param_list(agent: str, vehicle: str, fleet: str, settings: SessionSettings) 
 @click.argument("name")
 @click.argument("value", type=float)
 @vehicle_option
-@fleet_option
-@zenoh_options
-def param_set(agent: str, name: str, value: float, vehicle: str, fleet: str, settings: SessionSettings) -> None:
+@connected
+def param_set(agent: str, name: str, value: float, vehicle: str) -> Work:
     """Change a parameter: 'zmav agent param set follower gain 1.2 --vehicle quad1'."""
-    run(_tell(agent, "set", {"name": name, "value": value}, vehicle, fleet, settings))
+    return _order(agent, "set", {"name": name, "value": value}, vehicle)
 
 
-async def _tell(
-    agent: str,
-    verb: str,
-    arguments: dict[str, Any],
-    vehicle: str,
-    fleet: str,
-    settings: SessionSettings,
-    table: bool = False,
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        (target,) = await z.wait_for(vehicle, timeout=5.0)
-        result = await target.tell(agent, verb, **arguments)
-    if not table:
+def _order(agent: str, verb: str, arguments: dict[str, Any], vehicle: str) -> Work:
+    async def give(z: zmav.Client) -> None:
+        result = await (await one(z, vehicle)).tell(agent, verb, **arguments)
         words = ", ".join(f"{name} {value}" for name, value in result.items())
         click.echo(f"{vehicle}/{agent}: {verb} done" + (f" ({words})" if words else ""))
-        return
-    rows = Table("parameter", "value", "default", "bounds", "unit", "", box=None, pad_edge=False, header_style="bold")
-    for name, raw in result.items():
-        each = msgspec.convert(raw, wire.TunableInfo)
-        bounds = f"{each.low:g} to {each.high:g}"
-        rows.add_row(name, f"{each.value:g}", f"{each.default:g}", bounds, each.unit, each.doc)
-    console().print(rows)
+
+    return give
 
 
 for verb in installed.VERBS:

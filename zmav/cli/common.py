@@ -4,20 +4,54 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import importlib
 import json
 import os
 import sys
-from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-from rich.console import Console
 
 from zmav.errors import BadInput
 from zmav.session import Mode, SessionSettings
 from zmav.trust.credentials import VARIABLE
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from zmav.client import Client
+
 F = TypeVar("F", bound=Callable[..., Any])
+Work = Callable[["Client"], Awaitable[None]]
+"""what a verb does with the key space"""
+
+
+class Verbs(click.Group):
+    """Loads a verb only when it is used: ``zmav ls`` need not wait for what the planner imports.
+
+    ``files``: verbs that are each ``command`` in a file of their name in ``package``; ``points``: the group of entry
+    points by which packages above the library add theirs.
+    """
+
+    def __init__(self, *args: Any, package: str = "", files: Sequence[str] = (), points: str = "", **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._package, self._files = package, files
+        self._points = {point.name: point for point in entry_points(group=points)} if points else {}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*super().list_commands(ctx), *self._files, *self._points})
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name in self._files:
+            found = importlib.import_module(f"{self._package}.{name}").command
+        elif name in self._points:
+            found = self._points[name].load()
+        else:
+            return super().get_command(ctx, name)
+        assert isinstance(found, click.Command)
+        return found
 
 
 def zenoh_options(command: F) -> F:
@@ -75,6 +109,32 @@ seconds_option = click.option(
     "--for", "seconds", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to listen."
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document a line, for scripts.")
+dialect_option = click.option(
+    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file."
+)
+
+
+def connected(verb: Callable[..., Work]) -> Callable[..., None]:
+    """The body of a verb that meets the key space: it looks at its options and gives back what is to be done with an
+    open client, before any session is opened. Options of it are ``--fleet`` and Zenoh's own; ``dialect``, where the
+    verb has it, is the client's.
+    """
+
+    @fleet_option
+    @zenoh_options
+    @functools.wraps(verb)
+    def wrapped(fleet: str, settings: SessionSettings, dialect: str = "ardupilotmega", **options: Any) -> None:
+        work = verb(**options)
+
+        async def meet() -> None:
+            from zmav.client import connect
+
+            async with connect(fleet=fleet, settings=settings, dialect=dialect) as z:
+                await work(z)
+
+        run(meet())
+
+    return wrapped
 
 
 def run(coroutine: Coroutine[Any, Any, None]) -> None:
@@ -102,9 +162,37 @@ def assignments(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 def console() -> Console:
     """Where tables go: the terminal's width, or one that holds them where there is no terminal."""
+    from rich.console import Console
+
     return Console(width=None if sys.stdout.isatty() else 120)
 
 
-def dump(value: Any, *, pretty: bool) -> str:
+def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
+    """Print a table; the columns named in ``right`` are numbers."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        table.add_column(column, justify="right" if column in right else "left", no_wrap=column != "")
+    for row in rows:
+        table.add_row(*row)
+    console().print(table, markup=False)
+
+
+def tell(as_json: bool, document: dict[str, Any], text: str) -> None:
+    """A result: a JSON line for a script, ``text`` for a person."""
+    click.echo(dump(document) if as_json else text)
+
+
+def size(count: float) -> str:
+    """Bytes as a person reads them."""
+    for unit in ("B", "kB", "MB"):
+        if count < 1000.0:
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1000.0
+    return f"{count:.1f} GB"
+
+
+def dump(value: Any, *, pretty: bool = False) -> str:
     """JSON for a person or for a script."""
     return json.dumps(value, indent=2 if pretty else None, ensure_ascii=False, default=str)

@@ -9,11 +9,10 @@ from typing import Any
 import click
 import zenoh
 
-import zmav
 from zmav import keys
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Work, connected, dialect_option, dump, json_option, tell
+from zmav.client import Client
 from zmav.mavlink import Dialect
-from zmav.session import SessionSettings
 from zmav.vehicle.rates import want_key
 from zmav.zenoh_codec import readable
 
@@ -22,37 +21,29 @@ from zmav.zenoh_codec import readable
 @click.argument("key")
 @click.option("-n", "--count", type=click.IntRange(1), help="End after that many.")
 @click.option("--rate", "hz", type=float, help="Have the autopilot send the message so many times a second meanwhile.")
-@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
-@fleet_option
+@dialect_option
 @json_option
-@zenoh_options
-def command(
-    key: str, count: int | None, hz: float | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+@connected
+def command(key: str, count: int | None, hz: float | None, as_json: bool) -> Work:
     """Print what is published: 'quad1' (its state), 'quad*/ATTITUDE', 'quad1/link/*', or any key expression.
 
     A message that the autopilot does not send by itself is asked for as long as it is read, a few times a second or as
     fast as --rate says: 'zmav echo quad1/VFR_HUD --rate 20'.
     """
-    run(_echo(key, count, hz, dialect, fleet, as_json, settings))
 
+    async def echo(z: Client) -> None:
+        token = "" if hz is None else want_key(keys.expression(key, z.fleet_name), hz, "echo")
+        async with z.subscribe(key, token=token) as samples:
+            await asyncio.to_thread(lambda: z.dialect)  # an unknown one is said now, and not at every message
+            seen = 0
+            async for sample in samples:
+                document = document_of(sample, z.dialect)
+                tell(as_json, document, text_of(document))
+                seen += 1
+                if seen == count:
+                    return
 
-async def _echo(
-    key: str, count: int | None, hz: float | None, dialect: str, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
-    token = "" if hz is None else want_key(keys.expression(key, fleet), hz, "echo")
-    async with (
-        zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        z.subscribe(key, token=token) as samples,
-    ):
-        await asyncio.to_thread(lambda: z.dialect)  # an unknown one is said now, and not at every message
-        seen = 0
-        async for sample in samples:
-            document = document_of(sample, z.dialect)
-            click.echo(dump(document, pretty=False) if as_json else text_of(document))
-            seen += 1
-            if seen == count:
-                return
+    return echo
 
 
 def document_of(sample: zenoh.Sample, dialect: Dialect) -> dict[str, Any]:
@@ -81,4 +72,4 @@ def text_of(document: dict[str, Any]) -> str:
 def _number(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.7g}" if abs(value) < 1e6 else str(value)
-    return value if isinstance(value, str) else dump(value, pretty=False)
+    return value if isinstance(value, str) else dump(value)

@@ -11,19 +11,16 @@ from typing import Any, TextIO
 
 import click
 
-import zmav
 from zmav import keys, wire
 from zmav.cli import places
-from zmav.cli.common import F, dump, fleet_option, json_option, run, zenoh_options
-from zmav.cli.places import renamed_option
+from zmav.cli.common import F, Work, connected, json_option, tell
+from zmav.cli.vehicles import one
 from zmav.client import Client
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
 from zmav.services.authority.targets import group_of
-from zmav.session import SessionSettings
 from zmav.vehicle import Lease, Vehicle
 
-LEVELS = ("position", "velocity", "acceleration", "trajectory", "attitude", "rates", "torque", "manual", "rc", "servo")
 OWN = ("lease", "seq", "deadline", "frame", "segment")
 SETTLE = 0.5
 """s after which the vehicle's state counts the last setpoint"""
@@ -41,9 +38,7 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 
 @click.command("fly")
 @click.argument("vehicle")
-@click.option("--level", type=click.Choice(LEVELS), help="What it must be; the options given say it, too.")
 @click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
-@renamed_option("--pos", 3, "it counted down; give --to N,E,ALT, such as --to 10,0,5: heights count up")
 @_vector("at", "LAT LON", "Degrees, WGS84; with --alt.")
 @click.option("--alt", type=float, help="With --at: metres above home.")
 @click.option("--vel", type=places.motion, metavar=places.MOTION, help="m/s.")
@@ -61,21 +56,11 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @click.option("--for", "seconds", type=click.FloatRange(min=0.1), default=5.0, show_default=True, help="Seconds.")
 @click.option("--rate", type=click.FloatRange(1.0, 200.0), default=20.0, show_default=True, help="Setpoints a second.")
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of the lease.")
-@fleet_option
 @json_option
-@zenoh_options
+@connected
 def command(
-    vehicle: str,
-    level: str | None,
-    from_stdin: bool,
-    seconds: float,
-    rate: float,
-    priority: int,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-    **given: Any,
-) -> None:
+    vehicle: str, from_stdin: bool, seconds: float, rate: float, priority: int, as_json: bool, **given: Any
+) -> Work:
     """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1,0,0 --for 5'.
 
     PX4 flies sticks in POSCTL, and is put into HOLD when they end.
@@ -87,13 +72,25 @@ def command(
     fields = {name: value for name, value in _fields(given).items() if value is not None}
     if from_stdin == bool(fields):
         raise click.UsageError("give one setpoint by its options, or --stdin")
-    if fields:
-        found = level_of(point_of(fields))
-        if level not in (None, found):
-            raise click.UsageError(f"that is of level {found}, not {level}")
-    lines = sys.stdin
-    points = _read(lines) if from_stdin else _repeat(fields, seconds, rate)
-    run(_fly(vehicle, points, priority, fleet, as_json, settings))
+    points = _read(sys.stdin) if from_stdin else _repeat(_of_one_level(fields), seconds, rate)
+
+    async def fly(z: Client) -> None:
+        target = await one(z, vehicle)
+        said: list[str] = []
+        listener = asyncio.create_task(_listen(z, target, said, as_json))
+        before, start = dict(target.state.setpoints), time.monotonic()
+        try:
+            async with target.lease("fly", priority=priority) as lease:
+                async for point in points:
+                    _put(lease, point)
+                flown_for = time.monotonic() - start
+                await asyncio.sleep(SETTLE)
+        finally:
+            listener.cancel()
+        counts = {k: n - before.get(k, 0) for k, n in target.state.setpoints.items() if n > before.get(k, 0)}
+        _say(target, lease.sent, flown_for, counts, said, as_json)
+
+    return fly
 
 
 def _fields(given: dict[str, Any]) -> dict[str, Any]:
@@ -134,21 +131,16 @@ def point_of(fields: dict[str, Any]) -> wire.Setpoint:
     return wire.decode(text.encode(), wire.Setpoint, "setpoint")
 
 
-def level_of(point: wire.Setpoint) -> str:
-    """The level of authority, or segment; raises :class:`BadInput` for none and for two at a time."""
-    group = group_of(point)
-    if group == "attitude":
-        return "attitude" if point.attitude is not None else "rates"
-    if group != "motion":
-        return group
-    if point.pos is not None or point.lat_deg is not None:
-        return "position" if point.vel is None and point.acc is None else "trajectory"
-    return "velocity" if point.vel is not None else "acceleration"
+def _of_one_level(fields: dict[str, Any]) -> wire.Setpoint:
+    """The same; raises :class:`BadInput` for no level of authority, and for two at a time."""
+    point = point_of(fields)
+    group_of(point)
+    return point
 
 
-async def _repeat(fields: dict[str, Any], seconds: float, rate: float) -> AsyncIterator[wire.Setpoint]:
+async def _repeat(point: wire.Setpoint, seconds: float, rate: float) -> AsyncIterator[wire.Setpoint]:
     """The same point at a rate, kept by the clock and not by the pauses."""
-    point, start, count = point_of(fields), time.monotonic(), 0
+    start, count = time.monotonic(), 0
     while count / rate < seconds:
         yield point
         count += 1
@@ -180,26 +172,6 @@ def _put(lease: Lease, point: wire.Setpoint) -> None:
     lease.setpoint(**fields)
 
 
-async def _fly(
-    name: str, points: AsyncIterator[wire.Setpoint], priority: int, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        (vehicle,) = await z.wait_for(name, timeout=5.0)
-        said: list[str] = []
-        listener = asyncio.create_task(_listen(z, vehicle, said, as_json))
-        before, start = dict(vehicle.state.setpoints), time.monotonic()
-        try:
-            async with vehicle.lease("fly", priority=priority) as lease:
-                async for point in points:
-                    _put(lease, point)
-                flown_for = time.monotonic() - start
-                await asyncio.sleep(SETTLE)
-        finally:
-            listener.cancel()
-        counts = {k: n - before.get(k, 0) for k, n in vehicle.state.setpoints.items() if n > before.get(k, 0)}
-        _say(vehicle, lease.sent, flown_for, counts, said, as_json)
-
-
 async def _listen(z: Client, vehicle: Vehicle, said: list[str], as_json: bool) -> None:
     """What the vehicle says of its setpoints: a refusal comes as an event, for a put has no answer."""
     async with z.subscribe(keys.EVENT.key(vehicle.fleet, vehicle.name)) as events:
@@ -214,12 +186,9 @@ async def _listen(z: Client, vehicle: Vehicle, said: list[str], as_json: bool) -
 
 
 def _say(vehicle: Vehicle, sent: int, seconds: float, counts: dict[str, int], said: list[str], as_json: bool) -> None:
-    if as_json:
-        line = {"vehicle": vehicle.name, "sent": sent, "seconds": round(seconds, 3), "counts": counts, "said": said}
-        click.echo(dump(line, pretty=False))
-    else:
-        listed = ", ".join(f"{n} {name}" for name, n in sorted(counts.items())) or "none heard"
-        click.echo(f"{vehicle.name}: {sent} setpoints in {seconds:.1f} s ({listed}); mode {vehicle.state.mode}")
+    listed = ", ".join(f"{n} {name}" for name, n in sorted(counts.items())) or "none heard"
+    line = {"vehicle": vehicle.name, "sent": sent, "seconds": round(seconds, 3), "counts": counts, "said": said}
+    tell(as_json, line, f"{vehicle.name}: {sent} setpoints in {seconds:.1f} s ({listed}); mode {vehicle.state.mode}")
     if not counts.get("flown"):
         why = said[0] if said else "see 'zmav echo VEHICLE/event'"
         raise Refused(f"{vehicle.name} flew none of them: {why}", vehicle=vehicle.name, reasons=said)

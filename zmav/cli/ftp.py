@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
 
 import zmav
-from zmav.cli.common import fleet_option, json_option, run, zenoh_options
-from zmav.cli.transfer import finished, say, shown, size, vehicle_of
+from zmav.cli.common import Work, connected, json_option, size, tell
+from zmav.cli.progress import Progress
+from zmav.cli.vehicles import one
 from zmav.errors import ZmavError
-from zmav.session import SessionSettings
 
+Report = Callable[[dict[str, Any]], None]
 ACTIONS = {
     "ls": (0, 1),
     "get": (1, 2),
@@ -29,12 +33,9 @@ ACTIONS = {
 @click.argument("vehicle")
 @click.argument("action", type=click.Choice(list(ACTIONS)))
 @click.argument("paths", nargs=-1)
-@fleet_option
 @json_option
-@zenoh_options
-def command(
-    vehicle: str, action: str, paths: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+@connected
+def command(vehicle: str, action: str, paths: tuple[str, ...], as_json: bool) -> Work:
     """The autopilot's files, by MAVFTP: 'zmav ftp quad1 ls /APM', 'zmav ftp quad1 get @PARAM/param.pck'.
 
     \b
@@ -46,65 +47,57 @@ def command(
     fewest, most = ACTIONS[action]
     if not fewest <= len(paths) <= most:
         raise click.UsageError(f"{action} takes {fewest} path(s)" + (f" to {most}" if most > fewest else ""))
-    run(_do(vehicle, action, paths, fleet, as_json, settings))
+
+    async def act(z: zmav.Client) -> None:
+        target = await one(z, vehicle)
+        with Progress(action, quiet=as_json) as progress:
+            await _act(target, action, paths, partial(progress.tell, vehicle), as_json)
+
+    return act
 
 
-async def _do(
-    name: str, action: str, paths: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings
+async def _act(
+    vehicle: zmav.Vehicle,
+    action: str,
+    paths: tuple[str, ...],
+    progress: Callable[[dict[str, Any]], None],
+    as_json: bool,
 ) -> None:
-    async with vehicle_of(name, fleet, settings) as vehicle:
-        if action == "ls":
-            await _list(vehicle, paths[0] if paths else "/", as_json)
-        elif action == "get":
-            await _get(vehicle, paths[0], paths[1] if len(paths) > 1 else None, as_json)
-        elif action == "put":
-            await _put(vehicle, paths[0], paths[1], as_json)
-        elif action == "cancel":
-            what = await vehicle.files.cancel()
-            say(as_json, {"cancelled": what}, f"cancelled: {what}" if what else "no transfer was under way")
-        else:
-            await _change(vehicle, action, paths, as_json)
-
-
-async def _list(vehicle: zmav.Vehicle, path: str, as_json: bool) -> None:
-    for entry in sorted(await vehicle.files.list(path), key=lambda e: (not e.directory, e.name)):
-        words = f"{'' if entry.size is None else entry.size:>10}  {entry.name}{'/' if entry.directory else ''}"
-        say(as_json, msgspec.to_builtins(entry), words)
-
-
-async def _get(vehicle: zmav.Vehicle, path: str, local: str | None, as_json: bool) -> None:
-    progress = shown(as_json)
-    try:
-        target = await vehicle.files.get(path, local, progress)
-    finally:
-        finished(progress)
-    count = target.stat().st_size
-    say(as_json, {"path": path, "file": str(target), "size": count}, f"{path} -> {target} ({size(count)})")
-
-
-async def _put(vehicle: zmav.Vehicle, local: str, path: str, as_json: bool) -> None:
-    if path.endswith("/"):
-        path += Path(local).name
-    progress = shown(as_json)
-    try:
-        result = await vehicle.files.put(local, path, progress)
-    finally:
-        finished(progress)
-    checked = "checksum agrees" if result["verified"] else "not checked: the autopilot gives no checksum"
-    say(as_json, result, f"{local} -> {path} ({size(result['size'])}, {checked})")
+    files = vehicle.files
+    if action == "ls":
+        entries = await files.list(paths[0] if paths else "/")
+        for entry in sorted(entries, key=lambda e: (not e.directory, e.name)):
+            text = f"{'' if entry.size is None else entry.size:>10}  {entry.name}{'/' if entry.directory else ''}"
+            tell(as_json, msgspec.to_builtins(entry), text)
+    elif action == "get":
+        path, local = paths[0], paths[1] if len(paths) > 1 else None
+        target = await files.get(path, local, progress)
+        count = target.stat().st_size
+        tell(as_json, {"path": path, "file": str(target), "size": count}, f"{path} -> {target} ({size(count)})")
+    elif action == "put":
+        local, path = paths
+        if path.endswith("/"):
+            path += Path(local).name
+        result = await files.put(local, path, progress)
+        checked = "checksum agrees" if result["verified"] else "not checked: the autopilot gives no checksum"
+        tell(as_json, result, f"{local} -> {path} ({size(result['size'])}, {checked})")
+    elif action == "cancel":
+        what = await files.cancel()
+        tell(as_json, {"cancelled": what}, f"cancelled: {what}" if what else "no transfer was under way")
+    else:
+        await _change(vehicle, action, paths, as_json)
 
 
 async def _change(vehicle: zmav.Vehicle, action: str, paths: tuple[str, ...], as_json: bool) -> None:
-    files = vehicle.files
-    work = {"rm": files.remove, "mkdir": files.mkdir, "rmdir": files.rmdir}[action]
+    work = {"rm": vehicle.files.remove, "mkdir": vehicle.files.mkdir, "rmdir": vehicle.files.rmdir}[action]
     failed = False
     for path in paths:
         try:
             await work(path)
         except ZmavError as e:
             failed = True
-            say(as_json, {"path": path, "error": e.code, "message": e.message}, f"{path}: {e.message}")
+            tell(as_json, {"path": path, "error": e.code, "message": e.message}, f"{path}: {e.message}")
         else:
-            say(as_json, {"path": path, "done": action}, f"{path}: {'made' if action == 'mkdir' else 'removed'}")
+            tell(as_json, {"path": path, "done": action}, f"{path}: {'made' if action == 'mkdir' else 'removed'}")
     if failed:
         raise SystemExit(1)

@@ -6,40 +6,35 @@ import json
 
 import click
 
-import zmav
 from zmav import keys
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
-from zmav.client import Answer
+from zmav.cli.common import Work, connected, dump, json_option, tell
+from zmav.client import Answer, Client
 from zmav.errors import NoSuchVehicle, ZmavError
-from zmav.session import SessionSettings
 
 
 @click.command("get")
 @click.argument("key")
 @click.option("--value", default="", help="JSON to send with the query.")
 @click.option("--timeout", type=click.FloatRange(min=0.1), default=3.0, show_default=True, help="Seconds to wait.")
-@fleet_option
 @json_option
-@zenoh_options
-def command(key: str, value: str, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def command(key: str, value: str, timeout: float, as_json: bool) -> Work:
     """Query a key expression: 'zmav get quad1/msg/ATTITUDE', 'zmav get quad1', 'zmav get "@/*/router"'."""
-    run(_get(key, value, timeout, fleet, as_json, settings))
 
-
-async def _get(key: str, value: str, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    expression = keys.expression(key, fleet)
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def ask(z: Client) -> None:
+        expression = keys.expression(key, z.fleet_name)
         answers = await z.ask(expression, value.encode(), timeout)
-    if not answers:
-        raise NoSuchVehicle(
-            f"nobody answers on {expression}: 'zmav ls' shows who is there; vehicles answer on state, msg/NAME, do/VERB"
-        )
-    for answer in answers:
-        if isinstance(answer, Answer):
+        if not answers:
+            raise NoSuchVehicle(
+                f"nobody answers on {expression}: 'zmav ls' shows who is there; vehicles answer on state, msg/NAME, "
+                "do/VERB"
+            )
+        for answer in sorted(answers, key=lambda each: isinstance(each, ZmavError)):
+            if isinstance(answer, ZmavError):
+                raise answer
             _show(answer, as_json)
-    for answer in answers:
-        if isinstance(answer, ZmavError):
-            raise answer
+
+    return ask
 
 
 def _show(answer: Answer, as_json: bool) -> None:
@@ -47,8 +42,5 @@ def _show(answer: Answer, as_json: bool) -> None:
         value = json.loads(answer.payload)
     except (ValueError, RecursionError):
         value = {"hex": answer.payload.hex()}
-    if as_json:
-        click.echo(dump({"key": answer.key, "value": value}, pretty=False))
-    else:
-        click.echo(click.style(answer.key, bold=True))
-        click.echo(dump(value, pretty=True))
+    text = f"{click.style(answer.key, bold=True)}\n{dump(value, pretty=True)}"
+    tell(as_json, {"key": answer.key, "value": value}, text)

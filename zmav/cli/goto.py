@@ -7,26 +7,22 @@ from typing import Any
 import click
 
 from zmav.cli import places
-from zmav.cli.common import fleet_option, force_option, json_option, run, zenoh_options
-from zmav.cli.do import give
-from zmav.cli.places import renamed_option
-from zmav.session import SessionSettings
+from zmav.cli.common import Work, connected, force_option, json_option
+from zmav.cli.do import order
 from zmav.wire import Vector
 
 
 @click.command("goto")
 @click.argument("vehicles")
 @click.option("--to", type=places.place, metavar=places.PLACE, help="Metres about the fleet's origin, and above it.")
-@renamed_option("--ned", 3, "it counted down; give --to N,E,ALT, such as --to 20,0,10: heights count up")
 @click.option("--at", type=float, nargs=2, metavar="LAT LON", help="Degrees, WGS84.")
 @click.option("--alt", type=float, help="With --at: metres above home.")
 @click.option("--amsl", type=float, help="With --at: metres above mean sea level.")
 @click.option("--tolerance", type=float, default=1.0, show_default=True, help="Metres: this close is there.")
 @click.option("--no-wait", is_flag=True, help="Do not wait for the arrival.")
 @force_option
-@fleet_option
 @json_option
-@zenoh_options
+@connected
 def command(
     vehicles: str,
     to: Vector | None,
@@ -36,10 +32,8 @@ def command(
     tolerance: float,
     no_wait: bool,
     force: bool,
-    fleet: str,
     as_json: bool,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Fly to a point: 'zmav goto quad1 --to 20,0,10' or 'zmav goto quad1 --at 52.7561 -1.2461 --alt 10'."""
     if (to is None) == (at is None):
         raise click.UsageError("give one of --to and --at")
@@ -50,4 +44,4 @@ def command(
         args |= {"frame": "ned", "pos": to}
     elif at is not None:
         args |= {"frame": "global", "lat_deg": at[0], "lon_deg": at[1], "alt_rel": alt, "alt_amsl": amsl}
-    run(give(vehicles, "goto", args, fleet, as_json, settings))
+    return order(vehicles, "goto", args, as_json)

@@ -19,13 +19,11 @@ from typing import Any
 
 import click
 import msgspec
-from rich.table import Table
 
 from zmav import systemd
-from zmav.cli.common import assignments, console, dump
+from zmav.cli.common import assignments, dump, show_table
 from zmav.config import load_fleet
-from zmav.config.table import Table as Strict
-from zmav.config.table import reading
+from zmav.config.table import Table, reading
 from zmav.errors import BadConfig, BadInput
 from zmav.keys import check_name
 
@@ -39,7 +37,7 @@ LOADS = 120.0
 UNREADY = "'sudo deploy/install.sh' makes it ready"
 
 
-class Installed(Strict, frozen=True):
+class Installed(Table, frozen=True):
     """What stands in ``NAME.toml``."""
 
     agent: str
@@ -56,7 +54,7 @@ class Installed(Strict, frozen=True):
 
     def text(self) -> str:
         """As TOML. JSON's values are TOML's, but for null, which no option needs, and tables."""
-        lines = ["# 'zmav agent install' wrote this; after a change: zmav agent restart NAME"]
+        lines = ["# 'zmav agent install' wrote this; after a change: systemctl restart zmav-agent@NAME"]
         lines += [f"{name} = {_toml(getattr(self, name))}" for name in ("agent", "vehicle", "fleet")]
         for name, table in (("options", self.options), ("set", self.set)):
             lines += [f"\n[{name}]", *(f"{_toml(key)} = {_toml(value)}" for key, value in table.items())]
@@ -229,33 +227,6 @@ def remove(name: str) -> None:
     click.echo(f"{name} is removed")
 
 
-def _order(verb: str, words: str) -> click.Command:
-    @click.argument("name")
-    def order(name: str) -> None:
-        read(name)
-        _need_systemd(name)
-        _systemctl("reset-failed", name, quiet=True)  # or one that ended too often would not be started
-        _systemctl(verb, name)
-        click.echo(f"{unit(name)} is {_state(name)}")
-
-    return click.command(verb, help=f"{words} an installed agent.")(order)
-
-
-@click.command("logs")
-@click.argument("name")
-@click.option("-n", "lines", type=click.IntRange(min=0), default=50, show_default=True, help="How many lines.")
-@click.option("-f", "--follow", is_flag=True, help="Go on with what comes.")
-def logs(name: str, lines: int, follow: bool) -> None:
-    """Show what an installed agent has said."""
-    read(name)
-    _need_systemd(name)
-    journalctl = shutil.which("journalctl")
-    if journalctl is None:
-        raise BadConfig("there is no journalctl on this computer", field="journalctl", expected="systemd's journal")
-    sys.stdout.flush()
-    os.execv(journalctl, [journalctl, "--no-pager", "-u", unit(name), "-n", str(lines), *(["-f"] if follow else [])])
-
-
 def show(as_json: bool) -> None:
     """Print the installed agents and their units' states, where there are any."""
     rows = []
@@ -267,12 +238,9 @@ def show(as_json: bool) -> None:
             rows.append((name, "-", "-", str(e)))
     if as_json:
         for name, vehicle, agent, state in rows:
-            click.echo(dump({"installed": name, "vehicle": vehicle, "agent": agent, "unit": state}, pretty=False))
+            click.echo(dump({"installed": name, "vehicle": vehicle, "agent": agent, "unit": state}))
     elif rows:
-        table = Table("installed", "vehicle", "agent", "unit", box=None, pad_edge=False, header_style="bold")
-        for row in rows:
-            table.add_row(*row)
-        console().print(table)
+        show_table(("installed", "vehicle", "agent", "unit"), rows)
         click.echo()
 
 
@@ -294,21 +262,12 @@ def _state(name: str) -> str:
 def _systemctl(verb: str, name: str, *, quiet: bool = False) -> None:
     program = shutil.which("systemctl")
     if program is None:
-        if verb in ("enable", "disable"):
-            return
-        _need_systemd(name)
-    assert program is not None
+        return
     done = subprocess.run([program, verb, unit(name)], capture_output=True, text=True, check=False)
     if done.returncode != 0 and not quiet:
         why = done.stderr.strip().partition("\n")[0]
-        text = f"systemctl {verb} {unit(name)} failed: {why}; 'zmav agent logs {name}' shows what it said"
+        text = f"systemctl {verb} {unit(name)} failed: {why}; 'journalctl -u {unit(name)}' shows what it said"
         raise BadConfig(text, field="unit", value=unit(name), expected="done")
-
-
-def _need_systemd(name: str) -> None:
-    if not systemd.runs():
-        text = f"systemd does not run here, so it looks after no agents; 'zmav agent serve {name}' runs this one"
-        raise BadConfig(text, field="systemd", value=str(systemd.RUNS), expected="systemd")
 
 
 def _need_root(where: Path) -> None:
@@ -317,4 +276,4 @@ def _need_root(where: Path) -> None:
         raise BadConfig(text, field="directory", value=str(where), expected="root")
 
 
-VERBS = (install, remove, logs, _order("start", "Start"), _order("stop", "Stop"), _order("restart", "Restart"))
+VERBS = (install, remove)

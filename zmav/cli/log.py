@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import click
 import msgspec
 
-import zmav
 from zmav import wire
-from zmav.cli.common import fleet_option, json_option, run, zenoh_options
-from zmav.cli.transfer import finished, say, shown, size, vehicle_of
+from zmav.cli.common import Work, connected, json_option, size, tell
+from zmav.cli.progress import Progress
+from zmav.cli.vehicles import one
+from zmav.client import Client
 from zmav.errors import BadInput
-from zmav.session import SessionSettings
 
 
 @click.command("log")
@@ -21,19 +22,9 @@ from zmav.session import SessionSettings
 @click.argument("which", nargs=-1, metavar="[ID | latest | all]...")
 @click.option("--to", metavar="PATH", help="File, or directory for several.  [default: the present directory]")
 @click.option("--yes", is_flag=True, help="Erase without asking.")
-@fleet_option
 @json_option
-@zenoh_options
-def command(
-    vehicle: str,
-    action: str,
-    which: tuple[str, ...],
-    to: str | None,
-    yes: bool,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
+@connected
+def command(vehicle: str, action: str, which: tuple[str, ...], to: str | None, yes: bool, as_json: bool) -> Work:
     """The autopilot's flight logs: 'zmav log quad1 list', 'zmav log quad1 get latest', 'zmav log quad1 get 3 4'.
 
     An interrupted get goes on where it stopped. ArduPilot gives out no logs while it is armed.
@@ -45,45 +36,30 @@ def command(
             raise click.UsageError(f"{each!r} is no log: give ids, 'latest' or 'all'")
     if action == "erase" and not yes:
         click.confirm(f"Erase all logs of {vehicle}?", abort=True, err=True)
-    run(_do(vehicle, action, which, to, fleet, as_json, settings))
 
-
-async def _do(
-    name: str,
-    action: str,
-    which: tuple[str, ...],
-    to: str | None,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
-    async with vehicle_of(name, fleet, settings) as vehicle:
+    async def act(z: Client) -> None:
+        logs = (await one(z, vehicle)).logs
         if action == "erase":
-            count = await vehicle.logs.erase()
-            say(as_json, {"erased": count}, f"{count} logs erased")
+            count = await logs.erase()
+            tell(as_json, {"erased": count}, f"{count} logs erased")
             return
-        logs = await vehicle.logs.list()
+        there = await logs.list()
         if action == "list":
-            for log in logs:
-                say(as_json, msgspec.to_builtins(log), f"{log.id:>5}  {_when(log)}  {size(log.size):>9}")
-            if not logs and not as_json:
+            for log in there:
+                tell(as_json, msgspec.to_builtins(log), f"{log.id:>5}  {_when(log)}  {size(log.size):>9}")
+            if not there and not as_json:
                 click.echo("no logs")
             return
-        chosen = _chosen(logs, which)
-        if to is not None and len(chosen) > 1:
-            to = to.rstrip("/") + "/"
+        chosen = _chosen(there, which)
+        place = f"{to.rstrip('/')}/" if to is not None and len(chosen) > 1 else to
         for log in chosen:
-            await _get(vehicle, log, to, as_json)
+            with Progress(f"log {log.id}", quiet=as_json) as progress:
+                target = await logs.get(log, place, partial(progress.tell, vehicle))
+            count = target.stat().st_size
+            document = {"id": log.id, "file": str(target), "size": count}
+            tell(as_json, document, f"log {log.id} -> {target} ({size(count)})")
 
-
-async def _get(vehicle: zmav.Vehicle, log: wire.LogEntry, to: str | None, as_json: bool) -> None:
-    progress = shown(as_json)
-    try:
-        target = await vehicle.logs.get(log, to, progress)
-    finally:
-        finished(progress)
-    count = target.stat().st_size
-    say(as_json, {"id": log.id, "file": str(target), "size": count}, f"log {log.id} -> {target} ({size(count)})")
+    return act
 
 
 def _chosen(logs: list[wire.LogEntry], which: tuple[str, ...]) -> list[wire.LogEntry]:

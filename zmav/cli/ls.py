@@ -12,83 +12,67 @@ from rich.table import Table
 from rich.text import Text
 
 import zmav
-from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
-from zmav.session import SessionSettings
+from zmav.cli.common import Work, connected, console, dump, json_option
+from zmav.doctor.facts import facts_of
+from zmav.doctor.rules import reasons
+
+COLUMNS = ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place", "age", "loss", "by")
 
 
 @click.command("ls")
 @click.option("--wait", default=1.0, show_default=True, help="Seconds to listen for vehicles.")
-@fleet_option
 @json_option
-@zenoh_options
-def command(wait: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def command(wait: float, as_json: bool) -> Work:
     """Show the vehicles: type, autopilot, mode, armed, battery, position, age and loss of their links."""
-    run(_list(wait, fleet, as_json, settings))
 
-
-async def _list(wait: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def look(z: zmav.Client) -> None:
         deadline = time.monotonic() + wait
         while (left := deadline - time.monotonic()) > 0:
             await z.news(left)
             await asyncio.sleep(0.05)
         vehicles = z.fleet()
-    if as_json:
-        for vehicle in vehicles:
-            state = vehicle.last_state
-            known = msgspec.to_builtins(state) if state else {"name": vehicle.name}
-            click.echo(dump({**known, "age": vehicle.age, "present": vehicle.present}, pretty=False))
-    elif vehicles:
-        console().print(fleet_view(vehicles))
-    else:
-        click.echo(f"no vehicle in fleet {fleet!r} spoke within {wait:g} s", err=True)
+        if as_json:
+            for vehicle in vehicles:
+                state = vehicle.last_state
+                known = msgspec.to_builtins(state) if state else {"name": vehicle.name}
+                click.echo(dump({**known, "age": vehicle.age, "present": vehicle.present}))
+        elif vehicles:
+            console().print(fleet_view(vehicles))
+        else:
+            click.echo(f"no vehicle in fleet {z.fleet_name!r} spoke within {wait:g} s", err=True)
+
+    return look
 
 
 def fleet_view(vehicles: list[zmav.Vehicle]) -> Group:
-    """The fleet as a table that fits 80 columns, and below it what somebody should know first.
+    """The fleet as a table that fits 80 columns, and below it what is not well, by :mod:`zmav.doctor.rules`.
 
-    A vehicle that is stale, silent or in a clash is red, an armed one green.
+    A vehicle of which something is bad is red, an armed one green.
     """
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place", "age", "loss", "by"):
-        right = name in ("id", "batt", "age", "loss")
-        table.add_column(name, justify="right" if right else "left", no_wrap=True)
+    for name in COLUMNS:
+        table.add_column(name, justify="right" if name in ("id", "batt", "age", "loss") else "left", no_wrap=True)
     notes = []
     for vehicle in vehicles:
-        table.add_row(*row(vehicle), style=style(vehicle))
-        state = vehicle.last_state
-        if words := note(state) if state else "its token is there, but no state was heard":
-            notes.append(Text(f"{vehicle.name}: {words}", style=style(vehicle)))
+        found, state = reasons(facts_of(vehicle)), vehicle.last_state
+        bad = any(reason.level == "bad" for reason in found)
+        style = "red" if bad else "green" if state is not None and state.armed else ""
+        table.add_row(*_row(vehicle), style=style)
+        if found:
+            notes.append(Text(f"{vehicle.name}: {'; '.join(reason.text for reason in found)}", style=style))
     return Group(table, *notes)
 
 
-def style(vehicle: zmav.Vehicle) -> str:
-    """red: do not rely on it; green: armed."""
-    state, age = vehicle.last_state, vehicle.age
-    if state is None or age is None or age > 2.0 or not state.connected or state.clash:
-        return "red"
-    return "green" if state.armed else ""
-
-
-def row(vehicle: zmav.Vehicle) -> list[str]:
+def _row(vehicle: zmav.Vehicle) -> list[str]:
     """One vehicle's cells, a dash for what is not known."""
     s, age = vehicle.last_state, vehicle.age
     if s is None:
-        return [vehicle.name, *["-"] * 10]
+        return [vehicle.name, *["-"] * (len(COLUMNS) - 1)]
     armed = "-" if s.armed is None else ("ARMED" if s.armed else "no")
-    return [
-        s.name,
-        str(s.sysid or "-"),
-        s.kind or "-",
-        s.autopilot or "-",
-        s.mode or "-",
-        armed,
-        _battery(s),
-        _place(s),
-        "-" if age is None else f"{age:.1f}s",
-        f"{s.link_loss:.0%}",
-        s.lease.holder if s.lease else "",
-    ]
+    known = (str(s.sysid or "-"), s.kind or "-", s.autopilot or "-", s.mode or "-", armed, _battery(s), _place(s))
+    age_text = "-" if age is None else f"{age:.1f}s"
+    return [s.name, *known, age_text, f"{s.link_loss:.0%}", s.lease.holder if s.lease else ""]
 
 
 def _battery(s: zmav.VehicleState) -> str:
@@ -104,16 +88,3 @@ def _place(s: zmav.VehicleState) -> str:
         return "{:+.1f}N {:+.1f}E {:+.1f}D".format(*s.local)
     p = s.position
     return "-" if p is None else f"{p.lat_deg:.5f} {p.lon_deg:.5f} {p.alt_rel:+.1f}"
-
-
-def note(s: zmav.VehicleState) -> str:
-    """What somebody should know first."""
-    if s.replayed:
-        return "a recording: it takes no orders"
-    if s.clash:
-        return f"CLASH: {s.clash}"
-    if s.sysid is None:
-        return f"link {s.link}: no autopilot heard"
-    if not s.connected:
-        return f"autopilot silent (link {s.link})"
-    return "" if s.armed or not s.not_ready else "; ".join(s.not_ready)

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import asyncio
+import collections
 import fnmatch
-import json
 import math
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 import msgspec
-from rich.table import Table
 
-import zmav
 from zmav import wire
-from zmav.cli.common import assignments, console, dump, fleet_option, json_option, run, zenoh_options
-from zmav.cli.do import matching
-from zmav.cli.paramtable import Reading, comparison, shown
+from zmav.cli.common import Work, assignments, connected, dump, json_option, show_table, tell
+from zmav.cli.progress import Progress
+from zmav.cli.vehicles import Line, attempt, for_each, matching, show, together
 from zmav.client import Client
-from zmav.errors import BadInput, ZmavError
+from zmav.errors import BadInput
 from zmav.formats import paramfile
-from zmav.mavlink.paramvalue import same
-from zmav.session import SessionSettings
-from zmav.vehicle.params import differences, own_params, tables, values
+from zmav.mavlink.paramvalue import Value, same
+from zmav.vehicle import Difference, Vehicle, differences
+from zmav.vehicle.params import own_params, values
 
+MOST_COLUMNS = 6
+"""vehicles side by side; more are gathered by their values"""
+LACKS = "-"
 own_option = click.option(
     "--own", is_flag=True, help="Also what is each vehicle's own: system id, counters, ids of sensors, measurements."
 )
@@ -39,131 +41,113 @@ def command() -> None:
 @click.argument("vehicles")
 @click.argument("pattern", default="*")
 @click.option("--refresh", is_flag=True, help="Read them again from the autopilot first.")
-@fleet_option
 @json_option
-@zenoh_options
-def list_(vehicles: str, pattern: str, refresh: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def list_(vehicles: str, pattern: str, refresh: bool, as_json: bool) -> Work:
     """Show parameters by a pattern: 'zmav param list quad1 "WPNAV_*"'."""
-    run(_list(vehicles, pattern, refresh, fleet, as_json, settings))
 
-
-async def _list(
-    vehicles: str, pattern: str, refresh: bool, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def read(z: Client) -> None:
         targets = await matching(z, vehicles)
-        if refresh:
-            await _together([v.params.refresh() for v in targets])
-        found = await read(targets)
-    by_name = {name: sorted(table.params, key=lambda p: p.name) for name, table in found.items()}
-    rows = [(name, p) for name, params in by_name.items() for p in params if _fits(p.name, pattern)]
-    if not rows:
-        raise BadInput(
-            f"no parameter matches {pattern!r}", field="pattern", value=pattern, expected="a name or pattern"
-        )
-    show(rows, as_json)
+        found = await _tables(targets, refresh)
+        rows = [
+            (name, param)
+            for name, table in found.items()
+            for param in sorted(table.params, key=lambda p: p.name)
+            if _fits(param.name, pattern)
+        ]
+        if not rows:
+            text = f"no parameter matches {pattern!r}"
+            raise BadInput(text, field="pattern", value=pattern, expected="a name or pattern")
+        _print(rows, as_json)
+
+    return read
 
 
 @command.command("get")
 @click.argument("vehicles")
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
-@fleet_option
 @json_option
-@zenoh_options
-def get(vehicles: str, names: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def get(vehicles: str, names: tuple[str, ...], as_json: bool) -> Work:
     """Show parameters by name, also while the whole set is still being read: 'zmav param get quad1 RTL_ALT'."""
-    run(_get(vehicles, names, fleet, as_json, settings))
 
-
-async def _get(vehicles: str, names: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def read(z: Client) -> None:
         targets = [(v, name) for v in await matching(z, vehicles) for name in names]
-        found = await _together([v.params.get(name) for v, name in targets])
-    show([(v.name, param) for (v, _), param in zip(targets, found, strict=True)], as_json)
+        found = await together([v.params.get(name) for v, name in targets])
+        _print([(v.name, param) for (v, _), param in zip(targets, found, strict=True)], as_json)
+
+    return read
 
 
 @command.command("set")
 @click.argument("vehicles")
 @click.argument("assigned", nargs=-1, required=True, metavar="NAME=VALUE...")
-@fleet_option
 @json_option
-@zenoh_options
-def set_(vehicles: str, assigned: tuple[str, ...], fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def set_(vehicles: str, assigned: tuple[str, ...], as_json: bool) -> Work:
     """Set parameters and read them back: 'zmav param set quad1 RTL_ALT=3000 FENCE_ENABLE=1'."""
     wanted = assignments(assigned)
     for name, value in wanted.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise BadInput(f"{name}: {value!r} is not a number", field=name, value=str(value), expected="a number")
-    run(_set(vehicles, wanted, fleet, as_json, settings))
+            raise BadInput.wrong(name, value, "a number")
 
+    async def set_one(v: Vehicle, name: str) -> Line:
+        changed: Line = msgspec.to_builtins(await v.params.set(name, wanted[name]))
+        return changed
 
-async def _set(vehicles: str, wanted: dict[str, float], fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    """One after the other on each vehicle, side by side on several; ends with 1 if any was not set."""
+    async def on_one(v: Vehicle) -> list[Line]:
+        return [await attempt(set_one(v, name), name=name) for name in wanted]
 
-    async def on_one(v: zmav.Vehicle) -> list[dict[str, Any]]:
-        lines: list[dict[str, Any]] = []
-        for name, value in wanted.items():
-            try:
-                lines.append({"vehicle": v.name, **msgspec.to_builtins(await v.params.set(name, value))})
-            except ZmavError as e:
-                lines.append({"vehicle": v.name, "name": name, "error": e.code, "message": e.message})
-        return lines
-
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        found = await asyncio.gather(*(on_one(v) for v in await matching(z, vehicles)))
-    lines = [line for each in found for line in each]
-    for line in lines:
+    def words(line: Line) -> str:
         said = f"not set: {line['message']}" if "error" in line else f"is {shown(line['value'])}"
-        click.echo(dump(line, pretty=False) if as_json else f"{line['vehicle']}: {line['name']} {said}")
-    if any("error" in line for line in lines):
-        raise SystemExit(1)
+        return f"{line['name']} {said}"
+
+    async def set_all(z: Client) -> None:
+        show(await for_each(await matching(z, vehicles), on_one), words, as_json)
+
+    return set_all
 
 
 @command.command("save")
 @click.argument("vehicles")
 @click.argument("file")
 @click.argument("pattern", default="*")
-@click.option("--format", "form", type=click.Choice(paramfile.FORMATS), help="[default: by the file's ending]")
-@fleet_option
-@zenoh_options
-def save(vehicles: str, file: str, pattern: str, form: str | None, fleet: str, settings: SessionSettings) -> None:
+@connected
+def save(vehicles: str, file: str, pattern: str) -> Work:
     """Write parameters to a file: .params for QGroundControl, .param or .parm for Mission Planner.
 
     'zmav param save quad1 quad1.params'; of several vehicles: 'zmav param save "quad*" backup/{vehicle}.params'.
     """
-    run(_save(vehicles, file, pattern, paramfile.format_of(file, form), fleet, settings))
+    form = paramfile.format_of(file)
 
-
-async def _save(
-    vehicles: str, file: str, pattern: str, form: paramfile.Format, fleet: str, settings: SessionSettings
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def read(z: Client) -> None:
         targets = await matching(z, vehicles)
         if len(targets) > 1 and "{vehicle}" not in file:
             expected = "a name with {vehicle} in it"
             raise BadInput(f"{len(targets)} vehicles, one file: {file}", field="file", value=file, expected=expected)
-        found = await read(targets)
-        states = {v.name: v.last_state for v in targets}
-    for name, table in found.items():
-        path, state = Path(file.replace("{vehicle}", name)), states[name]
-        params = [
-            paramfile.FileParam(p.name, p.value, p.type, (state and state.compid) or 1)
-            for p in table.params
-            if _fits(p.name, pattern)
-        ]
-        about = paramfile.ParamFile(
-            format=form,
-            params=params,
-            sysid=state.sysid if state else None,
-            version=table.firmware or "",
-            stack={"ardupilot": "ArduPilot", "px4": "PX4 Pro"}.get(table.autopilot, "Generic"),
-            vehicle=(state and state.kind) or "",
-        )
-        try:
-            path.write_bytes(paramfile.write(about))
-        except OSError as e:
-            raise BadInput(f"cannot write {path}: {e.strerror}", field="file", value=str(path)) from e
-        click.echo(f"{name}: {len(params)} parameters written to {path}")
+        found = await _tables(targets)
+        for v in targets:
+            table, path, state = found[v.name], Path(file.replace("{vehicle}", v.name)), v.last_state
+            params = [
+                paramfile.FileParam(p.name, p.value, p.type, (state and state.compid) or 1)
+                for p in table.params
+                if _fits(p.name, pattern)
+            ]
+            about = paramfile.ParamFile(
+                format=form,
+                params=params,
+                sysid=state.sysid if state else None,
+                version=table.firmware or "",
+                stack={"ardupilot": "ArduPilot", "px4": "PX4 Pro"}.get(table.autopilot, "Generic"),
+                vehicle=(state and state.kind) or "",
+            )
+            try:
+                path.write_bytes(paramfile.write(about))
+            except OSError as e:
+                raise BadInput(f"cannot write {path}: {e.strerror}", field="file", value=str(path)) from e
+            click.echo(f"{v.name}: {len(params)} parameters written to {path}")
+
+    return read
 
 
 @command.command("load")
@@ -171,61 +155,47 @@ async def _save(
 @click.argument("file")
 @click.option("-n", "--dry-run", is_flag=True, help="Only show what would change.")
 @own_option
-@fleet_option
 @json_option
-@zenoh_options
-def load(
-    vehicles: str, file: str, dry_run: bool, own: bool, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+@connected
+def load(vehicles: str, file: str, dry_run: bool, own: bool, as_json: bool) -> Work:
     """Set what a file says and the vehicle has otherwise: 'zmav param load quad1 quad1.params --dry-run'."""
-    run(_load(vehicles, open_file(file), dry_run, own, fleet, as_json, settings))
+    opened = _open(file)
 
-
-async def _load(
-    vehicles: str,
-    file: paramfile.ParamFile,
-    dry_run: bool,
-    own: bool,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def load_all(z: Client) -> None:
         targets = await matching(z, vehicles)
-        found = await read(targets)
-        plans = {v.name: plan(file, found[v.name], v.last_state, own) for v in targets}
+        found = await _tables(targets)
+        plans = {v.name: _changes(opened, found[v.name], v.last_state, own) for v in targets}
         for name, changes in plans.items():
             has = values(found[name])
             for param, value in changes.items():
-                line = {"vehicle": name, "name": param, "from": has.get(param), "to": value}
                 was = shown(has[param]) if param in has else "(not listed)"
-                told = f"{name}: {param} {was} -> {shown(value)}"
-                click.echo(dump(line, pretty=False) if as_json else told)
-        if dry_run:
-            for name, changes in plans.items():
+                document = {"vehicle": name, "name": param, "from": has.get(param), "to": value}
+                tell(as_json, document, f"{name}: {param} {was} -> {shown(value)}")
+            if dry_run:
                 click.echo(f"{name}: {len(changes)} would be set; nothing was sent", err=True)
+        if dry_run:
             return
-        with Reading("setting") as reading:
-            tasks = [_load_one(v, plans[v.name], reading) for v in targets]
-            results = dict(zip(plans, await _together(tasks), strict=True))
-    failed = False
-    for name, done in results.items():
-        failed |= bool(done.failed)
-        for param, why in done.failed.items():
-            line = {"vehicle": name, "name": param, "error": why}
-            click.echo(dump(line, pretty=False) if as_json else f"{name}: {param} not set: {why}")
-        click.echo(f"{name}: {len(done.set)} set, {len(done.unchanged)} unchanged, {len(done.failed)} failed", err=True)
-    if failed:
-        raise SystemExit(1)
+        with Progress("setting", quiet=as_json) as progress:
+            tasks = [_load(v, plans[v.name], progress) for v in targets]
+            results: list[wire.ParamLoaded] = await together(tasks)
+        for name, done in zip(plans, results, strict=True):
+            counts = f"{len(done.set)} set, {len(done.unchanged)} unchanged, {len(done.failed)} failed"
+            click.echo(f"{name}: {counts}", err=True)
+        failed = [
+            {"vehicle": name, "name": param, "error": why}
+            for name, done in zip(plans, results, strict=True)
+            for param, why in done.failed.items()
+        ]
+        show(failed, lambda line: f"{line['name']} not set: {line['error']}", as_json)
+
+    return load_all
 
 
-async def _load_one(v: zmav.Vehicle, changes: dict[str, float], reading: Reading) -> wire.ParamLoaded:
-    if not changes:
-        return wire.ParamLoaded()
-    return await v.params.load(changes, lambda news: reading.tell(v.name, news.get("done"), news.get("of")))
+async def _load(v: Vehicle, changes: dict[str, float], progress: Progress) -> wire.ParamLoaded:
+    return await v.params.load(changes, partial(progress.tell, v.name)) if changes else wire.ParamLoaded()
 
 
-def plan(
+def _changes(
     file: paramfile.ParamFile, table: wire.ParamTable, state: wire.VehicleState | None, own: bool
 ) -> dict[str, float]:
     """What of a file differs on the vehicle, but for what is each vehicle's own."""
@@ -241,64 +211,53 @@ def plan(
 
 @command.command("diff")
 @click.argument("targets", nargs=-1, required=True, metavar="VEHICLE|FILE...")
-@click.option("--exit-code", is_flag=True, help="End with 1 where anything differs.")
 @own_option
-@fleet_option
 @json_option
-@zenoh_options
-def diff(
-    targets: tuple[str, ...], exit_code: bool, own: bool, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+@connected
+def diff(targets: tuple[str, ...], own: bool, as_json: bool) -> Work:
     """Show what differs: 'zmav param diff "quad*"', 'zmav param diff quad1 quad2', 'zmav param diff quad1 q.params'.
 
     With a file, only the names in it are compared.
     """
-    run(_diff(targets, exit_code, own, fleet, as_json, settings))
+    files = {target: _open(target) for target in targets if _is_file(target)}
 
+    async def compare(z: Client) -> None:
+        named = {v.name: v for target in targets if target not in files for v in await matching(z, target)}
+        found = await _tables(list(named.values()))
+        columns: dict[str, Any] = {name: values(table) for name, table in found.items()}
+        compids = {v.last_state.compid or 1 for v in named.values() if v.last_state} or {1}
+        for target, file in files.items():
+            columns[target] = file.values(min(compids))
+        if len(columns) < 2:
+            text = f"only {', '.join(columns)} to compare: name a second vehicle, a pattern or a file"
+            raise BadInput(text, field="targets", value=list(targets), expected="two at least")
+        only = {name for target in files for name in columns[target]} if files else None
+        differ = differences(columns, only)
+        left_out = set[str]()
+        for autopilot in set() if own else {table.autopilot for table in found.values()}:
+            left_out |= own_params(autopilot, [each.name for each in differ])
+        differ = [each for each in differ if each.name not in left_out]
+        if as_json:
+            for each in differ:
+                click.echo(dump({"name": each.name, "values": {c: each.values.get(c) for c in columns}}))
+        elif differ:
+            head, rows = comparison(differ, list(columns))
+            show_table(head, rows, right=head[1:])
+        more = f" ({len(left_out)} more are each vehicle's own: --own shows them)" if left_out else ""
+        click.echo(f"{len(differ)} parameters differ among {len(columns)}{more}", err=True)
 
-async def _diff(
-    targets: tuple[str, ...], exit_code: bool, own: bool, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
-    files = {target: open_file(target) for target in targets if is_file(target)}
-    columns: dict[str, Any] = {}
-    autopilots = set()
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        vehicles = await _named(z, [target for target in targets if target not in files])
-        for name, table in (await read(vehicles)).items():
-            columns[name] = values(table)
-            autopilots.add(table.autopilot)
-        compids = {v.last_state.compid or 1 for v in vehicles if v.last_state} or {1}
-    for target, file in files.items():
-        columns[target] = file.values(min(compids))
-    if len(columns) < 2:
-        text = f"only {', '.join(columns)} to compare: name a second vehicle, a pattern or a file"
-        raise BadInput(text, field="targets", value=list(targets), expected="two at least")
-    only = {name for target in files for name in columns[target]} if files else None
-    found = differences(columns, only)
-    left_out: set[str] = set()
-    if not own:
-        left_out = left_out.union(*(own_params(autopilot, [d.name for d in found]) for autopilot in autopilots))
-    found = [each for each in found if each.name not in left_out]
-    if as_json:
-        for each in found:
-            click.echo(json.dumps({"name": each.name, "values": {c: each.values.get(c) for c in columns}}))
-    elif found:
-        console().print(comparison(found, list(columns)))
-    more = f" ({len(left_out)} more are each vehicle's own: --own shows them)" if left_out else ""
-    click.echo(f"{len(found)} parameters differ among {len(columns)}{more}", err=True)
-    if exit_code and found:
-        raise SystemExit(1)
+    return compare
 
 
 # What they share.
 
 
-def is_file(target: str) -> bool:
+def _is_file(target: str) -> bool:
     """It names a parameter file, and no vehicle."""
     return Path(target).suffix.lower() in paramfile.SUFFIXES or "/" in target
 
 
-def open_file(path: str) -> paramfile.ParamFile:
+def _open(path: str) -> paramfile.ParamFile:
     """A parameter file's content; raises :class:`BadInput`."""
     try:
         data = Path(path).read_bytes()
@@ -307,45 +266,51 @@ def open_file(path: str) -> paramfile.ParamFile:
     return paramfile.read(data, path)
 
 
-async def read(vehicles: list[zmav.Vehicle]) -> dict[str, wire.ParamTable]:
+async def _tables(vehicles: list[Vehicle], refresh: bool = False) -> dict[str, wire.ParamTable]:
     """The whole sets, by vehicle; raises the first error, if any."""
-    with Reading("reading parameters") as reading:
-        found = await tables(vehicles, lambda name, news: reading.tell(name, news.get("received"), news.get("count")))
-    for each in found.values():
-        if isinstance(each, BaseException):
-            raise each
-    return {name: table for name, table in found.items() if isinstance(table, wire.ParamTable)}
-
-
-async def _named(z: Client, patterns: list[str]) -> list[zmav.Vehicle]:
-    """The vehicles that any of the patterns means, each once."""
-    found = {v.name: v for pattern in patterns for v in await matching(z, pattern)}
-    return list(found.values())
-
-
-async def _together(tasks: list[Any]) -> list[Any]:
-    """All of them to their ends; then the first error, if any."""
-    results = await asyncio.gather(*tasks, return_exceptions=True)
-    for result in results:
-        if isinstance(result, BaseException):
-            raise result
-    return list(results)
+    with Progress("reading parameters") as progress:
+        asked = [(v.params.refresh if refresh else v.params.list)(partial(progress.tell, v.name)) for v in vehicles]
+        return dict(zip((v.name for v in vehicles), await together(asked), strict=True))
 
 
 def _fits(name: str, pattern: str) -> bool:
     return any(fnmatch.fnmatchcase(name, each) for each in (pattern, pattern.upper()))
 
 
-def show(rows: list[tuple[str, wire.Param]], as_json: bool) -> None:
+def _print(rows: list[tuple[str, wire.Param]], as_json: bool) -> None:
     """Parameters by vehicle; the vehicle's column only where there are several."""
-    several = len({name for name, _ in rows}) > 1
     if as_json:
         for name, p in rows:
-            click.echo(dump({"vehicle": name, "name": p.name, "value": p.value, "type": p.type}, pretty=False))
+            click.echo(dump({"vehicle": name, "name": p.name, "value": p.value, "type": p.type}))
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for title in (*(("vehicle",) if several else ()), "name", "value", "type"):
-        table.add_column(title, justify="right" if title == "value" else "left", no_wrap=True)
-    for name, p in rows:
-        table.add_row(*((name,) if several else ()), p.name, shown(p.value), p.type)
-    console().print(table)
+    several = len({name for name, _ in rows}) > 1
+    table = [[*([name] if several else []), p.name, shown(p.value), p.type] for name, p in rows]
+    show_table([*(["vehicle"] if several else []), "name", "value", "type"], table, right=("value",))
+
+
+def shown(value: Value) -> str:
+    """A value for a person: 3 and not 3.0, nan for none."""
+    if value is None:
+        return "nan"
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+
+
+def comparison(found: Sequence[Difference], columns: Sequence[str]) -> tuple[list[str], Iterable[list[str]]]:
+    """Head and rows of the names that differ, a column for each vehicle; of many vehicles who has which value, the
+    commonest first.
+    """
+
+    def cell(each: Difference, column: str) -> str:
+        return shown(each.values[column]) if column in each.values else LACKS
+
+    if len(columns) <= MOST_COLUMNS:
+        return ["name", *columns], [[each.name, *(cell(each, c) for c in columns)] for each in found]
+    rows = []
+    for each in found:
+        holders = collections.defaultdict[str, list[str]](list)
+        for column in columns:
+            holders[cell(each, column)].append(column)
+        (most, who), *others = sorted(holders.items(), key=lambda pair: -len(pair[1]))
+        rest = "; ".join(f"{value}: {' '.join(names)}" for value, names in others)
+        rows.append([each.name, f"{most} ×{len(who)}", rest])
+    return ["name", f"most of {len(columns)}", "the others"], rows

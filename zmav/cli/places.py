@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar
 
 import click
 
 from zmav.wire import Vector
 
-F = TypeVar("F", bound=Callable[..., Any])
 PLACE, MOTION, OFFSET = "N,E,ALT", "N,E,UP", "FORWARD,RIGHT,UP"
 """what the options' help calls them"""
 
@@ -39,16 +36,6 @@ def numbers(text: str, count: int, form: str) -> list[float]:
     if len(found) != count or not all(map(math.isfinite, found)):
         raise click.BadParameter(f"{text!r} is not {form}")
     return found
-
-
-def renamed_option(name: str, nargs: int, instead: str) -> Callable[[F], F]:
-    """A hidden option for what another tool, or an older habit, calls otherwise: it is refused with what to say."""
-
-    def refuse(ctx: click.Context, param: click.Parameter, value: object) -> None:
-        if value is not None:
-            raise click.UsageError(f"there is no {name}: {instead}")
-
-    return click.option(name, nargs=nargs, hidden=True, expose_value=False, callback=refuse, is_eager=True)
 
 
 def _downward(text: str, form: str) -> Vector:

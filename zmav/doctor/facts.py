@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import collections
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import msgspec
 
 from zmav import keys, wire
+from zmav.doctor.ways import Way
 from zmav.vehicle import Vehicle
 
 Presence = Literal["ok", "stale", "gone", "silent"]
@@ -40,29 +41,12 @@ class AgentReport(msgspec.Struct, kw_only=True, frozen=True):
     age: float
     stale: bool
 
-
-class Hop(Protocol):
-    """A link between two routers, as :class:`mesh.topology.Link` judges it."""
-
-    @property
-    def a(self) -> str: ...
-    @property
-    def b(self) -> str: ...
-    @property
-    def state(self) -> str: ...
-    @property
-    def grade(self) -> str: ...
-    @property
-    def worst_loss(self) -> float | None: ...
-
-
-class Way(Protocol):
-    """From here to the vehicle: :class:`mesh.topology.Way`."""
-
-    @property
-    def complete(self) -> bool: ...
-    @property
-    def weakest(self) -> Hop | None: ...
+    @classmethod
+    def of(cls, fleet: str, host: str, status: wire.AgentStatus, age: float) -> AgentReport:
+        stale = age > (keys.AGENT_STATUS.stale_after or 0.0)
+        return cls(
+            name=status.agent, fleet=fleet, host=host, state=status.state, text=status.text, age=age, stale=stale
+        )
 
 
 @dataclass(frozen=True)
@@ -79,6 +63,7 @@ class Facts:
     rtt_age: float | None = None
     """s since a query was answered; None: none ever was"""
     way: Way | None = None
+    """from here to it"""
     agents: tuple[AgentReport, ...] = ()
     events: tuple[Happening, ...] = ()
     """the newest first"""

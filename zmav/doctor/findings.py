@@ -7,13 +7,13 @@ from typing import Any
 
 import msgspec
 
+from zmav.doctor.words import clean
+
 HOST, LINK, NETWORK, FLEET = "this host", "autopilot's port", "routers and links", "fleet"
 VEHICLE = "vehicle"
 """the group of what is said of each vehicle or other host; it is headed by ``fleet/name``"""
 GROUPS = (HOST, LINK, NETWORK, VEHICLE, FLEET)
 """in the order of the page"""
-LONGEST = 400
-"""characters of what others say that are shown"""
 
 
 class Level(enum.Enum):
@@ -58,14 +58,8 @@ class Finding(msgspec.Struct, frozen=True):
             "ok": self.ok,
             "level": self.level.value,
             "group": self.group,
-            "subject": shown(self.subject),
+            "subject": clean(self.subject),
             "topic": self.topic,
-            "found": shown(self.found),
-            "advice": shown(self.advice),
+            "found": clean(self.found),
+            "advice": clean(self.advice),
         }
-
-
-def shown(text: str) -> str:
-    """``text`` as a terminal may have it: others' words bring no control characters, and no end without end."""
-    clean = "".join(c if c.isprintable() else "?" for c in text)
-    return clean if len(clean) <= LONGEST else clean[: LONGEST - 1] + "…"

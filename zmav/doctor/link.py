@@ -11,8 +11,8 @@ import msgspec
 from zmav.autopilots import autopilot_for, kind_of
 from zmav.doctor import topics
 from zmav.doctor.findings import Finding
-from zmav.doctor.rules import loss_level
 from zmav.doctor.serial import check_device
+from zmav.doctor.ways import loss_level
 from zmav.errors import BadInput
 from zmav.links import Link, LinkState, SerialLink, open_link
 from zmav.links.url import SerialUrl, parse_url
@@ -25,8 +25,8 @@ BAUD_SEARCH = 12.0
 """s that listening at one baud rate after the other may take"""
 
 
-class Ear:
-    """What has been heard on a link; fed by its reader thread."""
+class FrameCounter:
+    """What has been heard on a link; its thread brings the bytes."""
 
     def __init__(self, dialect: str) -> None:
         self.dialect = load_dialect(dialect)
@@ -34,7 +34,7 @@ class Ear:
         self.heartbeats: dict[tuple[int, int], dict[str, Any]] = {}
         self._heartbeat = self.dialect.message("HEARTBEAT").id
 
-    def hear(self, data: bytes) -> None:
+    def count(self, data: bytes) -> None:
         for frame in self.splitter.feed(data):
             if frame.msgid == self._heartbeat:
                 self.heartbeats[frame.sysid, frame.compid] = decode(frame, self.dialect)
@@ -59,7 +59,7 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
     A serial device that somebody has open, or ``user`` may not open, is left alone.
     """
     try:
-        serial, link, ear = serial_of(url), open_link(url), Ear(dialect)
+        serial, link, counter = serial_of(url), open_link(url), FrameCounter(dialect)
     except BadInput as e:
         return [topics.OPEN.wrong(e.message, "'zmav up --help' shows what a link looks like")]
     found: list[Finding] = []
@@ -68,12 +68,12 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
         if not free:
             return found
     with link:
-        link.start(ear.hear, lambda state, detail: None)
+        link.start(counter.count, lambda state, detail: None)
         if serial is not None and serial.baud is None:
             _find_baud(link)
-        _converse(link, Packer(ear.dialect, 1, 191), seconds)
+        _converse(link, Packer(counter.dialect, 1, 191), seconds)
         state, detail = link.state, link.detail
-    noise = ear.splitter.counters.bytes and not ear.splitter.counters.frames
+    noise = counter.splitter.counters.bytes and not counter.splitter.counters.frames
     if noise and serial is not None and serial.baud is not None:
         heard = _baud_of(serial)
         if heard is not None:
@@ -82,7 +82,7 @@ def examine_link(url: str, dialect: str, seconds: float, user: str | None = None
                 topics.OPEN.wrong(text, f'write link = "{serial.path},{heard}", or set the autopilot\'s baud rate')
             )
             return found
-    return found + list(_judge(link, ear, state, detail))
+    return found + list(_judge(link, counter, state, detail))
 
 
 def examine_device(url: str, user: str | None = None) -> list[Finding]:
@@ -123,8 +123,8 @@ def _converse(link: Link, packer: Packer, seconds: float) -> None:
         time.sleep(min(left, 1.0))
 
 
-def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Finding]:
-    counts = ear.splitter.counters
+def _judge(link: Link, counter: FrameCounter, state: LinkState, detail: str) -> Iterator[Finding]:
+    counts = counter.splitter.counters
     up = state is LinkState.UP or bool(counts.bytes)
     if not up:
         yield topics.OPEN.wrong(f"{link.url}: {detail}", "is the address right, and the other end on?")
@@ -135,7 +135,7 @@ def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Find
         advice = "is the baud rate right, and the autopilot's port set to MAVLink? does another program hold the port?"
         yield topics.TRAFFIC.wrong(found, advice)
         return
-    (lost, came), bad, dropped = ear.lost(), counts.bad_crc, link.counters.rx_dropped
+    (lost, came), bad, dropped = counter.lost(), counts.bad_crc, link.counters.rx_dropped
     found = f"{counts.bytes} bytes, {counts.frames} frames ({counts.unknown} unknown), {lost} lost, {bad} damaged"
     found += f", {dropped} dropped by the kernel" if dropped else ""
     level = loss_level(lost / (came + lost)) if lost else "ok"
@@ -143,16 +143,16 @@ def _judge(link: Link, ear: Ear, state: LinkState, detail: str) -> Iterator[Find
         yield topics.TRAFFIC.wrong(found, MENDING)
     else:
         yield topics.TRAFFIC.well(found) if level == "ok" else topics.TRAFFIC.advise(found, MENDING)
-    yield from _systems(ear)
+    yield from _systems(counter)
 
 
-def _systems(ear: Ear) -> Iterator[Finding]:
-    autopilots = ear.autopilots()
-    for (sysid, compid), fields in sorted(ear.heartbeats.items()):
+def _systems(counter: FrameCounter) -> Iterator[Finding]:
+    autopilots = counter.autopilots()
+    for (sysid, compid), fields in sorted(counter.heartbeats.items()):
         if (sysid, compid) in autopilots:
             what = f"{autopilot_for(fields['autopilot'], fields['type']).name} {kind_of(fields['type'])}"
         else:
-            kind = ear.dialect.enum_name("MAV_TYPE", fields["type"]) or str(fields["type"])
+            kind = counter.dialect.enum_name("MAV_TYPE", fields["type"]) or str(fields["type"])
             what = kind.removeprefix("MAV_TYPE_").lower().replace("_", " ")
         yield topics.SYSTEM.well(what, f"{sysid}/{compid}")
     if not autopilots:

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import click
 
-from zmav.doctor.findings import FLEET, GROUPS, HOST, VEHICLE, Finding, Level, shown
+from zmav.doctor.findings import FLEET, GROUPS, HOST, VEHICLE, Finding, Level
+from zmav.doctor.words import clean
 
 FEW = 4
 """hosts up to which each has all of its lines on the page"""
@@ -19,12 +20,12 @@ MARKS = {
 }
 
 
-def page(findings: list[Finding], whole: bool = False) -> Iterator[str]:
-    """Its lines. Of more than :data:`FEW` hosts, unless the ``whole`` is asked for, only those in trouble have lines of
-    their own, and what is to be advised of several is said once.
+def page(findings: list[Finding]) -> Iterator[str]:
+    """Its lines. Of more than :data:`FEW` hosts, only those in trouble have lines of their own, and what is to be
+    advised of several is said once.
     """
     hosts = list(dict.fromkeys(f.who for f in findings if f.group == VEHICLE))
-    short = len(hosts) > FEW and not whole
+    short = len(hosts) > FEW
     alike = _alike(findings) if short else {}
     heading, quiet = "", set(hosts)
     for finding in sorted(findings, key=_place):
@@ -35,7 +36,7 @@ def page(findings: list[Finding], whole: bool = False) -> Iterator[str]:
             continue
         if finding.heading != heading:
             heading = finding.heading
-            yield click.style(f"{heading} ({platform.node()})" if heading == HOST else shown(heading), bold=True)
+            yield click.style(f"{heading} ({platform.node()})" if heading == HOST else clean(heading), bold=True)
         quiet.discard(finding.who)
         yield from _lines(finding)
     if short:
@@ -48,7 +49,7 @@ def _several(alike: dict[tuple[str, str], list[Finding]], quiet: set[str]) -> It
     yield click.style("several hosts", bold=True)
     for same in alike.values():
         yield from _lines(same[0], f"{same[0].topic} at {_few([each.who for each in same])}")
-    yield f"  {MARKS[Level.OK]} nothing else at {_few(sorted(quiet)) or 'none of them'}  (--all shows every line)"
+    yield f"  {MARKS[Level.OK]} nothing else at {_few(sorted(quiet)) or 'none of them'}  (--json has every line)"
 
 
 def _place(finding: Finding) -> tuple[int, str]:
@@ -69,14 +70,14 @@ def _alike(findings: list[Finding]) -> dict[tuple[str, str], list[Finding]]:
 
 
 def _few(names: list[str], most: int = 6) -> str:
-    return shown(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+    return clean(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _lines(finding: Finding, title: str = "") -> Iterator[str]:
-    title = title or shown(finding.topic if finding.group == VEHICLE else finding.subject)
-    yield f"  {MARKS[finding.level]} {title}: {shown(finding.found)}"
+    title = title or clean(finding.topic if finding.group == VEHICLE else finding.subject)
+    yield f"  {MARKS[finding.level]} {title}: {clean(finding.found)}"
     if finding.advice:
-        yield f"        -> {shown(finding.advice)}"
+        yield f"        -> {clean(finding.advice)}"
 
 
 def _sum(findings: list[Finding]) -> str:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import version
 
-import msgspec
-
-from zmav import wire
 from zmav.doctor import topics
 from zmav.doctor.findings import Finding
-from zmav.doctor.rules import loss_level
 from zmav.doctor.survey import Survey
+from zmav.doctor.ways import Link
 
-FAIR_COST, POOR_COST = 3_000, 15_000
-"""as ``zmav mesh graph`` colours them: 30 and 150 ms a kilobyte, one way"""
-STATES = ("up", "silent", "down")
 NEARER = "look at antennas, distance, channel and power; 'zmav mesh graph --watch' shows it while you move one"
 
 
@@ -26,91 +20,41 @@ def check_routers(seen: Survey) -> Iterator[Finding]:
     names = {v.last_state.instance: v.name for v in seen.vehicles if v.last_state}
     names |= {token["instance"]: token["vehicle"] for token in seen.tokens if token["role"] == "router"}
     ours = version("eclipse-zenoh")
-    for router in seen.routers:
-        links = [link["whatami"] for link in router["links"]]
-        who = names.get(router["zid"], router["zid"][:8])
+    for zid, router in seen.routers.items():
+        links = [session.whatami for session in router.sessions]
+        who = names.get(zid, zid[:8])
         found = f"linked routers: {links.count('router')}, clients: {links.count('client')}"
-        if router["version"].split(".")[:2] != ours.split(".")[:2]:
-            found += f", Zenoh {router['version']}, but {ours} here"
+        zenoh = router.version.removeprefix("v").partition("-")[0]
+        if zenoh.split(".")[:2] != ours.split(".")[:2]:
+            found += f", Zenoh {zenoh}, but {ours} here"
             yield topics.ROUTER.wrong(found, "install one version of Zenoh everywhere: pip install eclipse-zenoh", who)
         else:
-            yield topics.ROUTER.well(f"{found}, on {' '.join(router['locators']) or 'no endpoint'}", who)
-
-
-class Way(msgspec.Struct, frozen=True):
-    """A link between two routers, by the worse of what its ends say; what none says is None."""
-
-    ends: tuple[str, str]
-    state: str
-    loss: float | None
-    rtt: float | None
-    cost: int | None
-    age: float | None
-    """s since a probe came through, at the end that waits longer"""
-
-    @property
-    def level(self) -> int:
-        """0 good, 1 fair, 2 poor or worse."""
-        if self.state == "down" or (self.state == "silent" and self.age is not None):
-            return 2
-        loss, cost = loss_level(self.loss or 0.0), self.cost or 0
-        poor, fair = loss == "bad" or cost >= POOR_COST, loss == "warn" or cost >= FAIR_COST
-        return 2 if poor else 1 if fair or self.state == "silent" else 0
-
-    @property
-    def rank(self) -> tuple[int, int, float, float]:
-        """The weaker, the greater."""
-        return self.level, STATES.index(self.state), self.loss or 0.0, self.rtt or 0.0
-
-    @property
-    def name(self) -> str:
-        return " - ".join(self.ends)
-
-    @property
-    def words(self) -> str:
-        parts = [self.state]
-        if self.loss is not None:
-            parts.append(f"{self.loss:.0%} lost")
-        if self.rtt is not None:
-            parts.append(f"round trip {1e3 * self.rtt:.1f} ms")
-        return ", ".join(parts)
-
-
-def ways(told: Iterable[tuple[tuple[str, str], wire.NeighbourQuality]]) -> list[Way]:
-    """Both ends' words on each link put together, the weakest first."""
-    said: dict[tuple[str, str], list[wire.NeighbourQuality]] = {}
-    for (host, neighbour), quality in told:
-        a, b = sorted((host, neighbour))
-        said.setdefault((a, b), []).append(quality)
-    found = [
-        Way(
-            ends,
-            max((q.state for q in both), key=STATES.index),
-            _most(loss for q in both for loss in (q.loss_in, q.loss_out)),
-            _most(q.rtt for q in both),
-            max((q.cost for q in both if q.cost is not None), default=None),
-            _most(q.age for q in both),
-        )
-        for ends, both in said.items()
-    ]
-    return sorted(found, key=lambda way: way.rank, reverse=True)
-
-
-def _most(values: Iterable[float | None]) -> float | None:
-    return max((value for value in values if value is not None), default=None)
+            yield topics.ROUTER.well(f"{found}, on {' '.join(router.locators) or 'no endpoint'}", who)
 
 
 def check_ways(seen: Survey) -> Iterator[Finding]:
-    found = ways(seen.neighbours.items())
-    for way in found:
-        if way.state == "down":
-            yield topics.WAY.wrong(f"{way.words}, within the last minute", f"is that host on? {NEARER}", way.name)
-        elif way.state == "silent" and way.age is None:
-            advice = "is it a 'zmav router' or a 'zmav up'?"
-            yield topics.WAY.advise(f"{way.words}, nothing measured", advice, way.name)
-        elif way.level == 2:
-            yield topics.WAY.wrong(way.words, NEARER, way.name)
-        elif way.level == 1:
-            yield topics.WAY.advise(way.words, NEARER, way.name)
-    if found and found[0].level == 0:
-        yield topics.WEAKEST.well(f"of {len(found)}: {found[0].name}: {found[0].words}")
+    """Both ends' words on each link between two routers put together, the weakest link first."""
+    pairs = {(min(ends), max(ends)) for ends in seen.neighbours}
+    links = [Link(a, b, seen.neighbours.get((a, b)), seen.neighbours.get((b, a))) for a, b in pairs]
+    links.sort(key=Link.badness, reverse=True)
+    well = True
+    for link in links:
+        words, name = _words(link), f"{link.a} - {link.b}"
+        well = well and link.grade in ("good", "unknown")
+        if link.state == "down":
+            yield topics.WAY.wrong(f"{words}, within the last minute", f"is that host on? {NEARER}", name)
+        elif link.state == "silent" and link.age is None:
+            yield topics.WAY.advise(f"{words}, nothing measured", "is it a 'zmav router' or a 'zmav up'?", name)
+        elif link.grade in ("down", "poor"):
+            yield topics.WAY.wrong(words, NEARER, name)
+        elif link.grade == "fair":
+            yield topics.WAY.advise(words, NEARER, name)
+    if links and well:
+        weakest = links[0]
+        yield topics.WEAKEST.well(f"of {len(links)}: {weakest.a} - {weakest.b}: {_words(weakest)}")
+
+
+def _words(link: Link) -> str:
+    lost = [] if link.worst_loss is None else [f"{link.worst_loss:.0%} lost"]
+    trip = [] if link.rtt is None else [f"round trip {1e3 * link.rtt:.1f} ms"]
+    return ", ".join([link.state, *lost, *trip])

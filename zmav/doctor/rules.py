@@ -7,6 +7,7 @@ is not heard any more only the rules on its presence speak: the rest of what is 
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -14,15 +15,12 @@ from typing import Literal
 import msgspec
 
 from zmav import wire
-from zmav.doctor.facts import AgentReport, Facts
+from zmav.doctor.facts import Facts
+from zmav.doctor.ways import loss_level
 from zmav.doctor.words import clean, duration
 
 BATTERY_LOW, BATTERY_EMPTY = 0.25, 0.15
 SATELLITES, HDOP = 6, 2.5
-LINK_LOSS, LINK_POOR = 0.05, 0.20
-"""shares of what is sent that a link loses, between an autopilot and its companion or between two routers: see
-:func:`loss_level`
-"""
 RTT = 1.0
 """s of a query to the vehicle and back"""
 PART_OLD = 5.0
@@ -74,16 +72,6 @@ def reasons(facts: Facts) -> list[Reason]:
         if (rule.always or facts.presence == "ok") and (words := rule.says(facts))
     ]
     return sorted(found, key=lambda reason: -LEVELS.index(reason.level))
-
-
-def loss_level(share: float) -> Level:
-    """How bad it is that a link loses this share."""
-    return "bad" if share >= LINK_POOR else "warn" if share >= LINK_LOSS else "ok"
-
-
-def of_agent(agent: AgentReport) -> list[Reason]:
-    """What an agent's status alone tells."""
-    return reasons(Facts(name=agent.host, agents=(agent,)))
 
 
 # Is it there?
@@ -142,18 +130,14 @@ def _pilot(f: Facts) -> str | None:
 # Battery and position.
 
 
-def _charge(f: Facts) -> float | None:
-    return f.state.battery.remaining if f.state and f.state.battery else None
+def _battery(least: float, most: float) -> Judge:
+    """The charge is so much, 0 to 1, or less than ``most``."""
 
+    def says(f: Facts) -> str | None:
+        charge = f.state.battery.remaining if f.state and f.state.battery else None
+        return f"battery {charge:.0%}" if charge is not None and least <= charge < most else None
 
-def _battery_empty(f: Facts) -> str | None:
-    charge = _charge(f)
-    return f"battery {charge:.0%}" if charge is not None and charge < BATTERY_EMPTY else None
-
-
-def _battery_low(f: Facts) -> str | None:
-    charge = _charge(f)
-    return f"battery {charge:.0%}" if charge is not None and BATTERY_EMPTY <= charge < BATTERY_LOW else None
+    return says
 
 
 def _gps_fix(f: Facts) -> str | None:
@@ -177,18 +161,14 @@ def _position_old(f: Facts) -> str | None:
 # Its links.
 
 
-def _link_poor(f: Facts) -> str | None:
-    loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "bad" else None
+def _link_loses(level: Level) -> Judge:
+    """The link to its autopilot loses so much."""
 
+    def says(f: Facts) -> str | None:
+        loss = f.link.loss if f.link else f.state.link_loss if f.state else None
+        return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == level else None
 
-def _link_loss(f: Facts) -> str | None:
-    loss = _loss(f)
-    return f"MAVLink loss {loss:.0%}" if loss is not None and loss_level(loss) == "warn" else None
-
-
-def _loss(f: Facts) -> float | None:
-    return f.link.loss if f.link else f.state.link_loss if f.state else None
+    return says
 
 
 def _way(f: Facts) -> str | None:
@@ -218,15 +198,19 @@ def _lease_end(f: Facts) -> str | None:
     return f"lease of {end.holder} ended {duration(f.now - end.t)} ago: {end.reason}{by}"
 
 
+def _counted(recent: collections.Counter[str], proofs: bool) -> str:
+    """What was dropped of late, by its reasons: of refused proofs, or of setpoints."""
+    chosen = ((why, count) for why, count in sorted(recent.items()) if why.startswith(PROOF) == proofs)
+    return ", ".join(f"{count} {why.removeprefix(PROOF)}" for why, count in chosen)
+
+
 def _dropped(f: Facts) -> str | None:
-    words = ", ".join(f"{count} {why}" for why, count in sorted(f.recent.items()) if not why.startswith(PROOF))
+    words = _counted(f.recent, proofs=False)
     return f"setpoints dropped: {words}" if words else None
 
 
 def _refused(f: Facts) -> str | None:
-    words = ", ".join(
-        f"{count} {why.removeprefix(PROOF)}" for why, count in sorted(f.recent.items()) if why.startswith(PROOF)
-    )
+    words = _counted(f.recent, proofs=True)
     return f"orders without proof refused: {words}" if words else None
 
 
@@ -267,6 +251,7 @@ def _recording(f: Facts) -> str | None:
 CHARGE = "charge or change it before the next flight"
 SKY = "wait for GPS and EKF under open sky"
 LINE = "ask for fewer messages, or a higher baud rate with flow control; on a radio, look at the antennas"
+LOG = "its terminal or 'journalctl -u zmav-agent@NAME' says why"
 RULES: tuple[Rule, ...] = (
     Rule("state", "bad", _no_state, "is its computer on, and its router linked to this one?", always=True),
     Rule("clash", "bad", _clash, "give one another --name, or another MAV_SYSID (SYSID_THISMAV, MAV_SYS_ID)"),
@@ -278,22 +263,27 @@ RULES: tuple[Rule, ...] = (
         "'zmav doctor --file FILE --name NAME' or '--link URL' tells more there",
     ),
     Rule("status", "bad", _status, "its own words say why: zmav echo NAME/event"),
-    Rule("battery-empty", "bad", _battery_empty, f"land it; {CHARGE}"),
+    Rule("battery-empty", "bad", _battery(-1.0, BATTERY_EMPTY), f"land it; {CHARGE}"),
     Rule("gps-fix", "bad", _gps_fix, SKY),
-    Rule("link-poor", "bad", _link_poor, LINE),
-    Rule("agent-failed", "bad", _agent_failed, "its terminal or 'zmav agent logs' says why"),
+    Rule("link-poor", "bad", _link_loses("bad"), LINE),
+    Rule("agent-failed", "bad", _agent_failed, LOG),
     Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
-    Rule("battery-low", "warn", _battery_low, CHARGE),
+    Rule("battery-low", "warn", _battery(BATTERY_EMPTY, BATTERY_LOW), CHARGE),
     Rule("gps-weak", "warn", _gps_weak, SKY),
     Rule("position-old", "warn", _position_old, "look at its link and at the rate of GLOBAL_POSITION_INT: zmav rate"),
-    Rule("link-loss", "warn", _link_loss, LINE),
+    Rule("link-loss", "warn", _link_loses("warn"), LINE),
     Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),
     Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; zmav mesh graph --watch"),
     Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),
     Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
     Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
     Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
-    Rule("agent-silent", "warn", _agent_silent, "its terminal or 'zmav agent logs' says why; start it again"),
+    Rule(
+        "agent-silent",
+        "warn",
+        _agent_silent,
+        "{LOG}; start it again",
+    ),
     Rule("clock", "warn", _clock, "set its computer's clock: chrony"),
     Rule("error", "warn", _error, "zmav echo NAME/event shows what came before"),
     Rule("pilot", "note", _pilot, "the pilot's switch gives it back"),

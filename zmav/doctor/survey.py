@@ -19,8 +19,8 @@ from zmav import keys, wire
 from zmav.autopilots.safety import Safety
 from zmav.client import Answer, Client
 from zmav.config import FleetConfig
-from zmav.doctor.admin import routers
 from zmav.doctor.credentials import Trust, look_at_trust
+from zmav.doctor.facts import AgentReport
 from zmav.doctor.failsafes import Value, read_safety
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.credentials import Credentials
@@ -36,36 +36,44 @@ MOST = 250
 T = TypeVar("T")
 
 
-class Clock(msgspec.Struct, frozen=True):
+class ClockOffset(msgspec.Struct, frozen=True):
     """A vehicle's clock less ours in seconds, and by how much that may be wrong: half the round trip."""
 
     offset: float
     within: float
 
 
-class AgentReport(msgspec.Struct, frozen=True):
-    """An agent's last status, and how long ago it came (s)."""
+class Session(msgspec.Struct, frozen=True):
+    """What is linked to a router: another router, or a client."""
 
-    status: wire.AgentStatus
-    age: float
+    peer: str
+    whatami: str
+
+
+class RouterReport(msgspec.Struct, frozen=True):
+    """What a router of Zenoh says of itself in its admin space, as far as it is used here."""
+
+    version: str = ""
+    locators: list[str] = []
+    sessions: list[Session] = []
 
 
 class Survey(msgspec.Struct, frozen=True):
     """What was seen of the key space; the dicts are by vehicle (``fleet/name``), and lack those that said nothing."""
 
     vehicles: list[Vehicle] = []
-    routers: list[dict[str, Any]] = []
+    routers: dict[str, RouterReport] = {}
+    """by Zenoh id"""
     links: dict[str, list[wire.LinkQuality]] = {}
     """oldest first"""
-    clocks: dict[str, Clock | ZmavError] = {}
+    clocks: dict[str, ClockOffset | ZmavError] = {}
     safety: dict[str, dict[Safety, Value | None] | ZmavError] = {}
     trust: Trust | None = None
     neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
     """by (host, neighbour), the newest"""
     hosts: dict[str, wire.HostReport | dict[str, str] | ZmavError] = {}
     """how each host's computer is; of a report that is not known here, the versions it names"""
-    agents: dict[str, AgentReport] = {}
-    """by ``fleet/vehicle agent``"""
+    agents: list[AgentReport] = []
     tokens: list[dict[str, str]] = []
     """who is present, by the parts of their liveliness tokens"""
     unfinished: list[str] = []
@@ -79,8 +87,8 @@ async def look(
     z: Client, seconds: float, own: Credentials | None = None, file: FleetConfig | None = None, name: str | None = None
 ) -> Survey:
     """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
-    ears = StatusListener(z)
-    async with ears:
+    listener = StatusListener(z)
+    async with listener:
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
@@ -98,8 +106,8 @@ async def look(
         def part(what: str, work: Coroutine[Any, Any, T], nothing: T) -> asyncio.Task[T]:
             return asyncio.create_task(finish(what, work, nothing))
 
-        links = part("links", ears.ask(), None)
-        found, tokens = part("routers", routers(z), []), part("who is present", find_tokens(z), [])
+        links = part("links", listener.ask(), None)
+        found, tokens = part("routers", find_routers(z), {}), part("who is present", find_tokens(z), [])
         hosts = part("hosts", find_hosts(z), {})
         clocks = part("clocks", _of_all(names, [_clock_of(v) for v in present]), {})
         safety = part("parameters", _of_all(names, [read_safety(v) for v in present]), {})
@@ -108,13 +116,13 @@ async def look(
         return Survey(
             vehicles,
             await found,
-            ears.autopilots,
+            listener.autopilots,
             await clocks,
             await safety,
             await trust,
-            ears.neighbours,
+            listener.neighbours,
             await hosts,
-            ears.agents(),
+            listener.agents(),
             await tokens,
             late,
             file,
@@ -138,7 +146,7 @@ class StatusListener:
         self._z = z
         self.autopilots: dict[str, list[wire.LinkQuality]] = defaultdict(list)
         self.neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
-        self._agents: dict[str, tuple[wire.AgentStatus, float]] = {}
+        self._agents: dict[tuple[str, str, str], tuple[wire.AgentStatus, float]] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> StatusListener:
@@ -184,13 +192,26 @@ class StatusListener:
 
     def _on_status(self, key: str, payload: bytes) -> None:
         parts = keys.match(key)[1]
-        who = f"{parts['fleet']}/{parts['vehicle']} {keys.check_name(parts['agent'])}"
+        who = parts["fleet"], parts["vehicle"], keys.check_name(parts["agent"])
         if who in self._agents or len(self._agents) < MOST:
             self._agents[who] = wire.decode(payload, wire.AgentStatus, "status"), time.monotonic()
 
-    def agents(self) -> dict[str, AgentReport]:
+    def agents(self) -> list[AgentReport]:
         now = time.monotonic()
-        return {who: AgentReport(status, now - at) for who, (status, at) in sorted(self._agents.items())}
+        return [
+            AgentReport.of(fleet, host, status, now - at)
+            for (fleet, host, _), (status, at) in sorted(self._agents.items())
+        ]
+
+
+async def find_routers(z: Client) -> dict[str, RouterReport]:
+    """Every router that answers; what is not to be read as that is left out."""
+    found = {}
+    for answer in await z.ask("@/*/router", timeout=2.0):
+        if isinstance(answer, Answer):
+            with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                found[answer.key.split("/")[1]] = msgspec.json.decode(answer.payload, type=RouterReport)
+    return found
 
 
 async def find_tokens(z: Client) -> list[dict[str, str]]:
@@ -240,7 +261,7 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
             return e
 
 
-async def _clock_of(vehicle: Vehicle) -> Clock | ZmavError:
+async def _clock_of(vehicle: Vehicle) -> ClockOffset | ZmavError:
     """By the quickest of a few round trips, taken to be as long there as back."""
     clocks = []
     try:
@@ -250,7 +271,7 @@ async def _clock_of(vehicle: Vehicle) -> Clock | ZmavError:
             back = time.time()
             if not isinstance(there, (int, float)) or not math.isfinite(there):
                 return ZmavError(f"its ping brings no time: {there!r}")
-            clocks.append(Clock(there - (sent + back) / 2, (back - sent) / 2))
+            clocks.append(ClockOffset(there - (sent + back) / 2, (back - sent) / 2))
     except ZmavError as e:
         return e
     return min(clocks, key=lambda clock: clock.within)

@@ -12,14 +12,15 @@ from zmav import keys, wire
 from zmav.doctor import topics
 from zmav.doctor.computer import check_host, check_versions
 from zmav.doctor.credentials import judge_trust
-from zmav.doctor.facts import AgentReport, facts_of
+from zmav.doctor.facts import Facts, facts_of
 from zmav.doctor.failsafes import judge
 from zmav.doctor.findings import Finding
 from zmav.doctor.link import MAX_BAD_CRC
 from zmav.doctor.routers import check_routers, check_ways
-from zmav.doctor.rules import loss_level, of_agent, reasons
+from zmav.doctor.rules import reasons
 from zmav.doctor.survey import Survey, label
 from zmav.doctor.topics import Topic
+from zmav.doctor.ways import loss_level
 from zmav.errors import ZmavError
 from zmav.vehicle.vehicle import Vehicle
 
@@ -226,21 +227,10 @@ def check_names(seen: Survey) -> Iterator[Finding]:
 
 
 def check_agents(seen: Survey) -> Iterator[Finding]:
-    for who, told in seen.agents.items():
-        status, (fleet, _, rest) = told.status, who.partition("/")
-        stale = told.age > (keys.AGENT_STATUS.stale_after or 0.0)
-        said = f"{who}: {status.state}{', ' if status.text else ''}{status.text}"
-        said += f", silent for {told.age:.0f} s" if stale else ""
-        report = AgentReport(
-            name=status.agent,
-            fleet=fleet,
-            host=rest.partition(" ")[0],
-            state=status.state,
-            text=status.text,
-            age=told.age,
-            stale=stale,
-        )
-        found = of_agent(report)
+    for agent in seen.agents:
+        said = f"{agent.fleet}/{agent.host} {agent.name}: {agent.state}{', ' if agent.text else ''}{agent.text}"
+        said += f", silent for {agent.age:.0f} s" if agent.stale else ""
+        found = reasons(Facts(name=agent.host, agents=(agent,)))
         yield topics.AGENTS.wrong(said, found[0].advice) if found else topics.AGENTS.well(said)
 
 

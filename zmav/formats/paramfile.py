@@ -18,14 +18,12 @@ from zmav.errors import BadInput
 from zmav.wire import PARAM_TYPES
 
 Format = Literal["qgc", "planner"]
-FORMATS: tuple[Format, ...] = ("qgc", "planner")
 SUFFIXES: dict[str, Format] = {".params": "qgc", ".param": "planner", ".parm": "planner"}
 
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\Z")
 _HEX = re.compile(r"0[xX][0-9a-fA-F]{1,16}\Z")
 _INTEGER = re.compile(r"[-+]?[0-9]{1,38}\Z")
 _NAME = re.compile(r"[!-~]{1,16}\Z")
-_HEADER = {"Stack": "stack", "Vehicle": "vehicle", "Version": "version", "Git Revision": "git"}
 _REALS = ("REAL32", "REAL64")
 
 
@@ -39,7 +37,7 @@ class FileParam(msgspec.Struct, frozen=True):
 
 
 class ParamFile(msgspec.Struct):
-    """What a file says. ``sysid`` and what follows it are QGroundControl's, who writes them into the header."""
+    """What a file says. ``sysid`` is QGroundControl's; what follows it is written into the header, and not read."""
 
     format: Format
     params: list[FileParam]
@@ -47,21 +45,18 @@ class ParamFile(msgspec.Struct):
     stack: str = ""
     vehicle: str = ""
     version: str = ""
-    git: str = ""
 
     def values(self, compid: int = 1) -> dict[str, float | int | None]:
         """Those of one component, or of any where the file names none, by name."""
         return {p.name: p.value for p in self.params if p.compid in (None, compid)}
 
 
-def format_of(path: str, wanted: str | None = None) -> Format:
-    """The format to write: the ``wanted`` one, else by the file's ending. Raises :class:`BadInput`."""
-    found = SUFFIXES.get(PurePath(path).suffix.lower()) if wanted is None else wanted
-    for known in FORMATS:
-        if known == found:
-            return known
-    expected = "a name that ends in .params (QGroundControl), .param or .parm (Mission Planner), or the format"
-    raise BadInput(f"{path}: which format? Expected {expected}", field="path", value=path, expected=expected)
+def format_of(path: str) -> Format:
+    """The format to write, by the file's ending. Raises :class:`BadInput`."""
+    found = SUFFIXES.get(PurePath(path).suffix.lower())
+    if found is None:
+        raise BadInput.wrong("path", path, ".params (QGroundControl), .param or .parm (Mission Planner) at its end")
+    return found
 
 
 def read(data: bytes, name: str = "the file") -> ParamFile:
@@ -76,8 +71,6 @@ def read(data: bytes, name: str = "the file") -> ParamFile:
         raise BadInput(f"{name} holds no parameters", field="file", value=name, expected="lines of parameters")
     qgc = rows[0][1].count("\t") > 1
     found = ParamFile(format="qgc" if qgc else "planner", params=[])
-    for comment in lines if qgc else ():
-        _read_header(found, comment)
     seen: dict[tuple[int | None, str], tuple[int, FileParam]] = {}
     for n, text in rows:
         param = _qgc_line(found, text, name, n) if qgc else _planner_line(text, name, n)
@@ -101,7 +94,7 @@ def write(file: ParamFile) -> bytes:
         f"# Stack: {file.stack}",
         f"# Vehicle: {file.vehicle}",
         f"# Version: {file.version} ",
-        f"# Git Revision: {file.git}",
+        "# Git Revision: ",
         "#",
         "# Vehicle-Id Component-Id Name Value Type",
     ]
@@ -122,12 +115,6 @@ def _text(param: FileParam) -> str:
     if value is None:
         return "nan"
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
-
-
-def _read_header(file: ParamFile, line: str) -> None:
-    key, colon, text = line.removeprefix("# ").partition(":")
-    if line.startswith("# ") and colon and key in _HEADER:
-        setattr(file, _HEADER[key], text.strip())
 
 
 def _qgc_line(file: ParamFile, line: str, name: str, n: int) -> FileParam:

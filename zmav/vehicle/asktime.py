@@ -20,7 +20,7 @@ PATIENCE = 2.0
 class AskTime:
     """Asks by a challenge, which only the vehicle itself answers, and only now. From any thread.
 
-    Names that are no vehicle's are not asked: anybody can invent as many as he likes.
+    Names that are no vehicle's are not asked: anybody can invent any number of them.
     """
 
     def __init__(self, session: zenoh.Session, member: Member) -> None:

@@ -171,7 +171,7 @@ class Lease:
 
 
 @contextlib.asynccontextmanager
-async def held(vehicle: Vehicle, client: Client, holder: str, ttl: float, priority: int) -> AsyncIterator[Lease]:
+async def take_lease(vehicle: Vehicle, client: Client, holder: str, ttl: float, priority: int) -> AsyncIterator[Lease]:
     """Take the lease, renew it, give it back. The liveliness token goes before it: its loss tells the vehicle at once
     that this process or its network has died.
     """

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, get_args
 from zmav import keys, wire
 from zmav.errors import BadInput, Stale
 from zmav.formats import plans
-from zmav.formats.items import Plan
 from zmav.mavlink import Dialect
 from zmav.wire import MissionKind
 
@@ -35,18 +34,21 @@ class Missions:
 
     async def upload(
         self,
-        what: Sequence[wire.MissionItem] | wire.Mission | Plan | str | Path,
+        what: Sequence[wire.MissionItem] | str | Path,
         kind: MissionKind | None = None,
         *,
         force: bool = False,
         progress: Progress | None = None,
     ) -> dict[MissionKind, dict[str, Any]]:
-        """Replace whole plans: items (of ``kind``, a mission unless said), a :class:`~zmav.wire.Mission`, or all that a
-        file (``.plan``, ``.waypoints``) holds, of ``kind`` alone where that is given. Returns what was done, by kind.
-        ``force``: an operator's, beyond the usual bounds.
+        """Replace whole plans: items (of ``kind``, a mission unless said), or all that a file (``.plan``,
+        ``.waypoints``) holds, of ``kind`` alone where that is given. Returns what was done, by kind. ``force``: an
+        operator's, beyond the usual bounds.
         """
         done: dict[MissionKind, dict[str, Any]] = {}
-        for each, items in plans_of(what, kind, self._dialect).items():
+        by_kind = (
+            plans_of(what, kind, self._dialect) if isinstance(what, (str, Path)) else {kind or "mission": list(what)}
+        )
+        for each, items in by_kind.items():
             args = wire.MissionUpload(kind=each, items=items, force=force)
             done[each] = await self._vehicle.order("mission_upload", args, progress)
         return done
@@ -86,25 +88,13 @@ class Missions:
         await self._vehicle.order("mission_current", wire.MissionJump(index=index))
 
 
-def plans_of(
-    what: Sequence[wire.MissionItem] | wire.Mission | Plan | str | Path, kind: MissionKind | None, dialect: Dialect
-) -> dict[MissionKind, list[wire.MissionItem]]:
-    """What is to be uploaded, by kind; a kind that a file says nothing of, or has empty, is left alone unless asked for
-    by ``kind``. Raises :class:`BadInput` where there is nothing.
+def plans_of(file: str | Path, kind: MissionKind | None, dialect: Dialect) -> dict[MissionKind, list[wire.MissionItem]]:
+    """What of a file is to be uploaded, by kind; a kind that it says nothing of, or has empty, is left alone.
+
+    Raises :class:`BadInput` where there is nothing, or nothing of the ``kind`` that is asked for.
     """
-    if isinstance(what, wire.Mission):
-        return {kind or what.kind: what.items}
-    name = str(what) if isinstance(what, (str, Path)) else "the plan"
-    if isinstance(what, (str, Path)):
-        what = plans.load(what, dialect.enums)
-    if not isinstance(what, Plan):
-        return {kind or "mission": list(what)}
-    by_kind: dict[MissionKind, list[wire.MissionItem] | None] = {
-        "mission": what.mission,
-        "fence": what.fence,
-        "rally": what.rally,
-    }
-    found = {each: items for each, items in by_kind.items() if items and kind in (None, each)}
+    plan = plans.load(file, dialect.enums)
+    found = {each: items for each in KINDS if (items := getattr(plan, each)) and kind in (None, each)}
     if not found:
-        raise BadInput(f"{name} holds no {kind or 'items'}", field="kind", value=kind, expected="a plan with items")
+        raise BadInput(f"{file} holds no {kind or 'items'}", field="kind", value=kind, expected="a plan with items")
     return found

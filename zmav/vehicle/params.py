@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import fnmatch
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -95,19 +94,6 @@ class Difference(msgspec.Struct, frozen=True):
 
     name: str
     values: dict[str, Value]
-
-
-async def tables(
-    vehicles: Sequence[Vehicle], progress: Callable[[str, dict[str, Any]], None] | None = None
-) -> dict[str, wire.ParamTable | BaseException]:
-    """The whole sets of several vehicles at once, by name; what one of them raised in the place of its set."""
-
-    def report_for(name: str) -> Progress | None:
-        return None if progress is None else lambda news: progress(name, news)
-
-    asked = (vehicle.params.list(report_for(vehicle.name)) for vehicle in vehicles)
-    found = await asyncio.gather(*asked, return_exceptions=True)
-    return {vehicle.name: each for vehicle, each in zip(vehicles, found, strict=True)}
 
 
 def own_params(autopilot: str, names: Iterable[str]) -> set[str]:

@@ -16,7 +16,7 @@ from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
 from zmav.vehicle.files import Files, Logs
-from zmav.vehicle.lease import Lease, held
+from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
@@ -276,7 +276,7 @@ class Vehicle:
         """Command the vehicle alone while the ``async with`` lasts; renewed by itself. A higher ``priority`` (0 to 100)
         takes it from a lower one. Raises :class:`NotHolder`, or Refused while the pilot's switch says that he has it.
         """
-        async with held(self, self._client, holder, ttl, priority) as lease:
+        async with take_lease(self, self._client, holder, ttl, priority) as lease:
             self._lease = lease.token
             try:
                 yield lease

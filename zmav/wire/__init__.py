@@ -6,172 +6,22 @@ level and ``alt_rel`` metres above home; local vectors are north, east, down (NE
 ``t`` is UTC in seconds at the source.
 """
 
+# ruff: noqa: F403 (what its files define, and no list of it beside them)
+
 from __future__ import annotations
 
-from zmav.wire import swarm
-from zmav.wire.agent import SetTunable, Signals, TunableInfo
-from zmav.wire.base import ErrorBody, Vector, Wire, decode, encode, error_body, error_from, refuse_repeated
-from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchStop, Pong
-from zmav.wire.files import (
-    FileEntry,
-    FileGet,
-    FilePath,
-    FilePut,
-    FileQuery,
-    LogEntry,
-    LogErase,
-    LogGet,
-    LogList,
-    StoredFile,
-)
-from zmav.wire.history import History, HistoryEntry, HistoryQuery
-from zmav.wire.host import Disk, HostReport
-from zmav.wire.link import LinkQuality, LinkState, NeighbourQuality, decode_link
-from zmav.wire.mission import (
-    Mission,
-    MissionClear,
-    MissionItem,
-    MissionJump,
-    MissionKind,
-    MissionRefresh,
-    MissionStart,
-    MissionUpload,
-)
-from zmav.wire.orders import (
-    Arm,
-    DropLease,
-    Forced,
-    GoTo,
-    Order,
-    Outcome,
-    Reposition,
-    RevokeLease,
-    RunCommand,
-    SetMode,
-    SetServo,
-    TakeLease,
-    Takeoff,
-)
-from zmav.wire.param import (
-    PARAM_TYPES,
-    Param,
-    ParamChanged,
-    ParamLoad,
-    ParamLoaded,
-    ParamQuery,
-    ParamRefresh,
-    ParamSet,
-    ParamTable,
-)
-from zmav.wire.rates import MessageRate, RateTable
-from zmav.wire.setpoint import ManualControl, Quaternion, SegmentPoint, Setpoint
-from zmav.wire.state import (
-    AgentStatus,
-    Attitude,
-    Battery,
-    ClockInfo,
-    Event,
-    GlobalPosition,
-    Gps,
-    LastMessage,
-    LeaseEnd,
-    LeaseEnding,
-    LeaseInfo,
-    Origin,
-    Severity,
-    VehicleState,
-)
-from zmav.wire.vision import CameraInfo, Detection, Detections, FrameReport
-
-__all__ = [
-    "PARAM_TYPES",
-    "AgentStatus",
-    "Arm",
-    "Attitude",
-    "Battery",
-    "BenchOrder",
-    "BenchQuery",
-    "BenchReport",
-    "BenchStop",
-    "CameraInfo",
-    "ClockInfo",
-    "Detection",
-    "Detections",
-    "Disk",
-    "DropLease",
-    "ErrorBody",
-    "Event",
-    "FileEntry",
-    "FileGet",
-    "FilePath",
-    "FilePut",
-    "FileQuery",
-    "Forced",
-    "FrameReport",
-    "GlobalPosition",
-    "GoTo",
-    "Gps",
-    "History",
-    "HistoryEntry",
-    "HistoryQuery",
-    "HostReport",
-    "LastMessage",
-    "LeaseEnd",
-    "LeaseEnding",
-    "LeaseInfo",
-    "LinkQuality",
-    "LinkState",
-    "LogEntry",
-    "LogErase",
-    "LogGet",
-    "LogList",
-    "ManualControl",
-    "MessageRate",
-    "Mission",
-    "MissionClear",
-    "MissionItem",
-    "MissionJump",
-    "MissionKind",
-    "MissionRefresh",
-    "MissionStart",
-    "MissionUpload",
-    "NeighbourQuality",
-    "Order",
-    "Origin",
-    "Outcome",
-    "Param",
-    "ParamChanged",
-    "ParamLoad",
-    "ParamLoaded",
-    "ParamQuery",
-    "ParamRefresh",
-    "ParamSet",
-    "ParamTable",
-    "Pong",
-    "Quaternion",
-    "RateTable",
-    "Reposition",
-    "RevokeLease",
-    "RunCommand",
-    "SegmentPoint",
-    "SetMode",
-    "SetServo",
-    "SetTunable",
-    "Setpoint",
-    "Severity",
-    "Signals",
-    "StoredFile",
-    "TakeLease",
-    "Takeoff",
-    "TunableInfo",
-    "Vector",
-    "VehicleState",
-    "Wire",
-    "decode",
-    "decode_link",
-    "encode",
-    "error_body",
-    "error_from",
-    "refuse_repeated",
-    "swarm",
-]
+from zmav.wire import swarm as swarm
+from zmav.wire.agent import *
+from zmav.wire.base import *
+from zmav.wire.bench import *
+from zmav.wire.files import *
+from zmav.wire.history import *
+from zmav.wire.host import *
+from zmav.wire.link import *
+from zmav.wire.mission import *
+from zmav.wire.orders import *
+from zmav.wire.param import *
+from zmav.wire.rates import *
+from zmav.wire.setpoint import *
+from zmav.wire.state import *
+from zmav.wire.vision import *

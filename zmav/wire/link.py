@@ -95,7 +95,7 @@ class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", om
     """:func:`mesh.quality.cost.cost`: about 10 µs a kilobyte, one way"""
     interface: str | None = None
     interface_in: Amount | None = None
-    """bytes/s through the interface, anyone who's"""
+    """bytes/s through the interface, of any program"""
     interface_out: Amount | None = None
     since: float | None = None
     """UTC seconds since when the state is what it is"""

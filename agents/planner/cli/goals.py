@@ -15,12 +15,10 @@ from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
-from zmav.cli.places import renamed_option
 from zmav.errors import BadInput
 from zmav.session import SessionSettings
 from zmav.wire import Vector, swarm
 
-UP = "heights are --alt, in metres and up"
 F = TypeVar("F", bound=Callable[..., Any])
 Make = Callable[[Planner], swarm.Goal]
 
@@ -201,7 +199,6 @@ search = goal_command(
         help="What is to be seen: '0,0 100,0 100,80'.",
     ),
     click.option("--alt", type=float, required=True, help="Metres above the origin."),
-    renamed_option("--height", 1, UP),
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
     click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
     click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before."),
@@ -225,7 +222,6 @@ takeoff = goal_command(
     swarm.TakeOff,
     "Take off, in an order in which nobody meets: 'quad* --alt 12'.",
     click.option("--alt", type=float, default=10.0, show_default=True, help="Metres above each one's home."),
-    renamed_option("--height", 1, UP),
 )
 land = goal_command(
     "land",

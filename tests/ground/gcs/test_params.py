@@ -13,7 +13,6 @@ import pytest
 from ground.gcs import param_copy
 from ground.gcs.param_copy import read_value
 from tests.ground.gcs.fleet import Caller, Fleet
-from tests.packed_params import unpack_params
 from zmav import keys
 from zmav.mavlink import Frame
 from zmav.mavlink.ftp import Nak, Op, Packet, pack, unpack
