@@ -42,8 +42,8 @@ from zmav.mavlink import Dialect, decode, parse_frame
 from zmav.vehicle.lease import Lease
 
 logger = logging.getLogger(__name__)
-INNER_VALID, OUTER_VALID = 0.1, 0.4
-"""s that a setpoint is flown without the next one"""
+OUTER_VALID = 0.4
+"""s that a velocity or an acceleration is flown without the next one; what is within it: ``guard_silent``"""
 BURST = 0.5
 """of a cycle, within which two attitudes are told as one"""
 CLOCK_STEP = 0.0002
@@ -158,7 +158,7 @@ class Cycles:
         """To be called often: the autopilot's state must keep coming."""
         with self.lock:
             silent = time.monotonic() - self.heard
-            if self.phase and silent > max(0.1, 10.0 * self.estimate.period):
+            if self.phase and silent > max(self.limits["guard_silent"], 10.0 * self.estimate.period):
                 self._trip(f"no attitude came for {silent * 1e3:.0f} ms")
 
     def set_clock(self, boot_t: float) -> None:
@@ -266,7 +266,7 @@ class Cycles:
     def _put(self, output: Output) -> None:
         assert self._lease is not None
         try:
-            self._lease.setpoint(**setpoint(output))
+            self._lease.setpoint(**setpoint(output, self.limits["guard_silent"]))
         except ZmavError as e:
             self._trip(str(e))
 
@@ -291,10 +291,10 @@ class Cycles:
         self.on_signals(self.estimate.state.t, values)
 
 
-def setpoint(output: Output) -> dict[str, Any]:
-    """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it."""
+def setpoint(output: Output, valid: float) -> dict[str, Any]:
+    """As :meth:`zmav.vehicle.lease.Lease.setpoint` takes it; ``valid``: s for which an inner loop's is flown."""
     inner = not isinstance(output, Velocity | Acceleration)
-    found: dict[str, Any] = {"valid": INNER_VALID if inner else OUTER_VALID}
+    found: dict[str, Any] = {"valid": valid if inner else OUTER_VALID}
     for name, value in vars(output).items():
         if not (inner and name == "yaw_rate"):  # no autopilot takes it beside an attitude
             found[name] = tuple(float(each) for each in value) if isinstance(value, np.ndarray) else value

@@ -46,6 +46,7 @@ TUNABLES: dict[str, Tunable] = {
     "guard_error": Tunable(5.0, 0.1, 100.0, "m", "off a reference of positions at most"),
     "guard_error_deg": Tunable(60.0, 5.0, 180.0, "deg", "off a reference of attitudes at most"),
     "guard_late": Tunable(8.0, 2.0, 25.0, "cycles", "in a row without an output at most"),
+    "guard_silent": Tunable(0.1, 0.05, 1.0, "s", "without an attitude at most, and that an output is flown"),
     "stick_tilt_deg": Tunable(35.0, 5.0, 60.0, "deg", "of the full stick"),
     "stick_yaw_dps": Tunable(120.0, 10.0, 400.0, "deg/s", "of the full stick"),
     "stick_rate_dps": Tunable(220.0, 10.0, 720.0, "deg/s", "of roll and pitch of the full stick"),
