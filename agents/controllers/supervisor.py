@@ -187,10 +187,10 @@ class Supervisor(zmav.Agent):
 
     # What is loaded.
 
-    async def _load(self) -> float:
+    async def _load(self, *, unless_alive: bool = False) -> float:
         shop = self.workshop
         given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given)
+        took = await shop.load(given, unless_alive=unless_alive)
         if shop.loaded is not None and shop.worker is not None:
             self.declare({**self.tunables, **shop.loaded.declared()})
             for name in given.keys() & shop.loaded.tunables.keys():
@@ -243,10 +243,8 @@ class Supervisor(zmav.Agent):
     async def _replace(self) -> None:
         """Another process in place of one that is gone, for anyone who engages it again, unless he has one already."""
         await asyncio.sleep(AGAIN)  # one that dies of each cycle must not be all that is done here
-        if self.workshop.worker is not None and self.workshop.worker.alive:
-            return
         with contextlib.suppress(ZmavError):
-            await self._load()
+            await self._load(unless_alive=True)  # an order may be loading one meanwhile
 
     def tuned(self, name: str, value: float) -> None:
         shop = self.workshop

@@ -57,13 +57,16 @@ class Workshop:
                 worker.close()
         self.worker = self._fresh = None
 
-    async def load(self, values: Mapping[str, float]) -> float:
+    async def load(self, values: Mapping[str, float], *, unless_alive: bool = False) -> float:
         """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
 
-        ``values``: of its parameters. Raises what is wrong with it; what flew before goes on then.
+        ``values``: of its parameters; ``unless_alive``: only where, when it is this call's turn, no process is there
+        that flies. Raises what is wrong with it; what flew before goes on then.
         """
         async with self._lock:
             begun = time.monotonic()
+            if unless_alive and self.worker is not None and self.worker.alive:
+                return 0.0
             if self._closed:
                 raise Refused("the supervisor ends")
             old = self.worker
