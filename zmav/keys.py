@@ -195,7 +195,7 @@ CHANNELS: dict[str, Channel] = {
         Channel(
             "probe", "{fleet}/@probe/{to}/{vehicle}", "pub", None, Qos.LATEST_WINS,
             "one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on",
-            (VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0,
+            (VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0, repeated=False,
         ),
         Channel(
             "agent_status", "{fleet}/{vehicle}/agent/{agent}/status", "pub", wire.AgentStatus, Qos.LATEST_WINS,

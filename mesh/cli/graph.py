@@ -14,7 +14,7 @@ from rich.text import Text
 
 import zmav
 from mesh.graph import Graph, Link, Way, gather
-from mesh.units import byte_rate, duration, milliseconds, percent
+from mesh.units import duration, milliseconds, percent
 from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.client import Client
 from zmav.session import SessionSettings
@@ -40,7 +40,7 @@ def command(
 
     Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
     first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
-    trip, the least throughput, in this order.
+    trip, in this order.
     """
     run(_show(start, watch, timeout, fleet, as_json, settings))
 
@@ -96,9 +96,7 @@ def notes(graph: Graph) -> list[str]:
 
 
 def _links(graph: Graph) -> Table:
-    table = _table(
-        ("link", "state", "RTT ms", "loss", "throughput", "signal", "cost", "heard", "over"), right=(2, 6, 7)
-    )
+    table = _table(("link", "state", "RTT ms", "loss", "signal", "cost", "heard", "over"), right=(2, 5, 6))
     for link in graph.links:
         said = link.by_a or link.by_b
         table.add_row(
@@ -106,7 +104,6 @@ def _links(graph: Graph) -> Table:
             link.state,
             milliseconds(link.rtt),
             _both(percent(link.loss(link.a)), percent(link.loss(link.b))),
-            _both(byte_rate(link.throughput(link.a)), byte_rate(link.throughput(link.b))),
             _both(*("-" if (dbm := link.signal(end)) is None else f"{dbm:.0f} dBm" for end in (link.a, link.b))),
             "-" if link.cost is None else str(link.cost),
             duration(link.age),
@@ -122,7 +119,7 @@ def _ways(graph: Graph) -> Table | None:
     shown = sorted(vehicles & graph.ways.keys())
     if not shown:
         return None
-    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery", "throughput"), right=(3,))
+    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery"), right=(3,))
     for name in shown:
         way = graph.ways[name]
         table.add_row(
@@ -131,7 +128,6 @@ def _ways(graph: Graph) -> Table | None:
             _weakest(way.weakest) if len(way.links) else "-",
             milliseconds(way.rtt),
             _both(percent(way.delivery()), percent(way.delivery(back=True))),
-            byte_rate(way.throughput),
             style=STYLES[way.weakest.grade] if way.weakest else STYLES["down"],
         )
     return table
@@ -192,7 +188,6 @@ def _link(link: Link) -> dict[str, Any]:
         "rtt": link.rtt,
         "age": link.age,
         "loss": {end: link.loss(end) for end in ends},
-        "throughput": {end: link.throughput(end) for end in ends},
         "signal": {end: link.signal(end) for end in ends},
         "said": {
             end: msgspec.to_builtins(said)
@@ -212,5 +207,4 @@ def _way(way: Way) -> dict[str, Any]:
         "rtt": way.rtt,
         "delivery": way.delivery(),
         "delivery_back": way.delivery(back=True),
-        "throughput": way.throughput,
     }

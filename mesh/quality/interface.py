@@ -1,4 +1,4 @@
-"""A host's network interfaces as Linux counts them, and how loud a neighbour is heard where there is a radio."""
+"""By which network interface a neighbour is reached, and how loud it is heard where that is a radio."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import re
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import ifaddr
@@ -16,24 +15,6 @@ from mesh.quality.nl80211 import station_signal
 PROC = Path("/proc/net")
 LEAST_DBM, MOST_DBM = -120, 0
 """what a signal can be; some drivers give a share of something instead"""
-
-
-@dataclass(frozen=True)
-class Counters:
-    """Bytes since the interface is there."""
-
-    received: int
-    sent: int
-
-
-def counters(proc: Path = PROC) -> dict[str, Counters]:
-    """Every interface's, by name; what cannot be read is left out."""
-    found = {}
-    for name, fields in _rows(proc / "dev"):
-        numbers = [int(field) for field in fields if field.isdecimal()]
-        if len(numbers) >= 9 and len(numbers) == len(fields):
-            found[name] = Counters(numbers[0], numbers[8])
-    return found
 
 
 def signal(interface: str, address: str, proc: Path = PROC) -> float | None:
@@ -60,22 +41,17 @@ def _mac(address: str, interface: str, proc: Path) -> bytes | None:
 
 
 def _wireless(proc: Path) -> dict[str, float]:
-    """Levels of what each radio is associated with: status, then link quality, level and noise."""
+    """Levels of what each radio is associated with: ``name: status``, then link quality, level and noise."""
     found = {}
-    for name, fields in _rows(proc / "wireless"):
+    for line in _lines(proc / "wireless"):
+        name, colon, rest = line.partition(":")
         try:
-            level = float(fields[2])
+            level = float(rest.split()[2]) if colon else 0.0
         except (IndexError, ValueError):
             continue
         if LEAST_DBM <= level < MOST_DBM:
-            found[name] = level
+            found[name.strip()] = level
     return found
-
-
-def _rows(path: Path) -> list[tuple[str, list[str]]]:
-    """Lines ``name: field field...`` below the headings."""
-    named = [line.partition(":") for line in _lines(path)]
-    return [(name.strip(), rest.split()) for name, colon, rest in named if colon and "|" not in name]
 
 
 def _lines(path: Path) -> list[str]:

@@ -13,7 +13,7 @@ import zenoh
 from mesh.bearer.budget import parse_budget
 from mesh.plan import RouterPlan
 from mesh.quality.cost import cost
-from mesh.quality.interface import Counters, address_of, counters, signal
+from mesh.quality.interface import address_of, signal
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
@@ -43,7 +43,6 @@ class LinkQualities:
         self.prober = prober or Prober(session, fleet, name)
         self.latest: dict[str, wire.NeighbourQuality] = {}
         """by the neighbour's name; never changed, only replaced: any thread may read it"""
-        self._before: tuple[float, dict[str, Counters]] = (time.monotonic(), counters())
 
     async def __aenter__(self) -> LinkQualities:
         self.prober.start()
@@ -80,7 +79,7 @@ class LinkQualities:
     def measure(self) -> dict[str, wire.NeighbourQuality]:
         """Every neighbour's quality now, by name; those that are linked go before their namesakes that were."""
         self.prober.take()
-        now, through = time.monotonic(), self._through()
+        now = time.monotonic()
         found: dict[str, wire.NeighbourQuality] = {}
         for neighbour in sorted(self.prober.neighbours.values(), key=lambda n: (not n.linked, -n.since)):
             if neighbour.name is None and neighbour.linked and now - neighbour.since < NAMELESS:
@@ -89,14 +88,11 @@ class LinkQualities:
             if name in (AUTOPILOT, self._name) or (name in found and neighbour.linked):
                 name = neighbour.zid  # it has a name that is somebody else's
             if name not in found:
-                found[name] = self._quality(name, neighbour, now, through)
+                found[name] = self._quality(name, neighbour, now)
         return found
 
-    def _quality(
-        self, name: str, neighbour: Neighbour, now: float, through: dict[str, tuple[float, float]]
-    ) -> wire.NeighbourQuality:
+    def _quality(self, name: str, neighbour: Neighbour, now: float) -> wire.NeighbourQuality:
         figures, interface = neighbour.meter.figures(now), neighbour.interface
-        flow = through.get(interface or "")
         address = address_of(neighbour.url)
         quality = wire.NeighbourQuality(
             t=time.time(),
@@ -108,29 +104,13 @@ class LinkQualities:
             age=_rounded(figures.age, 3),
             rtt=_rounded(figures.rtt, 6),
             rtt_min=_rounded(figures.rtt_min, 6),
-            jitter=_rounded(figures.jitter, 6),
             loss_in=_rounded(figures.loss_in, 4),
             loss_out=_rounded(figures.loss_out, 4),
-            throughput_in=_rounded(figures.throughput_in, 0),
-            throughput_out=_rounded(figures.throughput_out, 0),
             signal=signal(interface, address) if interface and address and neighbour.linked else None,
             interface=interface,
-            interface_in=_rounded(flow[0], 0) if flow else None,
-            interface_out=_rounded(flow[1], 0) if flow else None,
             since=round(time.time() - (now - neighbour.since), 1),
         )
         return msgspec.structs.replace(quality, cost=cost(quality))
-
-    def _through(self) -> dict[str, tuple[float, float]]:
-        """Bytes/s in and out of each interface since the last call."""
-        (then, before), now, found = self._before, time.monotonic(), counters()
-        self._before = (now, found)
-        span = max(now - then, 1e-3)
-        return {
-            name: ((c.received - before[name].received) / span, (c.sent - before[name].sent) / span)
-            for name, c in found.items()
-            if name in before and c.received >= before[name].received and c.sent >= before[name].sent
-        }
 
 
 def _state(neighbour: Neighbour, silent: bool) -> wire.LinkState:
