@@ -12,7 +12,7 @@ import errno
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -24,12 +24,37 @@ from mesh.bench.responder import Responder, responder
 from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
 from mesh.plan import RouterPlan
-from mesh.presence import present_host
 from mesh.quality import link_qualities
 from mesh.radiowatch import watch_radios
+from zmav import keys
 from zmav.errors import SessionError
 from zmav.rundir import is_held, path_of
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions
+from zmav.services.status.host import HostService
 from zmav.session import SessionSettings, open_session
+from zmav.trust.gate import anybody
+
+
+@contextlib.asynccontextmanager
+async def present_host(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[None]:
+    """A part of the router: of a host without a vehicle, whose agent would, it says who it is, by a liveliness token
+    that holds its name and Zenoh id, and how its computer is.
+    """
+    if plan.vehicle:
+        yield
+        return
+    zid = str(session.info.zid())
+    key = keys.ALIVE.key(plan.fleet, plan.name, role=keys.ROUTER, sys=0, autopilot="-", uid="-", instance=zid)
+    token = session.liveliness().declare_token(key)
+    questions = Questions(session, Answers(None, None), anybody)
+    HostService(questions, zid, plan.fleet, plan.name)
+    try:
+        yield
+    finally:
+        questions.close()
+        token.undeclare()
+
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
 """Something that runs beside the router as long as it does"""

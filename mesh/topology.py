@@ -11,7 +11,7 @@ from zmav.doctor.rules import loss_level
 
 Grade = Literal["good", "fair", "poor", "down", "unknown"]
 FAIR_COST, POOR_COST = 3_000, 15_000
-"""of :func:`mesh.quality.cost.cost`: 30 ms and 150 ms a kilobyte one way"""
+"""of :func:`mesh.quality.cost`: 30 ms and 150 ms a kilobyte one way"""
 LOSS_STEP, RTT_STEP = 0.02, 1e-3
 """losses and round trips that differ by less are taken for alike when the weakest hop is looked for"""
 _STATES = ("up", "silent", "down")

@@ -43,7 +43,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environment]:
     folder = tmp_path_factory.mktemp("labs")
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
     (folder / "pair.toml").write_text(FILE)
-    command = [sys.executable, "-m", "zmav", "lab", "up", str(folder / "pair.toml"), "--headless"]
+    command = [sys.executable, "-m", "zmav", "lab", "up", str(folder / "pair.toml")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
     assert process.stdout is not None
     try:
@@ -174,7 +174,7 @@ def test_a_name_leads_nowhere_else(able: None, tmp_path: Path, monkeypatch: pyte
     (tmp_path / "zmav-lab").chmod(0o700)
     (tmp_path / "pair.toml").write_text(FILE)
     with pytest.raises(BadInput, match=r"use lower-case letters|too long for a socket"):
-        here("up", str(tmp_path / "pair.toml"), "--name", name, "--headless")
+        here("up", str(tmp_path / "pair.toml"), "--name", name)
     assert (tmp_path / "precious").exists()
     assert (tmp_path / "zmav-lab" / "precious").exists()
 

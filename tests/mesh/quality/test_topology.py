@@ -9,7 +9,7 @@ import pytest
 
 from mesh import linkstate
 from mesh.cli.graph import document, view, way_words
-from mesh.findings import Findings
+from mesh.graph import Findings
 from mesh.topology import Graph, Link, Node, Way
 from zmav import keys, wire
 from zmav.client import Answer
