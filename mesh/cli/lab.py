@@ -114,17 +114,6 @@ def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> 
         remote.call("set", link=link, conditions=assignments(conditions))
 
 
-@lab.command("move")
-@click.argument("host")
-@click.argument("north", type=float)
-@click.argument("east", type=float)
-@lab_option
-def move(host: str, north: float, east: float, name: str | None) -> None:
-    """Put a host NORTH and EAST m from the origin: links with a range follow."""
-    with Remote(name) as remote:
-        remote.call("move", host=host, north=north, east=east)
-
-
 def _add_order(verb: str, about: str, text: str) -> None:
     @lab.command(verb, help=text)
     @click.argument(about)

@@ -32,14 +32,6 @@ class SetArgs(OnLink, forbid_unknown_fields=True):
     conditions: dict[str, Any]
 
 
-class MoveArgs(msgspec.Struct, forbid_unknown_fields=True):
-    """A host and where it goes, in m."""
-
-    host: str
-    north: float
-    east: float
-
-
 class OnHost(msgspec.Struct, forbid_unknown_fields=True):
     """A host's router, or the simulator, by name."""
 
@@ -71,7 +63,6 @@ class Control(Server):
             "cut": (OnLink, lambda args: lab.cut(args.link)),
             "heal": (OnLink, lambda args: lab.heal(args.link)),
             "set": (SetArgs, lambda args: lab.network.set(args.link, ask_from(args.conditions))),
-            "move": (MoveArgs, lambda args: lab.move(args.host, args.north, args.east)),
             "start": (OnHost, lambda args: lab.start(args.host)),
             "stop": (OnHost, lambda args: lab.stop(args.host)),
             "kill": (OnHost, lambda args: lab.kill(args.host)),

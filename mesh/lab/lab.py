@@ -30,7 +30,6 @@ from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
 from mesh.lab.door import PORT, HostProxy
 from mesh.lab.fleetfile import write_fleet
-from mesh.lab.mobility import Mobility
 from mesh.lab.network import LabError, Network, exit_of
 from mesh.lab.programs import Program
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
@@ -71,7 +70,6 @@ class Lab:
         """by host; and the simulator"""
         self.failed: asyncio.Future[str] | None = None
         """done, with what happened, when something of the lab ended that was not told to"""
-        self.mobility = Mobility(self.network)
         self._with_programs = programs
         self._doors: dict[str, HostProxy] = {}
         self._stack = contextlib.AsyncExitStack()
@@ -95,7 +93,6 @@ class Lab:
                 stack.push_async_callback(self._stop_all)
                 for name in self.programs:
                     self.start(name)
-            await stack.enter_async_context(self.mobility)
             self._stack = stack.pop_all()
         return self
 
@@ -121,8 +118,7 @@ class Lab:
         (self.directory / "logs").mkdir()
         zmav, file = [sys.executable, "-m", "zmav"], str(self.directory / "fleet.toml")
         if any(host.vehicle for host in self.scenario.hosts.values()):
-            control = self.mobility.simulator = self.directory / "sim.sock"
-            self._add(SIMULATOR, None, [*zmav, "sim", "--fleet", file, "--control", str(control)])
+            self._add(SIMULATOR, None, [*zmav, "sim", "--fleet", file, "--control", str(self.directory / "sim.sock")])
         for name, host in self.scenario.hosts.items():
             if host.program == "router":
                 verb = "router" if host.vehicle is None else "up"
@@ -278,7 +274,3 @@ class Lab:
 
     def counters(self, link: str) -> list[Counters]:
         return self.network.counters(link)
-
-    def move(self, host: str, north: float, east: float) -> None:
-        """Put a host elsewhere; its waypoints are forgotten."""
-        self.mobility.move(host, north, east)

@@ -9,7 +9,6 @@ from rich.text import Text
 
 from mesh.lab.channel import Conditions, Counters
 from mesh.lab.lab import Lab
-from mesh.lab.scenario import Place
 from mesh.units import rate
 
 
@@ -21,8 +20,6 @@ class HostStatus(msgspec.Struct, frozen=True):
     running: bool | None
     addresses: dict[str, str]
     """by interface"""
-    position: Place | None
-    """m north and east"""
 
 
 class WayStatus(msgspec.Struct, frozen=True):
@@ -61,8 +58,7 @@ def status_of(lab: Lab) -> LabStatus:
         program = lab.programs.get(name)
         addresses = {each.name: each.address for each in network.wiring.interfaces if each.host == name}
         running = None if program is None else program.running
-        position = lab.mobility.positions.get(name)
-        hosts.append(HostStatus(name, lab.scenario.hosts[name].vehicle, running, addresses, position))
+        hosts.append(HostStatus(name, lab.scenario.hosts[name].vehicle, running, addresses))
     links = []
     for edge in network.wiring.edges:
         there, back = (
@@ -85,12 +81,11 @@ def tables(status: LabStatus) -> Group:
 
 
 def _hosts(status: LabStatus) -> Table:
-    table = _table("host", "router", "addresses", "position", "vehicle")
+    table = _table("host", "router", "addresses", "vehicle")
     for host in status.hosts:
         router = "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
-        place = "-" if host.position is None else f"{host.position[0]:.0f}, {host.position[1]:.0f}"
         addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
-        table.add_row(host.name, router, addresses, place, host.vehicle or "-")
+        table.add_row(host.name, router, addresses, host.vehicle or "-")
     return table
 
 
