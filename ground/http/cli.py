@@ -41,7 +41,9 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
     show_default=True,
     help="Seconds after which a UDP stream ends that nobody receives.",
 )
-@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
+@click.option(
+    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or another of pymavlink."
+)
 @fleet_option
 @zenoh_options
 def command(

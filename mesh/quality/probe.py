@@ -21,8 +21,7 @@ import zenoh
 from zenoh import handlers
 
 from mesh.quality.interface import interface_to
-from mesh.quality.meter import Meter
-from mesh.quality.stamp import SOURCE, unpack
+from mesh.quality.meter import SOURCE, Meter, unpack
 from zmav import keys
 from zmav.errors import BadInput
 

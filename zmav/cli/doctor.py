@@ -60,9 +60,7 @@ class Agent(msgspec.Struct, frozen=True):
 @click.option("--name", help="With --file, which host of it this is: its link is looked at, too.")
 @click.option("--user", help="Who runs zmav here, for the serial port.  [default: who asks; for root, zmav]")
 @click.option("--disk", "disks", multiple=True, metavar="DIR", help="Look for room there, too (repeatable).")
-@click.option(
-    "--dialect", help="For the link: common, a mavgen module...  [default: ardupilotmega, or the fleet file's]"
-)
+@click.option("--dialect", help="For the link: common, development...  [default: ardupilotmega, or the fleet file's]")
 @click.option("--explain", is_flag=True, help="Say what each line means, and what to do about it; examine nothing.")
 @click.option("--all", "whole", is_flag=True, help="Green lines of every vehicle, however many there are.")
 @click.option("--fleet", help="Fleet to look at; '*' for all.  [default: the file's, $ZMAV_FLEET, or demo]")

@@ -22,7 +22,9 @@ from zmav.zenoh_codec import readable
 @click.argument("key")
 @click.option("-n", "--count", type=click.IntRange(1), help="End after that many.")
 @click.option("--rate", "hz", type=float, help="Have the autopilot send the message so many times a second meanwhile.")
-@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
+@click.option(
+    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or another of pymavlink."
+)
 @fleet_option
 @json_option
 @zenoh_options

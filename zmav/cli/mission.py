@@ -29,9 +29,7 @@ Work = Callable[[zmav.Vehicle, Callable[[dict[str, Any]], None]], Awaitable[list
 """What is done with one vehicle; gives the lines to be said of it"""
 
 kind_option = click.option("--kind", type=click.Choice(KINDS), help="This kind alone.")
-dialect_option = click.option(
-    "--dialect", default="ardupilotmega", show_default=True, help="Dialect, by name or as a mavgen module."
-)
+dialect_option = click.option("--dialect", default="ardupilotmega", show_default=True, help="Dialect, by name.")
 
 
 @click.group("mission")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.quality import interface, nl80211
+from mesh.quality import interface
 from mesh.quality.interface import address_of, interface_to, signal
 
 WIRELESS = """Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE
@@ -67,8 +67,8 @@ def test_nonsense_in_the_files_is_left_out(tmp_path_factory: pytest.TempPathFact
 
 def test_a_wire_has_no_station() -> None:
     """The real kernel: no such family, or no radio."""
-    assert nl80211.station_signal("lo", b"\x02\0\0\0\0\x02") is None
-    assert nl80211.station_signal("no-such-one", b"\x02\0\0\0\0\x02") is None
+    assert interface.station_signal("lo", b"\x02\0\0\0\0\x02") is None
+    assert interface.station_signal("no-such-one", b"\x02\0\0\0\0\x02") is None
 
 
 def attribute(kind: int, value: bytes) -> bytes:
@@ -83,16 +83,16 @@ def message(*parts: bytes, kind: int = 30) -> bytes:
 def test_a_stations_answer_is_read() -> None:
     info = attribute(1, b"\0\0\0\0") + attribute(7, b"\xc4")
     said = message(attribute(3, b"\1\0\0\0"), attribute(21 | 0x8000, info + attribute(13, b"\xba")))
-    assert nl80211.level(nl80211.attributes(said)) == -70.0
-    assert nl80211.level(nl80211.attributes(message(attribute(21, info)))) == -60.0
-    assert nl80211.level(nl80211.attributes(message(attribute(21, attribute(7, b"\x10"))))) is None
-    assert nl80211.level(nl80211.attributes(message(attribute(21, info), kind=2))) is None  # NLMSG_ERROR
+    assert interface.level(interface.attributes(said)) == -70.0
+    assert interface.level(interface.attributes(message(attribute(21, info)))) == -60.0
+    assert interface.level(interface.attributes(message(attribute(21, attribute(7, b"\x10"))))) is None
+    assert interface.level(interface.attributes(message(attribute(21, info), kind=2))) is None  # NLMSG_ERROR
 
 
 @given(st.binary(max_size=200))
 def test_any_answer_is_survived(data: bytes) -> None:
-    nl80211.level(nl80211.attributes(data))
-    nl80211.level(nl80211.attributes(message(data)))
+    interface.level(interface.attributes(data))
+    interface.level(interface.attributes(message(data)))
 
 
 @pytest.mark.parametrize(

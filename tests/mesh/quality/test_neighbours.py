@@ -10,9 +10,8 @@ from pathlib import Path
 import zenoh
 
 from mesh.credentials.ca import Authority
-from mesh.quality.meter import WINDOW
+from mesh.quality.meter import WINDOW, Stamp
 from mesh.quality.probe import STAMP_BYTES
-from mesh.quality.stamp import Stamp
 from tests.mesh.quality.conftest import QUICK, Routers, known
 from tests.mesh.quality.relay import HEADERS, nothing
 from tests.waiting import until

@@ -8,10 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.quality.meter import LEAST, WINDOW, LossWindow, Meter
+from mesh.quality.meter import (
+    CLOCK,
+    LEAST,
+    MOST_RTT,
+    WINDOW,
+    LossWindow,
+    Meter,
+    Stamp,
+    clock,
+    unpack,
+)
 from mesh.quality.probe import STAMP_BYTES, Pace
 from mesh.quality.publisher import SENDING, UNUSABLE, cost
-from mesh.quality.stamp import CLOCK, MOST_RTT, Stamp, clock, unpack
 from zmav import wire
 from zmav.errors import BadInput
 
