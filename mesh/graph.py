@@ -24,17 +24,17 @@ from mesh.tokens import find_tokens
 from mesh.topology import Grade, Graph, Link, Node, Way
 from zmav import keys, wire
 from zmav.client import Answer, Client
-from zmav.errors import BadInput, NoSuchVehicle
+from zmav.errors import BadInput
 from zmav.trust.member import Place
 
 __all__ = ["Grade", "Graph", "Link", "Node", "Way", "gather"]
 
 
-async def gather(z: Client, start: str | None = None, timeout: float = 1.0, tries: int = 3) -> Graph:
+async def gather(z: Client, timeout: float = 1.0, tries: int = 3) -> Graph:
     """Ask the fleet; hosts that do not answer are asked again, ``tries`` times in all, then shown as they are told of.
 
-    ``start``: whose ways; by default those of the router that ``z`` is a client of. Where ``z`` sees several fleets,
-    names are ``fleet/name``. Raises :class:`NoSuchVehicle` for a start that is not there.
+    Its ways are those of the router that ``z`` is a client of. Where ``z`` sees several fleets, names are
+    ``fleet/name``.
     """
     found = Findings(several=z.fleet_name == "*")
     tokens = asyncio.create_task(_tokens(z, timeout))
@@ -50,7 +50,7 @@ async def gather(z: Client, start: str | None = None, timeout: float = 1.0, trie
         for answers in await asyncio.gather(*asked):
             found.read(answers)
     nodes, links = found.nodes(), found.links()
-    root = _root(z, nodes, start)
+    root = _root(z, nodes)
     ways = await _ways(z, nodes, links, root, timeout) if root else {}
     names = {node.zid: name for name, node in nodes.items() if node.zid}
     return Graph(time.time(), names.get(root, root) if root else None, nodes, tuple(links.values()), ways, found.bad)
@@ -65,13 +65,8 @@ async def _tokens(z: Client, timeout: float) -> list[str]:
         return []
 
 
-def _root(z: Client, nodes: dict[str, Node], start: str | None) -> str | None:
+def _root(z: Client, nodes: dict[str, Node]) -> str | None:
     """The id of the router that the ways begin at."""
-    if start is not None:
-        if start not in nodes or nodes[start].zid is None:
-            known = ", ".join(name for name, node in nodes.items() if node.zid) or "none"
-            raise NoSuchVehicle(f"no router of a host {start!r} is known; there are: {known}", missing=[start])
-        return nodes[start].zid
     routers = [str(zid) for zid in z.session.info.routers_zid()]
     own = str(z.session.info.zid())
     if own in {node.zid for node in nodes.values()}:
@@ -110,7 +105,6 @@ class Findings:
         self._several = several
         self.bad = 0
         self._said: dict[Place, dict[str, wire.NeighbourQuality]] = {}
-        self._autopilots: dict[Place, wire.LinkQuality] = {}
         self._tokens: dict[Place, str] = {}
         self._named: dict[str, Place] = {}
         """by the ids of routers"""
@@ -143,7 +137,7 @@ class Findings:
             if channel is not keys.LINK or quality.name != parts["link"] or not keys.NAME.match(quality.name):
                 self.bad += 1
             elif isinstance(quality, wire.LinkQuality):
-                self._autopilots[place] = quality
+                continue  # the vehicle's own link
             elif not (linkstate.ROUTER_ID.match(quality.router) and linkstate.ROUTER_ID.match(quality.peer)):
                 self.bad += 1
             else:
@@ -168,14 +162,13 @@ class Findings:
         for (fleet, _), said in self._said.items():
             for quality in said.values():
                 zids.setdefault(self._neighbour(fleet, quality), quality.peer)
-        places = sorted({*zids, *self._tokens, *self._autopilots, *self._said})
+        places = sorted({*zids, *self._tokens, *self._said})
         return {
             self._label(place): Node(
                 self._label(place),
                 zids.get(place),
                 self._tokens.get(place),
                 place in self._said,
-                self._autopilots.get(place),
             )
             for place in places
         }

@@ -28,8 +28,6 @@ class Node:
     """as its token says: vehicle, router...; None: it has none"""
     answers: bool = False
     """it tells of its links itself"""
-    autopilot: wire.LinkQuality | None = None
-    """how well a vehicle hears its autopilot"""
 
 
 @dataclass(frozen=True)

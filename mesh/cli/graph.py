@@ -25,7 +25,6 @@ PERIOD = 2.0
 
 
 @click.command("graph")
-@click.option("--from", "start", metavar="NODE", help="Whose ways to show.  [default: this computer's router's]")
 @click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option(
     "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
@@ -33,26 +32,22 @@ PERIOD = 2.0
 @fleet_option
 @json_option
 @zenoh_options
-def command(
-    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+def command(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
 
     Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
     first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
     trip, in this order.
     """
-    run(_show(start, watch, timeout, fleet, as_json, settings))
+    run(_show(watch, timeout, fleet, as_json, settings))
 
 
-async def _show(
-    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+async def _show(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         if watch and not as_json:
-            await _watch(z, start, timeout)
+            await _watch(z, timeout)
         while True:
-            graph = await gather(z, start, timeout)
+            graph = await gather(z, timeout)
             if as_json:
                 click.echo(dump(document(graph), pretty=False))
             else:
@@ -62,10 +57,10 @@ async def _show(
             await asyncio.sleep(PERIOD)
 
 
-async def _watch(z: Client, start: str | None, timeout: float) -> None:
+async def _watch(z: Client, timeout: float) -> None:
     with Live(console=console(), auto_refresh=False) as live:
         while True:
-            live.update(view(await gather(z, start, timeout)), refresh=True)
+            live.update(view(await gather(z, timeout)), refresh=True)
             await asyncio.sleep(PERIOD)
 
 

@@ -30,14 +30,13 @@ from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
 from mesh.lab.door import PORT, HostProxy
 from mesh.lab.fleetfile import write_fleet
-from mesh.lab.network import LabError, Network, exit_of
+from mesh.lab.network import LabError, Network
 from mesh.lab.programs import Program
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav import rundir
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
-from zmav.waiting import within
 
 RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
@@ -244,22 +243,17 @@ class Lab:
 
     async def run_in(self, host: str, *command: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
         """Run a program in a host to its end; raises :class:`TimedOut` and kills it where it takes longer."""
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-            process = self.spawn(host, *command, stdout=out, stderr=err)
-            try:
-                code = await within(timeout, exit_of(process))
-            except asyncio.TimeoutError:
-                text = f"{' '.join(command)} in {host} took longer than {timeout:g} s"
-                raise TimedOut(text) from None
-            finally:
-                if process.poll() is None:
-                    process.kill()
-                    process.wait()
-            said = []
-            for file in (out, err):
-                file.seek(0)
-                said.append(file.read().decode(errors="replace"))
-        return subprocess.CompletedProcess(command, code, *said)
+        process = self.spawn(
+            host, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+        )
+        try:
+            said = await asyncio.to_thread(process.communicate, timeout=timeout)
+        except subprocess.TimeoutExpired:
+            raise TimedOut(f"{' '.join(command)} in {host} took longer than {timeout:g} s") from None
+        finally:
+            process.kill()  # what has ended takes no harm
+            process.wait()
+        return subprocess.CompletedProcess(command, process.returncode, *said)
 
     # ---- its links: see Network
 
