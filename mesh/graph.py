@@ -15,25 +15,26 @@ from __future__ import annotations
 import asyncio
 import itertools
 import time
+from collections.abc import Iterable
 
 import zenoh
 
 from mesh import linkstate
-from mesh.findings import Findings
 from mesh.tokens import find_tokens
 from mesh.topology import Grade, Graph, Link, Node, Way
-from zmav import keys
-from zmav.client import Client
-from zmav.errors import NoSuchVehicle
+from zmav import keys, wire
+from zmav.client import Answer, Client
+from zmav.errors import BadInput
+from zmav.trust.member import Place
 
 __all__ = ["Grade", "Graph", "Link", "Node", "Way", "gather"]
 
 
-async def gather(z: Client, start: str | None = None, timeout: float = 1.0, tries: int = 3) -> Graph:
+async def gather(z: Client, timeout: float = 1.0, tries: int = 3) -> Graph:
     """Ask the fleet; hosts that do not answer are asked again, ``tries`` times in all, then shown as they are told of.
 
-    ``start``: whose ways; by default those of the router that ``z`` is a client of. Where ``z`` sees several fleets,
-    names are ``fleet/name``. Raises :class:`NoSuchVehicle` for a start that is not there.
+    Its ways are those of the router that ``z`` is a client of. Where ``z`` sees several fleets, names are
+    ``fleet/name``.
     """
     found = Findings(several=z.fleet_name == "*")
     tokens = asyncio.create_task(_tokens(z, timeout))
@@ -49,7 +50,7 @@ async def gather(z: Client, start: str | None = None, timeout: float = 1.0, trie
         for answers in await asyncio.gather(*asked):
             found.read(answers)
     nodes, links = found.nodes(), found.links()
-    root = _root(z, nodes, start)
+    root = _root(z, nodes)
     ways = await _ways(z, nodes, links, root, timeout) if root else {}
     names = {node.zid: name for name, node in nodes.items() if node.zid}
     return Graph(time.time(), names.get(root, root) if root else None, nodes, tuple(links.values()), ways, found.bad)
@@ -64,13 +65,8 @@ async def _tokens(z: Client, timeout: float) -> list[str]:
         return []
 
 
-def _root(z: Client, nodes: dict[str, Node], start: str | None) -> str | None:
+def _root(z: Client, nodes: dict[str, Node]) -> str | None:
     """The id of the router that the ways begin at."""
-    if start is not None:
-        if start not in nodes or nodes[start].zid is None:
-            known = ", ".join(name for name, node in nodes.items() if node.zid) or "none"
-            raise NoSuchVehicle(f"no router of a host {start!r} is known; there are: {known}", missing=[start])
-        return nodes[start].zid
     routers = [str(zid) for zid in z.session.info.routers_zid()]
     own = str(z.session.info.zid())
     if own in {node.zid for node in nodes.values()}:
@@ -100,3 +96,89 @@ async def _ways(
         crossed = tuple(links.get((a, b)) or Link(a, b) for a, b in over)
         ways[name] = Way(tuple(hops), crossed, complete=hops[-1] == name, traced=traced)
     return ways
+
+
+class Findings:
+    """What the hosts of a fleet say of their links, put together: both ends of each, and who is only told of."""
+
+    def __init__(self, several: bool) -> None:
+        self._several = several
+        self.bad = 0
+        self._said: dict[Place, dict[str, wire.NeighbourQuality]] = {}
+        self._tokens: dict[Place, str] = {}
+        self._named: dict[str, Place] = {}
+        """by the ids of routers"""
+
+    def present(self, tokens: Iterable[str]) -> None:
+        """Keys of liveliness tokens; of a vehicle's and its programs' tokens, that of the router counts."""
+        for key in tokens:
+            try:
+                channel, parts = keys.match(key)
+            except BadInput:
+                self.bad += 1
+                continue
+            if channel is keys.ALIVE and parts["role"] in (keys.VEHICLE, keys.ROUTER):
+                place = parts["fleet"], parts["vehicle"]
+                self._tokens[place] = parts["role"]
+                if linkstate.ROUTER_ID.match(parts["instance"]):
+                    self._named[parts["instance"]] = place
+
+    def read(self, answers: Iterable[Answer | Exception]) -> None:
+        for answer in answers:
+            if not isinstance(answer, Answer):
+                continue
+            try:
+                channel, parts = keys.match(answer.key)
+                quality = wire.decode_link(answer.payload)
+            except BadInput:
+                self.bad += 1
+                continue
+            place = parts["fleet"], parts["vehicle"]
+            if channel is not keys.LINK or quality.name != parts["link"] or not keys.NAME.match(quality.name):
+                self.bad += 1
+            elif isinstance(quality, wire.LinkQuality):
+                continue  # the vehicle's own link
+            elif not (linkstate.ROUTER_ID.match(quality.router) and linkstate.ROUTER_ID.match(quality.peer)):
+                self.bad += 1
+            else:
+                self._said.setdefault(place, {})[quality.name] = quality
+                self._named.setdefault(quality.router, place)
+
+    def missing(self) -> list[Place]:
+        """Hosts that there are, and that told nothing of neighbours."""
+        told = {(fleet, q.name) for (fleet, _), said in self._said.items() for q in said.values() if q.state != "down"}
+        return sorted({*self._tokens, *told} - self._said.keys())
+
+    def _label(self, place: Place) -> str:
+        return "/".join(place) if self._several else place[1]
+
+    def _neighbour(self, fleet: str, quality: wire.NeighbourQuality) -> Place:
+        """The host a quality is about: by its router's id, where the neighbour did not say its name."""
+        place = fleet, quality.name
+        return self._named.get(quality.peer, place) if quality.name == quality.peer else place
+
+    def nodes(self) -> dict[str, Node]:
+        zids = {place: zid for zid, place in self._named.items()}
+        for (fleet, _), said in self._said.items():
+            for quality in said.values():
+                zids.setdefault(self._neighbour(fleet, quality), quality.peer)
+        places = sorted({*zids, *self._tokens, *self._said})
+        return {
+            self._label(place): Node(
+                self._label(place),
+                zids.get(place),
+                self._tokens.get(place),
+                place in self._said,
+            )
+            for place in places
+        }
+
+    def links(self) -> dict[tuple[str, str], Link]:
+        ends: dict[tuple[str, str], dict[str, wire.NeighbourQuality]] = {}
+        for place, said in sorted(self._said.items()):
+            for quality in said.values():
+                one, other = self._label(place), self._label(self._neighbour(place[0], quality))
+                if one != other:
+                    a, b = sorted((one, other))
+                    ends.setdefault((a, b), {})[one] = quality
+        return {(a, b): Link(a, b, said.get(a), said.get(b)) for (a, b), said in sorted(ends.items())}

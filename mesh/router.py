@@ -12,7 +12,7 @@ import errno
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -23,13 +23,99 @@ from mesh.bearer.bearers import Bearers
 from mesh.bench.responder import Responder, responder
 from mesh.credentials.rosterwatch import RosterWatch, watch_roster
 from mesh.endpoint import host_port
-from mesh.plan import RouterPlan
-from mesh.presence import present_host
+from mesh.plan import RouterPlan, is_rendezvous
+from mesh.profiles import PROFILES
 from mesh.quality import link_qualities
-from mesh.radiowatch import watch_radios
+from mesh.radios import FoundRadio, Interfaces, interfaces
+from zmav import keys
 from zmav.errors import SessionError
 from zmav.rundir import is_held, path_of
+from zmav.services.queries.proven import Answers
+from zmav.services.queries.questions import Questions
+from zmav.services.status.answers import HostService
 from zmav.session import SessionSettings, open_session
+from zmav.trust.gate import anybody
+
+
+@contextlib.asynccontextmanager
+async def present_host(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[None]:
+    """A part of the router: of a host without a vehicle, whose agent would, it says who it is, by a liveliness token
+    that holds its name and Zenoh id, and how its computer is.
+    """
+    if plan.vehicle:
+        yield
+        return
+    zid = str(session.info.zid())
+    key = keys.ALIVE.key(plan.fleet, plan.name, role=keys.ROUTER, sys=0, autopilot="-", uid="-", instance=zid)
+    token = session.liveliness().declare_token(key)
+    questions = Questions(session, Answers(None, None), anybody)
+    HostService(questions, zid, plan.fleet, plan.name)
+    try:
+        yield
+    finally:
+        questions.close()
+        token.undeclare()
+
+
+PERIOD_S = 1.0
+
+
+class RadioWatch:
+    """Compares the radios of a plan with what there is, every ``period`` seconds."""
+
+    def __init__(self, plan: RouterPlan, look: Callable[[], Interfaces] = interfaces, period: float = PERIOD_S) -> None:
+        self._plan, self._radios, self._look, self._period = plan, plan.radios, look, period
+        self._scouts = PROFILES[plan.profile].scouting and plan.host.neighbours is None
+        self._gone: set[FoundRadio] = set()
+
+    async def outdated(self) -> str:
+        """Return when the plan is out of date, with the reason."""
+        while True:
+            await asyncio.sleep(self._period)
+            with contextlib.suppress(OSError, ValueError):  # the system does not say now: it may the next time
+                why = self.compare(await asyncio.to_thread(self._look))
+                if why:
+                    return why
+
+    def compare(self, there: Interfaces) -> str | None:
+        """What makes the plan out of date, in words.
+
+        A listener on a known address comes up by itself, and lives through the address's and the interface's absence.
+        Not so an address that was not known. Multicast lives through an address that goes and comes back (4 s without,
+        linked again 4 s later), but not through an interface that does: to the kernel it is another one.
+        """
+        return next(filter(None, (self._judge(radio, there) for radio in self._radios)), None)
+
+    def _judge(self, radio: FoundRadio, there: Interfaces) -> str | None:
+        interface = radio.radio.interface
+        if interface is not None and interface not in there:
+            self._gone.add(radio)
+            return None
+        if radio.fixed and radio.address:
+            wanted = radio.address.ip
+            here = any(address.ip == wanted for addresses in there.values() for address in addresses)
+            late = radio in self._gone or not radio.present
+            return f"{radio.name} has come" if here and late and self._scouts else None
+        addresses = [str(address.ip) for address in there.get(radio.name, ())]
+        if not addresses or not self._matters(addresses):
+            return None
+        if radio.address is None:
+            return f"{radio.name} has come, with {addresses[0]}"
+        if str(radio.address.ip) not in addresses:
+            return f"{radio.name} has now {addresses[0]}"
+        return f"{radio.name} has come back" if radio in self._gone and self._scouts else None
+
+    def _matters(self, addresses: list[str]) -> bool:
+        """In the cloud a host calls from whatever address its modem was given; only a rendezvous is called at one."""
+        listens = PROFILES[self._plan.profile].listens or self._plan.host.neighbours is not None
+        return listens or any(is_rendezvous(self._plan, address) for address in addresses)
+
+
+@contextlib.asynccontextmanager
+async def watch_radios(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[object]:
+    """A part of the router; there is nothing to watch where the fleet file names no radio."""
+    yield RadioWatch(plan) if plan.radios else None
+
 
 Part = Callable[[zenoh.Session, RouterPlan], contextlib.AbstractAsyncContextManager[object]]
 """Something that runs beside the router as long as it does"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from zmav import wire
 from zmav.doctor.ways import FAIR_COST, POOR_COST, Grade, Link, Way
 
 __all__ = ["FAIR_COST", "POOR_COST", "Grade", "Graph", "Link", "Node", "Way"]
@@ -21,8 +20,6 @@ class Node:
     """as its token says: vehicle, router...; None: it has none"""
     answers: bool = False
     """it tells of its links itself"""
-    autopilot: wire.LinkQuality | None = None
-    """how well a vehicle hears its autopilot"""
 
 
 @dataclass(frozen=True)

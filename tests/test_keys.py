@@ -165,7 +165,16 @@ def test_every_channel_is_of_the_four_classes_and_never_blocks() -> None:
 def test_links_repeat_all_but_what_comes_again_soon() -> None:
     lanes = {name: channel.publishing()["reliability"] for name, channel in keys.CHANNELS.items()}
     once = {name for name, lane in lanes.items() if lane == zenoh.Reliability.BEST_EFFORT}
-    assert once == {"state", "beacon", "setpoint", "agent_out", "camera_frame", "frame_report", "camera_detection"}
+    assert once == {
+        "state",
+        "beacon",
+        "setpoint",
+        "probe",
+        "agent_out",
+        "camera_frame",
+        "frame_report",
+        "camera_detection",
+    }
     for name in once - {"camera_frame"}:
         assert (keys.CHANNELS[name].rate_hz or 0.0) >= 1.0, name
 

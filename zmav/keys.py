@@ -173,7 +173,12 @@ LINK = Channel(
 )
 """quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too"""
 PROBE = Channel(
-    "probe", "{fleet}/@probe/{to}/{vehicle}", writers=(VEHICLE, OPERATOR, PLANNER), encoding=RAW, rate_hz=4.0
+    "probe",
+    "{fleet}/@probe/{to}/{vehicle}",
+    writers=(VEHICLE, OPERATOR, PLANNER),
+    encoding=RAW,
+    rate_hz=4.0,
+    repeated=False,
 )
 """one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on"""
 AGENT_STATUS = Channel(

@@ -34,7 +34,9 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
-@click.option("--dialect", default="ardupilotmega", show_default=True, help="common, development, or a mavgen module.")
+@click.option(
+    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or another of pymavlink."
+)
 @fleet_option
 @zenoh_options
 def command(

@@ -75,7 +75,6 @@ NEIGHBOUR: tuple[Row, ...] = (
     ("neighbour_rtt_seconds", "gauge", "Round trip to the neighbour.", lambda q: q.rtt),
     ("neighbour_loss_in_ratio", "gauge", "Share lost from the neighbour, 0 to 1.", lambda q: q.loss_in),
     ("neighbour_loss_out_ratio", "gauge", "Share lost to the neighbour, 0 to 1.", lambda q: q.loss_out),
-    ("neighbour_throughput_out_bytes_per_second", "gauge", "What the link carries.", lambda q: q.throughput_out),
     ("neighbour_signal_dbm", "gauge", "Signal at our end.", lambda q: q.signal),
 )
 GATEWAY: tuple[Row, ...] = (

@@ -18,7 +18,7 @@ from functools import partial
 from mesh.bearer.budget import Bucket
 from mesh.bearer.flows import Local
 from mesh.bearer.header import Data, Probe, host_tag, pack_data, pack_probe, unpack
-from mesh.bearer.peer import Peer, Route, Status
+from mesh.bearer.peer import Peer, Route, RouteStatus
 from mesh.bearer.port import AT_ONCE, Address, RadioPort
 from zmav.config import Radio
 
@@ -59,7 +59,8 @@ class Bearer:
         known: Sequence[str] = (),
     ) -> None:
         now = time.monotonic()
-        self.status = Status()
+        self.status: dict[str, list[RouteStatus]] = {}
+        """by neighbour; made again every tick"""
         self.ports = [RadioPort(radio, port, now) for radio, port in radios]
         self._tag, self._router = host_tag(fleet, name), router
         self._known = {host_tag(fleet, other): other for other in known if other != name}
@@ -149,8 +150,7 @@ class Bearer:
             for quiet in peer.taken.quiet(now):
                 self._selector.unregister(quiet)
                 quiet.close()
-        peers = [peer for peer in self._peers.values() if peer.routes]
-        self.status = Status({p.name: p.status(now) for p in peers}, {p.name: p.choice.switches for p in peers})
+        self.status = {peer.name: peer.status() for peer in self._peers.values()}
 
     def _may(self, route: Route, now: float) -> bool:
         """Something small may be sent there: to the proven as often as we like, to others together so much."""

@@ -13,7 +13,6 @@ import enum
 import math
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mesh.bearer.header import PROBE_HEAD, overhead
 
@@ -49,19 +48,6 @@ class Health(enum.IntEnum):
     SILENT = 2
 
 
-@dataclass(frozen=True)
-class Quality:
-    """What is known of a path."""
-
-    health: Health
-    rtt: float | None
-    """s, smoothed; None: never echoed"""
-    loss: float
-    """of the last probes, both ways together"""
-    age: float | None
-    """s since anything was heard on it"""
-
-
 class Path:
     """Out of one of our radios to one address. ``name`` is the radio's; ``cost`` as the fleet file has it.
 
@@ -73,7 +59,6 @@ class Path:
         size = overhead("") + PROBE_HEAD.size
         self._least = size / (SHARE * budget) if budget else 0.0
         self._used: float | None = None
-        self.rtt: float | None = None
         self.heard: float | None = None
         self.hold = HOLD
         self._number = 0
@@ -129,8 +114,6 @@ class Path:
         asked = self._waiting.pop(nonce, None)
         if asked is None or asked[0] != number & 0xFFFFFFFF:
             return False
-        rtt = now - asked[1]
-        self.rtt = rtt if self.rtt is None else self.rtt + (rtt - self.rtt) / 8.0
         self._outcomes.append(True)
         self.word(now)
         return True
@@ -185,17 +168,12 @@ class Path:
         """s that it has been as it is."""
         return now - self._since
 
-    def quality(self, now: float) -> Quality:
-        """What is known of it now."""
-        return Quality(self._health, self.rtt, self.loss, None if self.heard is None else now - self.heard)
-
 
 class Choice:
     """Which of a neighbour's paths is taken."""
 
     def __init__(self) -> None:
         self.current: Path | None = None
-        self.switches = 0
 
     def judge(self, paths: Sequence[Path], now: float) -> Path | None:
         """The path to take now; None while there are none."""
@@ -207,7 +185,6 @@ class Choice:
             return self.current if current in paths else None
         if current is not None:
             current.leave()
-            self.switches += 1
         self.current = best
         best.use(now)
         return best

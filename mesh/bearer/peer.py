@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from mesh.bearer.budget import Bucket
 from mesh.bearer.flows import Local, Opened, Taken
 from mesh.bearer.header import DATA_HEAD
-from mesh.bearer.path import Choice, Path, Quality
+from mesh.bearer.path import Choice, Health, Path
 from mesh.bearer.port import Address, RadioPort
 
 ECHOES = 4000.0
@@ -33,14 +34,12 @@ class Route:
     since: float = 0.0
 
 
-@dataclass(frozen=True)
-class RouteStatus:
+class RouteStatus(NamedTuple):
     """A path for people to look at."""
 
-    radio: str
     address: str
     in_use: bool
-    quality: Quality
+    health: Health
 
 
 class Peer:
@@ -91,24 +90,10 @@ class Peer:
         heard = route.path.heard or route.since
         return route.path.learned and now - heard > FORGET
 
-    def status(self, now: float) -> list[RouteStatus]:
-        return [
-            RouteStatus(r.port.name, f"{r.to[0]}:{r.to[1]}", r is self.route, r.path.quality(now))
-            for r in self.routes
-            if r.proven
-        ]
+    def status(self) -> list[RouteStatus]:
+        return [RouteStatus(f"{r.to[0]}:{r.to[1]}", r is self.route, r.path.health) for r in self.routes if r.proven]
 
     def close(self) -> None:
         if self.opened is not None:
             self.opened.close()
         self.taken.close()
-
-
-@dataclass(frozen=True)
-class Status:
-    """What a bearer says of itself; made again every tick."""
-
-    routes: dict[str, list[RouteStatus]] = field(default_factory=dict)
-    """by neighbour"""
-    switches: dict[str, int] = field(default_factory=dict)
-    """how often the path to a neighbour was changed"""

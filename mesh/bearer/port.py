@@ -33,18 +33,14 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class Counters:
-    """What went through a radio, in datagrams and in bytes with IP and UDP headers."""
+    """What went through a radio, and what did not."""
 
-    sent: int = 0
     sent_bytes: int = 0
-    received: int = 0
-    received_bytes: int = 0
+    """with IP and UDP headers"""
     dropped: int = 0
-    """no room within the budget, or none in the kernel"""
+    """datagrams without room within the budget, or in the kernel"""
     too_big: int = 0
     """larger than the radio carries: QUIC finds that out, and sends smaller ones"""
-    errors: int = 0
-    """the radio was not there, or had no way to the address"""
     foreign: int = 0
     """from somebody unknown, or nothing a bearer sends"""
 
@@ -131,7 +127,6 @@ class RadioPort:
 
     def _send(self, data: bytes, to: Address) -> None:
         if self.socket is None:
-            self.counters.errors += 1
             return
         try:
             self.socket.sendto(data, to)
@@ -141,12 +136,10 @@ class RadioPort:
             if e.errno == errno.EMSGSIZE:
                 self.counters.too_big += 1
                 return
-            self.counters.errors += 1
             if e.errno in _GONE:
                 log.debug("%s is gone: %s", self.name, e)
                 self.gone = True
         else:
-            self.counters.sent += 1
             self.counters.sent_bytes += len(data) + self._overhead
 
     # Receiving.
@@ -164,6 +157,4 @@ class RadioPort:
             except OSError as e:
                 log.debug("%s: %s", self.name, e)
                 return
-            self.counters.received += 1
-            self.counters.received_bytes += size + self._overhead
             yield view[:size], (source[0], source[1])

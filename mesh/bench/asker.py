@@ -18,8 +18,7 @@ from typing import NamedTuple
 import msgspec
 import zenoh
 
-from mesh.bench.flow import Flow, Stream
-from mesh.bench.follow import GIVE_UP, POLL, TRIES, Follow, OnInterval, OnOutage, pause
+from mesh.bench.flow import GIVE_UP, POLL, TRIES, Flow, Follow, OnInterval, OnOutage, Stream, pause
 from mesh.linkstate import trace
 from zmav import keys, wire
 from zmav.client import Answer, Client

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from array import array
+from collections import deque
 
 import numpy as np
 
@@ -15,27 +15,15 @@ MOST_OUTAGES = 10_000
 
 
 class Samples:
-    """Durations in ns. Of very many, every second, fourth, eighth... is kept, so that memory is bounded."""
+    """Durations in ns, the last ones."""
 
     def __init__(self, most: int = MOST_SAMPLES) -> None:
-        self._values, self._most, self._stride, self._skip = array("q"), most, 1, 0
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def add(self, ns: int) -> None:
-        if self._skip:
-            self._skip -= 1
-            return
-        self._skip = self._stride - 1
-        self._values.append(ns)
-        if len(self._values) >= self._most:
-            self._values = self._values[::2]
-            self._stride *= 2
+        self._values: deque[int] = deque(maxlen=most)
+        self.add = self._values.append
 
     def spread(self) -> Spread | None:
         """In seconds; None of nothing."""
-        found = self._values[:]  # a copy: numpy would hold on to the array while another thread appends
+        found = self._values.copy()  # at once: another thread may append meanwhile
         if not found:
             return None
         values = np.array(found, dtype=np.float64) / SECOND

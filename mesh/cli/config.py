@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from typing import Any
 
@@ -12,7 +11,6 @@ from rich.text import Text
 
 from mesh.bearer.bearers import borne, foreseen
 from mesh.cli.options import file_option, insecure_option, plan_host
-from mesh.plan import RouterPlan
 from zmav.cli.common import console, dump, json_option, zenoh_options
 from zmav.session import SessionSettings
 
@@ -24,23 +22,13 @@ WIDEST = 200
 @click.option("--name", help="The host's name in the fleet.  [default: the credentials', or the computer's]")
 @insecure_option
 @json_option
-@click.option("--zenoh", "as_zenoh", is_flag=True, help="As a configuration file that zenohd takes.")
 @zenoh_options
-def command(
-    fleet_file: str | None, name: str | None, insecure: bool, as_json: bool, as_zenoh: bool, settings: SessionSettings
-) -> None:
+def command(fleet_file: str | None, name: str | None, insecure: bool, as_json: bool, settings: SessionSettings) -> None:
     """What results from the fleet file: 'zmav mesh config --file fleet.toml --name quad1'.
 
     'zmav up' and 'zmav router' open their Zenoh router with these values. Interfaces are those of this computer.
     """
-    given = plan_host(fleet_file, name, settings, insecure=insecure)
-    plan, fars = foreseen(given)
-    if as_zenoh:
-        click.echo(json.dumps(nested(given), indent=2))
-        if plan is not given:
-            text = "zenohd has no bearers: budgets are not kept, and hosts that are met through bearers not reached"
-            click.echo(f"zmav: warning: {text}", err=True)
-        return
+    plan, fars = foreseen(plan_host(fleet_file, name, settings, insecure=insecure))
     rows = {path: {"value": setting.value, "source": setting.source} for path, setting in sorted(plan.settings.items())}
     if as_json:
         about = {"fleet": plan.fleet, "name": plan.name, "profile": plan.profile}
@@ -62,18 +50,6 @@ def command(
     for radio in plan.radios:
         state = f"{radio.address}" if radio.address else "no address"
         click.echo(f"radio {radio.name}: {state}{'' if radio.present else ', not there yet: it will be waited for'}")
-
-
-def nested(plan: RouterPlan) -> dict[str, Any]:
-    """The plan as Zenoh's configuration files have it: an object in an object for each step of a path."""
-    whole: dict[str, Any] = {"mode": "router"}
-    for path, setting in sorted(plan.settings.items()):  # what holds another comes before it
-        *steps, last = path.split("/")
-        inside = whole
-        for step in steps:
-            inside = inside.setdefault(step, {})
-        inside[last] = copy.deepcopy(setting.value)
-    return whole
 
 
 def _short(value: Any) -> str:

@@ -14,7 +14,7 @@ from rich.text import Text
 
 import zmav
 from mesh.graph import Graph, Link, Way, gather
-from mesh.units import byte_rate, duration, milliseconds, percent
+from mesh.units import duration, milliseconds, percent
 from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
 from zmav.client import Client
 from zmav.session import SessionSettings
@@ -25,7 +25,6 @@ PERIOD = 2.0
 
 
 @click.command("graph")
-@click.option("--from", "start", metavar="NODE", help="Whose ways to show.  [default: this computer's router's]")
 @click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option(
     "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
@@ -33,26 +32,22 @@ PERIOD = 2.0
 @fleet_option
 @json_option
 @zenoh_options
-def command(
-    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+def command(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
 
     Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
     first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
-    trip, the least throughput, in this order.
+    trip, in this order.
     """
-    run(_show(start, watch, timeout, fleet, as_json, settings))
+    run(_show(watch, timeout, fleet, as_json, settings))
 
 
-async def _show(
-    start: str | None, watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings
-) -> None:
+async def _show(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         if watch and not as_json:
-            await _watch(z, start, timeout)
+            await _watch(z, timeout)
         while True:
-            graph = await gather(z, start, timeout)
+            graph = await gather(z, timeout)
             if as_json:
                 click.echo(dump(document(graph), pretty=False))
             else:
@@ -62,10 +57,10 @@ async def _show(
             await asyncio.sleep(PERIOD)
 
 
-async def _watch(z: Client, start: str | None, timeout: float) -> None:
+async def _watch(z: Client, timeout: float) -> None:
     with Live(console=console(), auto_refresh=False) as live:
         while True:
-            live.update(view(await gather(z, start, timeout)), refresh=True)
+            live.update(view(await gather(z, timeout)), refresh=True)
             await asyncio.sleep(PERIOD)
 
 
@@ -96,9 +91,7 @@ def notes(graph: Graph) -> list[str]:
 
 
 def _links(graph: Graph) -> Table:
-    table = _table(
-        ("link", "state", "RTT ms", "loss", "throughput", "signal", "cost", "heard", "over"), right=(2, 6, 7)
-    )
+    table = _table(("link", "state", "RTT ms", "loss", "signal", "cost", "heard", "over"), right=(2, 5, 6))
     for link in graph.links:
         said = link.by_a or link.by_b
         table.add_row(
@@ -106,7 +99,6 @@ def _links(graph: Graph) -> Table:
             link.state,
             milliseconds(link.rtt),
             _both(percent(link.loss(link.a)), percent(link.loss(link.b))),
-            _both(byte_rate(link.throughput(link.a)), byte_rate(link.throughput(link.b))),
             _both(*("-" if (dbm := link.signal(end)) is None else f"{dbm:.0f} dBm" for end in (link.a, link.b))),
             "-" if link.cost is None else str(link.cost),
             duration(link.age),
@@ -122,7 +114,7 @@ def _ways(graph: Graph) -> Table | None:
     shown = sorted(vehicles & graph.ways.keys())
     if not shown:
         return None
-    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery", "throughput"), right=(3,))
+    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery"), right=(3,))
     for name in shown:
         way = graph.ways[name]
         table.add_row(
@@ -131,7 +123,6 @@ def _ways(graph: Graph) -> Table | None:
             _weakest(way.weakest) if len(way.links) else "-",
             milliseconds(way.rtt),
             _both(percent(way.delivery()), percent(way.delivery(back=True))),
-            byte_rate(way.throughput),
             style=STYLES[way.weakest.grade] if way.weakest else STYLES["down"],
         )
     return table
@@ -192,7 +183,6 @@ def _link(link: Link) -> dict[str, Any]:
         "rtt": link.rtt,
         "age": link.age,
         "loss": {end: link.loss(end) for end in ends},
-        "throughput": {end: link.throughput(end) for end in ends},
         "signal": {end: link.signal(end) for end in ends},
         "said": {
             end: msgspec.to_builtins(said)
@@ -212,5 +202,4 @@ def _way(way: Way) -> dict[str, Any]:
         "rtt": way.rtt,
         "delivery": way.delivery(),
         "delivery_back": way.delivery(back=True),
-        "throughput": way.throughput,
     }

@@ -15,7 +15,6 @@ from typing import Any
 
 import click
 import msgspec
-from rich.live import Live
 
 from mesh.lab import kernel
 from mesh.lab.control import Control, Room
@@ -23,13 +22,10 @@ from mesh.lab.lab import Lab
 from mesh.lab.network import LabError, check_able
 from mesh.lab.remote import Remote, claimed, running
 from mesh.lab.scenario import load_scenario
-from mesh.lab.status import status_of
-from mesh.lab.table import Picture
+from mesh.lab.status import tables
 from zmav.cli.common import assignments, console, dump, json_option, run
 from zmav.errors import BadInput
 from zmav.process import until_stopped
-
-SHOW_S = 1.0
 
 lab_option = click.option("--lab", "name", metavar="NAME", help="Which lab.  [default: the only one that runs]")
 
@@ -46,57 +42,42 @@ def lab() -> None:
 
 @lab.command("up")
 @click.argument("file")
-@click.option("--headless", is_flag=True, help="No live table (also where there is no terminal).")
 @click.option("--name", help="The lab's name.  [default: the file's]")
 @click.option("--bare", is_flag=True, help="Namespaces and links alone: no routers, no vehicles.")
-def up(file: str, headless: bool, name: str | None, bare: bool) -> None:
+def up(file: str, name: str | None, bare: bool) -> None:
     """Make a lab and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
     check_able()
     scenario = load_scenario(file)
     if name is not None:
         scenario = msgspec.structs.replace(scenario, name=name)
     with claimed(scenario.name) as (directory, claim):
-        made = Lab(scenario, directory, programs=not bare, keep=(claim,))
-        run(_up(made, live=sys.stdout.isatty() and not headless))
+        run(_up(Lab(scenario, directory, programs=not bare, keep=(claim,))))
 
 
-async def _up(made: Lab, *, live: bool) -> None:
+async def _up(made: Lab) -> None:
     stopped = asyncio.ensure_future(until_stopped())  # heard from the first moment on
     try:
         async with made, Control(made) as control:
-            ready = asyncio.ensure_future(made.ready())
-            shown = asyncio.ensure_future(_show(made, ready, live=live))
-            asked = asyncio.ensure_future(control.down.wait())
+            begun, hosts, links = time.monotonic(), len(made.hosts), len(made.network.wiring.edges)
+            click.echo(f"lab {made.scenario.name}: {hosts} hosts, {links} links; files in {made.directory}")
+            ready, asked = asyncio.ensure_future(made.ready()), asyncio.ensure_future(control.down.wait())
             assert made.failed is not None
-            over: set[asyncio.Future[Any]] = {stopped, asked, made.failed, shown}
-            done, _ = await asyncio.wait(over, return_when=asyncio.FIRST_COMPLETED)
-            for task in (ready, shown, asked):
-                task.cancel()
-            await asyncio.gather(ready, shown, asked, return_exceptions=True)
-        if made.failed in done:
+            over: set[asyncio.Future[Any]] = {stopped, asked, made.failed}
+            try:
+                await asyncio.wait({*over, ready}, return_when=asyncio.FIRST_COMPLETED)
+                if ready.done():
+                    ready.result()
+                    click.echo(f"up in {time.monotonic() - begun:.1f} s")
+                    await asyncio.wait(over, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in (ready, asked):
+                    task.cancel()
+                await asyncio.gather(ready, asked, return_exceptions=True)
+        if made.failed.done():
             raise LabError(made.failed.result())
-        if shown in done and not shown.cancelled() and (error := shown.exception()) is not None:
-            raise error
     finally:
         stopped.cancel()
         await asyncio.gather(stopped, return_exceptions=True)
-
-
-async def _show(made: Lab, ready: asyncio.Future[None], *, live: bool) -> None:
-    """The live table, or two lines: it is made, it is up."""
-    begun, hosts = time.monotonic(), len(made.hosts)
-    click.echo(
-        f"lab {made.scenario.name}: {hosts} hosts, {len(made.network.wiring.edges)} links; files in {made.directory}"
-    )
-    if not live:
-        await ready
-        click.echo(f"up in {time.monotonic() - begun:.1f} s")
-        await asyncio.Event().wait()
-    picture = Picture()
-    with Live(console=console(), refresh_per_second=2) as view:
-        while True:
-            view.update(await asyncio.to_thread(picture.of, status_of(made)))
-            await asyncio.sleep(SHOW_S)
 
 
 @lab.command("status")
@@ -109,7 +90,7 @@ def status(name: str | None, as_json: bool) -> None:
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
         return
-    console().print(Picture().of(found))
+    console().print(tables(found))
 
 
 @lab.command("list")
@@ -131,17 +112,6 @@ def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> 
     """
     with Remote(name) as remote:
         remote.call("set", link=link, conditions=assignments(conditions))
-
-
-@lab.command("move")
-@click.argument("host")
-@click.argument("north", type=float)
-@click.argument("east", type=float)
-@lab_option
-def move(host: str, north: float, east: float, name: str | None) -> None:
-    """Put a host NORTH and EAST m from the origin: links with a range follow."""
-    with Remote(name) as remote:
-        remote.call("move", host=host, north=north, east=east)
 
 
 def _add_order(verb: str, about: str, text: str) -> None:

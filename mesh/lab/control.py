@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
+from mesh.lab.door import Server
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
-from mesh.lab.server import Server
 from mesh.lab.status import status_of
 from mesh.lab.values import ask_from
 from zmav.errors import BadInput, ZmavError
@@ -30,14 +30,6 @@ class SetArgs(OnLink, forbid_unknown_fields=True):
     """And what is to hold on it."""
 
     conditions: dict[str, Any]
-
-
-class MoveArgs(msgspec.Struct, forbid_unknown_fields=True):
-    """A host and where it goes, in m."""
-
-    host: str
-    north: float
-    east: float
 
 
 class OnHost(msgspec.Struct, forbid_unknown_fields=True):
@@ -71,7 +63,6 @@ class Control(Server):
             "cut": (OnLink, lambda args: lab.cut(args.link)),
             "heal": (OnLink, lambda args: lab.heal(args.link)),
             "set": (SetArgs, lambda args: lab.network.set(args.link, ask_from(args.conditions))),
-            "move": (MoveArgs, lambda args: lab.move(args.host, args.north, args.east)),
             "start": (OnHost, lambda args: lab.start(args.host)),
             "stop": (OnHost, lambda args: lab.stop(args.host)),
             "kill": (OnHost, lambda args: lab.kill(args.host)),

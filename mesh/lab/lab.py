@@ -30,15 +30,13 @@ from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
 from mesh.lab.door import PORT, HostProxy
 from mesh.lab.fleetfile import write_fleet
-from mesh.lab.mobility import Mobility
-from mesh.lab.network import LabError, Network, exit_of
+from mesh.lab.network import LabError, Network
 from mesh.lab.programs import Program
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav import rundir
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
 from zmav.trust.certificate import Role
-from zmav.waiting import within
 
 RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
@@ -71,7 +69,6 @@ class Lab:
         """by host; and the simulator"""
         self.failed: asyncio.Future[str] | None = None
         """done, with what happened, when something of the lab ended that was not told to"""
-        self.mobility = Mobility(self.network)
         self._with_programs = programs
         self._doors: dict[str, HostProxy] = {}
         self._stack = contextlib.AsyncExitStack()
@@ -95,7 +92,6 @@ class Lab:
                 stack.push_async_callback(self._stop_all)
                 for name in self.programs:
                     self.start(name)
-            await stack.enter_async_context(self.mobility)
             self._stack = stack.pop_all()
         return self
 
@@ -121,8 +117,7 @@ class Lab:
         (self.directory / "logs").mkdir()
         zmav, file = [sys.executable, "-m", "zmav"], str(self.directory / "fleet.toml")
         if any(host.vehicle for host in self.scenario.hosts.values()):
-            control = self.mobility.simulator = self.directory / "sim.sock"
-            self._add(SIMULATOR, None, [*zmav, "sim", "--fleet", file, "--control", str(control)])
+            self._add(SIMULATOR, None, [*zmav, "sim", "--fleet", file, "--control", str(self.directory / "sim.sock")])
         for name, host in self.scenario.hosts.items():
             if host.program == "router":
                 verb = "router" if host.vehicle is None else "up"
@@ -248,22 +243,17 @@ class Lab:
 
     async def run_in(self, host: str, *command: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
         """Run a program in a host to its end; raises :class:`TimedOut` and kills it where it takes longer."""
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-            process = self.spawn(host, *command, stdout=out, stderr=err)
-            try:
-                code = await within(timeout, exit_of(process))
-            except asyncio.TimeoutError:
-                text = f"{' '.join(command)} in {host} took longer than {timeout:g} s"
-                raise TimedOut(text) from None
-            finally:
-                if process.poll() is None:
-                    process.kill()
-                    process.wait()
-            said = []
-            for file in (out, err):
-                file.seek(0)
-                said.append(file.read().decode(errors="replace"))
-        return subprocess.CompletedProcess(command, code, *said)
+        process = self.spawn(
+            host, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+        )
+        try:
+            said = await asyncio.to_thread(process.communicate, timeout=timeout)
+        except subprocess.TimeoutExpired:
+            raise TimedOut(f"{' '.join(command)} in {host} took longer than {timeout:g} s") from None
+        finally:
+            process.kill()  # what has ended takes no harm
+            process.wait()
+        return subprocess.CompletedProcess(command, process.returncode, *said)
 
     # ---- its links: see Network
 
@@ -278,7 +268,3 @@ class Lab:
 
     def counters(self, link: str) -> list[Counters]:
         return self.network.counters(link)
-
-    def move(self, host: str, north: float, east: float) -> None:
-        """Put a host elsewhere; its waypoints are forgotten."""
-        self.mobility.move(host, north, east)

@@ -23,7 +23,7 @@ class Interface(msgspec.Struct, frozen=True):
 
 
 class Edge(msgspec.Struct, frozen=True):
-    """Two that hear each other, with a channel each way: two hosts, or two bridges of a segment."""
+    """Two hosts that may hear each other, with a channel each way."""
 
     name: str
     """``a-b``, or ``medium:a-b`` where several media join the two"""
@@ -39,8 +39,6 @@ class MediumSpec(msgspec.Struct, frozen=True):
 
     name: str
     shared: bool
-    bridges: dict[str, list[str]] | None
-    """the hosts behind each bridge of a segment; None: a radio channel"""
 
 
 class Begin(msgspec.Struct, frozen=True):

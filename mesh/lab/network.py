@@ -20,13 +20,11 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
-
-import msgspec
 
 from mesh.lab import kernel, messages
 from mesh.lab.channel import Conditions, Counters
@@ -55,13 +53,6 @@ def check_able() -> None:
         raise LabError(f"{_NEEDS}; there is no {kernel.TUN}: 'modprobe tun', or give the container the device")
 
 
-class Reach(msgspec.Struct, frozen=True):
-    """What distance does to both channels of an edge."""
-
-    heard: bool = True
-    loss: float = 0.0
-
-
 class Network:
     """Open it with ``with``. Raises :class:`LabError` where it cannot be made (:func:`check_able` says what for);
     its methods raise :class:`BadConfig` for names and conditions there are not, and :class:`LabError` once the relay
@@ -73,9 +64,7 @@ class Network:
         self.scenario = check(scenario)
         self.wiring: Wiring = wire(self.scenario, None if directory is None else str(directory))
         self._keep = keep
-        self._asked = list(self.wiring.begin.channels)
-        self._edges = {number: edge for edge in self.wiring.edges for number in (edge.ab, edge.ba)}
-        self._reach: dict[str, Reach] = {}
+        self._conditions = list(self.wiring.begin.channels)
         self._lock = threading.Lock()
         self._relay: subprocess.Popen[bytes] | None = None
         self._connection: Connection[Any, Any] | None = None
@@ -203,12 +192,8 @@ class Network:
     # ---- links
 
     def state(self, number: int) -> Conditions:
-        """What holds in that channel now: as set, and as far as the distance lets it."""
-        asked, reach = self._asked[number], self._reach.get(self._edges[number].name, Reach())
-        if reach == Reach():
-            return asked
-        loss = 1.0 - (1.0 - asked.loss) * (1.0 - reach.loss)
-        return msgspec.structs.replace(asked, up=asked.up and reach.heard, loss=loss)
+        """What holds in that channel now."""
+        return self._conditions[number]
 
     def set(self, link: str, ask: Ask | None = None, **values: Any) -> None:
         """Change conditions of a link, both ways or one (``a>b``), of a medium, or of ``all``; what is not said stays.
@@ -217,10 +202,10 @@ class Network:
         """
         wanted = ask or ask_from(values)
         numbers = [number for _, channels in self.wiring.find(link) for number in channels]
-        new = {number: conditions(self._asked[number], wanted) for number in numbers}
-        for number, asked in new.items():
-            self._asked[number] = asked
-        self._apply(new)
+        new = {number: conditions(self._conditions[number], wanted) for number in numbers}
+        self._ask(messages.Set(new))
+        for number, value in new.items():
+            self._conditions[number] = value
 
     def cut(self, link: str) -> None:
         """Nothing crosses any more; what is under way is lost, too. The interfaces stay up."""
@@ -229,17 +214,6 @@ class Network:
     def heal(self, link: str) -> None:
         """Undo :meth:`cut`."""
         self.set(link, up=True)
-
-    def set_reach(self, reach: Mapping[str, Reach]) -> None:
-        """What distance does, by edge."""
-        changed = {name: value for name, value in reach.items() if self._reach.get(name, Reach()) != value}
-        self._reach.update(changed)
-        self._apply(n for edge in self.wiring.edges if edge.name in changed for n in (edge.ab, edge.ba))
-
-    def _apply(self, numbers: Iterable[int]) -> None:
-        wanted = {number: self.state(number) for number in numbers}
-        if wanted:
-            self._ask(messages.Set(wanted))
 
     def counted(self) -> messages.Counted:
         """All counters at one moment."""

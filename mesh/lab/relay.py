@@ -24,7 +24,7 @@ from typing import Any
 
 from mesh.lab import kernel, messages
 from mesh.lab.channel import Agenda, Air, Channel, Deliver
-from mesh.lab.media import Ether, Segment, Tap
+from mesh.lab.media import Ether, Tap
 
 EARLY_S = 50e-6
 """a frame that is due so soon arrives now: to be woken once more for it would cost as much"""
@@ -42,7 +42,7 @@ class RelayNetwork:
         self.networks: list[int] = []
         """a descriptor of each host's namespace"""
         self.taps: list[Tap] = []
-        self._changing: list[Segment | Ether] = []
+        self._media: list[Ether] = []
         by_place: dict[tuple[str, str], Tap] = {}
         for host in begin.hosts:
             kernel.unshare(kernel.CLONE_NEWNET)
@@ -55,21 +55,12 @@ class RelayNetwork:
         kernel.unshare(kernel.CLONE_NEWNET)
         self.taps = list(by_place.values())
         for medium in begin.media:
-            taps = {host: tap for (host, name), tap in by_place.items() if name == medium.name}
-            self._changing.append(self._made(medium, taps))
+            ether = Ether({host: tap for (host, name), tap in by_place.items() if name == medium.name}, medium.shared)
+            for edge in begin.edges:
+                if edge.medium == medium.name:
+                    ether.add(edge.a, edge.b, edge.ab, edge.ba, self._make)
+            self._media.append(ether)
         self._settle()
-
-    def _made(self, medium: messages.MediumSpec, taps: dict[str, Tap]) -> Segment | Ether:
-        made: Segment | Ether
-        if medium.bridges is None:
-            made = Ether(taps, medium.shared)
-        else:
-            behind = {bridge: [taps[host] for host in hosts] for bridge, hosts in medium.bridges.items()}
-            made = Segment(behind, medium.shared)
-        for edge in self._begin.edges:
-            if edge.medium == medium.name:
-                made.add(edge.a, edge.b, edge.ab, edge.ba, self._make)
-        return made
 
     def _make(self, number: int, air: Air, deliver: Deliver) -> Channel:
         conditions, seed = self._begin.channels[number], self._begin.seed * 1_000_003 + number
@@ -77,7 +68,7 @@ class RelayNetwork:
         return made
 
     def _settle(self) -> None:
-        for medium in self._changing:
+        for medium in self._media:
             medium.changed()
 
     def answer(self, request: messages.Request) -> messages.Answer:

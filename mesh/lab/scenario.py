@@ -11,7 +11,6 @@ position = [0.0, 100.0]         # m north and east
 
 [hosts.quad2]
 vehicle = "rover"
-follow = true                   # its position is where it drives
 [hosts.box]
 program = "none"                # only a namespace
 
@@ -28,19 +27,10 @@ shared = true                   # one sends at a time
 [media.ends."quad1-quad2"]      # and of one pair; "quad1>quad2": of one direction
 loss = 0.1
 
-[media.range]                   # loss by distance
-free = 300.0                    # m, up to here none is added
-cut = 400.0                     # m, from here on nothing is heard
-
 [[media]]
 kind = "link"                   # two hosts and nobody else
 between = ["ground", "quad2"]
 radio = "lte"                   # what the fleet file calls it; also budget, cost and thin
-
-[[media]]
-kind = "wds"                    # learning bridges with radio hops between them
-bridges = { mast = ["ground"], roof = ["quad1"] }
-hops = [["mast", "roof"]]
 
 [fleet]                         # goes into the fleet file as it is
 origin = { lat_deg = 52.756, lon_deg = -1.246, alt_amsl = 60.0 }
@@ -61,7 +51,7 @@ from mesh.lab.kernel import LONGEST_NAME
 from mesh.lab.values import Ask, conditions
 from zmav import keys
 from zmav.config import Profile
-from zmav.config.table import Positive, Table, reading
+from zmav.config.table import Table, reading
 from zmav.errors import BadConfig
 
 VehicleKind = Literal["copter", "hexa", "plane", "rover", "px4"]
@@ -80,9 +70,7 @@ class HostSpec(Table, kw_only=True, frozen=True):
     """a simulated one is behind its router; None: a ground host"""
     program: Literal["router", "none"] = "router"
     position: Place | None = None
-    """m north and east of the origin"""
-    follow: bool = False
-    """its position is its simulated vehicle's"""
+    """m north and east of the origin, where a simulated vehicle starts"""
     neighbours: list[str] | None = None
     """as in the fleet file"""
     relay: bool = True
@@ -90,13 +78,6 @@ class HostSpec(Table, kw_only=True, frozen=True):
     """more of its table for ``zmav sim``"""
     arguments: list[str] = []
     """more for its ``zmav up`` or ``zmav router``"""
-
-
-class Range(Table, frozen=True):
-    """What distance does to a radio: nothing up to ``free`` m, then loss that grows to all of it at ``cut`` m."""
-
-    free: Positive
-    cut: Positive
 
 
 class Medium(Ask, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -112,7 +93,6 @@ class Medium(Ask, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """one sends at a time; False: each direction has the rate to itself"""
     ends: dict[str, Ask] = {}
     """conditions of one pair (``a-b``) or direction (``a>b``)"""
-    range: Range | None = None
     radio: Literal["ethernet", "wifi", "lte", "serial"] = "wifi"
     budget: str | None = None
     cost: int | None = None
@@ -125,23 +105,16 @@ class Link(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_fi
     between: tuple[str, str]
 
 
-class Wds(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="wds"):
-    """Bridges, each with the hosts behind it, and the hops between them. Hosts reach their bridge by wire."""
-
-    bridges: dict[str, list[str]]
-    hops: list[tuple[str, str]]
-
-
 class RadioChannel(Medium, kw_only=True, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="radio"):
     """Stations of which not all hear each other."""
 
     hosts: list[str] | None = None
     """None: all"""
     pairs: list[tuple[str, str]] | None = None
-    """who hears whom; None: all, as far as the range lets them"""
+    """who hears whom; None: all"""
 
 
-AnyMedium = Link | Wds | RadioChannel
+AnyMedium = Link | RadioChannel
 
 
 class Scenario(Table, kw_only=True, frozen=True):
@@ -157,20 +130,9 @@ class Scenario(Table, kw_only=True, frozen=True):
     """of all chance in the links"""
 
 
-def members(medium: AnyMedium) -> list[str]:
-    """The hosts on a medium of a checked scenario."""
-    if isinstance(medium, Wds):
-        return [host for behind in medium.bridges.values() for host in behind]
-    assert isinstance(medium, RadioChannel)
-    return medium.hosts or []
-
-
-def ends_of(medium: AnyMedium) -> list[tuple[str, str]]:
-    """Who may hear whom on a medium of a checked scenario: hosts, or the bridges of a segment."""
-    if isinstance(medium, Wds):
-        return medium.hops
-    assert isinstance(medium, RadioChannel)
-    return medium.pairs if medium.pairs is not None else list(itertools.combinations(members(medium), 2))
+def pairs_of(medium: RadioChannel) -> list[tuple[str, str]]:
+    """Who may hear whom on a medium of a checked scenario."""
+    return medium.pairs if medium.pairs is not None else list(itertools.combinations(medium.hosts or [], 2))
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -184,19 +146,17 @@ def check(scenario: Scenario) -> Scenario:
     keys.check_name(scenario.name)
     if not scenario.hosts:
         raise _wrong("hosts", {}, "a table [hosts.NAME] for each host")
-    for name, host in scenario.hosts.items():
+    for name in scenario.hosts:
         keys.check_name(name)
         if name == SIMULATOR:
             raise _wrong("hosts", name, "another name: the lab's simulator is called so")
-        if host.follow and host.vehicle is None:
-            raise _wrong(f"hosts.{name}.follow", True, "a vehicle to follow")
-    filled: list[AnyMedium] = []
+    filled: list[RadioChannel] = []
     for number, medium in enumerate(scenario.media):
         name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"medium{number}")
         if isinstance(medium, Link):
             same = {field: getattr(medium, field) for field in Medium.__struct_fields__}
             medium = RadioChannel(**same, hosts=list(medium.between))
-        elif isinstance(medium, RadioChannel) and medium.hosts is None:
+        elif medium.hosts is None:
             medium = msgspec.structs.replace(medium, hosts=list(scenario.hosts))
         where = f"media.{name}"
         if medium.name is not None:
@@ -214,17 +174,17 @@ def check(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, media=filled)
 
 
-def _free_network(media: list[AnyMedium], filled: list[AnyMedium]) -> str:
+def _free_network(media: list[AnyMedium], filled: list[RadioChannel]) -> str:
     taken = {medium.network for medium in (*media, *filled)}
     names = (f"10.{77 + i // 256}.{i % 256}.0/24" for i in range(len(taken) + 1))
     return next(name for name in names if name not in taken)
 
 
-def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> None:
+def _check_medium(medium: RadioChannel, where: str, hosts: dict[str, HostSpec]) -> None:
     conditions(Conditions(), medium, where)
     for ends, ask in medium.ends.items():
         conditions(Conditions(), ask, f"{where}.ends.{ends}")
-    on_it = members(medium)
+    on_it = medium.hosts or []
     for name in on_it:
         if name not in hosts:
             raise _wrong(f"{where}", name, f"hosts of this file: {', '.join(hosts)}")
@@ -238,33 +198,25 @@ def _check_medium(medium: AnyMedium, where: str, hosts: dict[str, HostSpec]) -> 
         raise _wrong(f"{where}.network", medium.network, f"room for {len(on_it)} hosts")
     if medium.interface in (None, "lo", ".", "..") or not _INTERFACE.fullmatch(medium.interface or ""):
         raise _wrong(f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_NAME} letters")
-    if medium.range is not None and medium.range.free >= medium.range.cut:
-        raise _wrong(f"{where}.range.free", medium.range.free, f"less than cut ({medium.range.cut:g} m)")
-    if isinstance(medium, Wds):
-        for name in medium.bridges:
-            keys.check_name(name, "bridge")
-        if medium.range is not None:
-            raise _wrong(f"{where}.range", "a table", "none: a wds segment's bridges stand still")
-        _check_pairs(medium.hops, list(medium.bridges), f"{where}.hops", "bridges")
-    elif isinstance(medium, RadioChannel) and medium.pairs is not None:
-        _check_pairs(medium.pairs, on_it, f"{where}.pairs", "hosts")
+    if medium.pairs is not None:
+        _check_pairs(medium.pairs, on_it, f"{where}.pairs")
 
 
-def _check_pairs(pairs: list[tuple[str, str]], known: list[str], where: str, what: str) -> None:
+def _check_pairs(pairs: list[tuple[str, str]], known: list[str], where: str) -> None:
     seen: set[frozenset[str]] = set()
     for pair in pairs:
         if pair[0] == pair[1] or not set(pair) <= set(known):
-            raise _wrong(where, list(pair), f"two {what} of {', '.join(known)}")
+            raise _wrong(where, list(pair), f"two hosts of {', '.join(known)}")
         if frozenset(pair) in seen:
             raise _wrong(where, list(pair), "each pair once")
         seen.add(frozenset(pair))
 
 
-def _check_interfaces(media: list[AnyMedium]) -> None:
+def _check_interfaces(media: list[RadioChannel]) -> None:
     taken: dict[str, list[tuple[str | None, ipaddress.IPv4Network]]] = {}
     for medium in media:
         network = ipaddress.IPv4Network(medium.network or "")
-        for host in members(medium):
+        for host in medium.hosts or []:
             for interface, other in taken.setdefault(host, []):
                 if interface == medium.interface:
                     expected = "another name for each interface of a host"

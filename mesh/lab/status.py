@@ -1,14 +1,15 @@
-"""What a lab tells of itself at one moment."""
+"""What a lab tells of itself at one moment, and as a person sees it."""
 
 from __future__ import annotations
 
-import time
-
 import msgspec
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
 
 from mesh.lab.channel import Conditions, Counters
 from mesh.lab.lab import Lab
-from mesh.lab.scenario import Place
+from mesh.units import rate
 
 
 class HostStatus(msgspec.Struct, frozen=True):
@@ -19,8 +20,6 @@ class HostStatus(msgspec.Struct, frozen=True):
     running: bool | None
     addresses: dict[str, str]
     """by interface"""
-    position: Place | None
-    """m north and east"""
 
 
 class WayStatus(msgspec.Struct, frozen=True):
@@ -46,12 +45,6 @@ class LabStatus(msgspec.Struct, frozen=True):
     name: str
     fleet: str
     directory: str
-    t: float
-    """s, of a clock that only goes forward"""
-    relay_cpu_s: float
-    """that moving frames has taken so far"""
-    under_way: int
-    """frames"""
     hosts: list[HostStatus]
     links: list[LinkStatus]
 
@@ -65,8 +58,7 @@ def status_of(lab: Lab) -> LabStatus:
         program = lab.programs.get(name)
         addresses = {each.name: each.address for each in network.wiring.interfaces if each.host == name}
         running = None if program is None else program.running
-        position = lab.mobility.positions.get(name)
-        hosts.append(HostStatus(name, lab.scenario.hosts[name].vehicle, running, addresses, position))
+        hosts.append(HostStatus(name, lab.scenario.hosts[name].vehicle, running, addresses))
     links = []
     for edge in network.wiring.edges:
         there, back = (
@@ -78,9 +70,52 @@ def status_of(lab: Lab) -> LabStatus:
         name=lab.scenario.name,
         fleet=lab.fleet,
         directory=str(lab.directory),
-        t=time.monotonic(),
-        relay_cpu_s=counted.cpu_s,
-        under_way=counted.under_way,
         hosts=hosts,
         links=links,
+    )
+
+
+def tables(status: LabStatus) -> Group:
+    """For a person: hosts, links, and where the files are."""
+    return Group(_hosts(status), Text(), _links(status), Text(f"fleet {status.fleet}; files in {status.directory}"))
+
+
+def _hosts(status: LabStatus) -> Table:
+    table = _table("host", "router", "addresses", "vehicle")
+    for host in status.hosts:
+        router = "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
+        addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
+        table.add_row(host.name, router, addresses, host.vehicle or "-")
+    return table
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in columns:
+        table.add_column(column, no_wrap=True)
+    return table
+
+
+def _links(status: LabStatus) -> Table:
+    table = _table("link", "state", "delay", "loss", "rate", "frames", "arrived", "lost", "full", "down")
+    for link in status.links:
+        medium = f"{link.medium}:" if ":" in link.name else ""
+        for way in link.ways:
+            table.add_row(f"{medium}{way.sender}>{way.receiver}", *_way(way))
+    return table
+
+
+def _way(way: WayStatus) -> tuple[str, ...]:
+    c, n = way.conditions, way.counters
+    jitter = f"±{1e3 * c.jitter:g}" if c.jitter else ""
+    return (
+        "up" if c.up else "[red]CUT[/]",
+        f"{1e3 * c.delay:g}{jitter} ms",
+        f"{100 * c.loss:.3g} %" + (f" in bursts of {c.burst:g}" if c.burst > 1 and c.loss else ""),
+        rate(c.rate),
+        str(n.frames),
+        str(n.arrived),
+        str(n.lost),
+        str(n.queue_full),
+        str(n.down),
     )

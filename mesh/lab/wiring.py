@@ -9,16 +9,16 @@ from collections.abc import Iterator
 
 from mesh.lab.channel import Conditions
 from mesh.lab.messages import Begin, Edge, Interface, MediumSpec
-from mesh.lab.scenario import AnyMedium, Range, Scenario, Wds, ends_of, members
+from mesh.lab.scenario import RadioChannel, Scenario, pairs_of
 from mesh.lab.values import conditions
 from zmav.errors import BadConfig
 
 
 class Wiring:
-    """Everything that the relay is to make, by name. ``ranges``: of the media that have one."""
+    """Everything that the relay is to make, by name."""
 
-    def __init__(self, begin: Begin, ranges: dict[str, Range]) -> None:
-        self.begin, self.ranges = begin, ranges
+    def __init__(self, begin: Begin) -> None:
+        self.begin = begin
         self.hosts, self.interfaces, self.edges = begin.hosts, begin.interfaces, begin.edges
 
     def find(self, text: str) -> list[tuple[Edge, tuple[int, ...]]]:
@@ -59,38 +59,37 @@ def _short(name: str) -> tuple[str, ...]:
 
 def wire(scenario: Scenario, directory: str | None = None) -> Wiring:
     """Number everything of a checked scenario; raises :class:`BadConfig` for ends of no pair of their medium."""
-    joined = Counter(frozenset(ends) for medium in scenario.media for ends in ends_of(medium))
+    checked = [medium for medium in scenario.media if isinstance(medium, RadioChannel)]  # all of them
+    joined = Counter(frozenset(pair) for medium in checked for pair in pairs_of(medium))
     interfaces: list[Interface] = []
     channels: list[Conditions] = []
     edges: list[Edge] = []
-    for number, medium in enumerate(scenario.media):
+    for number, medium in enumerate(checked):
         name = medium.name or ""
         interfaces += _interfaces(number, medium)
-        known = {f"{x}{sign}{y}" for a, b in ends_of(medium) for x, y in ((a, b), (b, a)) for sign in "->"}
+        known = {f"{x}{sign}{y}" for a, b in pairs_of(medium) for x, y in ((a, b), (b, a)) for sign in "->"}
         for ends in medium.ends:
             if ends not in known:
                 expected = f"one of {', '.join(sorted(known))}"
                 text = f"media.{name}.ends has {ends!r}; expected {expected}"
                 raise BadConfig(text, field=f"media.{name}.ends", value=ends, expected=expected)
-        for a, b in ends_of(medium):
+        for a, b in pairs_of(medium):
             label = f"{name}:{a}-{b}" if joined[frozenset((a, b))] > 1 else f"{a}-{b}"
             edges.append(Edge(label, name, a, b, len(channels), len(channels) + 1))
             channels += [_conditions(medium, a, b), _conditions(medium, b, a)]
-    bridges = {medium.name: medium.bridges for medium in scenario.media if isinstance(medium, Wds)}
-    media = [MediumSpec(m.name or "", m.shared, bridges.get(m.name)) for m in scenario.media]
-    begin = Begin(tuple(scenario.hosts), interfaces, media, edges, channels, scenario.seed, directory)
-    return Wiring(begin, {m.name or "": m.range for m in scenario.media if m.range is not None})
+    media = [MediumSpec(medium.name or "", medium.shared) for medium in scenario.media]
+    return Wiring(Begin(tuple(scenario.hosts), interfaces, media, edges, channels, scenario.seed, directory))
 
 
-def _interfaces(number: int, medium: AnyMedium) -> Iterator[Interface]:
+def _interfaces(number: int, medium: RadioChannel) -> Iterator[Interface]:
     network = ipaddress.IPv4Network(medium.network or "")
-    for place, (host, address) in enumerate(zip(members(medium), network.hosts(), strict=False)):
+    for place, (host, address) in enumerate(zip(medium.hosts or [], network.hosts(), strict=False)):
         mac = bytes((0x02, 0x5A, number >> 8, number & 0xFF, place >> 8, place & 0xFF))
         name = medium.interface or ""
         yield Interface(host, medium.name or "", name, str(address), network.prefixlen, mac, medium.mtu)
 
 
-def _conditions(medium: AnyMedium, sender: str, receiver: str) -> Conditions:
+def _conditions(medium: RadioChannel, sender: str, receiver: str) -> Conditions:
     value = conditions(Conditions(), medium, medium.name or "")
     for ends in (f"{sender}-{receiver}", f"{receiver}-{sender}", f"{sender}>{receiver}"):
         if ends in medium.ends:

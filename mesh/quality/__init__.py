@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mesh.quality.cost import cost
-from mesh.quality.publisher import LinkQualities, link_qualities
+from mesh.quality.publisher import LinkQualities, cost, link_qualities
 
 __all__ = ["LinkQualities", "cost", "link_qualities"]

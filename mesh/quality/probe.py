@@ -14,27 +14,46 @@ import contextlib
 import random
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 from zenoh import handlers
 
 from mesh.quality.interface import interface_to
-from mesh.quality.meter import Meter
-from mesh.quality.pace import Pace
-from mesh.quality.stamp import SOURCE, unpack
+from mesh.quality.meter import SOURCE, Meter, unpack
 from zmav import keys
 from zmav.errors import BadInput
 
-LOOK = 0.5
-"""s between looks at the router's links"""
 KEEP = 60.0
 """s for which a neighbour that went away is still told of"""
 MOST_WAITING = 4096
 """probes that wait for the next turn; of a flood the oldest go"""
-FIRST_TRAIN, FIRST_TRAINS = 2.0, 3
-"""s from a link's coming up to the first train, and between so many first ones"""
+STAMP_BYTES = 120
+"""of a probe on the wire, IP and UDP headers included, over ``udp/``"""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What probes may cost: with one neighbour and no budget 0.5 kB/s each way."""
+
+    period: float = 0.25
+    """s between probes at best"""
+    slowest: float = 5.0
+    """s between probes at worst"""
+    per_host: float = 24.0
+    """probes a second to all neighbours together"""
+    share: float = 0.01
+    """of a budget, for probes to all neighbours"""
+    look: float = 0.5
+    """s between looks at the router's links"""
+
+    def every(self, neighbours: int, budget: float | None) -> float:
+        """s between probes to each of so many neighbours over a link with a budget in bytes/s."""
+        often = max(self.period, neighbours / self.per_host)
+        if budget:
+            often = max(often, neighbours * STAMP_BYTES / (self.share * budget))
+        return min(often, self.slowest)
 
 
 @dataclass
@@ -51,16 +70,14 @@ class Neighbour:
     """the name is that of the certificate by which the link was opened"""
     url: str = ""
     interface: str | None = None
-    trains: int = 0
-    next_stamp: float = 0.0
-    next_train: float = 0.0
-    publishers: dict[keys.Qos, zenoh.Publisher] = field(default_factory=dict)
+    next_probe: float = 0.0
+    publisher: zenoh.Publisher | None = None
 
     def close(self) -> None:
-        for publisher in self.publishers.values():
+        if self.publisher is not None:
             with contextlib.suppress(zenoh.ZError):  # the session may be closed
-                publisher.undeclare()
-        self.publishers.clear()
+                self.publisher.undeclare()
+        self.publisher = None
 
 
 class Prober:
@@ -107,7 +124,7 @@ class Prober:
         looked = float("-inf")
         while True:
             now = time.monotonic()
-            if now - looked >= LOOK:
+            if now - looked >= self._pace.look:
                 looked = now
                 with contextlib.suppress(zenoh.ZError):  # while the session closes
                     self._look(now)
@@ -116,7 +133,7 @@ class Prober:
             for neighbour in self.neighbours.values():
                 if neighbour.linked:
                     self._send(neighbour)
-                    turn = min(turn, neighbour.next_stamp - time.monotonic())
+                    turn = min(turn, neighbour.next_probe - time.monotonic())
             await asyncio.sleep(max(turn, 0.01))
 
     # The links there are.
@@ -127,13 +144,11 @@ class Prober:
         links = {str(link.zid): link for link in sorted(self._session.info.links(), key=_reliable)}
         for zid in linked - self.neighbours.keys():
             self.neighbours[zid] = Neighbour(zid, Meter(_source(self.zid)), now)
-            self.neighbours[zid].next_train = now + FIRST_TRAIN * random.uniform(1.0, 1.4)
         for zid, neighbour in list(self.neighbours.items()):
             if neighbour.linked != (zid in linked):
                 neighbour.linked, neighbour.since = zid in linked, now
                 if neighbour.linked:
                     neighbour.meter.begin(now)
-                    neighbour.trains, neighbour.next_train = 0, now + FIRST_TRAIN * random.uniform(1.0, 1.4)
             if link := links.get(zid):
                 if neighbour.url != str(link.dst):
                     neighbour.url = str(link.dst)
@@ -170,31 +185,19 @@ class Prober:
     # What goes.
 
     def _send(self, neighbour: Neighbour) -> None:
-        """A stamp, and a train, where they are due."""
-        now, linked = time.monotonic(), sum(n.linked for n in self.neighbours.values())
-        budget = self._budget(neighbour.interface)
-        if now >= neighbour.next_stamp:
-            period = self._pace.stamps(linked, budget)
-            neighbour.next_stamp = now + period * random.uniform(0.9, 1.1)  # in step with nobody
-            self._put(neighbour, keys.Qos.LATEST_WINS, [neighbour.meter.stamp(time.monotonic(), period)])
-        if now >= neighbour.next_train:
-            count, every = self._pace.trains(linked, budget, neighbour.meter.figures(now).throughput_out)
-            neighbour.trains += 1
-            soon = FIRST_TRAIN if neighbour.trains < FIRST_TRAINS else every
-            neighbour.next_train = now + soon * random.uniform(1.0, 1.4)
-            self._put(neighbour, keys.Qos.BULK, neighbour.meter.train(count))
-
-    def _put(self, neighbour: Neighbour, qos: keys.Qos, messages: list[bytes]) -> None:
+        """A probe, where it is due."""
+        now = time.monotonic()
+        if now < neighbour.next_probe:
+            return
+        linked = sum(n.linked for n in self.neighbours.values())
+        period = self._pace.every(linked, self._budget(neighbour.interface))
+        neighbour.next_probe = now + period * random.uniform(0.9, 1.1)  # in step with nobody
         try:
-            if qos not in neighbour.publishers:
-                neighbour.publishers[qos] = self._session.declare_publisher(
-                    keys.PROBE.key(self._fleet, self._name, to=neighbour.zid),
-                    encoding=keys.PROBE.encoding,
-                    reliability=zenoh.Reliability.BEST_EFFORT,
-                    **qos.options(),
+            if neighbour.publisher is None:
+                neighbour.publisher = self._session.declare_publisher(
+                    keys.PROBE.key(self._fleet, self._name, to=neighbour.zid), **keys.PROBE.publishing()
                 )
-            for message in messages:
-                neighbour.publishers[qos].put(message)
+            neighbour.publisher.put(neighbour.meter.stamp(time.monotonic(), period))
         except zenoh.ZError:
             neighbour.close()  # declared again the next time
 

@@ -12,8 +12,7 @@ import zenoh
 
 from mesh.bearer.budget import parse_budget
 from mesh.plan import RouterPlan
-from mesh.quality.cost import cost
-from mesh.quality.interface import Counters, address_of, counters, signal
+from mesh.quality.interface import address_of, signal
 from mesh.quality.probe import Neighbour, Prober
 from zmav import keys, wire
 from zmav.config import Host
@@ -26,6 +25,11 @@ NAMELESS = 3.0
 """s that a new neighbour has to say its name before it is told of by its router's id"""
 AUTOPILOT = "autopilot"
 """the link of that name is the vehicle's own"""
+UNUSABLE = 65_535
+"""of a link that is down or lets nothing through; the most that Zenoh's weights can say, too"""
+UNIT = 1e-5
+SENDING = 1e-3
+"""s that a kilobyte takes beside the way: of a radio of 10 Mbit/s"""
 
 
 class LinkQualities:
@@ -43,7 +47,6 @@ class LinkQualities:
         self.prober = prober or Prober(session, fleet, name)
         self.latest: dict[str, wire.NeighbourQuality] = {}
         """by the neighbour's name; never changed, only replaced: any thread may read it"""
-        self._before: tuple[float, dict[str, Counters]] = (time.monotonic(), counters())
 
     async def __aenter__(self) -> LinkQualities:
         self.prober.start()
@@ -80,7 +83,7 @@ class LinkQualities:
     def measure(self) -> dict[str, wire.NeighbourQuality]:
         """Every neighbour's quality now, by name; those that are linked go before their namesakes that were."""
         self.prober.take()
-        now, through = time.monotonic(), self._through()
+        now = time.monotonic()
         found: dict[str, wire.NeighbourQuality] = {}
         for neighbour in sorted(self.prober.neighbours.values(), key=lambda n: (not n.linked, -n.since)):
             if neighbour.name is None and neighbour.linked and now - neighbour.since < NAMELESS:
@@ -89,14 +92,11 @@ class LinkQualities:
             if name in (AUTOPILOT, self._name) or (name in found and neighbour.linked):
                 name = neighbour.zid  # it has a name that is somebody else's
             if name not in found:
-                found[name] = self._quality(name, neighbour, now, through)
+                found[name] = self._quality(name, neighbour, now)
         return found
 
-    def _quality(
-        self, name: str, neighbour: Neighbour, now: float, through: dict[str, tuple[float, float]]
-    ) -> wire.NeighbourQuality:
+    def _quality(self, name: str, neighbour: Neighbour, now: float) -> wire.NeighbourQuality:
         figures, interface = neighbour.meter.figures(now), neighbour.interface
-        flow = through.get(interface or "")
         address = address_of(neighbour.url)
         quality = wire.NeighbourQuality(
             t=time.time(),
@@ -108,29 +108,29 @@ class LinkQualities:
             age=_rounded(figures.age, 3),
             rtt=_rounded(figures.rtt, 6),
             rtt_min=_rounded(figures.rtt_min, 6),
-            jitter=_rounded(figures.jitter, 6),
             loss_in=_rounded(figures.loss_in, 4),
             loss_out=_rounded(figures.loss_out, 4),
-            throughput_in=_rounded(figures.throughput_in, 0),
-            throughput_out=_rounded(figures.throughput_out, 0),
             signal=signal(interface, address) if interface and address and neighbour.linked else None,
             interface=interface,
-            interface_in=_rounded(flow[0], 0) if flow else None,
-            interface_out=_rounded(flow[1], 0) if flow else None,
             since=round(time.time() - (now - neighbour.since), 1),
         )
         return msgspec.structs.replace(quality, cost=cost(quality))
 
-    def _through(self) -> dict[str, tuple[float, float]]:
-        """Bytes/s in and out of each interface since the last call."""
-        (then, before), now, found = self._before, time.monotonic(), counters()
-        self._before = (now, found)
-        span = max(now - then, 1e-3)
-        return {
-            name: ((c.received - before[name].received) / span, (c.sent - before[name].sent) / span)
-            for name, c in found.items()
-            if name in before and c.received >= before[name].received and c.sent >= before[name].sent
-        }
+
+def cost(quality: wire.NeighbourQuality) -> int:
+    """Expected time to bring a kilobyte over the link, repeats included, in units of 10 µs: 1 to ``UNUSABLE``.
+
+    As the airtime metric of IEEE 802.11-2016, 14.9, it is a time divided by the share that arrives, there and back, as
+    in ETX (De Couto et al. 2003); the time is half the least round trip, which grows as a radio slows. What is not
+    known is taken for good.
+    """
+    if quality.state in ("down", "silent"):
+        return UNUSABLE
+    delivered = (1.0 - (quality.loss_in or 0.0)) * (1.0 - (quality.loss_out or 0.0))
+    if delivered <= 0.0:
+        return UNUSABLE
+    seconds = (quality.rtt_min or 0.0) / 2 + SENDING
+    return max(1, min(round(seconds / delivered / UNIT), UNUSABLE))
 
 
 def _state(neighbour: Neighbour, silent: bool) -> wire.LinkState:

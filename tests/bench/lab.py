@@ -40,12 +40,9 @@ def scenario(**tables: Any) -> Scenario:
     return check(msgspec.convert(tables, Scenario))
 
 
-def chain(hops: int, **conditions: Any) -> Scenario:
-    """A host at each end of so many radio hops between bridges."""
-    bridges = {f"b{i}": [f"h{i}"] if i in (0, hops) else [] for i in range(hops + 1)}
-    pairs = [[f"b{i}", f"b{i + 1}"] for i in range(hops)]
-    hosts: dict[str, Any] = {"h0": {}, f"h{hops}": {}}
-    return scenario(hosts=hosts, media=[{"kind": "wds", "name": "w", "bridges": bridges, "hops": pairs, **conditions}])
+def pair(**conditions: Any) -> Scenario:
+    """Two hosts on one radio."""
+    return scenario(hosts={"h0": {}, "h1": {}}, media=[{"kind": "radio", "name": "w", **conditions}])
 
 
 @contextmanager
@@ -107,11 +104,11 @@ def bring_up(rounds: int) -> None:
 
 
 def cost(rounds: int, seconds: float) -> None:
-    print("\nhops  frame   rate        relay's CPU  a frame and hop  arrived")
-    for hops, size, rate in ((1, 1242, 5e6), (5, 1242, 5e6), (5, 142, 1e6)):
+    print("\nframe   rate        relay's CPU  a frame  arrived")
+    for size, rate in ((1242, 5e6), (142, 1e6)):
         shares, each, arrived = [], [], []
         for _ in range(rounds):
-            with Network(chain(hops, delay=0.002, rate=20e6)) as network:
+            with Network(pair(delay=0.002, rate=20e6)) as network:
                 before = network.counted()
                 sent, delays = stream(network, rate, size, seconds)
                 after = network.counted()
@@ -121,29 +118,29 @@ def cost(rounds: int, seconds: float) -> None:
             each.append(cpu / moved)
             arrived.append(len(delays) / sent)
         print(
-            f"{hops:4}  {size:4} B  {rate / 1e6:3.0f} Mbit/s   {100 * statistics.median(shares):8.1f} %"
+            f"{size:4} B  {rate / 1e6:3.0f} Mbit/s   {100 * statistics.median(shares):8.1f} %"
             f"  {1e6 * statistics.median(each):12.1f} µs  {100 * statistics.median(arrived):6.1f} %"
         )
 
 
 def delay(rounds: int, seconds: float) -> None:
-    print("\nset        hops  beyond it: median      p99")
-    for hops, set_ in ((1, 0.0), (1, 0.02), (5, 0.02)):
+    print("\nset        beyond it: median      p99")
+    for set_ in (0.0, 0.02):
         middle, worst = [], []
         for _ in range(rounds):
-            with Network(chain(hops, delay=set_)) as network:
+            with Network(pair(delay=set_)) as network:
                 _, delays = stream(network, 100 * 8 * 200, 200, seconds)
-            beyond = sorted(each - hops * set_ for each in delays)
+            beyond = sorted(each - set_ for each in delays)
             middle.append(statistics.median(beyond))
             worst.append(beyond[int(0.99 * len(beyond))])
         row = f"{1e3 * statistics.median(middle):11.2f} ms  {1e3 * statistics.median(worst):6.2f} ms"
-        print(f"{1e3 * set_:3.0f} ms     {hops:4}  {row}")
+        print(f"{1e3 * set_:3.0f} ms     {row}")
 
 
 def most(rounds: int, seconds: float) -> None:
     rates = []
     for _ in range(rounds):
-        with Network(chain(1)) as network:
+        with Network(pair()) as network:
             stream(network, 200e6, 1242, seconds)
             rates.append(8 * network.counters("w")[0].arrived_bytes / seconds)
     print(

@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from mesh.lab.lab import Lab  # noqa: E402
 from mesh.lab.network import LabError  # noqa: E402
 from mesh.quality.publisher import LinkQualities  # noqa: E402
-from mesh.units import byte_rate, milliseconds, percent  # noqa: E402
+from mesh.units import milliseconds, percent  # noqa: E402
 from tests.mesh.quality.relay import HEADERS, Relay  # noqa: E402
 from zmav.session import SessionSettings, open_session  # noqa: E402
 
@@ -78,21 +78,17 @@ def table(protocol: str, found: dict[str, Any]) -> Table:
         "loss set",
         "to hub",
         "from hub",
-        "rate set",
-        "to hub",
-        "from hub",
-        title=f"{protocol}, {SETTLE_S:.0f} s after its start; RTT in ms, rates on the wire",
+        title=f"{protocol}, {SETTLE_S:.0f} s after its start; RTT in ms",
     )
     for name, values in {**LINKS, "uneven": UNEVEN}.items():
         link = found.get(name)
         delay = float(str(values.get("delay", "0 ms")).split()[0])
         loss = "30% to hub" if name == "uneven" else percent(values.get("loss", 0.0))
-        row = [name, f"{2 * delay:.0f}", "-", loss, "-", "-", str(values.get("rate", "-")), "-", "-"]
+        row = [name, f"{2 * delay:.0f}", "-", loss, "-", "-"]
         if link:
-            losses, rates = link["loss"], link["throughput"]
+            losses = link["loss"]
             row[2] = milliseconds(link["rtt"])
             row[4:6] = percent(losses[name]), percent(losses["hub"])
-            row[7:9] = byte_rate(rates[name]), byte_rate(rates["hub"])
         made.add_row(*row)
     return made
 
@@ -123,7 +119,7 @@ async def cost() -> Table:
             if probing:
                 for name, session in sessions:
                     await stack.enter_async_context(LinkQualities(session, "demo", name))
-            await asyncio.sleep(15.0)  # the first trains are over
+            await asyncio.sleep(5.0)
             for way in between.datagrams:
                 way.clear()
             began = time.monotonic()

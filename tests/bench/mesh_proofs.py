@@ -160,7 +160,7 @@ def tapped(scenario: Scenario, folder: Path) -> tuple[Scenario, Path]:
 
 
 async def wds(credentials: bool, quick: bool) -> None:
-    """Three bridges in a row, a host behind each; the hop in the middle goes and comes."""
+    """Three access points in a row, a host behind each; the hop in the middle goes and comes."""
     async with running(rigs.wds(credentials=credentials, delay="3 ms", rate="6 Mbit/s")) as (lab, z):
         states: list[bytes] = []
         z.session.declare_subscriber(keys.STATE.key(lab.fleet, "*"), lambda s: states.append(s.payload.to_bytes()))
@@ -169,10 +169,12 @@ async def wds(credentials: bool, quick: bool) -> None:
         vehicle, times = z.vehicle("quad2"), rigs.Gaps(z, lab.fleet, "quad2")
         for _ in range(1 if quick else 5):
             at = time.monotonic()
-            lab.cut("roof-van")
+            for link in rigs.BEHIND_THE_HOP:
+                lab.cut(link)
             await asyncio.sleep(6.0)  # twice a lease: the routers part
             healed = time.monotonic()
-            lab.heal("roof-van")
+            for link in rigs.BEHIND_THE_HOP:
+                lab.heal(link)
             await times.again(healed)
             print(f"  cut for 6 s: telemetry {times.longest(at) - (healed - at):.2f} s after the hop was back")
         async with proofs.giving_orders(vehicle) as orders:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.links import LinkState, TcpInLink, open_link, tcp
+from zmav.links import LinkState, open_link, tcp
 
 if TYPE_CHECKING:
-    from tests.links.conftest import Watch, Watched
+    from tests.links.conftest import Watch
 
 PATIENCE_S = 30.0
 Server = Callable[..., socket.socket]
@@ -57,17 +57,6 @@ def receive(sock: socket.socket, count: int) -> bytes:
         assert more, f"ended after {len(data)} of {count} bytes"
         data += more
     return data
-
-
-def listen(watch: Watch) -> tuple[Watched, TcpInLink, Callable[[], socket.socket]]:
-    """A tcpin link on a free port: under watch, itself, and a way to connect to it."""
-    watched = watch("tcpin:127.0.0.1:0")
-    watched.expect_state(LinkState.CONNECTING, "waiting for a peer at 127.0.0.1:")
-    link = watched.link
-    assert isinstance(link, TcpInLink)
-    assert link.local_address is not None
-    address = link.local_address[:2]
-    return watched, link, lambda: socket.create_connection(address, PATIENCE_S)
 
 
 def test_tcp_both_ways(watch: Watch, server: Server) -> None:
@@ -112,17 +101,10 @@ def test_tcp_reset_by_the_peer_is_reconnected(watch: Watch, server: Server) -> N
     watched.expect_state(LinkState.UP, after=after)
 
 
-@pytest.mark.parametrize("kind", ["tcp", "tcpin"])
-def test_a_peer_that_never_reads_gets_whole_frames_or_none(
-    watch: Watch, server: Server, frames: Frames, kind: str
-) -> None:
-    if kind == "tcp":
-        listener = server()
-        watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
-        vehicle = accept(listener)
-    else:
-        watched, _, connect = listen(watch)
-        vehicle = connect()
+def test_a_peer_that_never_reads_gets_whole_frames_or_none(watch: Watch, server: Server, frames: Frames) -> None:
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    vehicle = accept(listener)
     watched.expect_state(LinkState.UP)
     link = watched.link
     with closing(vehicle):
@@ -204,89 +186,6 @@ def test_close_ends_a_connect_that_hangs(server: Server) -> None:
             blocker.close()
 
 
-def test_tcpin_both_ways_and_the_next_peer(watch: Watch) -> None:
-    watched, link, connect = listen(watch)
-    assert link.send(b"nobody there") is False
-    after = 0
-    for round_ in range(3):
-        with closing(connect()) as vehicle:
-            after = watched.expect_state(LinkState.UP, f"127.0.0.1:{port_of(vehicle)} is connected", after)
-            vehicle.sendall(b"%d" % round_)
-            watched.expect_data(b"012"[: round_ + 1])
-            assert link.send(b"answer") is True
-            assert receive(vehicle, 6) == b"answer"
-        after = watched.expect_state(LinkState.CONNECTING, "closed the connection; waiting for a peer", after)
-        assert link.send(b"nobody there") is False
-    assert link.counters.opens == 3
-    assert link.counters.tx_dropped == 4
-
-
-def test_tcpin_serves_one_peer_at_a_time(watch: Watch) -> None:
-    watched, link, connect = listen(watch)
-    with closing(connect()) as first:
-        watched.expect_state(LinkState.UP)
-        for count in (1, 2):
-            with closing(connect()) as second:
-                assert second.recv(10) == b""  # accepted, and closed at once
-            assert link.counters.refused == count
-        assert link.counters.last_error is not None
-        assert f"127.0.0.1:{port_of(first)} is connected" in link.counters.last_error
-        first.sendall(b"undisturbed")
-        watched.expect_data(b"undisturbed")
-        assert link.send(b"yes") is True
-        assert receive(first, 3) == b"yes"
-    assert [state for state, _ in watched.states].count(LinkState.UP) == 1
-
-
-def test_tcpin_takes_the_successor_of_a_peer_that_just_left(watch: Watch) -> None:
-    """A program that is restarted closes and connects at once: it must not be turned away for its own predecessor."""
-    watched, link, connect = listen(watch)
-    expected = b""
-    for number in range(30):
-        word = b"<%d>" % number
-        with closing(connect()) as vehicle:
-            vehicle.sendall(word)
-        expected += word
-    watched.expect_data(expected)
-    assert link.counters.refused == 0
-    assert link.counters.opens == 30
-
-
-def test_tcpin_reset_by_the_peer(watch: Watch) -> None:
-    watched, _, connect = listen(watch)
-    vehicle = connect()
-    after = watched.expect_state(LinkState.UP)
-    vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-    vehicle.close()
-    after = watched.expect_state(LinkState.CONNECTING, "lost 127.0.0.1:", after)
-    with closing(connect()):
-        watched.expect_state(LinkState.UP, after=after)
-
-
-def test_tcpin_port_in_use_then_freed(watch: Watch, server: Server) -> None:
-    holder = server()
-    port = port_of(holder)
-    watched = watch(f"tcpin:127.0.0.1:{port}")
-    after = watched.expect_state(LinkState.DOWN, f"port {port} on 127.0.0.1 is held by another program")
-    holder.close()
-    watched.expect_state(LinkState.CONNECTING, "waiting for a peer", after)
-    with closing(socket.create_connection(("127.0.0.1", port), PATIENCE_S)) as vehicle:
-        vehicle.sendall(b"here")
-        watched.expect_data(b"here")
-
-
-def test_tcp_and_tcpin_meet(watch: Watch) -> None:
-    one, link, _ = listen(watch)
-    assert link.local_address is not None
-    other = watch(f"tcp:127.0.0.1:{link.local_address[1]}")
-    one.expect_state(LinkState.UP)
-    other.expect_state(LinkState.UP)
-    assert one.link.send(b"ping") is True
-    other.expect_data(b"ping")
-    assert other.link.send(b"pong") is True
-    one.expect_data(b"pong")
-
-
 def test_options_of_a_stream() -> None:
     with closing(socket.socket()) as sock:
         tcp.set_stream_options(sock)
@@ -334,19 +233,14 @@ def test_tcp_does_not_connect_to_itself(root: Path) -> None:
 
 
 @pytest.mark.root
-@pytest.mark.parametrize("kind", ["tcp", "tcpin"])
 def test_a_peer_that_vanished_is_found_by_keepalive(
-    watch: Watch, server: Server, monkeypatch: pytest.MonkeyPatch, kind: str
+    watch: Watch, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """TCP_REPAIR lets a socket end without a word to the other side, as a machine does that loses its power."""
     monkeypatch.setattr(tcp, "KEEPALIVE_IDLE_S", 1)
-    if kind == "tcp":
-        listener = server()
-        watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
-        vehicle = accept(listener)
-    else:
-        watched, _, connect = listen(watch)
-        vehicle = connect()
+    listener = server()
+    watched = watch(f"tcp:127.0.0.1:{port_of(listener)}")
+    vehicle = accept(listener)
     after = watched.expect_state(LinkState.UP)
     try:
         vehicle.setsockopt(socket.IPPROTO_TCP, 19, 1)  # TCP_REPAIR
@@ -354,4 +248,4 @@ def test_a_peer_that_vanished_is_found_by_keepalive(
         vehicle.close()
         pytest.skip("TCP_REPAIR is not permitted here")
     vehicle.close()
-    watched.expect_state(LinkState.DOWN if kind == "tcp" else LinkState.CONNECTING, "", after)
+    watched.expect_state(LinkState.DOWN, "", after)

@@ -17,7 +17,6 @@ from zmav.links import (
     SerialLink,
     SerialUrl,
     SocketUrl,
-    TcpInLink,
     TcpLink,
     UdpInLink,
     UdpOutLink,
@@ -68,9 +67,7 @@ SOCKET: list[tuple[str, LinkUrl]] = [
     ("tcp:127.0.0.1:5760", SocketUrl("tcp", "127.0.0.1", 5760)),
     ("tcp::5760", SocketUrl("tcp", "127.0.0.1", 5760)),
     ("tcp://10.0.0.7:5760", SocketUrl("tcp", "10.0.0.7", 5760)),
-    ("tcp://:5760", SocketUrl("tcpin", "127.0.0.1", 5760)),
     ("tcpout://10.0.0.7:5760", SocketUrl("tcp", "10.0.0.7", 5760)),
-    ("tcpin:0.0.0.0:5760", SocketUrl("tcpin", "0.0.0.0", 5760)),
 ]
 
 BAD = [
@@ -167,7 +164,6 @@ def test_each_scheme_has_its_link(tmp_path: Path) -> None:
         "udpin::14550": UdpInLink,
         "udpout::14550": UdpOutLink,
         "tcp::5760": TcpLink,
-        "tcpin::5760": TcpInLink,
         str(file): ReplayLink,
     }
     for url, kind in kinds.items():

@@ -23,31 +23,7 @@ from zmav.mavlink import (
     parse_frame,
 )
 from zmav.mavlink.checksum import crc
-
-OWN = """<?xml version="1.0"?>
-<mavlink>
-  <enums>
-    <enum name="BREW_STATE"><entry name="BREW_COLD"/><entry value="7" name="BREW_HOT"/></enum>
-    <enum name="BREW_FLAG" bitmask="true">
-      <entry value="1" name="BREW_FLAG_MILK"/><entry value="0x2" name="BREW_FLAG_SUGAR"/>
-      <entry value="2**2" name="BREW_FLAG_RUM"/><entry value="3" name="BREW_FLAG_USUAL"/>
-      <entry value="0" name="BREW_FLAG_BLACK"/>
-    </enum>
-  </enums>
-  <messages>
-    <message id="44000" name="BREW">
-      <description>The coffee on board.</description>
-      <field type="uint8_t" name="target_system">who</field>
-      <field type="uint8_t" name="state" enum="BREW_STATE">state</field>
-      <field type="uint16_t" name="flags" enum="BREW_FLAG">what is in it</field>
-      <field type="float[2]" name="level" units="cm">levels</field>
-      <field type="char[8]" name="cup">its name</field>
-      <extensions/>
-      <field type="uint32_t" name="age" units="ms">age</field>
-    </message>
-  </messages>
-</mavlink>
-"""
+from zmav.mavlink.definitions import with_additions
 
 
 def crc_extra(message: MessageType) -> int:
@@ -111,11 +87,26 @@ def test_messages_of_px4_that_pymavlink_lacks_have_their_names(name: str) -> Non
 
 
 @pytest.mark.parametrize(("number", "name"), [(410, "BREW"), (44001, "CURRENT_MODE")])
-def test_a_file_that_means_something_else_by_them_is_refused(tmp_path: Path, number: int, name: str) -> None:
-    message = f'<message id="{number}" name="{name}"><field type="uint8_t" name="cup">it</field></message>'
-    path = generate(tmp_path, f"<mavlink><messages>{message}</messages></mavlink>")
+def test_a_dialect_that_means_something_else_by_them_is_refused(number: int, name: str) -> None:
+    own = MessageType.build(number, name, 7, [Field("cup", "uint8_t")], ["cup"])
     with pytest.raises(BadConfig, match="is defined in common"):
-        load_dialect(path)
+        with_additions([own])
+
+
+def test_flags_with_names_for_none_and_for_several() -> None:
+    flags = {"BREW_FLAG_MILK": 1, "BREW_FLAG_SUGAR": 2, "BREW_FLAG_RUM": 4, "BREW_FLAG_USUAL": 3, "BREW_FLAG_BLACK": 0}
+    field = Field("flags", "uint16_t", enum="BREW_FLAG", bitmask=True)
+    dialect = Dialect.build("own", "", [MessageType.build(44000, "BREW", 7, [field], ["flags"])], {"BREW_FLAG": flags})
+    packer, splitter = Packer(dialect, 1, 1), Splitter(dialect)
+    shown = [describe(splitter.feed(packer.pack("BREW", flags=k))[0], dialect).fields["flags"] for k in (0, 3, 7, 13)]
+    assert shown == [
+        "BREW_FLAG_BLACK",
+        "BREW_FLAG_USUAL",
+        "BREW_FLAG_MILK | BREW_FLAG_SUGAR | BREW_FLAG_RUM",
+        "BREW_FLAG_MILK | BREW_FLAG_RUM | 8",
+    ]
+    data = [packer.pack("BREW", flags=text) for text in (*shown, "BREW_FLAG_USUAL | 4")]
+    assert [decode(splitter.feed(frame)[0], dialect)["flags"] for frame in data] == [0, 3, 7, 13, 7]
 
 
 def test_names_and_values(dialect: Dialect) -> None:
@@ -170,67 +161,3 @@ def test_pymavlink_is_imported_only_for_a_dialect_and_the_environment_stays() ->
         [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": root}, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-# --- a user's own messages
-
-
-def generate(folder: Path, text: str) -> str:
-    """What pymavlink's generator makes of that XML."""
-    from pymavlink.generator import mavgen, mavparse
-
-    xml, made = folder / "own.xml", folder / "own.py"
-    xml.write_text(text)
-    options = mavgen.Opts(str(made), mavparse.PROTOCOL_2_0, language="Python3", validate=False)
-    assert mavgen.mavgen(options, [str(xml)])
-    return str(made)
-
-
-def test_own_message(tmp_path: Path) -> None:
-    path = generate(tmp_path, OWN)
-    dialect = load_dialect(path)
-    assert load_dialect(path) is dialect
-    assert (dialect.name, dialect.source) == ("own", str(tmp_path / "own.xml"))
-    brew = dialect.message("BREW")
-    assert (brew.id, brew.target_system, brew.base_length, brew.max_length) == (44000, 10, 20, 24)
-    assert crc_extra(brew) == brew.crc_extra
-    assert brew.by_name["level"] == Field("level", "float", 2, "cm", "", False, False)
-    assert brew.by_name["flags"].bitmask
-    assert not brew.by_name["state"].bitmask
-    assert [field.name for field in brew.fields if field.extension] == ["age"]
-    assert dialect.enums["BREW_STATE"] == {"BREW_COLD": 1, "BREW_HOT": 7}
-    fields = {"target_system": 3, "state": "BREW_HOT", "flags": "BREW_FLAG_MILK | BREW_FLAG_RUM", "cup": "mug"}
-    data = encode(dialect, "BREW", fields | {"level": [1.5, 2], "age": 7}, sysid=1, compid=1)
-    (frame,) = Splitter(dialect).feed(data)
-    assert frame.verified
-    shown = describe(frame, dialect)
-    assert shown.fields == fields | {"level": [1.5, 2.0], "age": 7}
-    assert shown.units == {"level": "cm", "age": "ms"}
-
-
-def test_flags_with_names_for_none_and_for_several(tmp_path: Path) -> None:
-    dialect = load_dialect(generate(tmp_path, OWN))
-    packer, splitter = Packer(dialect, 1, 1), Splitter(dialect)
-    shown = [describe(splitter.feed(packer.pack("BREW", flags=k))[0], dialect).fields["flags"] for k in (0, 3, 7, 13)]
-    assert shown == [
-        "BREW_FLAG_BLACK",
-        "BREW_FLAG_USUAL",
-        "BREW_FLAG_MILK | BREW_FLAG_SUGAR | BREW_FLAG_RUM",
-        "BREW_FLAG_MILK | BREW_FLAG_RUM | 8",
-    ]
-    data = [packer.pack("BREW", flags=text) for text in (*shown, "BREW_FLAG_USUAL | 4")]
-    assert [decode(splitter.feed(frame)[0], dialect)["flags"] for frame in data] == [0, 3, 7, 13, 7]
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [("def", "SyntaxError"), ("x = 1", "AttributeError"), ("import nowhere_at_all", "ModuleNotFoundError")],
-)
-def test_a_file_that_is_no_dialect_is_refused_by_name(tmp_path: Path, text: str, reason: str) -> None:
-    path = tmp_path / "own.py"
-    path.write_text(text)
-    with pytest.raises(BadConfig, match=reason) as caught:
-        load_dialect(str(path))
-    assert caught.value.detail["value"] == str(path)
-    with pytest.raises(BadConfig, match=r"missing\.py: No such file"):
-        load_dialect(str(tmp_path / "missing.py"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import stat
 from pathlib import Path
@@ -142,10 +141,8 @@ def test_what_is_kept_covers_what_may_have_been_used(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        (KEY, KEY),
         (KEY.hex().encode() + b"\n", KEY),
         (KEY.hex().upper().encode(), KEY),
-        (base64.b64encode(KEY) + b"\n", KEY),
         (b"passphrase: three drones \n", hashlib.sha256(b"three drones").digest()),
     ],
 )
@@ -156,7 +153,7 @@ def test_keys_in_files(tmp_path: Path, text: bytes, key: bytes) -> None:
     assert read_key(file) == key
 
 
-@pytest.mark.parametrize("text", [b"", b"short", b"zz" * 32, KEY + b"x", b"passphrase:", base64.b64encode(KEY + b"x")])
+@pytest.mark.parametrize("text", [b"", b"short", b"zz" * 32, KEY, b"passphrase:"])
 def test_what_is_no_key(tmp_path: Path, text: bytes) -> None:
     file = tmp_path / "key"
     file.write_bytes(text)

@@ -1,4 +1,4 @@
-"""``zmav mesh config``: what results from the fleet file, for a person, for a script, and for zenohd."""
+"""``zmav mesh config``: what results from the fleet file, for a person and for a script."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-import zenoh
 from click.testing import CliRunner, Result
 
 from mesh.cli.config import command
@@ -60,19 +59,7 @@ def test_json_for_scripts(file: Path) -> None:
     assert body["settings"]["transport/link/tx/lease"] == {"value": 3000, "source": "fleet file: mesh.lease"}
 
 
-def test_zenohd_takes_it(file: Path) -> None:
-    """One value below another that is whole: ``--cfg`` does not lose its neighbours."""
-    said = told("--file", str(file), "--name", "quad1", "--zenoh", "--cfg", "scouting/multicast/ttl:3").output
-    built = zenoh.Config.from_json5(said)
-    assert json.loads(built.get_json("mode")) == "router"
-    assert json.loads(built.get_json("transport/link/tx/lease")) == 3000
-    assert json.loads(built.get_json("connect/retry"))["period_max_ms"] == 1000
-    assert json.loads(built.get_json("scouting/multicast/ttl")) == 3
-    assert json.loads(built.get_json("listen/endpoints"))[0] == "tcp/127.0.0.1:7447"
-    assert json.loads(built.get_json("metadata")) == {"fleet": "alpha", "name": "quad1"}
-
-
-def test_behind_bearers_what_results_is_shown_and_zenohd_s_user_is_warned(file: Path) -> None:
+def test_behind_bearers_what_results_is_shown(file: Path) -> None:
     radio = '[[stations.ground.mesh.radios]]\naddress = "10.77.0.9"\nbudget = "60 kB/s"\n'
     file.write_text(FLEET.replace('address = "fd00::9"', f'address = "fd00::9"\n{radio}'))
     arguments = ("--file", str(file), "--name", "ground")
@@ -84,8 +71,6 @@ def test_behind_bearers_what_results_is_shown_and_zenohd_s_user_is_warned(file: 
     assert connect == [f"{local}#bind=127.0.0.1:0"]
     said = told(*arguments)
     assert "bearer to quad1: 10.77.0.9 > 10.77.0.1:7448 (cost 40); the link is opened by us" in said.output
-    assert "no bearers" in told(*arguments, "--zenoh").stderr
-    assert "no bearers" not in told("--name", "base", "--zenoh").stderr
     file.write_text(file.read_text().replace("budget =", "port = 65535\nbudget ="))
     for name in ("ground", "quad1"):
         refused = told("--file", str(file), "--name", name).exception

@@ -9,7 +9,7 @@ import pytest
 
 from mesh.plan import RouterPlan, plan_router
 from mesh.radios import Interfaces, interfaces, stand
-from mesh.radiowatch import RadioWatch
+from mesh.router import RadioWatch
 from zmav.config import Radio, load_fleet
 from zmav.errors import BadConfig
 from zmav.session import SessionSettings

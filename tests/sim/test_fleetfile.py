@@ -139,7 +139,6 @@ QUAD = '[vehicles.q]\nlink = "tcp:127.0.0.1:5760"\n'
         (QUAD + "sim = {}\n[sim]\nhome = { lat_deg = 91 }", "lat_deg", "91.0; expected ±89"),
         (QUAD + "sim = {}\n[sim]\nscene = 'none.toml'", "scene", "none.toml"),
         ('[vehicles.q]\nlink = "/dev/ttyACM0"\nsim = {}', "vehicles.q.link", "cannot be simulated"),
-        ('[vehicles.q]\nlink = "tcpin:127.0.0.1:1"\nsim = {}', "vehicles.q.link", "cannot be simulated"),
         (
             QUAD + "sysid = 3\nsim = {}\n[vehicles.p]\nlink = 'tcp:127.0.0.1:5770'\nsysid = 3\nsim = {}",
             "vehicles.p.sysid",

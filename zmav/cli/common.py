@@ -110,7 +110,7 @@ seconds_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document a line, for scripts.")
 dialect_option = click.option(
-    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or an XML file."
+    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or another of pymavlink."
 )
 
 

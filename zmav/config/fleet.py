@@ -273,11 +273,11 @@ def load_fleet(path: str | Path) -> FleetConfig:
 def _links_apart(a: VehicleConfig, b: VehicleConfig) -> bool:
     """The same link of two vehicles is two: a serial port, or a port listened at, of each one's own computer."""
     scheme, _, place = a.link.partition(":")
-    if scheme not in ("tcp", "udpout", "udpin", "tcpin"):
+    if scheme not in ("tcp", "udpout", "udpin"):
         return True
     if a.sim is not None and b.sim is not None:
         return False  # one simulator serves both
-    if scheme in ("udpin", "tcpin"):
+    if scheme == "udpin":
         return True
     here = place.startswith(("127.", "localhost", "[::1]"))
     return here and all(table.mesh.radios or table.listen or table.connect for table in (a, b))

@@ -70,12 +70,6 @@ class Link:
         found = (far.loss_in if far else None), (near.loss_out if near else None)
         return next((loss for loss in found if loss is not None), None)
 
-    def throughput(self, source: str) -> float | None:
-        """bytes/s from ``source`` to the other end, estimated."""
-        near, far = self._of(source)
-        found = (far.throughput_in if far else None), (near.throughput_out if near else None)
-        return next((rate for rate in found if rate is not None), None)
-
     def signal(self, end: str) -> float | None:
         """dBm of the other one as ``end`` hears it."""
         near, _ = self._of(end)
@@ -84,10 +78,6 @@ class Link:
     @property
     def worst_loss(self) -> float | None:
         return max((loss for end in (self.a, self.b) if (loss := self.loss(end)) is not None), default=None)
-
-    @property
-    def least_throughput(self) -> float | None:
-        return min((rate for end in (self.a, self.b) if (rate := self.throughput(end)) is not None), default=None)
 
     @property
     def grade(self) -> Grade:
@@ -102,13 +92,11 @@ class Link:
         return "fair" if loss == "warn" or cost >= FAIR_COST else "good"
 
     def badness(self) -> tuple[float, ...]:
-        """By which the weakest hop is found: first a link that is down, then loss, then round trip, then throughput."""
-        rate = self.least_throughput
+        """By which the weakest hop is found: first a link that is down, then loss, then round trip."""
         return (
             float(_STATES.index(self.state)) if self.state in _STATES else 0.0,
             round((self.worst_loss or 0.0) / LOSS_STEP),
             round((self.rtt or 0.0) / RTT_STEP),
-            -rate if rate is not None else float("-inf"),
         )
 
 
@@ -145,9 +133,3 @@ class Way:
                 return None
             product *= 1.0 - loss
         return product
-
-    @property
-    def throughput(self) -> float | None:
-        """bytes/s of the narrowest hop, in the narrower direction."""
-        found = [link.least_throughput for link in self.links if link.least_throughput is not None]
-        return min(found) if self.complete and found and len(found) == len(self.links) else None

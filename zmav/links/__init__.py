@@ -8,7 +8,7 @@ from __future__ import annotations
 from zmav.links.base import Link, LinkCounters, LinkState
 from zmav.links.replay import ReplayLink
 from zmav.links.serial import SerialLink
-from zmav.links.tcp import TcpInLink, TcpLink
+from zmav.links.tcp import TcpLink
 from zmav.links.udp import UdpInLink, UdpOutLink
 from zmav.links.url import LinkUrl, ReplayUrl, SerialUrl, SocketUrl, parse_url
 
@@ -22,7 +22,6 @@ __all__ = [
     "SerialLink",
     "SerialUrl",
     "SocketUrl",
-    "TcpInLink",
     "TcpLink",
     "UdpInLink",
     "UdpOutLink",
@@ -30,11 +29,10 @@ __all__ = [
     "parse_url",
 ]
 
-_SOCKET_LINKS: dict[str, type[UdpInLink] | type[UdpOutLink] | type[TcpLink] | type[TcpInLink]] = {
+_SOCKET_LINKS: dict[str, type[UdpInLink] | type[UdpOutLink] | type[TcpLink]] = {
     "udpin": UdpInLink,
     "udpout": UdpOutLink,
     "tcp": TcpLink,
-    "tcpin": TcpInLink,
 }
 
 
@@ -47,7 +45,6 @@ def open_link(url: str) -> Link:
     ``udpin:HOST:PORT``                     listen, answer whom was heard; also ``udp:HOST:PORT`` and ``HOST:PORT``
     ``udpout:HOST:PORT``                    speak first; ``?local=PORT`` sends from that port; also ``udp://HOST:PORT``
     ``tcp:HOST:PORT``                       connect; also ``tcpout:``
-    ``tcpin:HOST:PORT``                     wait for one peer at a time; also ``tcp://:PORT``
     ``replay:FILE.tlog``                    ``?speed=4``, ``?speed=max``; also a bare path to a .tlog
     ======================================  ==========================================================================
 

@@ -45,7 +45,6 @@ class LinkCounters(msgspec.Struct):
     last_error: str | None = None
     rx_buffer: int = 0  # the kernel's receive buffer in bytes, as reported (Linux: twice what it granted)
     rx_dropped: int = 0  # datagrams the kernel threw away because the buffer was full (UDP on Linux)
-    refused: int = 0  # peers turned away because there already was one (tcpin)
     skipped: int = 0  # bytes of a recording that were no record (replay)
 
 

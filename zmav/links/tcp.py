@@ -1,19 +1,15 @@
-"""TCP links: ``tcp`` connects to an autopilot or a server, ``tcpin`` waits for one peer at a time."""
+"""TCP links: ``tcp`` connects to an autopilot or a server."""
 
 from __future__ import annotations
 
 import contextlib
-import select
 import socket
 
 from zmav.errors import LinkDown
-from zmav.links.base import LinkState
 from zmav.links.sockets import (
     DONTWAIT,
     MAX_READ,
-    READ_WAKE_S,
     Address,
-    bind_error,
     grow_receive_buffer,
     resolve,
     set_read_wake,
@@ -31,9 +27,6 @@ OUTBOX = 32 * 1024
 # read for so long that nothing more can be sent.
 DEAD_PEER_S = 15
 KEEPALIVE_IDLE_S, KEEPALIVE_INTERVAL_S, KEEPALIVE_PROBES = 5, 2, 5
-
-# What poll says of a peer that closed its end. POLLRDHUP is Linux's; elsewhere POLLHUP alone must do.
-LEAVING: int = select.POLLHUP | getattr(select, "POLLRDHUP", 0)
 
 
 def set_stream_options(sock: socket.socket) -> None:
@@ -58,13 +51,14 @@ def shut(sock: socket.socket | None) -> None:
             sock.shutdown(socket.SHUT_RDWR)
 
 
-class TcpStream(StreamLink):
-    """What both kinds share: one connected socket, written without blocking."""
+class TcpLink(StreamLink):
+    """Connects to HOST:PORT and reconnects for ever; UP means connected. Written without blocking."""
 
     def __init__(self, target: SocketUrl) -> None:
         super().__init__(str(target), OUTBOX)
         self._target = target
         self._peer: socket.socket | None = None  # connected
+        self._trying: socket.socket | None = None
 
     def _write_some(self, data: bytes) -> int:
         if self._peer is None:
@@ -76,24 +70,6 @@ class TcpStream(StreamLink):
 
     def _write(self, data: bytes) -> int:
         return super()._write(data) if self._peer is not None else 0
-
-    def _drop_peer(self) -> None:
-        with self._tx_lock:
-            peer, self._peer = self._peer, None
-            self._outbox.clear()
-        if peer is not None:
-            peer.close()
-
-    def _wake(self) -> None:
-        shut(self._peer)
-
-
-class TcpLink(TcpStream):
-    """Connects to HOST:PORT and reconnects for ever; UP means connected."""
-
-    def __init__(self, target: SocketUrl) -> None:
-        super().__init__(target)
-        self._trying: socket.socket | None = None
 
     def _open(self) -> str:
         error: OSError | None = None
@@ -142,112 +118,12 @@ class TcpLink(TcpStream):
         return data
 
     def _release(self) -> None:
-        self._drop_peer()
+        with self._tx_lock:
+            peer, self._peer = self._peer, None
+            self._outbox.clear()
+        if peer is not None:
+            peer.close()
 
     def _wake(self) -> None:
         shut(self._trying)
-        super()._wake()
-
-
-class TcpInLink(TcpStream):
-    """Listens on HOST:PORT and serves one peer at a time; CONNECTING while there is none, UP while there is.
-
-    A further peer is accepted and closed at once, and counted in ``counters.refused``.
-    """
-
-    _up_when_open = False
-
-    def __init__(self, target: SocketUrl) -> None:
-        super().__init__(target)
-        self._listener: socket.socket | None = None
-        self._poller = select.poll()
-        self._peer_name = ""
-
-    @property
-    def local_address(self) -> Address | None:
-        """Where it listens, None while it does not."""
-        try:
-            return self._listener.getsockname() if self._listener is not None else None
-        except OSError:
-            return None
-
-    def _open(self) -> str:
-        family, address = resolve(self._target.host, self._target.port, socket.SOCK_STREAM)[0]
-        self._listener = sock = socket.socket(family, socket.SOCK_STREAM)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # for TCP: only skips the wait for old connections
-        self._counters.rx_buffer = grow_receive_buffer(sock)  # inherited by accepted sockets
-        try:
-            sock.bind(address)
-            sock.listen(16)
-        except OSError as error:
-            raise bind_error(error, address, self._target.scheme) from error
-        sock.setblocking(False)
-        self._poller.register(sock, select.POLLIN)
-        return self._waiting()
-
-    def _waiting(self) -> str:
-        return f"waiting for a peer at {show(self.local_address or (self._target.host, self._target.port))}"
-
-    def _read(self) -> bytes:
-        self._flush()
-        events = dict(self._poller.poll(READ_WAKE_S * 1000))
-        if self._closing.is_set():
-            return b""
-        peer, data, leaving = self._peer, b"", 0
-        if peer is not None and peer.fileno() in events:
-            leaving = events.pop(peer.fileno()) & LEAVING
-            data = self._receive(peer)
-        # What remains is the listener. A peer that is leaving is read to its end first, so that its successor (often
-        # the same program, restarted) is not turned away.
-        if events and not leaving:
-            self._accept()
-        return data
-
-    def _receive(self, peer: socket.socket) -> bytes:
-        try:
-            data = peer.recv(MAX_READ, DONTWAIT)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            self._peer_left(f"lost {self._peer_name}: {error.strerror or error}")
-            return b""
-        if not data:
-            self._peer_left(f"{self._peer_name} closed the connection")
-        return data
-
-    def _accept(self) -> None:
-        if self._listener is None:
-            raise LinkDown("not listening", url=self.url)
-        try:
-            sock, address = self._listener.accept()
-        except (BlockingIOError, ConnectionError):
-            return  # it went away again before it was accepted
-        if self._peer is not None:
-            self._counters.refused += 1
-            self._note(f"turned away {show(address)}: {self._peer_name} is connected, and one peer at a time is served")
-            sock.close()
-            return
-        set_stream_options(sock)
-        self._poller.register(sock, select.POLLIN | LEAVING)
-        self._peer_name = show(address)
-        self._peer = sock
-        self._set_state(LinkState.UP, f"{self._peer_name} is connected")
-
-    def _peer_left(self, why: str) -> None:
-        if self._peer is not None:
-            self._poller.unregister(self._peer)
-        self._drop_peer()
-        if not self._closing.is_set():
-            self._note(why)
-            self._set_state(LinkState.CONNECTING, f"{why}; {self._waiting()}")
-
-    def _release(self) -> None:
-        self._drop_peer()
-        self._poller = select.poll()
-        if self._listener is not None:
-            self._listener.close()
-            self._listener = None
-
-    def _wake(self) -> None:
-        shut(self._listener)
-        super()._wake()
+        shut(self._peer)

@@ -2,8 +2,7 @@
 
 Empty hosts mean loopback, also in listening URLs: write ``0.0.0.0`` (or ``[::]``) to be heard from other machines.
 Spellings of pymavlink, MAVProxy and MAVSDK are accepted with their own meaning: ``udp:H:P`` and a bare ``H:P`` listen
-(pymavlink's ``mavlink_connection``); ``udp://H:P`` and ``tcp://H:P`` speak to H, ``udp://:P`` and ``tcp://:P`` listen
-(MAVSDK).
+(pymavlink's ``mavlink_connection``); ``udp://H:P`` speaks to H, ``udp://:P`` listens (MAVSDK).
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ import msgspec
 
 from zmav.errors import BadUrl
 
-SocketScheme = Literal["udpin", "udpout", "tcp", "tcpin"]
+SocketScheme = Literal["udpin", "udpout", "tcp"]
 LOOPBACK = "127.0.0.1"
 EXPECTED = (
     "serial:/dev/ttyACM0, serial:/dev/ttyUSB0:57600, /dev/ttyUSB0,57600, udpin:HOST:PORT, udpout:HOST:PORT,"
-    " tcp:HOST:PORT, tcpin:HOST:PORT or replay:FILE.tlog?speed=4"
+    " tcp:HOST:PORT or replay:FILE.tlog?speed=4"
 )
-# What is written -> what it means; udp and tcp followed by // are MAVSDK's and depend on the host.
+# What is written -> what it means; udp followed by // is MAVSDK's and depends on the host.
 SCHEMES: dict[str, str] = {
     "serial": "serial",
     "udp": "udpin",
@@ -33,7 +32,6 @@ SCHEMES: dict[str, str] = {
     "udpout": "udpout",
     "tcp": "tcp",
     "tcpout": "tcp",
-    "tcpin": "tcpin",
     "replay": "replay",
 }
 OPTIONS: dict[str, tuple[str, ...]] = {
@@ -41,7 +39,6 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "udpin": (),
     "udpout": ("local",),
     "tcp": (),
-    "tcpin": (),
     "replay": ("speed",),
 }
 BAUD_RANGE = range(300, 20_000_001)
@@ -91,10 +88,8 @@ def parse_url(url: str) -> LinkUrl:
         raise _bad(url, "url", url, EXPECTED)
     body, options = _split_options(url)
     scheme, rest, slashes = _split_scheme(url, body)
-    if scheme in ("udp", "tcp") and slashes and rest.rpartition(":")[0] not in ("", *_EVERYWHERE, "[::]"):
-        scheme = "udpout" if scheme == "udp" else "tcp"
-    elif scheme == "tcp" and slashes:
-        scheme = "tcpin"
+    if scheme == "udp" and slashes and rest.rpartition(":")[0] not in ("", *_EVERYWHERE, "[::]"):
+        scheme = "udpout"
     kind = SCHEMES[scheme]
     _check_options(url, kind, options)
     if kind == "serial":
@@ -183,7 +178,7 @@ def _baud_expected() -> str:
 
 def _socket(url: str, kind: str, rest: str, options: dict[str, str]) -> SocketUrl:
     host, colon, port_text = rest.rpartition(":")
-    listening = kind in ("udpin", "tcpin")
+    listening = kind == "udpin"
     shape = f"{kind}:HOST:PORT"
     if not colon or rest.endswith("]"):
         hint = f"{kind}:{LOOPBACK}:{rest}" if rest.isdecimal() else ""

@@ -1,4 +1,4 @@
-"""Read message definitions from the Python modules that pymavlink's generator makes: its own, or a user's.
+"""Read message definitions from the Python modules that come with pymavlink.
 
 They are imported on first use, because that is slow. Nothing is written anywhere, nothing is printed, and no
 environment variable is set: pymavlink's switches that work by those are not needed for the tables alone.
@@ -10,59 +10,34 @@ import functools
 import importlib
 import importlib.util
 import re
+import struct
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from zmav.errors import BadConfig
-from zmav.mavlink.additions import with_additions
-from zmav.mavlink.dialect import Dialect, Field, MessageType
+from zmav.mavlink.dialect import TYPE_CODES, Dialect, Field, MessageType
 
 _DIALECTS = "pymavlink.dialects.v20"
-EXPECTED = "ardupilotmega, common, development, another dialect of pymavlink, or a module that its mavgen made (own.py)"
+EXPECTED = "ardupilotmega, common, development, or another dialect of pymavlink"
 
 Enums = dict[str, dict[str, int]]
 
 
-def load_dialect(name_or_path: str = "ardupilotmega") -> Dialect:
-    """A dialect by pymavlink's name ("ardupilotmega", "common", "development" ...) or from a Python module that its
-    generator made of your own XML ("/path/own.py"; where own.xml lies beside it, its commands are known as well).
+def load_dialect(name: str = "ardupilotmega") -> Dialect:
+    """A dialect by pymavlink's name ("ardupilotmega", "common", "development" ...), loaded once and then kept.
 
-    Loaded once and then kept. Raises :class:`BadConfig` naming what is wrong.
+    Raises :class:`BadConfig` where pymavlink has none such: its own ``mavgen`` makes one of your XML.
     """
-    return _load(name_or_path)
+    return _load(name)
 
 
 @functools.lru_cache(maxsize=16)
-def _load(given: str) -> Dialect:
-    path = Path(given)
-    own = path.suffix == ".py"
-    messages, enums = _read(_module_at(path) if own else _module_named(given))
-    beside = path.with_suffix(".xml")
-    source = beside if own and beside.is_file() else shipped_xml("ardupilotmega" if own else given)
-    return Dialect.build(path.stem if own else given, str(source), with_additions(messages), enums)
-
-
-def _module_named(name: str) -> ModuleType:
-    """The module of the dialect that pymavlink calls ``name``; raises :class:`BadConfig` where it has none such."""
+def _load(name: str) -> Dialect:
     if not (re.fullmatch(r"[A-Za-z]\w*", name) and importlib.util.find_spec(f"{_DIALECTS}.{name}")):
         raise BadConfig(f"no dialect called {name!r}", field="dialect", value=name, expected=EXPECTED)
-    return importlib.import_module(f"{_DIALECTS}.{name}")
-
-
-def _module_at(path: Path) -> ModuleType:
-    """A module that ``mavgen --lang Python3 --wire-protocol 2.0`` made of a user's XML; raises :class:`BadConfig`."""
-    spec = importlib.util.spec_from_file_location(f"zmav_dialect_{path.stem}", path)
-    try:
-        assert spec is not None and spec.loader is not None  # its name ends with .py
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        _ = module.mavlink_map, module.enums
-    except Exception as error:  # what a file holds that is no such module may fail in any way
-        reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-        raise _bad(path, reason) from error
-    return module
+    messages, enums = _read(importlib.import_module(f"{_DIALECTS}.{name}"))
+    return Dialect.build(name, str(_shipped(f"{name}.xml")), with_additions(messages), enums)
 
 
 def _read(module: Any) -> tuple[list[MessageType], Enums]:
@@ -101,7 +76,7 @@ def _from_class(cls: Any, bitmasks: set[str]) -> MessageType:
 
 
 def read_trees(path: Path) -> list[ET.Element]:
-    """The XML of a file and of all it includes; raises :class:`BadConfig` where one cannot be read."""
+    """The XML of a dialect and of all it includes; raises :class:`BadConfig` where one is not there."""
     roots: dict[Path, ET.Element] = {}
     waiting = [path]
     while waiting:
@@ -110,37 +85,87 @@ def read_trees(path: Path) -> list[ET.Element]:
             try:
                 roots[file] = ET.parse(file).getroot()
             except (OSError, ET.ParseError) as error:
-                raise _bad(file, str(error)) from error
-            waiting += [_find_include(file, (each.text or "").strip()) for each in roots[file].iter("include")]
+                text = f"dialect file {file}: {error}"
+                raise BadConfig(text, field="dialect", value=str(file), expected="one of pymavlink's") from error
+            waiting += [_shipped(Path((each.text or "").strip()).name) for each in roots[file].iter("include")]
     return list(roots.values())
 
 
-def shipped_xml(name: str) -> Path:
-    """The XML file behind pymavlink's dialect of that name."""
-    return _shipped(f"{name}.xml") or Path(f"{name}.xml")
-
-
-def _find_include(includer: Path, name: str) -> Path:
-    beside = (includer.parent / name).resolve()
-    if beside.is_file():
-        return beside
-    shipped = _shipped(Path(name).name)
-    if shipped is not None:
-        return shipped
-    raise _bad(includer, f"it includes {name!r}, which is neither beside it nor among pymavlink's dialects")
-
-
-def _shipped(name: str) -> Path | None:
+def _shipped(name: str) -> Path:
     """The file of that name among pymavlink's dialects."""
     package = importlib.util.find_spec(_DIALECTS)
-    for folder in (package.submodule_search_locations or []) if package else []:
-        file = Path(folder) / name
-        if file.is_file():
-            return file.resolve()
-    return None
+    folders = (package.submodule_search_locations or ["."]) if package else ["."]
+    return Path(next(iter(folders)), name)
 
 
-def _bad(path: Path, reason: str) -> BadConfig:
-    return BadConfig(
-        f"dialect file {path}: {reason}", field="dialect", value=str(path), expected=EXPECTED, reason=reason
-    )
+# Number, name, CRC_EXTRA; then each field's type, name and unit, in declared order.
+_MISSING = (
+    (
+        8,
+        "LINK_NODE_STATUS",
+        117,
+        "uint64_t timestamp ms, uint8_t tx_buf %, uint8_t rx_buf %, uint32_t tx_rate bytes/s, uint32_t rx_rate bytes/s,"
+        "uint16_t rx_parse_err bytes, uint16_t tx_overflows bytes, uint16_t rx_overflows bytes, uint32_t messages_sent,"
+        "uint32_t messages_received, uint32_t messages_lost",
+    ),
+    (
+        380,
+        "TIME_ESTIMATE_TO_TARGET",
+        232,
+        "int32_t safe_return s, int32_t land s, int32_t mission_next_item s, int32_t mission_end s, "
+        "int32_t commanded_action s",
+    ),
+    (
+        410,
+        "EVENT",
+        160,
+        "uint8_t destination_component, uint8_t destination_system, uint32_t id, uint32_t event_time_boot_ms ms, "
+        "uint16_t sequence, uint8_t log_levels, uint8_t[40] arguments",
+    ),
+    (411, "CURRENT_EVENT_SEQUENCE", 106, "uint16_t sequence, uint8_t flags"),
+    (
+        412,
+        "REQUEST_EVENT",
+        33,
+        "uint8_t target_system, uint8_t target_component, uint16_t first_sequence, uint16_t last_sequence",
+    ),
+    (
+        413,
+        "RESPONSE_EVENT_ERROR",
+        77,
+        "uint8_t target_system, uint8_t target_component, uint16_t sequence, uint16_t sequence_oldest_available, "
+        "uint8_t reason",
+    ),
+    (
+        435,
+        "AVAILABLE_MODES",
+        134,
+        "uint8_t number_modes, uint8_t mode_index, uint8_t standard_mode, uint32_t custom_mode, uint32_t properties, "
+        "char[35] mode_name",
+    ),
+    (436, "CURRENT_MODE", 193, "uint8_t standard_mode, uint32_t custom_mode, uint32_t intended_custom_mode"),
+)
+
+
+def with_additions(messages: list[MessageType]) -> list[MessageType]:
+    """``messages``, and those of the above that are not among them. Raises :class:`BadConfig` where a number or a name
+    of theirs means something else there: PX4's frames would be taken for damaged ones.
+    """
+    taken = {m.id: m.name for m in messages}
+    found = [_message(*each) for each in _MISSING if taken.get(each[0]) != each[1]]
+    for each in found:
+        if each.id in taken or each.name in taken.values():
+            text = f"{each.name} ({each.id}) is defined in common.xml: give your own message another number and name"
+            raise BadConfig(text, field="dialect", value=each.name, expected="another number and name")
+    return [*messages, *found]
+
+
+def _message(msgid: int, name: str, crc_extra: int, text: str) -> MessageType:
+    fields = [_field(*part.split()) for part in text.split(",")]
+    order = sorted(fields, key=lambda field: -struct.calcsize(TYPE_CODES[field.type]))  # as they lie in the payload
+    return MessageType.build(msgid, name, crc_extra, fields, [field.name for field in order])
+
+
+def _field(kind: str, name: str, units: str = "") -> Field:
+    base, _, length = kind.rstrip("]").partition("[")
+    return Field(name=name, type=base, length=int(length or 0), units=units)

@@ -1,7 +1,7 @@
 """Dialects: which messages and enums exist, and how a payload is laid out.
 
 A :class:`Dialect` is a plain table. It is filled from pymavlink's generated modules (the message definitions everybody
-shares) or from one of a user's own; :mod:`zmav.mavlink.definitions` does the reading, on first use and not at import.
+shares); :mod:`zmav.mavlink.definitions` does the reading, on first use and not at import.
 Format: https://mavlink.io/en/guide/xml_schema.html and https://mavlink.io/en/guide/serialization.html
 """
 

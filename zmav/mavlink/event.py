@@ -1,4 +1,4 @@
-"""EVENT (410): what PX4 says by number instead of in words. Every dialect has it (:mod:`zmav.mavlink.additions`).
+"""EVENT (410): what PX4 says by number instead of in words. Every dialect has it (:mod:`zmav.mavlink.definitions`).
 
 https://mavlink.io/en/services/events.html. The words belonging to an id are in a file of the very firmware
 (:mod:`zmav.mavlink.event_words`); id, severity, sequence and arguments are here.

@@ -7,8 +7,6 @@ kept in a file, for a computer without a clock begins each day in the past.
 
 from __future__ import annotations
 
-import base64
-import binascii
 import contextlib
 import hashlib
 import hmac
@@ -70,8 +68,8 @@ def write_key(path: str | Path, key: bytes) -> None:
 
 
 def read_key(path: str | Path) -> bytes:
-    """The key in a file: 32 raw bytes, 64 hexadecimal digits, base64, or ``passphrase:`` and words (SHA-256 of them, as
-    ground stations make it).
+    """The key in a file: 64 hexadecimal digits, or ``passphrase:`` and words (SHA-256 of them, as ground stations make
+    it).
 
     Raises :class:`BadConfig` for a file that others may read, or that holds no key; the message never shows its text.
     """
@@ -89,24 +87,17 @@ def read_key(path: str | Path) -> bytes:
         )
     key = _key_of(raw)
     if key is None:
-        expected = "32 bytes, 64 hexadecimal digits, base64 of 32 bytes, or passphrase:WORDS"
+        expected = "64 hexadecimal digits, or passphrase:WORDS"
         raise BadConfig(f"{file} holds no key; expected {expected}", field="key", value=str(file), expected=expected)
     return key
 
 
 def _key_of(raw: bytes) -> bytes | None:
-    if len(raw) == KEY_BYTES:
-        return raw
     text = raw.strip()
     if text.startswith(b"passphrase:"):
         words = text.partition(b":")[2].strip()
         return hashlib.sha256(words).digest() if words else None
-    if re.fullmatch(rb"[0-9a-fA-F]{64}", text):
-        return bytes.fromhex(text.decode())
-    with contextlib.suppress(binascii.Error, ValueError):
-        key = base64.b64decode(text, validate=True)
-        return key if len(key) == KEY_BYTES else None
-    return None
+    return bytes.fromhex(text.decode()) if re.fullmatch(rb"[0-9a-fA-F]{64}", text) else None
 
 
 class Clock:

@@ -80,23 +80,14 @@ class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", om
     rtt: Amount | None = None
     """s, median of the last probes"""
     rtt_min: Amount | None = None
-    jitter: Amount | None = None
-    """s, interarrival jitter of what comes in, as RFC 3550 reckons it"""
     loss_in: Share | None = None
     """0 to 1"""
     loss_out: Share | None = None
-    throughput_in: Amount | None = None
-    """bytes/s that a short train of messages came at: an estimate, and where the link is faster than can be timed, a
-    lower bound"""
-    throughput_out: Amount | None = None
     signal: float | None = None
     """dBm at our end"""
     cost: Annotated[int, msgspec.Meta(ge=1)] | None = None
-    """:func:`mesh.quality.cost.cost`: about 10 µs a kilobyte, one way"""
+    """:func:`mesh.quality.cost`: about 10 µs a kilobyte, one way"""
     interface: str | None = None
-    interface_in: Amount | None = None
-    """bytes/s through the interface, of any program"""
-    interface_out: Amount | None = None
     since: float | None = None
     """UTC seconds since when the state is what it is"""
 

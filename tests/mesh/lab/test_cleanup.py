@@ -75,7 +75,7 @@ def begin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Begin]:
     started: list[subprocess.Popen[str]] = []
 
     def begin(*options: str) -> Running:
-        command = [sys.executable, "-m", "zmav", "lab", "up", str(file), "--headless", *options]
+        command = [sys.executable, "-m", "zmav", "lab", "up", str(file), *options]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         started.append(process)
         assert process.stdout is not None

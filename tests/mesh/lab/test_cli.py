@@ -27,12 +27,10 @@ name = "pair"
 [hosts.box1]
 program = "none"
 [hosts.box2]
-position = [0, 10]
 [[media]]
 kind = "radio"
 name = "air"
 delay = "1 ms"
-range = { free = 100, cut = 200 }
 """
 Environment = dict[str, str]
 
@@ -43,7 +41,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environment]:
     folder = tmp_path_factory.mktemp("labs")
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
     (folder / "pair.toml").write_text(FILE)
-    command = [sys.executable, "-m", "zmav", "lab", "up", str(folder / "pair.toml"), "--headless"]
+    command = [sys.executable, "-m", "zmav", "lab", "up", str(folder / "pair.toml")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
     assert process.stdout is not None
     try:
@@ -82,9 +80,9 @@ def test_what_runs_is_shown(remote: Remote, capsys: pytest.CaptureFixture[str]) 
     assert "box1>box2" in capsys.readouterr().out
     here("status", "--json")
     found = msgspec.json.decode(capsys.readouterr().out, type=LabStatus)
-    assert [(host.name, host.running, host.position) for host in found.hosts] == [
-        ("box1", None, None),
-        ("box2", True, (0.0, 10.0)),
+    assert [(host.name, host.running) for host in found.hosts] == [
+        ("box1", None),
+        ("box2", True),
     ]
     assert [(link.name, link.medium) for link in found.links] == [("box1-box2", "air")]
     here("list")
@@ -105,13 +103,6 @@ def test_links_are_cut_healed_and_changed(remote: Remote) -> None:
     assert (there.loss, there.delay, there.rate) == (0.0, 0.001, None)
     assert (back.loss, back.delay, back.rate, back.ordered) == (0.2, 0.1, 1e6, False)
     remote.call("set", link="1-2", conditions={"loss": 0, "delay": 0, "rate": 0})
-
-
-def test_hosts_move(remote: Remote) -> None:
-    remote.call("move", host="box1", north=0.0, east=-300.0)
-    assert [way.conditions.up for way in remote.status().links[0].ways] == [False, False]
-    remote.call("move", host="box1", north=0.0, east=0.0)
-    assert [way.conditions.up for way in remote.status().links[0].ways] == [True, True]
 
 
 def test_a_program_in_a_host_is_as_one_here(lab: Environment) -> None:
@@ -174,7 +165,7 @@ def test_a_name_leads_nowhere_else(able: None, tmp_path: Path, monkeypatch: pyte
     (tmp_path / "zmav-lab").chmod(0o700)
     (tmp_path / "pair.toml").write_text(FILE)
     with pytest.raises(BadInput, match=r"use lower-case letters|too long for a socket"):
-        here("up", str(tmp_path / "pair.toml"), "--name", name, "--headless")
+        here("up", str(tmp_path / "pair.toml"), "--name", name)
     assert (tmp_path / "precious").exists()
     assert (tmp_path / "zmav-lab" / "precious").exists()
 

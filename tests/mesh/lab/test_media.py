@@ -1,4 +1,4 @@
-"""Bridges and radio channels without a kernel: frames are pushed into taps whose other ends are pipes."""
+"""Radio channels without a kernel: frames are pushed into taps whose other ends are pipes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from mesh.lab.channel import Agenda, Air, Channel, Conditions, Deliver
-from mesh.lab.media import Ether, Segment, Tap
+from mesh.lab.media import Ether, Tap
 
 EVERYBODY = b"\xff" * 6
 
@@ -50,61 +50,6 @@ def bench() -> Iterator[Bench]:
     for pipe in bench.pipes:
         for fd in pipe:
             os.close(fd)
-
-
-def chain(bench: Bench, hops: list[tuple[int, int]]) -> Segment:
-    segment = Segment({str(i): [tap] for i, tap in enumerate(bench.taps)}, False)
-    for i, (a, b) in enumerate(hops):
-        segment.add(str(a), str(b), 2 * i, 2 * i + 1, bench.make)
-    segment.changed()
-    return segment
-
-
-def frames(bench: Bench) -> int:
-    return sum(channel.counters.frames for channel in bench.channels.values())
-
-
-def test_a_bridge_floods_and_learns(bench: Bench) -> None:
-    chain(bench, [(0, 1), (1, 2), (2, 3)])
-    bench.send(0, None)
-    assert bench.heard() == [1, 2, 3]
-    bench.send(3, 0)
-    assert bench.heard() == [0]
-    before = frames(bench)
-    bench.send(0, 3)
-    assert bench.heard() == [3]
-    assert frames(bench) == before + 3
-    bench.send(0, 1)  # never heard: everywhere, once
-    assert bench.heard() == [1, 2, 3]
-
-
-def test_a_ring_of_bridges_is_no_loop(bench: Bench) -> None:
-    segment = chain(bench, [(0, 1), (1, 2), (2, 3), (3, 0)])
-    for sender in range(4):
-        bench.send(sender, None)
-        assert bench.heard() == [i for i in range(4) if i != sender]
-    assert frames(bench) == 12
-    # One hop of the tree goes down: the spare one takes over, and nobody is looked for where he was.
-    bench.channels[0].set(Conditions(up=False), 1.0)
-    segment.changed()
-    bench.send(0, 1)
-    assert bench.heard() == [1, 2, 3]
-    bench.send(1, 0)
-    assert bench.heard() == [0]
-    # What leaves the tree as it is leaves what was learnt.
-    bench.channels[2].set(Conditions(loss=0.0, delay=0.5), 1.0)
-    segment.changed()
-    bench.send(0, 1)
-    assert bench.heard() == [1]
-
-
-def test_a_segment_in_two_parts(bench: Bench) -> None:
-    segment = chain(bench, [(0, 1), (1, 2), (2, 3)])
-    bench.channels[2].set(Conditions(up=False), 1.0)
-    segment.changed()
-    bench.send(1, None)
-    bench.send(3, None)
-    assert bench.heard() == [0, 2]
 
 
 def ether(bench: Bench, pairs: list[tuple[int, int]], shared: bool = False) -> Ether:

@@ -22,7 +22,7 @@ from zmav.sim.fleetfile import load_simulated
 HOSTS: dict[str, Any] = {"h1": {}, "h2": {}, "h3": {}}
 
 
-@pytest.mark.parametrize("name", ["line5", "ring6", "star", "wds3", "two_radios", "mobile"])
+@pytest.mark.parametrize("name", ["line5", "ring6", "star", "wds3", "two_radios"])
 def test_every_lab_of_the_tree_makes_a_fleet_that_can_be_simulated(root: Path, tmp_path: Path, name: str) -> None:
     found = load_scenario(root / "deploy" / "labs" / f"{name}.toml")
     assert found.name == name
@@ -120,15 +120,11 @@ def link(**more: Any) -> dict[str, Any]:
         ({"media": [link(interface="x"), link(name="b", interface="x")]}, "another name for each interface"),
         ({"media": [link(loss=2)]}, "media.h1-h2.loss is 2; expected 0 to 1"),
         ({"media": [link(ends={"h1>h2": {"delay": "x"}})]}, "media.h1-h2.ends.h1>h2.delay is 'x'"),
-        ({"media": [link(range={"free": 10, "cut": 5})]}, "less than cut (5 m)"),
         ({"media": [{"kind": "radio", "pairs": [["h1", "h2"], ["h2", "h1"]]}]}, "each pair once"),
         ({"media": [{"kind": "radio", "hosts": ["h1"], "pairs": [["h1", "h2"]]}]}, "two hosts of h1"),
-        ({"media": [{"kind": "wds", "bridges": {"a": ["h1"]}, "hops": [["a", "b"]]}]}, "two bridges of a"),
-        ({"hosts": {"h1": {"follow": True}}}, "a vehicle to follow"),
         ({"hosts": {"simulator": {}}}, "the lab's simulator is called so"),
         ({"media": [link(name="all")]}, "it stands for all links"),
         ({"media": [link(name="[/]")]}, "medium '[/]'"),
-        ({"media": [{"kind": "wds", "bridges": {"[/]": ["h1"]}, "hops": []}]}, "bridge '[/]'"),
         ({"media": [link(interface="lo")]}, "an interface's name"),
         ({"media": [link(network="10.77.0.0/16"), {"kind": "radio"}]}, "one apart from 10.77.0.0/16, where h1 is"),
     ],
@@ -219,20 +215,19 @@ def test_links_are_found_by_the_names_people_give_them() -> None:
         assert words in str(caught.value)
 
 
-def test_each_kind_becomes_what_the_relay_makes() -> None:
+def test_media_become_what_the_relay_makes() -> None:
     begin = wire(
         scenario(
             hosts=HOSTS,
             media=[
                 link(delay="5 ms", ends={"h2>h1": {"delay": 0}}),
-                {"kind": "wds", "name": "w", "bridges": {"a": ["h1", "h2"], "b": ["h3"]}, "hops": [["a", "b"]]},
+                {"kind": "radio", "name": "w", "hosts": ["h1", "h3"]},
                 {"kind": "radio", "name": "r", "pairs": [["h2", "h3"]]},
             ],
         )
     ).begin
-    assert [each.bridges for each in begin.media] == [None, {"a": ["h1", "h2"], "b": ["h3"]}, None]
-    assert [(edge.medium, edge.name) for edge in begin.edges] == [("h1-h2", "h1-h2"), ("w", "a-b"), ("r", "h2-h3")]
+    assert [(edge.medium, edge.name) for edge in begin.edges] == [("h1-h2", "h1-h2"), ("w", "h1-h3"), ("r", "h2-h3")]
     assert [c.delay for c in begin.channels] == [0.005, 0.0, 0.0, 0.0, 0.0, 0.0]
     taps = begin.interfaces
-    assert len({tap.mac for tap in taps}) == len({tap.address for tap in taps}) == len(taps) == 8
+    assert len({tap.mac for tap in taps}) == len({tap.address for tap in taps}) == len(taps) == 7
     assert [tap.name for tap in taps if tap.host == "h1"] == ["wlan0", "wlan1", "wlan2"]

@@ -74,18 +74,15 @@ def ring(*, credentials: bool = False, lease: float | None = None, **conditions:
     )
 
 
+BEHIND_THE_HOP = ("ground-quad2", "quad1-quad2")
+"""links of :func:`wds` that its last hop carries"""
+
+
 def wds(*, credentials: bool = False, lease: float | None = None, **conditions: Any) -> Scenario:
-    """One segment of three bridges: the ground at the first, a copter at each of the others."""
+    """One segment over three access points: the ground at the first, a copter at each of the others."""
     hosts: dict[str, Any] = {"ground": {}, "quad1": {"vehicle": "copter"}, "quad2": {"vehicle": "copter"}}
-    bridges = {"mast": ["ground"], "roof": ["quad1"], "van": ["quad2"]}
-    medium = {
-        "kind": "wds",
-        "name": "wds",
-        "interface": "wlan0",
-        "bridges": bridges,
-        "hops": [["mast", "roof"], ["roof", "van"]],
-        **conditions,
-    }
+    medium = {"kind": "radio", "name": "wds", "interface": "wlan0", "shared": True, **conditions}
+    medium["ends"] = {"ground-quad2": {"delay": "6 ms"}}
     return scenario(
         name="wds", profile="wds", credentials=credentials, hosts=_placed(hosts), fleet=_leased(lease), media=[medium]
     )

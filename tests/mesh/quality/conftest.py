@@ -11,24 +11,15 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from mesh.quality import probe
-from mesh.quality.pace import Pace
-from mesh.quality.probe import Prober
+from mesh.quality.probe import Pace, Prober
 from mesh.quality.publisher import LinkQualities
 from tests.mesh.quality.relay import Relay
 from zmav import wire
 from zmav.session import SessionSettings, open_session
 
 PATIENCE_S = 30.0
-QUICK = Pace(period=0.02, per_host=1000.0, train_every=5.0)
+QUICK = Pace(period=0.02, per_host=1000.0, look=0.05)
 """so that a window of loss is over in a second"""
-
-
-@pytest.fixture(autouse=True)
-def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Probers look at links, and send their first trains, as soon as they may."""
-    for name, seconds in (("LOOK", 0.05), ("FIRST_TRAIN", 0.2)):
-        monkeypatch.setattr(probe, name, seconds)
 
 
 class Routers:

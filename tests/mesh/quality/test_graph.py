@@ -22,7 +22,6 @@ from tests.mesh.quality.relay import Relay
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.client import Client
-from zmav.errors import NoSuchVehicle
 
 
 class Fleet:
@@ -104,10 +103,6 @@ async def test_the_way_through_a_chain_and_its_weakest_hop(fleet: Fleet) -> None
         assert there is not None and back is not None and 0.0 < there <= 1.0 and 0.0 < back <= 1.0
         near = graph.ways["quad1"].weakest
         assert near is not None and (near.a, near.b) == ("ground", "quad1")
-        back_way = (await mesh.graph.gather(z, "quad2")).ways
-        assert back_way["ground"].hops == ("quad2", "quad1", "ground")
-        with pytest.raises(NoSuchVehicle, match="quad9"):
-            await mesh.graph.gather(z, "quad9")
 
 
 async def test_after_a_cut_the_next_graph_shows_the_other_way(fleet: Fleet) -> None:
@@ -215,5 +210,3 @@ async def test_the_verb_shows_links_and_ways(fleet: Fleet) -> None:
     assert document["ways"]["quad2"]["hops"] == ["ground", "quad1", "quad2"]
     assert {tuple(link["ends"]) for link in document["links"]} == {("ground", "quad1"), ("quad1", "quad2")}
     assert document["bad"] == 0
-    missing = await asyncio.to_thread(shown, "--from", "quad9")
-    assert isinstance(missing.exception, NoSuchVehicle)

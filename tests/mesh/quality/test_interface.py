@@ -9,17 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.quality import interface, nl80211
-from mesh.quality.interface import Counters, address_of, counters, interface_to, signal
+from mesh.quality import interface
+from mesh.quality.interface import address_of, interface_to, signal
 
-DEV = """Inter-|   Receive                                                |  Transmit
- face |bytes    packets errs drop fifo frame compressed multicast|bytes    packets errs drop fifo colls carrier
-    lo: 1000     10    0    0    0     0          0         0     1000      10    0    0    0     0       0          0
- wlan0:55555 100 0 0 0 0 0 0 7777 20 0 0 0 0 0 0
-  bad0: a b c d e f g h i j k l m n o p
- cut: 1 2 3
-nonsense
-"""
 WIRELESS = """Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE
  face | tus | link level noise |  nwid  crypt   frag  retry   misc | beacon | 22
  wlan0: 0000   70.  -40.  -256        0      0      0      0      0        0
@@ -35,17 +27,9 @@ ARP = """IP address       HW type     Flags       HW address            Mask    
 
 @pytest.fixture
 def proc(tmp_path: Path) -> Path:
-    for name, text in (("dev", DEV), ("wireless", WIRELESS), ("arp", ARP)):
+    for name, text in (("wireless", WIRELESS), ("arp", ARP)):
         (tmp_path / name).write_text(text)
     return tmp_path
-
-
-def test_bytes_through_each_interface(proc: Path) -> None:
-    assert counters(proc) == {"lo": Counters(1000, 1000), "wlan0": Counters(55555, 7777)}
-
-
-def test_this_computers_own_loopback_counts() -> None:
-    assert counters()["lo"].sent >= 0
 
 
 def test_a_radios_signal_is_that_of_its_access_point(proc: Path) -> None:
@@ -70,24 +54,21 @@ def test_a_stations_own_signal_goes_first(proc: Path, monkeypatch: pytest.Monkey
 
 
 def test_without_the_files_nothing_is_known(tmp_path: Path) -> None:
-    assert counters(tmp_path) == {}
     assert signal("wlan0", "10.77.0.2", tmp_path) is None
 
 
 @given(st.binary(max_size=300))
 def test_nonsense_in_the_files_is_left_out(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
     folder = tmp_path_factory.mktemp("proc")
-    for name in ("dev", "wireless", "arp"):
+    for name in ("wireless", "arp"):
         (folder / name).write_bytes(data)
-    for name, found in counters(folder).items():
-        assert (name, found.sent >= 0) == (name, True)
     assert signal("wlan0", "10.77.0.2", folder) is None or data
 
 
 def test_a_wire_has_no_station() -> None:
     """The real kernel: no such family, or no radio."""
-    assert nl80211.station_signal("lo", b"\x02\0\0\0\0\x02") is None
-    assert nl80211.station_signal("no-such-one", b"\x02\0\0\0\0\x02") is None
+    assert interface.station_signal("lo", b"\x02\0\0\0\0\x02") is None
+    assert interface.station_signal("no-such-one", b"\x02\0\0\0\0\x02") is None
 
 
 def attribute(kind: int, value: bytes) -> bytes:
@@ -102,16 +83,16 @@ def message(*parts: bytes, kind: int = 30) -> bytes:
 def test_a_stations_answer_is_read() -> None:
     info = attribute(1, b"\0\0\0\0") + attribute(7, b"\xc4")
     said = message(attribute(3, b"\1\0\0\0"), attribute(21 | 0x8000, info + attribute(13, b"\xba")))
-    assert nl80211.level(nl80211.attributes(said)) == -70.0
-    assert nl80211.level(nl80211.attributes(message(attribute(21, info)))) == -60.0
-    assert nl80211.level(nl80211.attributes(message(attribute(21, attribute(7, b"\x10"))))) is None
-    assert nl80211.level(nl80211.attributes(message(attribute(21, info), kind=2))) is None  # NLMSG_ERROR
+    assert interface.level(interface.attributes(said)) == -70.0
+    assert interface.level(interface.attributes(message(attribute(21, info)))) == -60.0
+    assert interface.level(interface.attributes(message(attribute(21, attribute(7, b"\x10"))))) is None
+    assert interface.level(interface.attributes(message(attribute(21, info), kind=2))) is None  # NLMSG_ERROR
 
 
 @given(st.binary(max_size=200))
 def test_any_answer_is_survived(data: bytes) -> None:
-    nl80211.level(nl80211.attributes(data))
-    nl80211.level(nl80211.attributes(message(data)))
+    interface.level(interface.attributes(data))
+    interface.level(interface.attributes(message(data)))
 
 
 @pytest.mark.parametrize(

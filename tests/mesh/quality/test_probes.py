@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
 import random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.quality.cost import UNUSABLE, cost
-from mesh.quality.loss import LEAST, WINDOW, Jitter, LossWindow
-from mesh.quality.meter import Meter
-from mesh.quality.pace import STAMP_BYTES, Pace
-from mesh.quality.stamp import CLOCK, MOST_RTT, TRAIN_SIZE, Car, Stamp, clock, unpack
-from mesh.quality.throughput import OVER, OVERHEAD, RESOLUTION, Dispersion
+from mesh.quality.meter import (
+    CLOCK,
+    LEAST,
+    MOST_RTT,
+    WINDOW,
+    LossWindow,
+    Meter,
+    Stamp,
+    clock,
+    unpack,
+)
+from mesh.quality.probe import STAMP_BYTES, Pace
+from mesh.quality.publisher import SENDING, UNUSABLE, cost
 from zmav import wire
 from zmav.errors import BadInput
 
@@ -32,17 +38,10 @@ U32 = st.integers(0, (1 << 32) - 2)
         echo=U32,
         held=st.none() | U32,
         loss=st.none() | st.sampled_from([0.0, 0.5, 0.1234, 1.0]),
-        throughput=st.none() | st.sampled_from([1.0, 60_000.0, 4e9]),
     )
 )
 def test_a_stamp_is_read_back_as_it_was_written(stamp: Stamp) -> None:
     assert unpack(stamp.pack()) == stamp
-
-
-def test_a_trains_messages_are_read_back_and_of_one_size() -> None:
-    car = Car(A, 65_535, 7, 8)
-    assert len(car.pack()) == TRAIN_SIZE
-    assert unpack(car.pack()) == car
 
 
 @pytest.mark.parametrize(
@@ -52,8 +51,7 @@ def test_a_trains_messages_are_read_back_and_of_one_size() -> None:
         b"\x51",
         Stamp(A, 0.0, 1, 2).pack(),
         Stamp(A, 0.1, 1, 2).pack() + b"x",
-        Car(A, 1, 8, 8).pack(),
-        Car(A, 1, 0, 8).pack()[:-1],
+        Stamp(A, 0.1, 1, 2).pack()[:-1],
     ],
 )
 def test_probes_that_cannot_be_are_refused(data: bytes) -> None:
@@ -136,58 +134,6 @@ def test_a_stream_that_begins_again_starts_over() -> None:
     assert window.share() == 0.0
 
 
-def test_jitter_is_that_of_rfc_3550() -> None:
-    jitter, expected = Jitter(), 0.0
-    transits = [5.0, 5.01, 5.0, 5.03, 5.0]
-    for transit in transits:
-        jitter.came(transit)
-    for one, other in itertools.pairwise(transits):
-        expected += (abs(other - one) - expected) / 16
-    assert jitter.value == pytest.approx(expected)
-    jitter.came(5.0 - CLOCK / 1e6)  # the sender's clock began again
-    assert jitter.value == pytest.approx(expected)
-
-
-# Throughput.
-
-
-def come(dispersion: Dispersion, indices: list[int], count: int, rate: float, at: float = 10.0, train: int = 1) -> None:
-    for index in indices:
-        dispersion.came(Car(B, train, index, count), at + index * (TRAIN_SIZE + OVERHEAD) / rate)
-
-
-@pytest.mark.parametrize("rate", [5_000.0, 125_000.0, 1_000_000.0])
-def test_a_slow_link_spreads_a_train(rate: float) -> None:
-    dispersion = Dispersion()
-    come(dispersion, list(range(8)), 8, rate)
-    assert dispersion.rate == pytest.approx(rate)
-
-
-def test_lost_messages_lower_the_figure_and_a_lost_end_is_waited_for() -> None:
-    dispersion = Dispersion()
-    come(dispersion, [0, 2, 3, 6], 8, 60_000.0)
-    assert dispersion.rate is None
-    dispersion.settle(10.1 + OVER / 2)
-    assert dispersion.rate is None
-    dispersion.settle(10.2 + OVER)
-    assert dispersion.rate == pytest.approx(30_000.0)
-
-
-def test_one_message_says_nothing_and_a_fast_link_no_more_than_can_be_timed() -> None:
-    dispersion = Dispersion()
-    come(dispersion, [7], 8, 1e3)
-    assert dispersion.rate is None
-    come(dispersion, list(range(8)), 8, 1e12, train=2)
-    assert dispersion.rate == pytest.approx(7 * (TRAIN_SIZE + OVERHEAD) / RESOLUTION)
-
-
-def test_what_disturbed_one_train_is_forgotten_with_the_next() -> None:
-    dispersion = Dispersion()
-    for train, rate in enumerate([50_000.0, 20_000.0, 49_000.0, 48_000.0, 47_000.0]):
-        come(dispersion, list(range(8)), 8, rate, at=10.0 * train, train=train)
-    assert dispersion.rate == pytest.approx(49_000.0)
-
-
 # One neighbour's meter, against another one over a link made of numbers.
 
 
@@ -256,26 +202,9 @@ def test_a_copy_or_an_overtaken_stamp_tells_nothing_new() -> None:
 @pytest.mark.parametrize("neighbours", [1, 5, 30])
 def test_probes_keep_to_their_share_of_a_budget(budget: float, neighbours: int) -> None:
     pace = Pace()
-    period = pace.stamps(neighbours, budget)
-    count, every = pace.trains(neighbours, budget)
+    period = pace.every(neighbours, budget)
     assert neighbours * STAMP_BYTES / period <= 1.001 * pace.share * budget or period == pace.slowest
-    assert neighbours * count * (TRAIN_SIZE + OVERHEAD) / every <= 1.001 * pace.share * budget
-    assert count * (TRAIN_SIZE + OVERHEAD) <= pace.train_part * budget
     assert neighbours / period <= max(pace.per_host, neighbours / pace.slowest)
-
-
-def test_a_train_is_no_longer_than_a_setpoint_can_wait() -> None:
-    """What a link without a budget takes is found by two messages first."""
-    pace, size = Pace(), TRAIN_SIZE + OVERHEAD
-    assert pace.trains(1, None) == (2, pace.train_every)
-    assert pace.trains(1, None, 1e6) == (pace.train, pace.train_every)
-    count, every = pace.trains(1, None, 60e3)
-    assert (count, count * size <= pace.train_part * 60e3) == (5, True)
-    assert every >= count * size / (pace.share * 60e3)
-    count, every = pace.trains(1, None, 2e3)
-    assert count == 2
-    assert every == pytest.approx(2 * size / (pace.share * 2e3))
-    assert pace.trains(1, 10e3, 1e6)[0] == 0  # a budget says what there is
 
 
 def quality(**figures: object) -> wire.NeighbourQuality:
@@ -284,15 +213,15 @@ def quality(**figures: object) -> wire.NeighbourQuality:
 
 
 def test_the_better_link_costs_less() -> None:
-    ethernet = cost(quality(rtt_min=0.0004, throughput_in=1e7, throughput_out=1e7, loss_in=0.0))
-    wifi = cost(quality(rtt_min=0.003, throughput_in=2e6, throughput_out=1e6, loss_in=0.05, loss_out=0.02))
-    lossy = cost(quality(rtt_min=0.003, throughput_in=2e6, throughput_out=1e6, loss_in=0.5, loss_out=0.02))
-    lte = cost(quality(rtt_min=0.06, throughput_in=1e6, throughput_out=5e5))
-    serial = cost(quality(rtt_min=0.2, throughput_in=5e3, throughput_out=5e3))
+    ethernet = cost(quality(rtt_min=0.0004, loss_in=0.0))
+    wifi = cost(quality(rtt_min=0.003, loss_in=0.05, loss_out=0.02))
+    lossy = cost(quality(rtt_min=0.003, loss_in=0.5, loss_out=0.02))
+    lte = cost(quality(rtt_min=0.06))
+    serial = cost(quality(rtt_min=0.2))
     assert 1 <= ethernet < wifi < lossy < lte < serial < UNUSABLE
     assert cost(quality(loss_in=1.0)) == cost(quality(state="down")) == cost(quality(state="silent")) == UNUSABLE
 
 
 def test_the_cost_is_the_time_of_a_kilobyte_with_its_repeats() -> None:
-    known = quality(rtt_min=0.02, throughput_in=102_400.0, throughput_out=1e6, loss_in=0.2, loss_out=0.5)
-    assert cost(known) == round((0.01 + 0.01) / 0.4 / 1e-5)
+    known = quality(rtt_min=0.02, loss_in=0.2, loss_out=0.5)
+    assert cost(known) == round((0.01 + SENDING) / 0.4 / 1e-5)

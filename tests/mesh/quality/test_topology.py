@@ -9,7 +9,7 @@ import pytest
 
 from mesh import linkstate
 from mesh.cli.graph import document, view, way_words
-from mesh.findings import Findings
+from mesh.graph import Findings
 from mesh.topology import Graph, Link, Node, Way
 from zmav import keys, wire
 from zmav.client import Answer
@@ -24,7 +24,7 @@ def link(a: str, b: str, **figures: object) -> Link:
     return Link(a, b, said(b, **figures), said(a, **figures))  # type: ignore[arg-type]
 
 
-CLEAN = {"rtt": 0.01, "loss_in": 0.0, "loss_out": 0.0, "throughput_in": 1e6, "throughput_out": 1e6, "cost": 600}
+CLEAN = {"rtt": 0.01, "loss_in": 0.0, "loss_out": 0.0, "cost": 600}
 FIRST = link("a", "b", **CLEAN)
 
 
@@ -33,10 +33,9 @@ FIRST = link("a", "b", **CLEAN)
     [
         link("b", "c", **{**CLEAN, "state": "down"}),
         link("b", "c", **{**CLEAN, "loss_in": 0.1, "rtt": 0.001}),
-        link("b", "c", **{**CLEAN, "rtt": 0.02, "throughput_in": 1e9}),
-        link("b", "c", **{**CLEAN, "throughput_in": 9e5}),
+        link("b", "c", **{**CLEAN, "rtt": 0.02}),
     ],
-    ids=["down", "loss", "round trip", "throughput"],
+    ids=["down", "loss", "round trip"],
 )
 def test_the_weakest_hop_is_the_one_that_is_worse(worse: Link) -> None:
     for links in ((FIRST, worse), (worse, FIRST)):
@@ -47,30 +46,27 @@ def test_one_thing_after_the_other_makes_a_hop_weak() -> None:
     down = link("a", "b", state="down")
     lossy = link("b", "c", **{**CLEAN, "loss_in": 0.3})
     slow = link("c", "d", **{**CLEAN, "rtt": 0.5})
-    narrow = link("d", "e", **{**CLEAN, "throughput_in": 1e3})
-    mixed = [narrow, FIRST, down, slow, lossy]
-    assert sorted(mixed, key=Link.badness, reverse=True) == [down, lossy, slow, narrow, FIRST]
+    mixed = [FIRST, down, slow, lossy]
+    assert sorted(mixed, key=Link.badness, reverse=True) == [down, lossy, slow, FIRST]
 
 
 def test_an_asymmetric_link_is_told_from_where_it_is_received() -> None:
     one = Link("a", "b", said("b", loss_in=0.1, loss_out=0.9), said("a", loss_in=0.4, loss_out=0.8))
     assert (one.loss("a"), one.loss("b"), one.worst_loss) == (0.4, 0.1, 0.4)
-    alone = Link("a", "b", said("b", loss_in=0.1, loss_out=0.9, throughput_out=5.0))
+    alone = Link("a", "b", said("b", loss_in=0.1, loss_out=0.9))
     assert (alone.loss("a"), alone.loss("b")) == (0.9, 0.1)
-    assert (alone.throughput("a"), alone.throughput("b"), alone.least_throughput) == (5.0, None, 5.0)
     assert Link("a", "b").state == "unknown"
     assert Link("a", "b", said("b"), said("a", "down")).state == "down"
 
 
 def test_a_way_adds_round_trips_and_multiplies_delivery() -> None:
-    second = Link("b", "c", said("c", rtt=0.03, loss_in=0.5, throughput_in=10.0), said("b", rtt=0.05, loss_in=0.2))
+    second = Link("b", "c", said("c", rtt=0.03, loss_in=0.5), said("b", rtt=0.05, loss_in=0.2))
     way = Way(("a", "b", "c"), (FIRST, second))
     assert way.rtt == pytest.approx(0.05)
     assert way.delivery() == pytest.approx(0.8)
     assert way.delivery(back=True) == pytest.approx(0.5)
-    assert way.throughput == 10.0
     unknown = Way(("a", "b", "c"), (FIRST, Link("b", "c")))
-    assert (unknown.rtt, unknown.delivery(), unknown.throughput) == (None, None, None)
+    assert (unknown.rtt, unknown.delivery()) == (None, None)
     lost = Way(("a",), (), complete=False)
     assert (lost.rtt, lost.delivery(), lost.weakest) == (None, None, None)
     assert way_words(lost) == "a > ?"
