@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import http.client
 import math
-from typing import Any, NamedTuple
+import urllib.request
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import msgspec
@@ -40,24 +41,14 @@ def numbers(url: str) -> Numbers | None:
     parts = urlsplit(url)
     if not parts.path.endswith(".mjpeg"):
         return None
+    where = parts._replace(path=parts.path.removesuffix(".mjpeg") + ".json", query="").geturl()
     try:
-        connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 80, timeout=PATIENCE)
-        try:
-            connection.request("GET", parts.path.removesuffix(".mjpeg") + ".json")
-            answer = connection.getresponse()
-            told: _Told = msgspec.json.decode(answer.read(MOST) if answer.status == 200 else b"", type=_Told)
-        finally:
-            connection.close()
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(where, timeout=PATIENCE) as answer:
+            told: _Told = msgspec.json.decode(answer.read(MOST), type=_Told)
         (fx, _, cx), (_, fy, cy), _ = told.camera_matrix
-        plain: dict[str, Any] = {
-            "width": told.width,
-            "height": told.height,
-            "focal": (fx, fy),
-            "center": (cx, cy),
-            "distortion": told.distortion,
-        }
-        calibration = msgspec.convert(plain, Calibration)
-    except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors
+        lens = {"focal": (fx, fy), "center": (cx, cy), "distortion": told.distortion}
+        calibration = msgspec.convert({"width": told.width, "height": told.height, **lens}, Calibration)
+    except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors, urllib's OSErrors
         return None
     roll, pitch, yaw = (math.radians(angle) for angle in told.mount_deg)
     return Numbers(calibration, (roll, pitch, yaw), told.offset_m, told.gimbal)

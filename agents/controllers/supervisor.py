@@ -22,11 +22,11 @@ from agents.controllers.inject import Inject
 from agents.controllers.readiness import check_parameters, check_ready
 from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
 from agents.controllers.types import LEVELS
-from agents.controllers.worker import Loaded, Worker
+from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from agents.controllers.workshop import Workshop
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
-from zmav.errors import BadConfig, BadInput, NotHolder, Refused, ZmavError
+from zmav.errors import BadConfig, BadInput, Refused, ZmavError
 from zmav.services.link.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
@@ -74,14 +74,8 @@ class Supervisor(zmav.Agent):
         super().__init__(z, vehicle, settings)
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
-        self.workshop = Workshop(
-            settings.controller,
-            self.cycles.fly_by,
-            self._agree,
-            self.cycles.on_answer,
-            self._on_failed,
-            self._on_because,
-        )
+        events = WorkerEvents(self.cycles.on_answer, self._on_failed, self._on_because)
+        self.workshop = Workshop(settings.controller, self.cycles.fly_by, self._agree, events)
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
         loop = asyncio.get_running_loop()
@@ -187,10 +181,10 @@ class Supervisor(zmav.Agent):
 
     # What is loaded.
 
-    async def _load(self) -> float:
+    async def _load(self, *, where_gone: bool = False) -> float:
         shop = self.workshop
         given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given)
+        took = await shop.load(given, where_gone=where_gone)
         if shop.loaded is not None and shop.worker is not None:
             self.declare({**self.tunables, **shop.loaded.declared()})
             for name in given.keys() & shop.loaded.tunables.keys():
@@ -243,10 +237,8 @@ class Supervisor(zmav.Agent):
     async def _replace(self) -> None:
         """Another process in place of one that is gone, for anyone who engages it again, unless he has one already."""
         await asyncio.sleep(AGAIN)  # one that dies of each cycle must not be all that is done here
-        if self.workshop.worker is not None and self.workshop.worker.alive:
-            return
         with contextlib.suppress(ZmavError):
-            await self._load()
+            await self._load(where_gone=True)
 
     def tuned(self, name: str, value: float) -> None:
         shop = self.workshop
@@ -321,7 +313,7 @@ class Supervisor(zmav.Agent):
 
     async def _check_parameters(self) -> None:
         gives = self.workshop.loaded.gives if self.workshop.loaded is not None else ""
-        await check_parameters(self.vehicle, gives, self.settings.back)
+        await check_parameters(self.vehicle, gives)
 
     async def _fly(self, taken: asyncio.Event) -> None:
         """One engagement, from the lease to the autopilot's having it again."""
@@ -381,7 +373,7 @@ class Supervisor(zmav.Agent):
         reason = (lease.lost.detail.get("reason") if lease.lost else None) or ""
         if lease.lost is None:
             try:
-                await self._give_back()
+                await self.vehicle.hold()
             except ZmavError as e:
                 self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
         self.handed_back_ms = (time.monotonic() - began) * 1e3
@@ -390,18 +382,6 @@ class Supervisor(zmav.Agent):
         self.say(
             "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
         )
-
-    async def _give_back(self) -> None:
-        if not self.settings.back:
-            await self.vehicle.hold()
-            return
-        try:
-            await self.vehicle.set_mode(self.settings.back)
-        except NotHolder:
-            raise  # somebody has taken it meanwhile
-        except ZmavError as e:
-            self.say("back", "error", f"the autopilot does not take {self.settings.back}, and holds instead: {e}")
-            await self.vehicle.hold()
 
     async def _release(self, why: str) -> None:
         self._began, self._wanted = time.monotonic(), None

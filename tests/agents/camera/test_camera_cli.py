@@ -1,4 +1,4 @@
-"""``zmav camera run|view|record`` as processes and in this one, beside a real router."""
+"""``zmav camera run|view`` as processes and in this one, beside a real router."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_what_cannot_be_run() -> None:
         invoke("run", "99", "--vehicle", "quad1")
 
 
-@pytest.mark.parametrize("verb", ["run", "view", "record"])
+@pytest.mark.parametrize("verb", ["run", "view"])
 def test_every_verb_explains_itself(verb: str) -> None:
     done = invoke(verb, "--help")
     assert done.exit_code == 0

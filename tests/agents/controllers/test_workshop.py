@@ -16,7 +16,7 @@ import pytest
 from agents.controllers import Controller
 from agents.controllers.packets import Answer, pack_cycle
 from agents.controllers.types import LEVELS, Reference, State, Trim
-from agents.controllers.worker import Loaded, Worker
+from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from agents.controllers.workshop import Workshop
 from zmav.cli.agentkind import resolve
 from zmav.errors import BadConfig, ZmavError
@@ -73,7 +73,9 @@ class Bench:
             on_loop(loop, lambda worker, said, queue=queue: queue.put_nowait(said))
             for queue in (self.answers, self.failed, self.because)
         )
-        self.shop = Workshop(str(path), self.flies.append, lambda loaded: self.agree(loaded), answered, failed, because)
+        self.shop = Workshop(
+            str(path), self.flies.append, lambda loaded: self.agree(loaded), WorkerEvents(answered, failed, because)
+        )
 
     def agree(self, loaded: Loaded) -> None:
         """As the supervisor would."""
