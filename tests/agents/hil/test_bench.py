@@ -90,10 +90,10 @@ async def test_another_autopilot_than_the_fleet_file_s_is_not_found(
 
 
 async def test_a_device_that_cannot_be_is_said_before_anything_runs(fleet: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadConfig, match="is the autopilot plugged in"):
+    with pytest.raises(BadConfig, match="is not there: is it plugged in"):
         await bench(fleet, "px1", tmp_path, str(tmp_path / "ttyACM7"))
     (tmp_path / "file").touch()
-    with pytest.raises(BadConfig, match="no serial device"):
+    with pytest.raises(BadConfig, match="is not a serial port"):
         await bench(fleet, "px1", tmp_path, str(tmp_path / "file"))
 
 
