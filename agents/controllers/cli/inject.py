@@ -11,9 +11,8 @@ import msgspec
 import numpy as np
 
 import zmav
-from agents.controllers.drawing import picture
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
-from agents.controllers.response import Report, examine
+from agents.controllers.response import Report, examine, picture
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut

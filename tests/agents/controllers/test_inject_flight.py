@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from agents.controllers.cli.inject import respond
-from agents.controllers.drawing import picture
 from agents.controllers.inject import Inject
-from agents.controllers.response import Step
+from agents.controllers.response import Step, picture
 from zmav import wire
 from zmav.errors import ZmavError
 

@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from agents.controllers.drawing import picture
 from agents.controllers.inject import Inject, Injection, duration
-from agents.controllers.response import Report, Step, examine
+from agents.controllers.response import Report, Step, examine, picture
 from agents.controllers.types import Array
 from zmav.errors import BadConfig, BadInput
 
