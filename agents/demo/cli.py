@@ -91,10 +91,6 @@ def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[
             "up to 1.13: fly it without --px4"
         )
         raise BadConfig(text, field="px4", value=px4, expected="a demo of quadrotors")
-    if ardupilot and not set(sims) - set(px4s or (copters if px4 else ())):
-        why = "--px4 flies its copters" if px4 else "it has PX4s alone"
-        text = f"{demo} has no vehicle left for --ardupilot: {why}"
-        raise BadConfig(text, field="ardupilot", value=ardupilot, expected="one of --ardupilot and --px4")
     if px4 and len(copters) > MOST_PX4:
         text = f"{demo} has {len(copters)} copters, and PX4s that are started have links for {MOST_PX4}"
         raise BadConfig(text, field="px4", value=px4, expected=f"a demo of at most {MOST_PX4} copters")

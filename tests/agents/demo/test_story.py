@@ -133,11 +133,6 @@ def test_what_no_stack_can_fly_is_refused_before_anything_starts() -> None:
     for ardupilot in (None, "/a"):
         with pytest.raises(BadConfig, match=r"hex1 of prototype is a hexarotor.*takes torques.*without --px4"):
             stack_options(find("prototype"), ardupilot, "/px4")
-    with pytest.raises(BadConfig, match="prototype has no vehicle left for --ardupilot"):
-        stack_options(find("prototype"), "/a", None)
-    for name in ("line", "swap", "formation", "lost-link"):
-        with pytest.raises(BadConfig, match=f"{name} has no vehicle left for --ardupilot: --px4 flies its copters"):
-            stack_options(find(name), "/a", "/px4")
     assert stack_options(find("follow"), "/a", "/px4")[:4] == ("--ardupilot", "/a", "--px4", "/px4")
 
 
