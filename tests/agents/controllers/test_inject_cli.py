@@ -136,7 +136,7 @@ async def test_one_that_is_silent_is_told_to_be_engaged(
         await respond(z, "hex1", "lagging", STEP)
     agent.ends_at = agent.t + 2.0
     async with running(agent):
-        with pytest.raises(TimedOut, match=r"s into the injection: it was released"):
+        with pytest.raises(TimedOut, match="before all was injected: it was released"):
             await respond(z, "hex1", "lagging", STEP)
 
 
