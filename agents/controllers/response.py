@@ -42,7 +42,7 @@ NOISE = 4.0
 
 
 @dataclass
-class Step:
+class StepResponse:
     """A step's response, as the textbooks have it (K. Ogata, "Modern Control Engineering", 5-3), times in s after the
     step. Shares are of ``final``; None: that did not come within the step's duration.
     """
@@ -87,7 +87,7 @@ class Step:
 
 
 @dataclass
-class Report:
+class ResponseReport:
     """What was recorded, and what is to be said of it. Arrays (N,) without the samples that were no numbers."""
 
     args: Inject
@@ -107,7 +107,7 @@ class Report:
     rms: float
     """of the error (reference less measured) during the injection"""
     peak_error: float
-    found: Step | None
+    found: StepResponse | None
     """None: of a doublet"""
     notes: list[str] = field(default_factory=list)
     """what to know before believing it"""
@@ -154,7 +154,7 @@ def examine(
     injected: Array,
     outputs: Mapping[str, Array] | None = None,
     title: str = "",
-) -> Report:
+) -> ResponseReport:
     """The report of a recording of ``args``: ``t`` (N,) s and, of the channel injected into and in its unit, the
     ``reference`` as the controller was given it (what was injected included), what was ``measured`` and what was
     ``injected``, each (N,); ``outputs``: more of (N,), for the picture. It should begin a little before the injection.
@@ -196,7 +196,7 @@ def examine(
             notes.append(f"it rose within {found.rise / period:.0f} samples: its times are rough")
     error = (reference - measured)[during]
     rms, peak = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return Report(args, title, t, reference, measured, rows, period, lost, bad, rms, peak, found, notes)
+    return ResponseReport(args, title, t, reference, measured, rows, period, lost, bad, rms, peak, found, notes)
 
 
 def _clean(columns: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
@@ -236,11 +236,11 @@ def _short(name: str, what: str, expected: str) -> BadInput:
     return BadInput(f"response: {what}; expected {expected}", field=name, value=what, expected=expected)
 
 
-def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) -> Step:
+def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) -> StepResponse:
     """``t``, ``y``: while the step lasted."""
     tail = y[t >= (1.0 - END) * t[-1]]
     final = float(tail.mean())
-    found = Step(final, amplitude - final, noise)
+    found = StepResponse(final, amplitude - final, noise)
     if final / amplitude < FOLLOWS:
         notes.append("it does not follow: there is no response to judge")
         return found
@@ -287,7 +287,7 @@ def _seconds(value: float | None) -> str:
     return "none" if value is None else f"{value:.3f} s" if value < 10.0 else f"{value:.2f} s"
 
 
-def picture(report: Report, path: Path) -> None:
+def picture(report: ResponseReport, path: Path) -> None:
     """Draw it (PNG, or what the file's name says). Raises :class:`~zmav.errors.BadConfig` where matplotlib is not
     installed, and :class:`~zmav.errors.BadInput` for a file that cannot be.
     """
@@ -320,7 +320,7 @@ def picture(report: Report, path: Path) -> None:
     save(figure, path)
 
 
-def _draw_followed(ax: Axes, report: Report) -> None:
+def _draw_followed(ax: Axes, report: ResponseReport) -> None:
     name = report.args.channel + (", down" if report.args.channel in ("z", "vz") else "")
     ax.plot(report.t, report.reference, color="black", linewidth=0.9, label="reference")
     ax.plot(report.t, report.measured, color=MEASURED, linewidth=1.1, label="measured")

@@ -20,10 +20,10 @@ from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.readiness import check_parameters, check_ready
+from agents.controllers.reloading import ControllerReloader
 from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker, WorkerEvents
-from agents.controllers.workshop import Workshop
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
 from zmav.errors import BadConfig, BadInput, Refused, ZmavError
@@ -75,7 +75,7 @@ class Supervisor(zmav.Agent):
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
         events = WorkerEvents(self.cycles.on_answer, self._on_failed, self._on_because)
-        self.workshop = Workshop(settings.controller, self.cycles.fly_by, self._agree, events)
+        self.reloader = ControllerReloader(settings.controller, self.cycles.fly_by, self._agree, events)
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
         loop = asyncio.get_running_loop()
@@ -108,7 +108,7 @@ class Supervisor(zmav.Agent):
         self.cycles.on_signals = stream
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(publisher.undeclare)
-            stack.callback(self.workshop.close)
+            stack.callback(self.reloader.close)
             await self._load()
             for name, value in self.wished.items():
                 self.tune(name, value)
@@ -154,7 +154,7 @@ class Supervisor(zmav.Agent):
 
     def _tell(self) -> None:
         """The status: who flies, and how it goes."""
-        cycles, what, broken = self.cycles, self._described(), self.workshop.broken
+        cycles, what, broken = self.cycles, self._described(), self.reloader.broken
         hz = 1.0 / self.estimate.period if self.estimate.period else 0.0
         detail: dict[str, Any] = {
             "controller": what,
@@ -182,19 +182,19 @@ class Supervisor(zmav.Agent):
     # What is loaded.
 
     async def _load(self, *, where_gone: bool = False) -> float:
-        shop = self.workshop
-        given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given, where_gone=where_gone)
-        if shop.loaded is not None and shop.worker is not None:
-            self.declare({**self.tunables, **shop.loaded.declared()})
-            for name in given.keys() & shop.loaded.tunables.keys():
+        reloader = self.reloader
+        given = {name: self[name] for name in (reloader.loaded.tunables if reloader.loaded is not None else ())}
+        took = await reloader.load(given, where_gone=where_gone)
+        if reloader.loaded is not None and reloader.worker is not None:
+            self.declare({**self.tunables, **reloader.loaded.declared()})
+            for name in given.keys() & reloader.loaded.tunables.keys():
                 if self[name] != given[name]:  # changed while it was loaded
-                    shop.worker.tune(name, self[name])
+                    reloader.worker.tune(name, self[name])
         return took
 
     def _agree(self, loaded: Loaded) -> None:
         """Raises :class:`BadConfig` for what cannot take the place of what flies."""
-        before = self.workshop.loaded
+        before = self.reloader.loaded
         if self.cycles.phase and before is not None and (loaded.level, loaded.gives) != (before.level, before.gives):
             text = f"it now takes over {loaded.level} and gives {loaded.gives}: release before changing that"
             raise BadConfig(text, field="level", value=loaded.level, expected=before.level)
@@ -205,7 +205,7 @@ class Supervisor(zmav.Agent):
 
     async def _watch_file(self) -> None:
         while True:
-            await self.workshop.saved()
+            await self.reloader.saved()
             with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
@@ -218,7 +218,7 @@ class Supervisor(zmav.Agent):
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
 
     def _described(self) -> str:
-        loaded = self.workshop.loaded
+        loaded = self.reloader.loaded
         return "nothing" if loaded is None else f"{loaded.loaded} ({loaded.level} to {loaded.gives})"
 
     def _on_failed(self, worker: Worker, text: str) -> None:
@@ -231,7 +231,7 @@ class Supervisor(zmav.Agent):
         self._say_on_loop("controller", "error", text)
 
     def _failed(self, worker: Worker) -> None:
-        if self.workshop.gone(worker):
+        if self.reloader.gone(worker):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
 
     async def _replace(self) -> None:
@@ -241,10 +241,10 @@ class Supervisor(zmav.Agent):
             await self._load(where_gone=True)
 
     def tuned(self, name: str, value: float) -> None:
-        shop = self.workshop
-        if shop.loaded is not None and name in shop.loaded.tunables:
-            if shop.worker is not None:
-                shop.worker.tune(name, value)
+        reloader = self.reloader
+        if reloader.loaded is not None and name in reloader.loaded.tunables:
+            if reloader.worker is not None:
+                reloader.worker.tune(name, value)
             return
         with self.cycles.lock:
             self.cycles.limits[name] = value
@@ -268,7 +268,7 @@ class Supervisor(zmav.Agent):
         with contextlib.suppress(asyncio.TimeoutError):
             await within(SOON, self._estimated())
         slow = check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
-        if self.workshop.worker is None or not self.workshop.worker.alive:
+        if self.reloader.worker is None or not self.reloader.worker.alive:
             await self._load_again()
         await self._check_parameters()
         self._check_free()
@@ -312,7 +312,7 @@ class Supervisor(zmav.Agent):
             raise Refused("it is taking over or handing back just now: ask again in a moment")
 
     async def _check_parameters(self) -> None:
-        gives = self.workshop.loaded.gives if self.workshop.loaded is not None else ""
+        gives = self.reloader.loaded.gives if self.reloader.loaded is not None else ""
         await check_parameters(self.vehicle, gives)
 
     async def _fly(self, taken: asyncio.Event) -> None:
@@ -365,7 +365,7 @@ class Supervisor(zmav.Agent):
         self._why = text
         self._over.set()
         if self.cycles.stuck:
-            self.workshop.end_stuck()
+            self.reloader.end_stuck()
 
     async def _hand_back(self, lease: Lease) -> None:
         """Have the autopilot fly, unless somebody else has taken the vehicle already."""
@@ -444,7 +444,7 @@ class Supervisor(zmav.Agent):
 
     def _follows(self, level: str) -> None:
         """Raises :class:`Refused` for a reference from further in than the controller begins."""
-        loaded = self.workshop.loaded
+        loaded = self.reloader.loaded
         if loaded is not None and level in LEVELS and LEVELS.index(level) > LEVELS.index(loaded.level):
             text = f"{loaded.loaded} takes over from {loaded.level} on inwards: it cannot follow {level}"
             raise Refused(text, level=level, expected=loaded.level)

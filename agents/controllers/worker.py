@@ -89,7 +89,7 @@ class Worker:
         return True
 
     def tune(self, name: str, value: float) -> None:
-        self.send(packets.talk(tune={"name": name, "value": value}))
+        self.send(packets.pack_message(tune={"name": name, "value": value}))
 
     def kill(self) -> None:
         """End it, and the processes that the user's class has started."""
@@ -116,7 +116,7 @@ class Worker:
         """
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._waiting = waiting
-        if not self.send(packets.talk(load={"what": what, "tuned": tuned})):
+        if not self.send(packets.pack_message(load={"what": what, "tuned": tuned})):
             raise TimedOut("the controller's process takes nothing any more")
         try:
             await asyncio.wait({waiting}, timeout=LOAD_TIMEOUT)
@@ -158,7 +158,7 @@ class Worker:
         if data[:1] == packets.OUTPUT:
             self._events.answered(self, packets.unpack_output(data))
             return
-        said = packets.heard(data)
+        said = packets.unpack_message(data)
         if "names" in said:
             self.names = tuple(said["names"])
         elif "failed" in said:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from agents.demo import picture, report
 from agents.demo.play import Play
-from agents.demo.stage import Stage
+from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, demos, find, on_stacks
 from zmav.children import Children
 from zmav.cli.common import console
@@ -70,7 +70,7 @@ def demo(
         Children(at_once=True, by_signals=True) as processes,
     ):
         ground = endpoint or (DEFAULT_ROUTER if stay else f"tcp/127.0.0.1:{free_port()}")
-        with Stage(found, processes, Path(folder), ground, stacks) as stage:
+        with DemoFleet(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
                 _stay(stage, processes)
             sys.exit(_play(found, stage, processes, _folder(out, found), headless))
@@ -110,7 +110,7 @@ def _folder(out: Path | None, found: Demo) -> Path:
     return place
 
 
-def _play(found: Demo, stage: Stage, processes: Children, out: Path, headless: bool) -> int:
+def _play(found: Demo, stage: DemoFleet, processes: Children, out: Path, headless: bool) -> int:
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)
@@ -143,7 +143,7 @@ def _picture(play: Play, out: Path, term: Console) -> None:
         term.print(str(e), markup=False, highlight=False)
 
 
-def _stay(stage: Stage, processes: Children) -> NoReturn:
+def _stay(stage: DemoFleet, processes: Children) -> NoReturn:
     asyncio.run(stage.start())
     click.echo(f"{', '.join(stage.demo.vehicles)}: the ground's router is at {stage.ground}")
     click.echo("they stand ready in a few seconds: look with 'zmav top'; Ctrl-C ends them")

@@ -24,8 +24,8 @@ PIECE, RELAY_PATIENCE = 65536, 5.0
 """bytes at a time, and s for one end to take what the other sent"""
 
 
-class Stage:
-    """``with Stage(...) as stage``: starts and ends all of it.
+class DemoFleet:
+    """``with DemoFleet(...) as stage``: starts and ends all of it.
 
     ``stacks``: options of ``zmav sim`` that have real flight stacks fly the fleet.
     """
@@ -40,7 +40,7 @@ class Stage:
         self._links = contextlib.ExitStack()
         self._relays: dict[frozenset[str], Relay] = {}
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> DemoFleet:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:

@@ -66,7 +66,7 @@ class Summary:
     time_near: float
     """of the samples that are: what the share of the peaks would be if they were anywhere"""
 
-    def told(self) -> dict[str, Any]:
+    def document(self) -> dict[str, Any]:
         """For a status: plain and rounded."""
         found = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
         found["peaks"] = [{name: round(value, 3) for name, value in asdict(peak).items()} for peak in self.peaks]

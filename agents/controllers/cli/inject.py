@@ -14,7 +14,7 @@ import numpy as np
 
 import zmav
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
-from agents.controllers.response import Report, examine, picture
+from agents.controllers.response import ResponseReport, examine, picture
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
@@ -86,7 +86,7 @@ def inject(
     run(tell())
 
 
-async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> Report:
+async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> ResponseReport:
     """Have ``agent`` inject, record its signals from a second before to ``after`` s past the end, and examine them.
 
     Raises :class:`~zmav.errors.TimedOut` where it is silent or falls silent, what the agent refuses the order with, and
@@ -145,7 +145,7 @@ def _over(heard: list[wire.Signals], told: float, seconds: float, order: asyncio
     return begun is not None and heard[-1].t >= begun + seconds
 
 
-def _examined(args: Inject, heard: list[wire.Signals], title: str) -> Report:
+def _examined(args: Inject, heard: list[wire.Signals], title: str) -> ResponseReport:
     names = {"reference": f"ref.{args.channel}", "measured": f"is.{args.channel}", "injected": "inject"}
     columns = {}
     for what, name in names.items():

@@ -108,14 +108,14 @@ async def test_a_vehicles_agent_that_begins_again_turns_no_switch(field: Field) 
 
 async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flight(field: Field) -> None:
     supervisor = await field.supervise("ev1-attitude")
-    assert supervisor.workshop.worker is not None
-    supervisor.workshop.worker.kill()
-    supervisor.workshop.worker.process.wait()
+    assert supervisor.reloader.worker is not None
+    supervisor.reloader.worker.kill()
+    supervisor.reloader.worker.process.wait()
     await field.vehicle.tell("ev1-attitude", "engage")
-    flies = supervisor.workshop.worker
+    flies = supervisor.reloader.worker
     assert supervisor._replacing is not None
     await supervisor._replacing
-    assert supervisor.workshop.worker is flies
+    assert supervisor.reloader.worker is flies
     assert supervisor.cycles.phase == 1
 
 

@@ -20,7 +20,7 @@ SAVED = 0.1
 """s between two looks at whether the file was saved"""
 
 
-class Workshop:
+class ControllerReloader:
     """Of one supervisor, on its event loop. ``what``: a file or a name.
 
     ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded.
