@@ -114,8 +114,6 @@ def _play(found: Demo, stage: DemoFleet, processes: Children, out: Path, headles
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)
-    if found.story.about:
-        term.print(found.story.about.strip(), markup=False, highlight=False)
     play = Play(found, stage, processes, out, term, live=term.is_terminal and not headless)
     fault: ZmavError | None = None
     try:

@@ -92,7 +92,6 @@ class Story(Table, frozen=True):
 
     title: str
     steps: list[Step]
-    about: str = ""
     links: Literal["line", "star"] = "star"
     """between routers: in a row from the ground on, or each vehicle's with the ground's"""
     apart: Positive | None = None

@@ -1,4 +1,4 @@
-"""``zmav camera view``: what comes of a camera's pictures here, one of them, or all of them on a disk."""
+"""``zmav camera view``: what comes of a camera's pictures here, and the pictures on a disk."""
 
 from __future__ import annotations
 
@@ -86,12 +86,6 @@ class Recorder:
 @click.argument("vehicle")
 @name_option
 @click.option(
-    "--save",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.jpg",
-    help="Write the newest picture and end.",
-)
-@click.option(
     "--record",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
@@ -111,7 +105,6 @@ class Recorder:
 def command(
     vehicle: str,
     camera: str,
-    save: Path | None,
     record: Path | None,
     wait: float,
     link: float | None,
@@ -135,24 +128,11 @@ def command(
                 await camera_info(z, vehicle, camera)  # raises where there is no such camera
                 text = f"{vehicle}/{camera} is there, but sent no whole picture within {wait:g} s"
                 raise TimedOut(text, vehicle=vehicle) from None
-            if save is not None:
-                _save(save, first)
-                return
             with contextlib.closing(Recorder(record)) if record else contextlib.nullcontext() as recorder:
                 since = [first]
                 await together(_take(pictures, since, recorder), _tell(pictures, since, recorder))
 
     run(view())
-
-
-def _save(path: Path, picture: Picture) -> None:
-    try:
-        path.write_bytes(picture.jpeg)
-    except OSError as e:
-        text = f"cannot write {path}: {e.strerror}"
-        raise BadConfig(text, field="save", value=str(path), expected="a file that can be written") from e
-    age = picture.arrived - picture.t
-    click.echo(f"{path}: {picture.width}x{picture.height}, {len(picture.jpeg)} B, taken {age:.2f} s before it came")
 
 
 async def _take(pictures: Reader, since: list[Picture], recorder: Recorder | None) -> None:
