@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import random
 import time
 from collections.abc import Callable, Iterator
@@ -35,8 +34,6 @@ EARLY = 0.2
 """of a period that a picture may come before its time, so that sources as fast as we send are not waited for twice"""
 SHORTEST_SLEEP = 0.002
 """s of pacing that are saved up: shorter sleeps cost more than they smooth"""
-SAY_EVERY = 5.0
-"""s between two lines about rate and quality"""
 WORST_QUALITY = 20
 LARGER = 1.5
 """times what is expected that a source's own JPEG may have to be sent as it came"""
@@ -83,7 +80,8 @@ class CameraAgent:
         self._session: zenoh.Session | None = None
         self._capture: Capture | None = None
         self._full_size = settings.size
-        self._said: tuple[float, object] = (-math.inf, None)
+        self._wrong = ""
+        """why the last picture could not be sent; empty: it was"""
         self._pace = 0.0
 
     async def __aenter__(self) -> CameraAgent:
@@ -198,15 +196,12 @@ class CameraAgent:
             due = max(due, now - 1.0 / step.rate) + 1.0 / step.rate
             try:
                 jpeg, size = await asyncio.to_thread(self._made, shot, step)
+                self.size = size
+                self.quality.learn(step, len(jpeg))
+                await self._send(publisher, jpeg, shot.t)
+                self._wrong = ""
             except BadInput as e:
-                self.failed += 1
-                self._tell(str(e))
-                continue
-            self.size = size
-            self.quality.learn(step, len(jpeg))
-            await self._send(publisher, jpeg, shot.t)
-            much = size, step.quality, round(math.log2(step.rate))  # a change that is worth a line
-            self._tell(f"{size[0]}x{size[1]}, {step.words}, {self.budget.bytes / 1e3:.0f} kB/s", much)
+                self.failed, self._wrong = self.failed + 1, str(e)
 
     async def _newest(self, last: int) -> Shot | None:
         """The latest picture once it is later than ``last``; None at the source's end."""
@@ -241,14 +236,9 @@ class CameraAgent:
         return jpeg, size
 
     async def _send(self, publisher: zenoh.Publisher, jpeg: bytes, t: float) -> None:
-        """All chunks of a picture, spread over the time that the budget gives them."""
+        """All chunks of a picture, spread over the time that the budget gives them. Raises :class:`BadInput`."""
         spare = needed(count_of(len(jpeg)), self.budget.loss)
-        try:
-            chunks = split(jpeg, sender=self._sender, seq=self.sent, t=t, size=self.size, spare=spare)
-        except BadInput as e:
-            self.failed += 1
-            self._tell(str(e))
-            return
+        chunks = split(jpeg, sender=self._sender, seq=self.sent, t=t, size=self.size, spare=spare)
         rate, total = self.budget.bytes, sum(map(len, chunks))
         self._pace = max(self._pace, time.monotonic())
         needs = min(len(jpeg) / (1.0 - self.budget.loss), total)
@@ -264,20 +254,14 @@ class CameraAgent:
 
     # What it says of itself.
 
-    def _tell(self, line: str, what: object = None) -> None:
-        """A line for people, where ``what`` (the line itself by default) is not what the last one was about."""
-        at, before = self._said
-        what, now = what or line, time.monotonic()
-        if what != before and now - at >= SAY_EVERY:
-            self._said = now, what
-            self._say(f"{self.settings.vehicle}/{self.settings.camera}: {line}")
-
     async def _look_after(self) -> None:
         """Say once a second how it goes; also while no picture comes."""
         while True:
             lost, own = self.capture.lost, self.settings
             state = "lost" if lost else "ended" if self.ended.is_set() else "sending" if self.watched else "waiting"
-            text = lost or f"{self.quality.step.words}, {len(self.budget.links)} readers"
+            (width, height), rate = self.size, self.budget.bytes / 1e3
+            sends = f"{width}x{height}, {self.quality.step.words}, {rate:.0f} kB/s, {len(self.budget.links)} readers"
+            text = lost or self._wrong or sends
             with contextlib.suppress(zenoh.ZError):
                 self._z.say_status(f"camera-{own.camera}", state, text, vehicle=own.vehicle, sent=self.sent)
             with contextlib.suppress(asyncio.TimeoutError):

@@ -10,13 +10,18 @@ import http.client
 import math
 import threading
 import time
+import urllib.request
 from collections import deque
 from collections.abc import Iterator
-from typing import IO
+from typing import IO, NamedTuple
 from urllib.parse import urlsplit
 
+import msgspec
+
 from agents.camera.capture import Lost, Shot
+from agents.camera.settings import Calibration
 from zmav.errors import BadConfig
+from zmav.wire.base import Vector
 
 PATIENCE = 10.0
 """s without a byte after which the server is taken for dead"""
@@ -26,6 +31,8 @@ SIMULATED = "x-time"
 """a header of the simulator's: its clock falls behind ours where the machine is too slow for it"""
 MOST_BYTES = 20_000_000
 """of one picture"""
+LENS_PATIENCE, MOST_LENS = 3.0, 100_000
+"""s for what the simulator says of its camera, and bytes of it"""
 LATE, EARLY = 0.02, -0.005
 """s from exposure to arrival, at the least, beyond which the two clocks are not one"""
 USUAL = 0.008
@@ -135,3 +142,41 @@ class TheirClock:
             delays.popleft()
         least = min(delay for _, delay in delays)
         return t if EARLY <= least <= LATE else t + least - USUAL
+
+
+class Numbers(NamedTuple):
+    """What the simulator's camera says of its lens and mount: ``/NAME.json`` beside its pictures."""
+
+    calibration: Calibration
+    mount: Vector
+    """rad"""
+    offset: Vector
+    """m"""
+    gimbal: bool
+
+
+class _Told(msgspec.Struct):
+    width: int
+    height: int
+    camera_matrix: tuple[Vector, Vector, Vector]
+    mount_deg: Vector
+    offset_m: Vector
+    gimbal: bool
+
+
+def numbers(url: str) -> Numbers | None:
+    """Of the camera whose pictures are at ``http://host:port/NAME.mjpeg``; None where it is no simulator's."""
+    parts = urlsplit(url)
+    if not parts.path.endswith(".mjpeg"):
+        return None
+    where = parts._replace(path=parts.path.removesuffix(".mjpeg") + ".json", query="").geturl()
+    try:
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(where, timeout=LENS_PATIENCE) as answer:
+            told: _Told = msgspec.json.decode(answer.read(MOST_LENS), type=_Told)
+        (fx, _, cx), (_, fy, cy), _ = told.camera_matrix
+        lens = {"focal": (fx, fy), "center": (cx, cy)}
+        calibration = msgspec.convert({"width": told.width, "height": told.height, **lens}, Calibration)
+    except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors, urllib's OSErrors
+        return None
+    roll, pitch, yaw = (math.radians(angle) for angle in told.mount_deg)
+    return Numbers(calibration, (roll, pitch, yaw), told.offset_m, told.gimbal)

@@ -24,7 +24,7 @@ from agents.controllers.guard import Guard, fit
 from agents.controllers.packets import Answer
 from agents.controllers.references import References
 from agents.controllers.settings import usual
-from agents.controllers.signals import told
+from agents.controllers.signals import cycle_signals
 from agents.controllers.types import (
     Acceleration,
     AttitudeThrust,
@@ -284,7 +284,7 @@ class Cycles:
         # Cycles come when they come: the next due time, not the time since, keeps the rate on average.
         period = 1.0 / self.limits["signals_hz"]
         self._said = max(self._said + period, now - period)
-        values = told(self.estimate.state, self._reference, output)
+        values = cycle_signals(self.estimate.state, self._reference, output)
         values.update(zip(worker.names, signals, strict=False))
         values["inject"] = self.references.injected
         values["took_us"], values["late"] = (now - self._begun) * 1e6, float(self.tally.late)

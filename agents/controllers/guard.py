@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.controllers.types import (
+    Acceleration,
     AttitudeThrust,
     Output,
     RatesThrust,
@@ -19,8 +20,13 @@ from agents.controllers.types import (
 
 ERROR_LASTS = 0.3
 """s for which a reference may be missed by more than is allowed: a step is no fault"""
-MOST_VELOCITY, MOST_ACCELERATION, MOST_RATE = 30.0, 30.0, 20.0
-"""m/s, m/s² and rad/s that are no sane output"""
+MOST: dict[type[Output], tuple[str, float]] = {
+    Velocity: ("vel", 30.0),
+    Acceleration: ("acc", 30.0),
+    RatesThrust: ("rates", 20.0),
+    TorqueThrust: ("torque", 1.0),
+}
+"""the vector of an output, and what is no sane part of it: m/s, m/s², rad/s, of the full torque"""
 
 
 class Guard:
@@ -82,32 +88,26 @@ class Guard:
 
 
 def fit(output: Output) -> tuple[str | None, bool]:
-    """Why it cannot be flown at all (None: it can), and whether a thrust or a torque had to be brought into its range,
-    which is done in place.
+    """Why it cannot be flown at all (None: it can), and whether a thrust, a rate or a torque had to be brought into its
+    range, which is done in place.
     """
     numbers = [part for value in vars(output).values() if value is not None for part in np.ravel(value)]
     if not all(math.isfinite(part) for part in numbers):
         return f"the controller's output is not finite: {output}", False
+    clipped = False
     if isinstance(output, AttitudeThrust):
         length = float(np.linalg.norm(output.attitude))
         if abs(length - 1.0) > 0.01:
             return f"the controller's attitude is no rotation: a quaternion of length {length:.3g}", False
-    elif isinstance(output, RatesThrust | TorqueThrust):
-        vector = output.rates if isinstance(output, RatesThrust) else output.torque
-        most = MOST_RATE if isinstance(output, RatesThrust) else 1.0
-        clipped = bool(np.abs(vector).max() > most)
-        np.clip(vector, -most, most, out=vector)
-        return None, _fit_thrust(output) or clipped
     else:
-        vector, most = (output.vel, MOST_VELOCITY) if isinstance(output, Velocity) else (output.acc, MOST_ACCELERATION)
-        if float(np.abs(vector).max()) > most:
+        name, most = MOST[type(output)]
+        vector = getattr(output, name)
+        clipped = bool(np.abs(vector).max() > most)
+        if clipped and isinstance(output, Velocity | Acceleration):
             return f"the controller's output is no sane one: {output}", False
-        return None, False
-    return None, _fit_thrust(output)
-
-
-def _fit_thrust(output: AttitudeThrust | RatesThrust | TorqueThrust) -> bool:
-    thrust = min(max(float(output.thrust), 0.0), 1.0)
-    clipped = thrust != output.thrust
-    output.thrust = thrust
-    return clipped
+        np.clip(vector, -most, most, out=vector)
+    if isinstance(output, AttitudeThrust | RatesThrust | TorqueThrust):
+        thrust = min(max(float(output.thrust), 0.0), 1.0)
+        clipped = clipped or thrust != output.thrust
+        output.thrust = thrust
+    return None, clipped

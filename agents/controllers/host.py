@@ -59,7 +59,7 @@ class Host:
             if data[:1] == packets.CYCLE:
                 self._cycle(data)
             else:
-                self._hear(packets.heard(data))
+                self._hear(packets.unpack_message(data))
 
     # Cycles.
 
@@ -145,7 +145,7 @@ class Host:
         return stack
 
     def _say(self, **what: Any) -> None:
-        self._line.send(packets.talk(**what))
+        self._line.send(packets.pack_message(**what))
 
 
 def checked(output: object, gives: str) -> Output:

@@ -16,11 +16,6 @@ from zmav.errors import BadConfig
 GROUP = "zmav.controllers"
 
 
-def names() -> list[str]:
-    """The controllers that are installed."""
-    return sorted(point.name for point in entry_points(group=GROUP))
-
-
 def is_file(what: str) -> bool:
     return what.endswith(".py")
 

@@ -132,11 +132,11 @@ def _size(cls: type[Output]) -> int:
     return 4 if cls is AttitudeThrust else 3
 
 
-def talk(**what: Any) -> bytes:
+def pack_message(**what: Any) -> bytes:
     return TALK + json.dumps(what).encode()
 
 
-def heard(data: bytes) -> dict[str, Any]:
+def unpack_message(data: bytes) -> dict[str, Any]:
     """Raises ValueError for what is not JSON."""
     said = json.loads(data[1:])
     if not isinstance(said, dict):

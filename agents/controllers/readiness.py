@@ -37,14 +37,10 @@ def check_ready(state: wire.VehicleState, estimate: Estimate, wanted: float) -> 
     return "" if hz >= ENOUGH * wanted else f" at {hz:.0f} Hz: its state comes no faster ({wanted:g} wanted)"
 
 
-async def check_parameters(vehicle: Vehicle, gives: str, back: str) -> None:
-    """Raises :class:`Refused` where the autopilot would take an output for something else than it says, and
-    :class:`~zmav.errors.BadInput` for a mode to hand ``back`` in that it has not (empty: none is wanted).
-    """
+async def check_parameters(vehicle: Vehicle, gives: str) -> None:
+    """Raises :class:`Refused` where the autopilot would take an output for something else than it says."""
     state = vehicle.state
     autopilot = autopilot_named(state.autopilot, state.kind)
-    if back:
-        autopilot.mode(back)
     for need in next((each for level, each in autopilot.needs_by_level.items() if level == gives), ()):
         values: dict[str, float | None] = {}
         for name in need.params:

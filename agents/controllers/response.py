@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -17,8 +18,15 @@ import numpy as np
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
 from zmav import wire
-from zmav.errors import BadInput
+from zmav.errors import BadInput, missing_extra
+from zmav.figures import save
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MEASURED, WRONG, MARK, GREY = "#1a73e8", "#d93025", "#e8710a", "#80868b"
+PANELS = 3
+"""of outputs in a picture, at most"""
 LEAST = 20
 """samples while it is injected"""
 MOST_LOST, MOST_GAP = 0.2, 0.5
@@ -34,7 +42,7 @@ NOISE = 4.0
 
 
 @dataclass
-class Step:
+class StepResponse:
     """A step's response, as the textbooks have it (K. Ogata, "Modern Control Engineering", 5-3), times in s after the
     step. Shares are of ``final``; None: that did not come within the step's duration.
     """
@@ -79,7 +87,7 @@ class Step:
 
 
 @dataclass
-class Report:
+class ResponseReport:
     """What was recorded, and what is to be said of it. Arrays (N,) without the samples that were no numbers."""
 
     args: Inject
@@ -99,7 +107,7 @@ class Report:
     rms: float
     """of the error (reference less measured) during the injection"""
     peak_error: float
-    found: Step | None
+    found: StepResponse | None
     """None: of a doublet"""
     notes: list[str] = field(default_factory=list)
     """what to know before believing it"""
@@ -146,7 +154,7 @@ def examine(
     injected: Array,
     outputs: Mapping[str, Array] | None = None,
     title: str = "",
-) -> Report:
+) -> ResponseReport:
     """The report of a recording of ``args``: ``t`` (N,) s and, of the channel injected into and in its unit, the
     ``reference`` as the controller was given it (what was injected included), what was ``measured`` and what was
     ``injected``, each (N,); ``outputs``: more of (N,), for the picture. It should begin a little before the injection.
@@ -188,7 +196,7 @@ def examine(
             notes.append(f"it rose within {found.rise / period:.0f} samples: its times are rough")
     error = (reference - measured)[during]
     rms, peak = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return Report(args, title, t, reference, measured, rows, period, lost, bad, rms, peak, found, notes)
+    return ResponseReport(args, title, t, reference, measured, rows, period, lost, bad, rms, peak, found, notes)
 
 
 def _clean(columns: Mapping[str, Array]) -> tuple[dict[str, Array], int]:
@@ -228,11 +236,11 @@ def _short(name: str, what: str, expected: str) -> BadInput:
     return BadInput(f"response: {what}; expected {expected}", field=name, value=what, expected=expected)
 
 
-def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) -> Step:
+def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) -> StepResponse:
     """``t``, ``y``: while the step lasted."""
     tail = y[t >= (1.0 - END) * t[-1]]
     final = float(tail.mean())
-    found = Step(final, amplitude - final, noise)
+    found = StepResponse(final, amplitude - final, noise)
     if final / amplitude < FOLLOWS:
         notes.append("it does not follow: there is no response to judge")
         return found
@@ -277,3 +285,50 @@ def _settled(t: Array, off: Array, band: float) -> float | None:
 def _seconds(value: float | None) -> str:
     """A time for a person."""
     return "none" if value is None else f"{value:.3f} s" if value < 10.0 else f"{value:.2f} s"
+
+
+def picture(report: ResponseReport, path: Path) -> None:
+    """Draw it (PNG, or what the file's name says). Raises :class:`~zmav.errors.BadConfig` where matplotlib is not
+    installed, and :class:`~zmav.errors.BadInput` for a file that cannot be.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as e:
+        raise missing_extra("a picture", e.name, "planner") from e
+    groups: dict[str, list[str]] = {}  # outputs that share a panel: the parts of one vector
+    for name in report.outputs:
+        groups.setdefault(name.rpartition(".")[0] or name, []).append(name)
+    panels = list(groups)[:PANELS]
+    head, _, body = report.text().partition("\n")
+    figure = Figure(figsize=(11.5, 5.6 + 1.05 * len(panels)), dpi=110, layout="constrained")
+    figure.suptitle(head, weight="bold")
+    left, beside = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 0.6))[0]
+    axes = left.subplots(2 + len(panels), 1, sharex=True, height_ratios=[3.2, 1.5] + [1.2] * len(panels))
+    _draw_followed(axes[0], report)
+    axes[1].plot(report.t, report.error, color=WRONG, linewidth=0.9)
+    axes[1].set_ylabel(f"error ({report.unit})")
+    for ax, group in zip(axes[2:], panels, strict=True):
+        for name in groups[group]:
+            ax.plot(report.t, report.outputs[name], linewidth=0.8, label=name.removeprefix(f"{group}."))
+        ax.set_ylabel(group)
+        if len(groups[group]) > 1:
+            ax.legend(fontsize=7, loc="upper right")
+    axes[-1].set(xlim=(report.t[0], report.t[-1]), xlabel=f"time since the {report.args.kind} (s)")
+    for ax in axes:
+        ax.grid(alpha=0.3)
+    beside.text(0.02, 0.97, body, family="monospace", fontsize=7, va="top", wrap=True)
+    save(figure, path)
+
+
+def _draw_followed(ax: Axes, report: ResponseReport) -> None:
+    name = report.args.channel + (", down" if report.args.channel in ("z", "vz") else "")
+    ax.plot(report.t, report.reference, color="black", linewidth=0.9, label="reference")
+    ax.plot(report.t, report.measured, color=MEASURED, linewidth=1.1, label="measured")
+    if (found := report.found) is not None:
+        if found.t10 is not None and found.t90 is not None:
+            ax.axvspan(found.t10, found.t90, color=MARK, alpha=0.2, linewidth=0, label="rise")
+        for words, value, shade in (("peak", found.t_peak, WRONG), ("settled within 2 %", found.settle_2, GREY)):
+            if value is not None:
+                ax.axvline(value, color=shade, linewidth=0.9, linestyle="--", label=words)
+    ax.set_ylabel(f"{name} ({report.unit})")
+    ax.legend(fontsize=8, loc="lower right")

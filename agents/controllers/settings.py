@@ -21,8 +21,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """in keys; empty: that of the file"""
     rate_hz: float = 250.0
     """cycles a second that are wanted of the autopilot"""
-    back: str = ""
-    """the mode it is handed back in; empty: the autopilot is told to hold"""
     rc: tuple[int, int, int, int] = (1, 2, 3, 4)
     """channels of the pilot's roll, pitch, throttle and yaw"""
     by_switch: bool = False

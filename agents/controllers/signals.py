@@ -13,7 +13,7 @@ import numpy as np
 from agents.controllers.types import LEVELS, Array, Output, Reference, State
 
 
-def told(state: State, reference: Reference, output: Output) -> dict[str, float]:
+def cycle_signals(state: State, reference: Reference, output: Output) -> dict[str, float]:
     """The signals that every controller has: what is, what is asked for from outside, and what goes out."""
     values: dict[str, float] = {}
     _spread(values, "is.", ("x", "y", "z"), state.pos)

@@ -1,6 +1,6 @@
 """A controller with EV1's loops above it, so that it can be given a reference of any outer level.
 
-Whatever the reference's level, only the loops from there inwards run; what each gives is merged into the reference of
+Whatever the reference's level, only the loops from there inwards run; what each gives is merge into the reference of
 the next. Parameters and signals of the loops above are called ``position.kp``, ``velocity.error.x`` and so on; the
 controller's own have no prefix.
 """
@@ -92,11 +92,11 @@ class Stack:
             loop = self.loops[level]
             loop.reset(state, handed, trim)
             if level == "position":
-                handed = merged(handed, loop.update(state, handed))
+                handed = merge(handed, loop.update(state, handed))
             elif level == "attitude":
-                handed = merged(handed, RatesThrust(trim.rates, trim.thrust))
+                handed = merge(handed, RatesThrust(trim.rates, trim.thrust))
             else:
-                handed = merged(handed, AttitudeThrust(trim.attitude, trim.thrust, reference.yaw_rate))
+                handed = merge(handed, AttitudeThrust(trim.attitude, trim.thrust, reference.yaw_rate))
         self.controller.reset(state, self._fitting(state, reference, handed), trim)
 
     def update(self, state: State, reference: Reference) -> Output:
@@ -104,7 +104,7 @@ class Stack:
         handed = reference
         self._ran = self._path(reference)
         for level in self._ran:
-            handed = merged(handed, self.loops[level].update(state, handed))
+            handed = merge(handed, self.loops[level].update(state, handed))
         self.followed = self._fitting(state, reference, handed)
         return self.controller.update(state, self.followed)
 
@@ -134,7 +134,7 @@ class Stack:
         return mine
 
 
-def merged(reference: Reference, output: Output) -> Reference:
+def merge(reference: Reference, output: Output) -> Reference:
     """What the loop below is to follow: the reference, with what the loop above gives in place of its own parts."""
     level = FOLLOWED.get(type(output))
     if level is None:

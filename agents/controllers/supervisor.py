@@ -20,13 +20,13 @@ from agents.controllers.cycle import Cycles, Phase
 from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.readiness import check_parameters, check_ready
+from agents.controllers.reloading import ControllerReloader
 from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
 from agents.controllers.types import LEVELS
-from agents.controllers.worker import Loaded, Worker
-from agents.controllers.workshop import Workshop
+from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
-from zmav.errors import BadConfig, BadInput, NotHolder, Refused, ZmavError
+from zmav.errors import BadConfig, BadInput, Refused, ZmavError
 from zmav.services.link.port import on_loop
 from zmav.trust.gate import Origin
 from zmav.vehicle.lease import Lease
@@ -74,14 +74,8 @@ class Supervisor(zmav.Agent):
         super().__init__(z, vehicle, settings)
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
-        self.workshop = Workshop(
-            settings.controller,
-            self.cycles.fly_by,
-            self._agree,
-            self.cycles.on_answer,
-            self._on_failed,
-            self._on_because,
-        )
+        events = WorkerEvents(self.cycles.on_answer, self._on_failed, self._on_because)
+        self.reloader = ControllerReloader(settings.controller, self.cycles.fly_by, self._agree, events)
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
         loop = asyncio.get_running_loop()
@@ -114,7 +108,7 @@ class Supervisor(zmav.Agent):
         self.cycles.on_signals = stream
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(publisher.undeclare)
-            stack.callback(self.workshop.close)
+            stack.callback(self.reloader.close)
             await self._load()
             for name, value in self.wished.items():
                 self.tune(name, value)
@@ -160,7 +154,7 @@ class Supervisor(zmav.Agent):
 
     def _tell(self) -> None:
         """The status: who flies, and how it goes."""
-        cycles, what, broken = self.cycles, self._described(), self.workshop.broken
+        cycles, what, broken = self.cycles, self._described(), self.reloader.broken
         hz = 1.0 / self.estimate.period if self.estimate.period else 0.0
         detail: dict[str, Any] = {
             "controller": what,
@@ -187,20 +181,20 @@ class Supervisor(zmav.Agent):
 
     # What is loaded.
 
-    async def _load(self, *, unless_alive: bool = False) -> float:
-        shop = self.workshop
-        given = {name: self[name] for name in (shop.loaded.tunables if shop.loaded is not None else ())}
-        took = await shop.load(given, unless_alive=unless_alive)
-        if shop.loaded is not None and shop.worker is not None:
-            self.declare({**self.tunables, **shop.loaded.declared()})
-            for name in given.keys() & shop.loaded.tunables.keys():
+    async def _load(self, *, where_gone: bool = False) -> float:
+        reloader = self.reloader
+        given = {name: self[name] for name in (reloader.loaded.tunables if reloader.loaded is not None else ())}
+        took = await reloader.load(given, where_gone=where_gone)
+        if reloader.loaded is not None and reloader.worker is not None:
+            self.declare({**self.tunables, **reloader.loaded.declared()})
+            for name in given.keys() & reloader.loaded.tunables.keys():
                 if self[name] != given[name]:  # changed while it was loaded
-                    shop.worker.tune(name, self[name])
+                    reloader.worker.tune(name, self[name])
         return took
 
     def _agree(self, loaded: Loaded) -> None:
         """Raises :class:`BadConfig` for what cannot take the place of what flies."""
-        before = self.workshop.loaded
+        before = self.reloader.loaded
         if self.cycles.phase and before is not None and (loaded.level, loaded.gives) != (before.level, before.gives):
             text = f"it now takes over {loaded.level} and gives {loaded.gives}: release before changing that"
             raise BadConfig(text, field="level", value=loaded.level, expected=before.level)
@@ -211,7 +205,7 @@ class Supervisor(zmav.Agent):
 
     async def _watch_file(self) -> None:
         while True:
-            await self.workshop.saved()
+            await self.reloader.saved()
             with contextlib.suppress(Exception):  # said already; what flies goes on
                 await self._load_again()
 
@@ -224,7 +218,7 @@ class Supervisor(zmav.Agent):
         self.say("reload", "notice", f"loaded again in {took:.0f} ms: {self._described()}", took_ms=took)
 
     def _described(self) -> str:
-        loaded = self.workshop.loaded
+        loaded = self.reloader.loaded
         return "nothing" if loaded is None else f"{loaded.loaded} ({loaded.level} to {loaded.gives})"
 
     def _on_failed(self, worker: Worker, text: str) -> None:
@@ -237,20 +231,20 @@ class Supervisor(zmav.Agent):
         self._say_on_loop("controller", "error", text)
 
     def _failed(self, worker: Worker) -> None:
-        if self.workshop.gone(worker):
+        if self.reloader.gone(worker):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
 
     async def _replace(self) -> None:
         """Another process in place of one that is gone, for anyone who engages it again, unless he has one already."""
         await asyncio.sleep(AGAIN)  # one that dies of each cycle must not be all that is done here
         with contextlib.suppress(ZmavError):
-            await self._load(unless_alive=True)  # an order may be loading one meanwhile
+            await self._load(where_gone=True)
 
     def tuned(self, name: str, value: float) -> None:
-        shop = self.workshop
-        if shop.loaded is not None and name in shop.loaded.tunables:
-            if shop.worker is not None:
-                shop.worker.tune(name, value)
+        reloader = self.reloader
+        if reloader.loaded is not None and name in reloader.loaded.tunables:
+            if reloader.worker is not None:
+                reloader.worker.tune(name, value)
             return
         with self.cycles.lock:
             self.cycles.limits[name] = value
@@ -274,7 +268,7 @@ class Supervisor(zmav.Agent):
         with contextlib.suppress(asyncio.TimeoutError):
             await within(SOON, self._estimated())
         slow = check_ready(self.vehicle.state, self.estimate, self.settings.rate_hz)
-        if self.workshop.worker is None or not self.workshop.worker.alive:
+        if self.reloader.worker is None or not self.reloader.worker.alive:
             await self._load_again()
         await self._check_parameters()
         self._check_free()
@@ -318,8 +312,8 @@ class Supervisor(zmav.Agent):
             raise Refused("it is taking over or handing back just now: ask again in a moment")
 
     async def _check_parameters(self) -> None:
-        gives = self.workshop.loaded.gives if self.workshop.loaded is not None else ""
-        await check_parameters(self.vehicle, gives, self.settings.back)
+        gives = self.reloader.loaded.gives if self.reloader.loaded is not None else ""
+        await check_parameters(self.vehicle, gives)
 
     async def _fly(self, taken: asyncio.Event) -> None:
         """One engagement, from the lease to the autopilot's having it again."""
@@ -371,7 +365,7 @@ class Supervisor(zmav.Agent):
         self._why = text
         self._over.set()
         if self.cycles.stuck:
-            self.workshop.end_stuck()
+            self.reloader.end_stuck()
 
     async def _hand_back(self, lease: Lease) -> None:
         """Have the autopilot fly, unless somebody else has taken the vehicle already."""
@@ -379,7 +373,7 @@ class Supervisor(zmav.Agent):
         reason = (lease.lost.detail.get("reason") if lease.lost else None) or ""
         if lease.lost is None:
             try:
-                await self._give_back()
+                await self.vehicle.hold()
             except ZmavError as e:
                 self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
         self.handed_back_ms = (time.monotonic() - began) * 1e3
@@ -388,18 +382,6 @@ class Supervisor(zmav.Agent):
         self.say(
             "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
         )
-
-    async def _give_back(self) -> None:
-        if not self.settings.back:
-            await self.vehicle.hold()
-            return
-        try:
-            await self.vehicle.set_mode(self.settings.back)
-        except NotHolder:
-            raise  # somebody has taken it meanwhile
-        except ZmavError as e:
-            self.say("back", "error", f"the autopilot does not take {self.settings.back}, and holds instead: {e}")
-            await self.vehicle.hold()
 
     async def _release(self, why: str) -> None:
         self._began, self._wanted = time.monotonic(), None
@@ -462,7 +444,7 @@ class Supervisor(zmav.Agent):
 
     def _follows(self, level: str) -> None:
         """Raises :class:`Refused` for a reference from further in than the controller begins."""
-        loaded = self.workshop.loaded
+        loaded = self.reloader.loaded
         if loaded is not None and level in LEVELS and LEVELS.index(level) > LEVELS.index(loaded.level):
             text = f"{loaded.loaded} takes over from {loaded.level} on inwards: it cannot follow {level}"
             raise Refused(text, level=level, expected=loaded.level)

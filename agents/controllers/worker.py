@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -42,19 +42,21 @@ class Loaded(msgspec.Struct, forbid_unknown_fields=True):
         return {name: Tunable(**each) for name, each in self.tunables.items()}
 
 
-class Worker:
-    """A process of :mod:`agents.controllers.host`. ``on_answer(worker, answer)``, ``on_failed(worker, text)`` and,
-    where in the user's file that was, ``on_because(worker, text)`` are called from its thread; ``on_failed`` too when
-    it is gone and nobody closed it.
-    """
+class WorkerEvents(NamedTuple):
+    """What a worker calls, from its thread."""
 
-    def __init__(
-        self,
-        on_answer: Callable[[Worker, Answer], None],
-        on_failed: Callable[[Worker, str], None],
-        on_because: Callable[[Worker, str], None],
-    ) -> None:
-        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
+    answered: Callable[[Worker, Answer], None]
+    failed: Callable[[Worker, str], None]
+    """too when it is gone and nobody closed it"""
+    because: Callable[[Worker, str], None]
+    """where in the user's file that was"""
+
+
+class Worker:
+    """A process of :mod:`agents.controllers.host`."""
+
+    def __init__(self, events: WorkerEvents) -> None:
+        self._events = events
         self._loop = asyncio.get_running_loop()
         self.names: tuple[str, ...] = ()
         """of the signals"""
@@ -87,7 +89,7 @@ class Worker:
         return True
 
     def tune(self, name: str, value: float) -> None:
-        self.send(packets.talk(tune={"name": name, "value": value}))
+        self.send(packets.pack_message(tune={"name": name, "value": value}))
 
     def kill(self) -> None:
         """End it, and the processes that the user's class has started."""
@@ -114,7 +116,7 @@ class Worker:
         """
         waiting: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._waiting = waiting
-        if not self.send(packets.talk(load={"what": what, "tuned": tuned})):
+        if not self.send(packets.pack_message(load={"what": what, "tuned": tuned})):
             raise TimedOut("the controller's process takes nothing any more")
         try:
             await asyncio.wait({waiting}, timeout=LOAD_TIMEOUT)
@@ -146,23 +148,23 @@ class Worker:
                 self._take(data, answered)
             except Exception as e:  # this thread must not end before the process does
                 logger.exception("what a controller's process said was not taken")
-                self._on_failed(self, f"what its process said was not taken: {e!r}")
+                self._events.failed(self, f"what its process said was not taken: {e!r}")
         if not self._closed:
             code = self.process.wait()
             answered({"broken": f"its process ended by itself ({_reason(code)})"})
-            self._on_failed(self, f"its process is gone ({_reason(code)})")
+            self._events.failed(self, f"its process is gone ({_reason(code)})")
 
     def _take(self, data: bytes, answered: Callable[[dict[str, Any]], None]) -> None:
         if data[:1] == packets.OUTPUT:
-            self._on_answer(self, packets.unpack_output(data))
+            self._events.answered(self, packets.unpack_output(data))
             return
-        said = packets.heard(data)
+        said = packets.unpack_message(data)
         if "names" in said:
             self.names = tuple(said["names"])
         elif "failed" in said:
-            self._on_failed(self, str(said["failed"]))
+            self._events.failed(self, str(said["failed"]))
         elif "because" in said:
-            self._on_because(self, str(said["because"]))
+            self._events.because(self, str(said["because"]))
         else:
             answered(said)
 

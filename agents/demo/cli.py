@@ -15,7 +15,7 @@ from rich.console import Console
 
 from agents.demo import picture, report
 from agents.demo.play import Play
-from agents.demo.stage import Stage
+from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, demos, find, on_stacks
 from zmav.children import Children
 from zmav.cli.common import console
@@ -70,7 +70,7 @@ def demo(
         Children(at_once=True, by_signals=True) as processes,
     ):
         ground = endpoint or (DEFAULT_ROUTER if stay else f"tcp/127.0.0.1:{free_port()}")
-        with Stage(found, processes, Path(folder), ground, stacks) as stage:
+        with DemoFleet(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
                 _stay(stage, processes)
             sys.exit(_play(found, stage, processes, _folder(out, found), headless))
@@ -91,10 +91,6 @@ def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[
             "up to 1.13: fly it without --px4"
         )
         raise BadConfig(text, field="px4", value=px4, expected="a demo of quadrotors")
-    if ardupilot and not set(sims) - set(px4s or (copters if px4 else ())):
-        why = "--px4 flies its copters" if px4 else "it has PX4s alone"
-        text = f"{demo} has no vehicle left for --ardupilot: {why}"
-        raise BadConfig(text, field="ardupilot", value=ardupilot, expected="one of --ardupilot and --px4")
     if px4 and len(copters) > MOST_PX4:
         text = f"{demo} has {len(copters)} copters, and PX4s that are started have links for {MOST_PX4}"
         raise BadConfig(text, field="px4", value=px4, expected=f"a demo of at most {MOST_PX4} copters")
@@ -114,12 +110,10 @@ def _folder(out: Path | None, found: Demo) -> Path:
     return place
 
 
-def _play(found: Demo, stage: Stage, processes: Children, out: Path, headless: bool) -> int:
+def _play(found: Demo, stage: DemoFleet, processes: Children, out: Path, headless: bool) -> int:
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)
-    if found.story.about:
-        term.print(found.story.about.strip(), markup=False, highlight=False)
     play = Play(found, stage, processes, out, term, live=term.is_terminal and not headless)
     fault: ZmavError | None = None
     try:
@@ -147,7 +141,7 @@ def _picture(play: Play, out: Path, term: Console) -> None:
         term.print(str(e), markup=False, highlight=False)
 
 
-def _stay(stage: Stage, processes: Children) -> NoReturn:
+def _stay(stage: DemoFleet, processes: Children) -> NoReturn:
     asyncio.run(stage.start())
     click.echo(f"{', '.join(stage.demo.vehicles)}: the ground's router is at {stage.ground}")
     click.echo("they stand ready in a few seconds: look with 'zmav top'; Ctrl-C ends them")

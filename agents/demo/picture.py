@@ -30,12 +30,12 @@ def draw(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title
     """PNG, SVG or PDF by the name. Raises :class:`BadConfig` without matplotlib, :class:`BadInput` where it cannot be
     written.
     """
-    save(drawn(names, rows, marks, title), path)
+    save(draw_figure(names, rows, marks, title), path)
 
 
-def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title: str) -> Figure:
+def draw_figure(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], title: str) -> Figure:
     """From the first that moves to the last that does. Raises :class:`BadConfig` without matplotlib."""
-    rows = shown(rows)
+    rows = without_rest(rows)
     marks = [mark for mark in marks if rows[0].t <= mark.t <= rows[-1].t]
     figure, above, heights, ways = axes_of(title)
     times = [row.t for row in rows]
@@ -51,7 +51,7 @@ def drawn(names: Sequence[str], rows: Sequence[Row], marks: Sequence[Mark], titl
     return figure
 
 
-def shown(rows: Sequence[Row]) -> Sequence[Row]:
+def without_rest(rows: Sequence[Row]) -> Sequence[Row]:
     """Those from shortly before the first moves to shortly after the last has come to rest; all where nobody moves."""
     away = [k for k, row in enumerate(rows) if _moved(rows[0], row)]
     going = [k for k, row in enumerate(rows) if _moved(rows[-1], row)]

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 import zmav
-from agents.demo.stage import Stage
+from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, Step, Wait, called, matching, words
 from agents.demo.truth import Truth
 from agents.demo.watch import Watch
@@ -41,7 +41,9 @@ class Mark(NamedTuple):
 class Play:
     """One performance. :meth:`run` returns when the story is over; what went wrong is raised in words."""
 
-    def __init__(self, demo: Demo, stage: Stage, processes: Children, out: Path, console: Console, live: bool) -> None:
+    def __init__(
+        self, demo: Demo, stage: DemoFleet, processes: Children, out: Path, console: Console, live: bool
+    ) -> None:
         self.demo, self.stage, self.processes, self.out, self.console = demo, stage, processes, out, console
         self.truth = Truth(demo.vehicles)
         self.marks: list[Mark] = []

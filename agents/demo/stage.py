@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import select
+import socket
+import threading
 import time
 from pathlib import Path
 from types import TracebackType
 
-from agents.demo.relay import Relay
 from agents.demo.story import GROUND, Demo, Pair
 from zmav.children import Children
 from zmav.errors import LinkDown, TimedOut
@@ -18,10 +20,12 @@ from zmav.sim import Remote
 
 PATIENCE = 60.0
 """s for the simulator to be there"""
+PIECE, RELAY_PATIENCE = 65536, 5.0
+"""bytes at a time, and s for one end to take what the other sent"""
 
 
-class Stage:
-    """``with Stage(...) as stage``: starts and ends all of it.
+class DemoFleet:
+    """``with DemoFleet(...) as stage``: starts and ends all of it.
 
     ``stacks``: options of ``zmav sim`` that have real flight stacks fly the fleet.
     """
@@ -36,7 +40,7 @@ class Stage:
         self._links = contextlib.ExitStack()
         self._relays: dict[frozenset[str], Relay] = {}
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> DemoFleet:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
@@ -103,3 +107,63 @@ class Stage:
                 if time.monotonic() > deadline:
                     raise TimedOut(f"the simulator did not start within {PATIENCE:.0f} s") from None
             await asyncio.sleep(0.1)
+
+
+class Relay:
+    """The link between two routers of a demo, where it is to be cut in flight: a TCP relay on loopback, without root.
+
+    ``with Relay(port) as relay``: who connects to loopback's ``relay.port`` reaches ``port`` there; while
+    :attr:`cut` is set nothing passes, as out of a radio's reach: nobody is told.
+    """
+
+    def __init__(self, port: int) -> None:
+        self.cut = threading.Event()
+        self._to, self._stop = ("127.0.0.1", port), threading.Event()
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._door.getsockname()[1])
+        self._other: dict[socket.socket, socket.socket] = {}
+        """of each connection its other half"""
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Relay:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._stop.set()
+        self._thread.join()
+        for each in (self._door, *self._other):
+            each.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            if self.cut.is_set():
+                self._stop.wait(0.05)
+                continue
+            readable, _, _ = select.select([self._door, *self._other], [], [], 0.05)
+            for each in readable:
+                if self.cut.is_set():  # meanwhile
+                    break
+                if each is self._door:
+                    self._connect()
+                elif each in self._other:
+                    self._pass(each)
+
+    def _connect(self) -> None:
+        near, _ = self._door.accept()
+        try:
+            far = socket.create_connection(self._to, RELAY_PATIENCE)
+        except OSError:  # the other end is not there yet: who called tries again
+            near.close()
+            return
+        near.settimeout(RELAY_PATIENCE)
+        self._other[near], self._other[far] = far, near
+
+    def _pass(self, source: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            if data := source.recv(PIECE):
+                self._other[source].sendall(data)
+                return
+        for each in (source, self._other[source]):
+            del self._other[each]
+            each.close()

@@ -48,8 +48,6 @@ class Tracker:
         self._x: Array = np.zeros(4)
         self._p: Array = np.zeros((4, 4))
         self._strays: list[tuple[float, Array]] = []
-        self.rejected = 0
-        """sights outside of the gate since the last one inside"""
 
     @property
     def t(self) -> float | None:
@@ -57,7 +55,7 @@ class Tracker:
         return self._t
 
     def forget(self) -> None:
-        self._t, self._strays, self.rejected = None, [], 0
+        self._t, self._strays = None, []
 
     def see(self, t: float, pos: tuple[float, float], covariance: tuple[float, float, float] | None = None) -> bool:
         """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²). Whether that was
@@ -81,7 +79,7 @@ class Tracker:
         left[:, :2] -= gain
         self._t, self._x = t, x + gain @ off
         self._p = left @ p @ left.T + gain @ r @ gain.T
-        self._strays, self.rejected = [], 0
+        self._strays = []
         return True
 
     def at(self, t: float) -> Estimate | None:
@@ -98,11 +96,10 @@ class Tracker:
         self._t, self._x = t, np.concatenate([z, np.zeros(2) if vel is None else vel])
         self._p = np.zeros((4, 4))
         self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * FIRST_SPEED**2
-        self._strays, self.rejected = [], 0
+        self._strays = []
 
     def _stray(self, t: float, z: Array, r: Array) -> bool:
         """Outside of the gate. Where enough such sights in a row are one moving thing, that is the target."""
-        self.rejected += 1
         if self._strays:
             before, place = self._strays[-1]
             if t <= before:

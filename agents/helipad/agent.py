@@ -40,6 +40,8 @@ so many in which something was found for other pads than that one
 """
 SIZES, APART = 4, 0.5
 """of pictures for which there are detectors; heights of the symbol within which two sights are one"""
+ATTITUDE_HZ, POSITION_HZ = 30.0, 10.0
+"""at which the autopilot is asked for them"""
 RECENT = 50
 """pictures of which delays and times are told"""
 
@@ -54,10 +56,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """the vehicle that carries the pad, whose height is the pad's; empty: the pad is on the ground, as our home is"""
     deck_m: float = 0.0
     """m of the pad above that vehicle's reference point, or above the ground"""
-    attitude_hz: float = 30.0
-    """at which the autopilot is asked for its attitude"""
-    position_hz: float = 10.0
-    """and for its position"""
 
 
 class Helipad(zmav.Agent):
@@ -267,7 +265,7 @@ class Helipad(zmav.Agent):
     # What is heard.
 
     async def _turns(self) -> None:
-        async with self.vehicle.stream("ATTITUDE", depth=100, hz=self.settings.attitude_hz) as attitudes:
+        async with self.vehicle.stream("ATTITUDE", depth=100, hz=ATTITUDE_HZ) as attitudes:
             async for message in attitudes:
                 fields, t = message.fields, self._time(message)
                 with contextlib.suppress(TypeError, KeyError):
@@ -282,7 +280,7 @@ class Helipad(zmav.Agent):
 
     async def _places(self) -> None:
         """From its states, and between them from its positions, which come more often."""
-        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=50, hz=self.settings.position_hz) as places:
+        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=50, hz=POSITION_HZ) as places:
             async for message in places:
                 state = self.vehicle.last_state
                 if state is None or state.local is None or state.position is None:

@@ -20,6 +20,7 @@ from zmav.errors import BadInput
 Array = NDArray[np.float64]
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 0.5, 13.0
+"""where to look when no height is given"""
 HEIGHT_STEP = 1.4
 """between the heights that are supposed where none is known; the search at one of them reaches half-way to the next"""
 ASTRAY_STEP, ASTRAY_STEPS = 1.5, 2
@@ -57,9 +58,7 @@ class Detector:
     """Finds the letter H, ``symbol_height_m`` metres high, in frames of a camera that looks down: white or yellow, in
     the proportions of small pads and of ICAO's. It is its own mirror image, so a mirrored H is an H.
 
-    ``camera_matrix``: (3, 3), pixels.
-    ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None.
-    ``min_height_m`` and ``max_height_m``: where to look when no height is given.
+    ``camera_matrix``: (3, 3), pixels. ``distortion``: OpenCV's coefficients (4, 5, 8, 12 or 14), or None.
     ``trust_height``: where nothing is found at the height given, look at no other. Nothing is then found while it is
     wrong by more than 20 %, but a frame with nothing in it costs far less.
     Raises :class:`BadInput`.
@@ -75,18 +74,15 @@ class Detector:
         symbol_height_m: float = 0.25,
         *,
         distortion: ArrayLike | None = None,
-        min_height_m: float = MIN_HEIGHT_M,
-        max_height_m: float = MAX_HEIGHT_M,
         trust_height: bool = False,
     ) -> None:
-        self._k = _camera_matrix(camera_matrix)
-        self._distortion = _distortion(distortion)
+        self._k = np.asarray(camera_matrix, dtype=float)
+        bent = np.zeros(0) if distortion is None else np.asarray(distortion, dtype=float).ravel()
+        self._distortion = bent if bent.any() else None
         self._trust_height = trust_height
         self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
-        low = _number("min_height_m", min_height_m, 0.01, 1e4)
-        high = _number("max_height_m", max_height_m, low, 1e4)
-        steps = max(math.ceil(math.log(high / low) / math.log(HEIGHT_STEP)), 0)
-        self._heights = [high / HEIGHT_STEP**i for i in range(steps + 1)]
+        steps = math.ceil(math.log(MAX_HEIGHT_M / MIN_HEIGHT_M) / math.log(HEIGHT_STEP))
+        self._heights = [MAX_HEIGHT_M / HEIGHT_STEP**i for i in range(steps + 1)]
         self._searcher = Searcher(letter_h())
         self._check = Check.built_in()
         self._lost = 0
@@ -214,30 +210,6 @@ class Detector:
             heading=float(heading(affines)[0]),
             score=score,
         )
-
-
-def _camera_matrix(value: ArrayLike) -> Array:
-    expected = "(3, 3): fx 0 cx, 0 fy cy, 0 0 1, pixels"
-    try:
-        k = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise _bad("camera_matrix", value, expected) from None
-    if k.shape != (3, 3) or not np.isfinite(k).all() or k[0, 0] <= 0.0 or k[1, 1] <= 0.0 or k[2].tolist() != [0, 0, 1]:
-        raise _bad("camera_matrix", value, expected)
-    return k
-
-
-def _distortion(value: ArrayLike | None) -> Array | None:
-    if value is None:
-        return None
-    expected = "4, 5, 8, 12 or 14 numbers"
-    try:
-        coefficients = np.asarray(value, dtype=float).ravel()
-    except (TypeError, ValueError):
-        raise _bad("distortion", value, expected) from None
-    if coefficients.size not in (4, 5, 8, 12, 14) or not np.isfinite(coefficients).all():
-        raise _bad("distortion", value, expected)
-    return coefficients if coefficients.any() else None
 
 
 def _number(field: str, value: object, low: float, high: float) -> float:

@@ -18,7 +18,7 @@ from agents.hil.beside import begun, beside, check_device, closing, tell
 from agents.hil.checkflight import CheckFlight
 from agents.hil.proof import HIL_FLAG, HITL, ardupilot_simulates, px4_simulates
 from agents.hil.report import Check, Report, find, hash_of
-from agents.hil.sil import talk
+from agents.hil.sil import connect_simulator
 from zmav import wire
 from zmav.children import Children
 from zmav.config import FleetConfig, load_fleet
@@ -28,17 +28,14 @@ from zmav.sim import Remote
 from zmav.sim.spec import Home
 from zmav.sim.status import HilLoop
 
-HIL_S, BACK_S = 40.0, 60.0
-"""s for a controller to go to HIL, and to come back after its reboot"""
+HIL_S = 40.0
+"""s for a controller to go to HIL"""
 LEAST_SHARE, MOST_DROPPED, LEAST_SPEED = 0.5, 0.01, 0.98
 """of readings that controls answer; of readings that the line has no room for; of real time"""
 
 
-async def bench(path: Path, name: str, reports: Path, device: str | None, set_it: bool) -> int:
-    """Fly the check flight with the autopilot at ``device`` (a link; None: the fleet file's); 0 where it passed.
-
-    ``set_it``: a PX4's SYS_HITL may be set to 1, and the controller be rebooted.
-    """
+async def bench(path: Path, name: str, reports: Path, device: str | None) -> int:
+    """Fly the check flight with the autopilot at ``device`` (a link; None: the fleet file's); 0 where it passed."""
     file = load_fleet(path)
     link = device or file.vehicle(name).link
     check_device(link)
@@ -52,7 +49,7 @@ async def bench(path: Path, name: str, reports: Path, device: str | None, set_it
             assert report.identity is not None
             ours = report.identity.autopilot == "px4"
             if ours:
-                await _to_hitl(flight, set_it)
+                _check_hitl(flight)
             else:
                 _believe(report, ardupilot_simulates(report.params))
                 await flight.fly()
@@ -76,24 +73,17 @@ def _believe(report: Report, proof: list[str]) -> None:
         click.echo(f"         simulated: {each}")
 
 
-async def _to_hitl(flight: CheckFlight, set_it: bool) -> None:
+def _check_hitl(flight: CheckFlight) -> None:
     """See that SYS_HITL is 1; raises :class:`Refused` that says how it gets there."""
-    vehicle, value = flight.vehicle, flight.report.params.get(HITL)
-    if value == 1:
-        flight.say(HITL, "1")
-        return
+    name, value = flight.vehicle.name, flight.report.params.get(HITL)
     if value is None:
         raise Refused(f"it has no {HITL}: its firmware knows no HITL")
-    if not set_it:
+    if value != 1:
         raise Refused(
-            f"{HITL} is {value}: say --set to have it set to 1 and the controller rebooted, or do so yourself "
-            "(QGroundControl: Safety, HITL Enabled). It stays so until it is set back"
+            f"{HITL} is {value}: set it to 1 ('zmav param set {name} {HITL}=1') and reboot the controller. It stays so "
+            "until it is set back"
         )
-    await vehicle.params.set(HITL, 1)
-    rebooted = time.monotonic()
-    await vehicle.reboot()
-    await flight.until(lambda s: s.connected, BACK_S, "back after its reboot")
-    flight.say(HITL, f"set to 1 (it was {value}), and rebooted in {time.monotonic() - rebooted:.1f} s")
+    flight.say(HITL, "1")
 
 
 async def _fly_on_ours(children: Children, path: Path, file: FleetConfig, name: str, link: str, report: Report) -> None:
@@ -108,7 +98,7 @@ async def _fly_on_ours(children: Children, path: Path, file: FleetConfig, name: 
     home = f"{origin.lat_deg},{origin.lon_deg},{origin.alt_amsl},0"
     where = ["--endpoint", f"onboard:0:{port}", "--home", home, "--control", str(control)]
     children.start("simulator", "sim", "--hil", device, *where)
-    with await talk(children, control) as simulator:
+    with await connect_simulator(children, control) as simulator:
         await _in_hil(children, simulator)
         async with beside(children, path, file, name, f"udpin:127.0.0.1:{port}") as (client, router):
             flight = CheckFlight(client, file, name, router, children, report, tell)

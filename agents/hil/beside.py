@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import stat
 import time
 from collections.abc import AsyncIterator, Iterator
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from agents.hil.report import Check, Report, Stage, hash_of, keep, line
 from zmav.children import Children
 from zmav.client import connect_once_up
 from zmav.config import FleetConfig
+from zmav.doctor.link import examine_device
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import free_port
 
@@ -91,16 +91,7 @@ def closing(report: Report, folder: Path) -> Iterator[None]:
 
 def check_device(link: str) -> None:
     """Raise :class:`BadConfig` for a serial device that is not there, is none, or is not ours to open."""
-    path = Path(link.removeprefix("serial:").partition(",")[0])
-    if not str(path).startswith("/"):
-        return  # another transport: the link itself says what is wrong with it
-    try:
-        mode = path.stat().st_mode
-    except OSError as e:
-        text = f"there is no {path} ({e.strerror}): is the autopilot plugged in, and on? See 'ls /dev/serial/by-id'"
-        raise BadConfig(text, field="device", value=link, expected="a serial device") from e
-    if not stat.S_ISCHR(mode):
-        raise BadConfig(f"{path} is no serial device", field="device", value=link, expected="a serial device")
-    if not os.access(path, os.R_OK | os.W_OK):
-        text = f"you may not open {path}: join its group (sudo usermod -aG dialout $USER), and log in again"
-        raise BadConfig(text, field="device", value=link, expected="a device that you may open")
+    for finding in examine_device(link, "root" if os.geteuid() == 0 else None)[:2]:  # what it is, and whose
+        if not finding.ok:
+            text = f"{finding.found}: {finding.advice}"
+            raise BadConfig(text, field="device", value=link, expected="a serial device that you may open")

@@ -54,8 +54,7 @@ def sil_(fleet_file: str, name: str, reports: str, ardupilot: str | None, px4: s
 @stage_options
 @click.option("--device", metavar="LINK", help="The autopilot: /dev/ttyACM0...  [default: the fleet file's link]")
 @click.option("--props-off", is_flag=True, help="Say that the propellers are off. Nothing is opened without it.")
-@click.option("--set", "set_it", is_flag=True, help="Set a PX4's SYS_HITL to 1, and reboot it, where it is not.")
-def bench_(fleet_file: str, name: str, reports: str, device: str | None, props_off: bool, set_it: bool) -> None:
+def bench_(fleet_file: str, name: str, reports: str, device: str | None, props_off: bool) -> None:
     """Fly the check flight with the real autopilot, which flies a simulation: take the propellers off.
 
     A PX4 with SYS_HITL 1 is flown on zmav's simulator; an ArduPilot must be built for simulation on hardware. Neither
@@ -68,7 +67,7 @@ def bench_(fleet_file: str, name: str, reports: str, device: str | None, props_o
             "TAKE THE PROPELLERS OFF (a rover's wheels off the ground), and then say --props-off: a simulated flight "
             "is one parameter away from a real one"
         )
-    run_stage(bench(Path(fleet_file), name, Path(reports), device, set_it))
+    run_stage(bench(Path(fleet_file), name, Path(reports), device))
 
 
 @hil.command("flight")

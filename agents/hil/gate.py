@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import fnmatch
-import json
 import shlex
 import time
 from collections.abc import Mapping, Sequence
@@ -13,12 +11,15 @@ from pathlib import Path
 
 import click
 
+import zmav
 from agents.hil.beside import begun, beside, check_device, tell
 from agents.hil.checkflight import CheckFlight
 from agents.hil.proof import HIL_FLAG, HITL
 from agents.hil.report import Check, Identity, Report, Stage, find, hash_of, place
 from zmav.children import Children
 from zmav.config import load_fleet
+from zmav.doctor.survey import look
+from zmav.doctor.vehicles import examine
 from zmav.errors import ZmavError
 from zmav.mavlink.paramvalue import Value
 from zmav.vehicle.params import differences, own_params
@@ -82,7 +83,7 @@ async def gate(path: Path, name: str, reports: Path, device: str | None, accept:
                 if flown["bench"] is not None:
                     for check in judge_params(now.identity.autopilot, flown["bench"].params, now.params, accept):
                         say(check)
-                for check in await ask_doctor(children, router, file.fleet):
+                for check in await ask_doctor(client):
                     say(check)
             except ZmavError as e:
                 say(Check("stage", "BAD", e.message))
@@ -182,22 +183,12 @@ def judge_params(
     return told
 
 
-async def ask_doctor(children: Children, router: str, fleet: str) -> list[Check]:
+async def ask_doctor(client: zmav.Client) -> list[Check]:
     """What 'zmav doctor' finds wrong with the vehicle."""
-    where = ("--fleet", fleet, "-e", router, "--for", str(DOCTOR_S))
-    children.start("doctor", "doctor", "--json", *where, may_end=True)
-    while (code := children.ended("doctor")) is None:
-        await asyncio.sleep(0.1)
-    lines = children.lines("doctor")
-    try:
-        findings = [json.loads(each) for each in lines]
-    except json.JSONDecodeError:
-        findings = []
+    findings = list(examine(await look(client, DOCTOR_S)))
     if not findings:
-        return [Check("doctor", "BAD", f"it ended with {code}: {' '.join(lines[-3:])}")]
+        return [Check("doctor", "BAD", "it found nothing to look at")]
     wrong = [
-        Check(f"doctor: {each['subject']}", "BAD", f"{each['found']}; {each['advice']}")
-        for each in findings
-        if not each["ok"]
+        Check(f"doctor: {each.subject}", "BAD", f"{each.found}; {each.advice}") for each in findings if not each.ok
     ]
     return wrong or [Check("doctor", "ok", f"{len(findings)} findings, all well")]

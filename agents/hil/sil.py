@@ -38,7 +38,7 @@ async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = N
         children.start("simulator", "sim", *where, *program)
         report = begun("sil", file, name, by)
         click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by}")
-        with closing(report, reports), await talk(children, control) as simulator:
+        with closing(report, reports), await connect_simulator(children, control) as simulator:
             link = simulator.status().vehicles[0].url
             hurry: Callable[[float], object] | None = None if program else simulator.speed
             radio = None if program else _radio(simulator, name)
@@ -77,7 +77,7 @@ def _radio(simulator: Remote, name: str) -> Callable[[int, int], object]:
     return lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
 
 
-async def talk(children: Children, control: Path) -> Remote:
+async def connect_simulator(children: Children, control: Path) -> Remote:
     """A word with the simulator, once it runs."""
     deadline = time.monotonic() + SIMULATOR_S
     while True:

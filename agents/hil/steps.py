@@ -8,8 +8,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from agents.hil.flight import Failed, Flight, LeftOut
@@ -25,9 +24,8 @@ HOLD_SLACK = 0.2
 PILOT_S = 1.0
 """s from the pilot's switch or mode to the lease's end: RC_CHANNELS comes ten times a second, a HEARTBEAT once"""
 AGAIN = 2.0
-ALL_CHANNELS, LOW_CHANNELS = 18, 8
-LEAVE_LOW, LEAVE_HIGH, FREE_LOW, FREE_HIGH = 65535, 0, 0, 65534
-"""RC_CHANNELS_OVERRIDE: a channel left alone, and given back to the radio, to the eighth and from the ninth on"""
+RADIO_CHANNELS = 8
+"""that the simulated radio has"""
 FOLLOWS = ("GUIDED", "OFFBOARD")
 """the modes that follow setpoints"""
 
@@ -164,19 +162,17 @@ async def pilot(f: Flight) -> str:
     async with f.vehicle.lease("check") as lease:
         point = f.from_here(0.0, 0.0)
         await _stream(lease, point, lambda: f.state.mode in FOLLOWS)
-        if switch is not None:
+        if switch is not None and f.radio is not None and switch.channel <= RADIO_CHANNELS:
             on = (switch.low + switch.high) // 2
-            took = await _flip(f, lease, point, switch.channel, on)
-            if took is not None:
-                text = f"the switch (channel {switch.channel} at {on} µs) took it after {took:.2f} s"
-                await _back(f, switch.channel, 1100 if switch.low > 1200 else switch.high + 100)
-                return text + ", and gave it back"
-            f.say("pilot's switch", "not tried: RC_CHANNELS does not follow RC_CHANNELS_OVERRIDE here", "left out")
-        asked = time.monotonic()
+            f.radio(switch.channel, on)
+            took = await _lost(f, lease, point, f"the switch, channel {switch.channel} at {on} µs")
+            f.radio(switch.channel, 1100 if switch.low > 1200 else switch.high + 100)
+            await f.until(lambda s: s.pilot is None, 5.0, "the switch back")
+            return f"the switch (channel {switch.channel} at {on} µs) took it after {took:.2f} s, and gave it back"
+        if switch is not None:
+            f.say("pilot's switch", "not tried, as no simulated radio turns it: turn it yourself", "left out")
         await f.pilots_mode()
-        took = await _lost(f, lease, point, asked)
-        if took is None:
-            raise Failed(f"{f.kind.pilots_mode} was asked for, and the lease is still {f.state.lease}")
+        took = await _lost(f, lease, point, f.kind.pilots_mode)
     await f.until(lambda s: s.mode == f.kind.pilots_mode, 3.0, f"in the pilot's mode {f.kind.pilots_mode}")
     await f.vehicle.hold()
     why = "" if switch else "; the fleet file has no pilot_switch"
@@ -192,8 +188,9 @@ async def _stream(lease: Any, point: dict[str, Any], true: Callable[[], bool]) -
         await asyncio.sleep(PERIOD)
 
 
-async def _lost(f: Flight, lease: Any, point: dict[str, Any], since: float) -> float | None:
-    """Go on streaming until the pilot has it: seconds since then; None: he has not got it."""
+async def _lost(f: Flight, lease: Any, point: dict[str, Any], what: str) -> float:
+    """Go on streaming until the pilot has it by ``what``: the seconds that took."""
+    since = time.monotonic()
     while time.monotonic() - since < 3.0:
         try:
             lease.setpoint(**point)
@@ -205,55 +202,7 @@ async def _lost(f: Flight, lease: Any, point: dict[str, Any], since: float) -> f
                 raise Failed(f"the pilot had it after {took:.2f} s; expected {PILOT_S:.1f} s at most") from e
             return took
         await asyncio.sleep(0.02)
-    return None
-
-
-async def _flip(f: Flight, lease: Any, point: dict[str, Any], channel: int, pwm: int) -> float | None:
-    since = time.monotonic()
-    async with _turned(f, channel, pwm):
-        return await _lost(f, lease, point, since)
-
-
-async def _back(f: Flight, channel: int, pwm: int) -> None:
-    """Nobody may have it until the switch is back, and then everybody."""
-    async with _turned(f, channel, pwm):
-        await f.until(lambda s: s.pilot is None, 5.0, "the switch back")
-    if not _has_radio(f, channel):
-        _put_override(f, channel, FREE_LOW if channel <= LOW_CHANNELS else FREE_HIGH)
-
-
-@asynccontextmanager
-async def _turned(f: Flight, channel: int, pwm: int) -> AsyncIterator[None]:
-    """Hold one channel there: by the simulated radio, or as a ground station's override, which has to be said again."""
-    if _has_radio(f, channel):
-        assert f.radio is not None
-        f.radio(channel, pwm)
-        yield
-        return
-    turning = asyncio.create_task(_override(f, channel, pwm))
-    try:
-        yield
-    finally:
-        turning.cancel()
-
-
-def _has_radio(f: Flight, channel: int) -> bool:
-    return f.radio is not None and channel <= LOW_CHANNELS
-
-
-async def _override(f: Flight, channel: int, pwm: int) -> None:
-    while True:
-        _put_override(f, channel, pwm)
-        await asyncio.sleep(PERIOD)
-
-
-def _put_override(f: Flight, channel: int, pwm: int) -> None:
-    """One channel of the radio, as the ground station that the autopilot listens to may set it."""
-    fields = {
-        f"chan{i}_raw": pwm if i == channel else LEAVE_LOW if i <= LOW_CHANNELS else LEAVE_HIGH
-        for i in range(1, ALL_CHANNELS + 1)
-    }
-    f.put("RC_CHANNELS_OVERRIDE", fields)
+    raise Failed(f"the pilot took it ({what}), and the lease is still {f.state.lease}")
 
 
 async def home(f: Flight) -> str:

@@ -378,7 +378,7 @@ class Navigator(zmav.Agent):
             found = errors(times, np.array(self.positions), course.trajectory)
             if len(found.t):
                 self.last = summarise(found, self._route, self["near"])
-                detail = {"summary": self.last.told()}
+                detail = {"summary": self.last.document()}
                 text = f"{text}: {self.last}"
                 self.say("summary", "info", text)
         self.status("idle", text, **detail)

@@ -25,7 +25,7 @@ MOST_DWELL = 600.0
 
 
 @dataclass(frozen=True)
-class Stage:
+class RoutePiece:
     """A piece of a route, and the s at rest at its end."""
 
     piece: Piece
@@ -37,7 +37,7 @@ class Route:
     """Stages that follow each other; ``begins``: m of a way to the route itself, which counts for nothing."""
 
     name: str
-    stages: tuple[Stage, ...]
+    stages: tuple[RoutePiece, ...]
     begins: float = 0.0
 
     @property
@@ -78,7 +78,7 @@ class Route:
         if math.dist(to, place) < APART:
             return self
         way = Line(np.array(place), to)
-        return replace(self, stages=(Stage(way, dwell), *self.stages), begins=self.begins + way.length)
+        return replace(self, stages=(RoutePiece(way, dwell), *self.stages), begins=self.begins + way.length)
 
 
 SIZES: Mapping[str, Mapping[str, tuple[float, float, float]]] = {
@@ -110,9 +110,9 @@ def shape(
     middle = np.array(centre, dtype=float)
     if name in ("circle", "lemniscate"):
         plain = circle(**given) if name == "circle" else lemniscate(**given)
-        return Route(name, (Stage(Curve(placed(plain, middle, heading), 0.0, math.tau)),))
+        return Route(name, (RoutePiece(Curve(placed(plain, middle, heading), 0.0, math.tau)),))
     sides = [Line(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
-    return Route(name, (*(Stage(side, dwell) for side in sides[:-1]), Stage(sides[-1])))
+    return Route(name, (*(RoutePiece(side, dwell) for side in sides[:-1]), RoutePiece(sides[-1])))
 
 
 def _corners(side: float, height: float = 0.0) -> list[Vector]:

@@ -57,9 +57,6 @@ class Summary:
     length: float
     """of the route"""
     rms: float
-    rms_level: float
-    """north and east together"""
-    rms_upright: float
     peak: float
     peaks: tuple[Peak, ...]
     near: float
@@ -69,7 +66,7 @@ class Summary:
     time_near: float
     """of the samples that are: what the share of the peaks would be if they were anywhere"""
 
-    def told(self) -> dict[str, Any]:
+    def document(self) -> dict[str, Any]:
         """For a status: plain and rounded."""
         found = {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
         found["peaks"] = [{name: round(value, 3) for name, value in asdict(peak).items()} for peak in self.peaks]
@@ -108,8 +105,6 @@ def summarise(found: Errors, route: Route, near: float = NEAR) -> Summary:
         seconds=float(found.t[-1] - found.t[0]),
         length=route.length,
         rms=rms,
-        rms_level=_rms(np.linalg.norm(found.off[:, :2], axis=1)),
-        rms_upright=_rms(found.off[:, 2]),
         peak=float(size.max()),
         peaks=peaks,
         near=near,

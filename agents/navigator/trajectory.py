@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.navigator.law import Law, Leg, plan
 from agents.navigator.path import Array
-from agents.navigator.routes import Route, Stage, check
+from agents.navigator.routes import Route, RoutePiece, check
 from zmav import wire
 from zmav.rotation import wrap
 
@@ -134,7 +134,7 @@ class Trajectory:
         return int(self.route.stage_at(self.law.at(np.array([t]))[0])[0])
 
 
-def _leg(stage: Stage, limits: Limits) -> Leg:
+def _leg(stage: RoutePiece, limits: Limits) -> Leg:
     piece, speed = stage.piece, limits.speed
     if piece.bend == 0.0:
         return Leg(piece.length, speed, limits.accel, limits.jerk, stage.dwell)

@@ -45,7 +45,7 @@ def animate(names: Sequence[str], rows: Sequence[Row], title: str, path: Path, f
     figure, *panels = picture.axes_of(title)
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    rows = picture.shown(rows)
+    rows = picture.without_rest(rows)
     picture.plot(names, rows, *panels)  # all of it: so wide are the axes of each frame
     picture.look_down(panels[0], rows)
     for axes in panels[1:]:

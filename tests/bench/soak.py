@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import msgspec
 
 import zmav
-from agents.demo.stage import Stage
+from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, Step, find
 from zmav.children import Children
 from zmav.errors import ZmavError
@@ -60,7 +60,7 @@ FOR = (5.0, 18.0)
 
 
 class Soak:
-    def __init__(self, z: zmav.Client, stage: Stage, processes: Children, names: list[str], seed: int) -> None:
+    def __init__(self, z: zmav.Client, stage: DemoFleet, processes: Children, names: list[str], seed: int) -> None:
         self.z, self.stage, self.processes, self.names = z, stage, processes, names
         self.rng = random.Random(seed)
         self.told: dict[str, Counter[str]] = {}
@@ -202,7 +202,7 @@ def everything_cuttable(demo: Demo) -> Demo:
     return msgspec.structs.replace(demo, story=msgspec.structs.replace(demo.story, steps=[Step(cut=demo.links())]))
 
 
-async def soak(args: argparse.Namespace, processes: Children, stage: Stage, demo: Demo) -> bool:
+async def soak(args: argparse.Namespace, processes: Children, stage: DemoFleet, demo: Demo) -> bool:
     seconds = 60.0 * args.minutes
     async with contextlib.AsyncExitStack() as stack:
         await stage.start()
@@ -226,7 +226,7 @@ async def soak(args: argparse.Namespace, processes: Children, stage: Stage, demo
     return report(run, seconds, answer)
 
 
-def _clear(stage: Stage) -> None:
+def _clear(stage: DemoFleet) -> None:
     with Remote(stage.control) as sim:
         sim.clear()
 
@@ -268,7 +268,7 @@ def main() -> int:
     with (
         tempfile.TemporaryDirectory(prefix="zmav-soak-") as folder,
         Children(at_once=True, by_signals=True) as processes,
-        Stage(demo, processes, Path(folder), ground, ()) as stage,
+        DemoFleet(demo, processes, Path(folder), ground, ()) as stage,
     ):
         return 0 if asyncio.run(soak(args, processes, stage, demo)) else 1
 

@@ -29,7 +29,7 @@ SERVICES: tuple[tuple[str, str], ...] = (
     (r"zmav http.*", r"http://"),
     (r"zmav record.*", r"."),
     (r"zmav agent run .*", r"."),
-    (r"zmav camera (run|record|view) .*", r"."),
+    (r"zmav camera (run|view) .*", r"."),
     (r"zmav top.*", r"."),
     (r"zmav view( --web.*| --save.*)?", r"."),
     (r"zenoh .* subscribe .*", r"."),

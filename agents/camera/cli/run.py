@@ -13,9 +13,8 @@ import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Source
 from agents.camera.cli.options import name_option, pair, rate_bytes, triple
-from agents.camera.mjpeg import MjpegSource
+from agents.camera.mjpeg import MjpegSource, Numbers, numbers
 from agents.camera.settings import Calibration, Settings
-from agents.camera.simulated import Numbers, numbers
 from agents.camera.sources import open_source
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import BadConfig

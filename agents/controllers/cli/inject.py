@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +13,8 @@ import msgspec
 import numpy as np
 
 import zmav
-from agents.controllers.drawing import picture
 from agents.controllers.inject import CHANNELS, KINDS, Inject, duration
-from agents.controllers.response import Report, examine
+from agents.controllers.response import ResponseReport, examine, picture
 from zmav import keys, wire
 from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
 from zmav.errors import BadInput, TimedOut
@@ -85,7 +86,7 @@ def inject(
     run(tell())
 
 
-async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> Report:
+async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> ResponseReport:
     """Have ``agent`` inject, record its signals from a second before to ``after`` s past the end, and examine them.
 
     Raises :class:`~zmav.errors.TimedOut` where it is silent or falls silent, what the agent refuses the order with, and
@@ -95,14 +96,18 @@ async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after:
     key = keys.AGENT_OUT.key(target.fleet, vehicle, agent=keys.check_name(agent, "agent"), topic=TOPIC)
     heard: list[wire.Signals] = []
     async with z.subscribe(key, _signals, depth=DEPTH) as signals:
-        if not await _record(signals, heard, BEFORE):
+        if not await _hear(signals, heard, lambda: heard[-1].t - heard[0].t >= BEFORE):
             await target.tell(agent, "params")  # raises where none of that name runs
             text = f"{agent} runs for {vehicle} and streams no signals: engage it, 'zmav agent do {agent} engage'"
             raise TimedOut(text, vehicle=vehicle, agent=agent)
         arguments = {name: value for name, value in msgspec.structs.asdict(args).items() if name not in OWN}
         order = asyncio.create_task(target.tell(agent, "inject", **arguments))
         try:
-            await _until_over(signals, heard, args, after, order)
+            over = partial(_over, heard, heard[-1].t, duration(args) + after, order)
+            if not await _hear(signals, heard, over):
+                over()  # raises what it was refused with
+                text = "its signals ended before all was injected: it was released, or its link is gone"
+                raise TimedOut(text, heard=len(heard))
             await asyncio.wait({order}, timeout=SILENT)
         finally:
             order.cancel()
@@ -120,9 +125,9 @@ def _signals(sample: Any) -> wire.Signals:
     return wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
 
 
-async def _record(signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], seconds: float) -> bool:
-    """Hear so many seconds, by the signals' own time; False where nothing comes."""
-    while not heard or heard[-1].t - heard[0].t < seconds:
+async def _hear(signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], true: Callable[[], bool]) -> bool:
+    """Hear signals until it is so; False where nothing comes any more."""
+    while not heard or not true():
         try:
             heard.append(await within(SILENT, signals.get()))
         except asyncio.TimeoutError:
@@ -130,35 +135,17 @@ async def _record(signals: zmav.Subscription[wire.Signals], heard: list[wire.Sig
     return True
 
 
-async def _until_over(
-    signals: zmav.Subscription[wire.Signals],
-    heard: list[wire.Signals],
-    args: Inject,
-    after: float,
-    order: asyncio.Task[dict[str, Any]],
-) -> None:
-    """Hear the whole injection and what comes after; raises what the order is refused with."""
-    told, begun = heard[-1].t, None
-    while begun is None or heard[-1].t < begun + duration(args) + after:
-        if order.done():
-            order.result()  # raises what it was refused with
-        try:
-            heard.append(await within(SILENT, signals.get()))
-        except asyncio.TimeoutError:
-            if order.done():
-                order.result()
-            said = f"{heard[-1].t - begun:.1f} s into the injection" if begun is not None else "before it injected"
-            text = f"its signals ended {said}: it was released, or its link is gone"
-            raise TimedOut(text, heard=len(heard)) from None
-        if begun is None and heard[-1].values.get("inject", 0.0) != 0.0:
-            begun = heard[-1].t
-        if begun is None and heard[-1].t - told > PATIENCE:
-            if not order.done():
-                continue  # over bad hops an order takes some: anyone who gives it gives up
-            raise TimedOut(f"it took the order and injected nothing within {PATIENCE:g} s", heard=len(heard))
+def _over(heard: list[wire.Signals], told: float, seconds: float, order: asyncio.Task[dict[str, Any]]) -> bool:
+    """Whether it has injected for so long, by the signals' own time; raises what the order is refused with."""
+    if order.done():
+        order.result()
+    begun = next((each.t for each in heard if each.values.get("inject", 0.0) != 0.0), None)
+    if begun is None and order.done() and heard[-1].t - told > PATIENCE:  # over bad hops an order takes some
+        raise TimedOut(f"it took the order and injected nothing within {PATIENCE:g} s", heard=len(heard))
+    return begun is not None and heard[-1].t >= begun + seconds
 
 
-def _examined(args: Inject, heard: list[wire.Signals], title: str) -> Report:
+def _examined(args: Inject, heard: list[wire.Signals], title: str) -> ResponseReport:
     names = {"reference": f"ref.{args.channel}", "measured": f"is.{args.channel}", "injected": "inject"}
     columns = {}
     for what, name in names.items():

@@ -116,14 +116,19 @@ async def test_a_narrow_link_is_not_overrun(net: Net, run_camera: Run) -> None:
     assert info.focal[0] == pytest.approx(info.width / 2 / 0.6131, rel=1e-3)  # 1.1 rad wide at any size
 
 
-async def test_a_line_for_people_is_said_where_much_has_changed(net: Net, run_camera: Run) -> None:
+async def test_its_status_tells_how_pictures_are_sent(net: Net, run_camera: Run) -> None:
     _, endpoint = net.router()
-    said: list[str] = []
-    await run_camera(endpoint, budget=1e6, say=said.append)
-    async with reading(endpoint) as z, Reader(z, "quad1") as reader:
+    await run_camera(endpoint, budget=1e6)
+    key = keys.AGENT_STATUS.key("demo", "quad1", agent="camera-down")
+    async with (
+        reading(endpoint) as z,
+        Reader(z, "quad1") as reader,
+        z.subscribe(key, lambda sample: wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "")) as said,
+    ):
         await take(reader, 4)
-    (line,) = said
-    assert line.startswith("quad1/down: 320x240, full size, quality 70, 10 Hz")
+        while not (status := await within(PATIENCE_S, said.get())).text.startswith("320x240"):
+            assert status.state in ("sending", "waiting")
+    assert status.text.startswith("320x240, full size, quality 70, 10 Hz")
 
 
 async def test_who_reads_slowly_gets_the_newest(net: Net, run_camera: Run) -> None:

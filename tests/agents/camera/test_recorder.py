@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from agents.camera.cli.record import Recorder
+from agents.camera.cli.view import Recorder
 from tests.agents.camera.conftest import scene
 from tests.waiting import until
 from zmav.errors import BadConfig
@@ -81,7 +81,7 @@ async def test_what_is_left_of_a_recorder_that_was_killed(
     _, endpoint = net.router()
     await run_camera(endpoint, budget=1e6)
     path = tmp_path / "folder"
-    process = start("record", "quad1", str(path), "-e", endpoint)
+    process = start("view", "quad1", "--record", str(path), "-e", endpoint)
     table = path / "pictures.csv"
     await until(lambda: table.exists() and len(lines(table)) >= 15, "15 pictures")
     process.popen.send_signal(signal.SIGKILL)

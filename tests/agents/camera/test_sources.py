@@ -14,8 +14,7 @@ import cv2
 import pytest
 
 from agents.camera.capture import Capture, Lost, Shot, Source
-from agents.camera.mjpeg import MjpegSource
-from agents.camera.simulated import numbers
+from agents.camera.mjpeg import MjpegSource, numbers
 from agents.camera.sources import DeviceSource, Replay, StreamSource, open_source, taken
 from tests.agents.camera.conftest import scene, write_video
 from tests.conftest import PATIENCE_S

@@ -66,7 +66,7 @@ class Field:
 
     def ready(self, supervisor: Supervisor) -> bool:
         period = supervisor.estimate.period
-        return supervisor.workshop.loaded is not None and supervisor.estimate.ready and 0.0 < period < 1.2 / RATE_HZ
+        return supervisor.reloader.loaded is not None and supervisor.estimate.ready and 0.0 < period < 1.2 / RATE_HZ
 
     async def until(self, true: Callable[[], bool], otherwise: str) -> None:
         deadline = time.monotonic() + PATIENCE_S

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 import zmav
 from agents.controllers.cli.inject import inject, respond
 from agents.controllers.inject import Inject, Injection
-from agents.controllers.response import Step
+from agents.controllers.response import StepResponse
 from agents.controllers.types import Reference
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, TimedOut
@@ -86,7 +86,7 @@ async def test_a_step_is_ordered_recorded_and_examined(flown: tuple[zmav.Client,
     z, agent, _ = flown
     async with running(agent):
         report = await respond(z, "hex1", "lagging", STEP, after=0.5)
-    assert isinstance(report.found, Step)
+    assert isinstance(report.found, StepResponse)
     assert report.found.rise == pytest.approx(math.log(9.0) * LAG, rel=0.05)
     assert report.found.final == pytest.approx(-1.0, abs=1e-3)
     assert report.t[0] <= -1.0
@@ -136,7 +136,7 @@ async def test_one_that_is_silent_is_told_to_be_engaged(
         await respond(z, "hex1", "lagging", STEP)
     agent.ends_at = agent.t + 2.0
     async with running(agent):
-        with pytest.raises(TimedOut, match=r"s into the injection: it was released"):
+        with pytest.raises(TimedOut, match="before all was injected: it was released"):
             await respond(z, "hex1", "lagging", STEP)
 
 

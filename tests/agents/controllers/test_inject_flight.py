@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from agents.controllers.cli.inject import respond
-from agents.controllers.drawing import picture
 from agents.controllers.inject import Inject
-from agents.controllers.response import Step
+from agents.controllers.response import StepResponse, picture
 from zmav import wire
 from zmav.errors import ZmavError
 
@@ -38,7 +37,7 @@ async def test_a_step_up_is_flown_and_examined(field: Field, tmp_path: Path) -> 
     await field.vehicle.wait_until(rests, 60.0)
     report = await respond(field.z, "hex1", "mine", args)
     found = report.found
-    assert isinstance(found, Step), report.notes
+    assert isinstance(found, StepResponse), report.notes
     assert found.final == pytest.approx(-1.0, abs=0.2), report.text()
     assert found.rise is not None and 0.1 < found.rise < 4.0, report.text()
     assert {"torque.x", "thrust"} <= report.outputs.keys()

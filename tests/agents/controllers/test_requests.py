@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zmav import wire
-from zmav.errors import BadInput, Refused
+from zmav.errors import Refused
 
 if TYPE_CHECKING:
     from agents.controllers.supervisor import Supervisor
@@ -85,7 +85,7 @@ async def test_a_request_while_it_hands_back_or_ends_is_refused(field: Field, mo
         asked.set()
         await held.wait()
 
-    monkeypatch.setattr(supervisor, "_give_back", slowly)
+    monkeypatch.setattr(supervisor.vehicle, "hold", slowly)
     releasing = asyncio.create_task(field.vehicle.tell("ev1-attitude", "release"))
     await asked.wait()
     with pytest.raises(Refused, match="handing back"):
@@ -106,36 +106,16 @@ async def test_a_vehicles_agent_that_begins_again_turns_no_switch(field: Field) 
     assert [supervisor._turned_away(each) for each in (state, again, away)] == [False, False, False]
 
 
-async def test_a_mode_to_hand_back_in_that_there_is_not_is_refused_before_it_flies(field: Field) -> None:
-    await field.supervise("ev1-attitude", back="NONSENSE")
-    with pytest.raises(BadInput, match="no mode 'NONSENSE'"):
-        await field.vehicle.tell("ev1-attitude", "engage")
-
-
-async def test_a_mode_that_the_autopilot_does_not_take_is_no_reason_not_to_hold(
-    field: Field, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    supervisor = await field.supervise("ev1-attitude", back="POSCTL")
-    await field.vehicle.tell("ev1-attitude", "engage")
-
-    async def refused(mode: str) -> None:
-        raise Refused(f"{mode} refused: DENIED")
-
-    monkeypatch.setattr(supervisor.vehicle, "set_mode", refused)
-    await field.vehicle.tell("ev1-attitude", "release")
-    assert field.mode == "HOLD"
-
-
 async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flight(field: Field) -> None:
     supervisor = await field.supervise("ev1-attitude")
-    assert supervisor.workshop.worker is not None
-    supervisor.workshop.worker.kill()
-    supervisor.workshop.worker.process.wait()
+    assert supervisor.reloader.worker is not None
+    supervisor.reloader.worker.kill()
+    supervisor.reloader.worker.process.wait()
     await field.vehicle.tell("ev1-attitude", "engage")
-    flies = supervisor.workshop.worker
+    flies = supervisor.reloader.worker
     assert supervisor._replacing is not None
     await supervisor._replacing
-    assert supervisor.workshop.worker is flies
+    assert supervisor.reloader.worker is flies
     assert supervisor.cycles.phase == 1
 
 

@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from agents.controllers.drawing import picture
 from agents.controllers.inject import Inject, Injection, duration
-from agents.controllers.response import Report, Step, examine
+from agents.controllers.response import ResponseReport, StepResponse, examine, picture
 from agents.controllers.types import Array
 from zmav.errors import BadConfig, BadInput
 
@@ -49,7 +48,7 @@ def first_order(t: Array, lag: float) -> Array:
     return np.where(t >= 0.0, 1.0 - np.exp(-np.maximum(t, 0.0) / lag), 0.0)
 
 
-def of_step(args: Inject, response: Callable[[Array], Array], base: float = -3.0, noise: float = 0.0) -> Report:
+def of_step(args: Inject, response: Callable[[Array], Array], base: float = -3.0, noise: float = 0.0) -> ResponseReport:
     t = times(args)
     u = injected(args, t)
     y = base + args.amplitude * (response(t) - response(t - args.seconds))
@@ -61,7 +60,7 @@ def of_step(args: Inject, response: Callable[[Array], Array], base: float = -3.0
 @hypothesis_settings(max_examples=40)
 def test_a_second_order_step_has_the_textbooks_overshoot_and_peak_time(wn: float, zeta: float, size: float) -> None:
     found = of_step(step(12.0, size), lambda t: second_order(t, wn, zeta)).found
-    assert isinstance(found, Step)
+    assert isinstance(found, StepResponse)
     wd = wn * math.sqrt(1.0 - zeta * zeta)
     assert found.overshoot == pytest.approx(100.0 * math.exp(-math.pi * zeta * wn / wd), abs=0.5)
     assert found.t_peak == pytest.approx(math.pi / wd, abs=2.0 / HZ + 0.01 * math.pi / wd)
@@ -81,7 +80,7 @@ def test_a_second_order_step_has_the_textbooks_overshoot_and_peak_time(wn: float
 @pytest.mark.parametrize("lag", [0.1, 0.5])
 def test_a_first_order_step_is_logarithms(lag: float) -> None:
     found = of_step(step(10.0), lambda t: first_order(t, lag)).found
-    assert isinstance(found, Step)
+    assert isinstance(found, StepResponse)
     assert found.rise == pytest.approx(math.log(9.0) * lag, abs=1e-3)
     assert found.delay == pytest.approx(math.log(2.0) * lag, abs=1e-3)
     assert found.settle_5 == pytest.approx(math.log(20.0) * lag, abs=1e-3)
@@ -92,7 +91,7 @@ def test_a_first_order_step_is_logarithms(lag: float) -> None:
 
 def test_what_stays_short_of_the_reference_is_a_steady_error() -> None:
     report = of_step(step(10.0), lambda t: 0.9 * first_order(t, 0.2))
-    assert isinstance(report.found, Step)
+    assert isinstance(report.found, StepResponse)
     assert report.found.steady_error == pytest.approx(0.1, abs=1e-6)
     assert report.found.rise == pytest.approx(math.log(9.0) * 0.2, abs=1e-3)
     assert report.notes == []
@@ -111,8 +110,8 @@ def test_a_reference_that_moves_meanwhile_changes_nothing() -> None:
     u, moving = injected(args, t), 0.5 * t - 3.0
     y = moving - 0.07 + second_order(t, 6.0, 0.5) - second_order(t - 6.0, 6.0, 0.5)
     found, still = examine(args, t, moving + u, y, u).found, of_step(args, lambda t: second_order(t, 6.0, 0.5)).found
-    assert isinstance(found, Step)
-    assert isinstance(still, Step)
+    assert isinstance(found, StepResponse)
+    assert isinstance(still, StepResponse)
     for name in ("rise", "overshoot", "settle_2", "steady_error"):
         assert getattr(found, name) == pytest.approx(getattr(still, name), abs=1e-6)
 
@@ -124,7 +123,7 @@ def test_a_yaw_past_south_is_one_step() -> None:
     wrap = np.vectorize(lambda a: math.remainder(a, 2.0 * math.pi))
     y = 3.0 + 0.5 * (first_order(t, 0.3) - first_order(t - 6.0, 0.3))
     report = examine(args, t, wrap(3.0 + u), wrap(y), u)
-    assert isinstance(report.found, Step)
+    assert isinstance(report.found, StepResponse)
     assert report.found.rise == pytest.approx(math.log(9.0) * 0.3, abs=1e-3)
     assert report.peak_error == pytest.approx(0.5, abs=1e-6)
 
@@ -132,7 +131,7 @@ def test_a_yaw_past_south_is_one_step() -> None:
 def test_noise_widens_the_band_and_is_told() -> None:
     report = of_step(step(8.0), lambda t: second_order(t, 5.0, 0.6), noise=0.02)
     found = report.found
-    assert isinstance(found, Step)
+    assert isinstance(found, StepResponse)
     assert found.noise == pytest.approx(0.02, rel=0.2)
     assert found.settle_2 is not None
     assert found.rise == pytest.approx(0.37, abs=0.05)
@@ -141,12 +140,12 @@ def test_noise_widens_the_band_and_is_told() -> None:
 
 def test_what_does_not_follow_or_has_not_come_to_rest_is_told() -> None:
     report = of_step(step(5.0), lambda t: 0.0 * t)
-    assert isinstance(report.found, Step)
+    assert isinstance(report.found, StepResponse)
     assert (report.found.rise, report.found.overshoot, report.found.settle_2) == (None, None, None)
     assert any("does not follow" in note for note in report.notes)
     slow = of_step(step(5.0), lambda t: first_order(t, 4.0))
     assert any("not come to rest" in note for note in slow.notes)
-    assert isinstance(slow.found, Step)
+    assert isinstance(slow.found, StepResponse)
     assert slow.found.settle_2 is None
     backwards = of_step(step(5.0), lambda t: -first_order(t, 0.2))
     assert any("does not follow" in note for note in backwards.notes)
@@ -184,7 +183,7 @@ def test_samples_that_are_no_numbers_or_lost_are_counted_and_do_little() -> None
     report = examine(args, t[whole], u[whole], y[whole], u[whole])
     assert report.bad == 3
     assert report.lost == np.count_nonzero(~whole) + 3
-    assert isinstance(report.found, Step)
+    assert isinstance(report.found, StepResponse)
     assert report.found.rise == pytest.approx(math.log(9.0) * 0.3, abs=5e-3)
 
 

@@ -167,14 +167,14 @@ async def test_a_saved_file_is_loaded_in_flight_and_a_broken_one_is_not(field: F
         (MINE.replace("import numpy", "import nunpy"), "mine.py:3"),
     ):
         mine.write_text(text)
-        await field.until(lambda: supervisor.workshop.broken != "", "it does not say that the file is broken")
-        assert where in supervisor.workshop.broken
+        await field.until(lambda: supervisor.reloader.broken != "", "it does not say that the file is broken")
+        assert where in supervisor.reloader.broken
         assert supervisor.cycles.phase == 1
         mine.write_text(MINE)
-        await field.until(lambda: supervisor.workshop.broken == "", "mended, it was not loaded")
+        await field.until(lambda: supervisor.reloader.broken == "", "mended, it was not loaded")
     mine.write_text(MINE.replace("class Mine(AttitudeLoop):", "class Mine(AttitudeLoop):\n    gives = 'torque'"))
-    await field.until(lambda: supervisor.workshop.broken != "", "it does not say that the file is broken")
-    assert "gives" in supervisor.workshop.broken
+    await field.until(lambda: supervisor.reloader.broken != "", "it does not say that the file is broken")
+    assert "gives" in supervisor.reloader.broken
     assert field.mode == "OFFBOARD"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.demo.picture import draw, drawn, shown
+from agents.demo.picture import draw, draw_figure, without_rest
 from agents.demo.play import Mark
 from agents.demo.truth import Row, Truth
 from deploy.demos.pictures import animate
@@ -41,16 +41,16 @@ LINE = [
 
 
 def test_what_is_shown_begins_with_the_first_that_moves_and_ends_with_the_last() -> None:
-    figure = drawn(["a", "b"], LINE, [Mark(2.0, "early"), Mark(340.0, "amid"), Mark(460.0, "late")], "a test")
+    figure = draw_figure(["a", "b"], LINE, [Mark(2.0, "early"), Mark(340.0, "amid"), Mark(460.0, "late")], "a test")
     heights = figure.axes[1]
     assert heights.get_xlim() == (328.0, 432.0)
     marked = [np.asarray(line.get_xdata())[0] for line in heights.lines if line.get_linestyle() == ":"]
     assert marked == [340.0]
-    assert list(shown(LINE[:9])) == LINE[:9], "nobody moves"
+    assert list(without_rest(LINE[:9])) == LINE[:9], "nobody moves"
 
 
 def test_a_way_along_a_line_is_seen_from_above() -> None:
-    figure = drawn(["a", "b"], LINE, [], "a test")
+    figure = draw_figure(["a", "b"], LINE, [], "a test")
     figure.draw_without_rendering()
     above = figure.axes[0]
     (west, east), (south, north) = above.get_xlim(), above.get_ylim()
@@ -62,7 +62,7 @@ def test_a_way_along_a_line_is_seen_from_above() -> None:
 
 
 def test_no_word_lies_on_another() -> None:
-    figure = drawn([f"quad{k}" for k in range(2)], LINE, [], "a test")
+    figure = draw_figure([f"quad{k}" for k in range(2)], LINE, [], "a test")
     figure.draw_without_rendering()
     legend = figure.axes[0].get_legend()
     assert legend is not None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from agents.demo.relay import Relay
+from agents.demo.stage import Relay
 
 PATIENCE_S = 10.0
 

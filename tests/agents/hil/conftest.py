@@ -67,7 +67,7 @@ def fleet(tmp_path: Path) -> Path:
 
 
 class MakeBoard(Protocol):
-    def __call__(self, *, hitl: int = 1, speed: float = 1.0) -> Px4Board: ...
+    def __call__(self, *, hitl: int = 1, speed: float = 1.0, **params: float) -> Px4Board: ...
 
 
 @pytest.fixture
@@ -75,7 +75,8 @@ def make_board(tmp_path: Path) -> Iterator[MakeBoard]:
     """A PX4 on a pseudo-terminal that is gone at the test's end."""
     with ExitStack() as stack:
 
-        def make(*, hitl: int = 1, speed: float = 1.0) -> Px4Board:
-            return stack.enter_context(Px4Board(tmp_path / "ttyACM0", HOME, hitl=hitl, speed=speed, **SAFE))
+        def make(*, hitl: int = 1, speed: float = 1.0, **params: float) -> Px4Board:
+            board = Px4Board(tmp_path / "ttyACM0", HOME, hitl=hitl, speed=speed, **{**SAFE, **params})
+            return stack.enter_context(board)
 
         yield make

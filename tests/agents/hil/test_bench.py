@@ -34,7 +34,7 @@ def kept(folder: Path, name: str = "px1") -> Report:
 @pytest.mark.slow
 async def test_a_px4_flies_every_check_through_its_line(fleet: Path, tmp_path: Path, make_board: MakeBoard) -> None:
     board = make_board(speed=3.0)
-    assert await bench(fleet, "px1", tmp_path, str(board.link), False) == 0
+    assert await bench(fleet, "px1", tmp_path, str(board.link)) == 0
     report = kept(tmp_path)
     assert report.passed and len(report.proof) == 2 and report.identity is not None
     assert {*HOVERS, "SYS_HITL", "loop", "link"} <= {check.name for check in report.checks}
@@ -44,20 +44,19 @@ async def test_a_px4_flies_every_check_through_its_line(fleet: Path, tmp_path: P
 
 async def test_a_px4_that_is_not_in_hitl_is_told_how(fleet: Path, tmp_path: Path, make_board: MakeBoard) -> None:
     board = make_board(hitl=0)
-    assert await bench(fleet, "px1", tmp_path, str(board.link), False) == 1
-    assert "SYS_HITL is 0: say --set" in kept(tmp_path).checks[-1].found
+    assert await bench(fleet, "px1", tmp_path, str(board.link)) == 1
+    assert "SYS_HITL is 0: set it to 1" in kept(tmp_path).checks[-1].found
     assert board.readings == 0
 
 
 async def test_a_px4_whose_flag_does_not_follow_is_not_armed(
     fleet: Path, tmp_path: Path, make_board: MakeBoard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SYS_HITL is set for it and it is rebooted, but its HEARTBEAT never says HIL: this board keeps what it had."""
+    """SYS_HITL is 1, but its HEARTBEAT never says HIL: it was not rebooted since that was set."""
     monkeypatch.setattr("agents.hil.bench.HIL_S", 3.0)
-    board = make_board(hitl=0)
-    assert await bench(fleet, "px1", tmp_path, str(board.link), True) == 1
+    board = make_board(hitl=0, SYS_HITL=1.0)
+    assert await bench(fleet, "px1", tmp_path, str(board.link)) == 1
     checks = kept(tmp_path).checks
-    assert any("set to 1 (it was 0)" in check.found for check in checks)
     assert "did not go to HIL" in checks[-1].found
     assert board.readings == 0 and not board.world.status().vehicles[0].armed
 
@@ -74,7 +73,7 @@ def ardupilot(path: Path, **params: float) -> Iterator[World]:
 async def test_an_ardupilot_that_drives_outputs_is_not_armed(fleet: Path, tmp_path: Path) -> None:
     device = tmp_path / "ttyACM0"
     with ardupilot(device, SIM_OH_MASK=15.0) as world:
-        assert await bench(fleet, "quad1", tmp_path, str(device), False) == 1
+        assert await bench(fleet, "quad1", tmp_path, str(device)) == 1
         assert "it drives real outputs" in kept(tmp_path, "quad1").checks[-1].found
         assert not world.status().vehicles[0].armed
 
@@ -86,16 +85,16 @@ async def test_another_autopilot_than_the_fleet_file_s_is_not_found(
     fleet.write_text(FLEET.replace("sysid = 1", "sysid = 7"), encoding="utf-8")
     device = tmp_path / "ttyACM0"
     with ardupilot(device):
-        assert await bench(fleet, "quad1", tmp_path, str(device), False) == 1
+        assert await bench(fleet, "quad1", tmp_path, str(device)) == 1
     assert "not heard: an autopilot with system id 7" in kept(tmp_path, "quad1").checks[-1].found
 
 
 async def test_a_device_that_cannot_be_is_said_before_anything_runs(fleet: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadConfig, match="is the autopilot plugged in"):
-        await bench(fleet, "px1", tmp_path, str(tmp_path / "ttyACM7"), False)
+    with pytest.raises(BadConfig, match="is not there: is it plugged in"):
+        await bench(fleet, "px1", tmp_path, str(tmp_path / "ttyACM7"))
     (tmp_path / "file").touch()
-    with pytest.raises(BadConfig, match="no serial device"):
-        await bench(fleet, "px1", tmp_path, str(tmp_path / "file"), False)
+    with pytest.raises(BadConfig, match="is not a serial port"):
+        await bench(fleet, "px1", tmp_path, str(tmp_path / "file"))
 
 
 @contextmanager

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
 import time
-from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
 
+import zmav
 from agents.hil import gate as gates
 from agents.hil.beside import begun, beside
 from agents.hil.checkflight import CheckFlight
@@ -19,6 +19,9 @@ from tests.agents.hil.conftest import FLEET, MakeBoard
 from zmav.children import Children
 from zmav.config import load_fleet
 from zmav.errors import BadConfig
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
 
 WHO = Identity("px4", "copter", "1.16.1", "ab12", 1)
 WHERE = Path("hil/px1-sil.json")
@@ -107,25 +110,13 @@ def test_a_file_that_is_no_report_is_said(report: Report, tmp_path: Path) -> Non
         find(tmp_path, "px1", "sil")
 
 
-class Silent(Children):
-    """Every child ends at once, without a word."""
-
-    def start(
-        self,
-        name: str,
-        *arguments: str,
-        module: str = "zmav",
-        may_end: bool = False,
-        environment: Mapping[str, str] | None = None,
-        pipes: bool = False,
-    ) -> subprocess.Popen[bytes]:
-        return super().start(name, module="keyword", may_end=may_end, pipes=pipes)
-
-
-async def test_a_doctor_that_says_nothing_lets_nothing_fly() -> None:
-    with Silent() as children:
-        (check,) = await ask_doctor(children, "tcp/127.0.0.1:1", "demo")
-    assert check.status == "BAD" and "it ended with 0" in check.found
+async def test_a_doctor_that_says_nothing_lets_nothing_fly(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gates, "DOCTOR_S", 0.2)
+    monkeypatch.setattr(gates, "examine", lambda seen: iter(()))
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z:
+        (check,) = await ask_doctor(z)
+    assert check.status == "BAD" and "nothing to look at" in check.found
 
 
 async def test_a_real_autopilot_before_its_flight(

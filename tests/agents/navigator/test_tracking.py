@@ -33,11 +33,9 @@ def test_who_is_late_is_off_its_reference() -> None:
     assert found.rms < found.peak
 
 
-def test_an_offset_is_told_level_and_upright() -> None:
+def test_an_offset_is_told_whole() -> None:
     found = summary(T, MEANT.pos + np.array([0.3, 0.0, -0.4]), TRAJECTORY)
     assert found.rms == pytest.approx(0.5)
-    assert found.rms_level == pytest.approx(0.3)
-    assert found.rms_upright == pytest.approx(0.4)
 
 
 def bumps(where: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

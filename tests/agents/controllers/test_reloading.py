@@ -15,9 +15,9 @@ import pytest
 
 from agents.controllers import Controller
 from agents.controllers.packets import Answer, pack_cycle
+from agents.controllers.reloading import ControllerReloader
 from agents.controllers.types import LEVELS, Reference, State, Trim
-from agents.controllers.worker import Loaded, Worker
-from agents.controllers.workshop import Workshop
+from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav.cli.agentkind import resolve
 from zmav.errors import BadConfig, ZmavError
 from zmav.services.link.port import on_loop
@@ -60,7 +60,7 @@ def changed(**places: str) -> str:
 
 
 class Bench:
-    """A workshop, who flies by it, and what its processes say."""
+    """A reloader, who flies by it, and what its processes say."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -73,7 +73,9 @@ class Bench:
             on_loop(loop, lambda worker, said, queue=queue: queue.put_nowait(said))
             for queue in (self.answers, self.failed, self.because)
         )
-        self.shop = Workshop(str(path), self.flies.append, lambda loaded: self.agree(loaded), answered, failed, because)
+        self.shop = ControllerReloader(
+            str(path), self.flies.append, lambda loaded: self.agree(loaded), WorkerEvents(answered, failed, because)
+        )
 
     def agree(self, loaded: Loaded) -> None:
         """As the supervisor would."""

@@ -13,19 +13,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from agents.controllers import loading
-from agents.controllers.packets import Answer
-from agents.controllers.worker import Loaded, Worker
+from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav.errors import Refused
 
 SAVED = 0.1
 """s between two looks at whether the file was saved"""
 
 
-class Workshop:
+class ControllerReloader:
     """Of one supervisor, on its event loop. ``what``: a file or a name.
 
-    ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded;
-    ``on_answer``, ``on_failed`` and ``on_because`` are called from the processes' threads.
+    ``fly_by(worker)`` is told whose outputs count; ``agree(loaded)`` may raise to refuse what was loaded.
     """
 
     def __init__(
@@ -33,12 +31,9 @@ class Workshop:
         what: str,
         fly_by: Callable[[Worker | None], None],
         agree: Callable[[Loaded], None],
-        on_answer: Callable[[Worker, Answer], None],
-        on_failed: Callable[[Worker, str], None],
-        on_because: Callable[[Worker, str], None],
+        events: WorkerEvents,
     ) -> None:
-        self._what, self._fly_by, self._agree = what, fly_by, agree
-        self._on_answer, self._on_failed, self._on_because = on_answer, on_failed, on_because
+        self._what, self._fly_by, self._agree, self._events = what, fly_by, agree, events
         self.worker: Worker | None = None
         self.loaded: Loaded | None = None
         self.broken = ""
@@ -57,20 +52,20 @@ class Workshop:
                 worker.close()
         self.worker = self._fresh = None
 
-    async def load(self, values: Mapping[str, float], *, unless_alive: bool = False) -> float:
+    async def load(self, values: Mapping[str, float], *, where_gone: bool = False) -> float:
         """Load it, again where it is loaded already, and fly by it from the next cycle on; gives the ms that it took.
 
-        ``values``: of its parameters; ``unless_alive``: only where, when it is this call's turn, no process is there
-        that flies. Raises what is wrong with it; what flew before goes on then.
+        ``values``: of its parameters. ``where_gone``: only where no process flies by then. Raises what is wrong with
+        it; what flew before goes on then.
         """
         async with self._lock:
             begun = time.monotonic()
-            if unless_alive and self.worker is not None and self.worker.alive:
-                return 0.0
             if self._closed:
                 raise Refused("the supervisor ends")
             old = self.worker
-            self._fresh = fresh = Worker(self._on_answer, self._on_failed, self._on_because)
+            if where_gone and old is not None and old.alive:
+                return 0.0
+            self._fresh = fresh = Worker(self._events)
             try:
                 loaded = await fresh.load(self._what, dict(values))
                 self._agree(loaded)
