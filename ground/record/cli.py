@@ -158,7 +158,7 @@ def _complete(folder: Folder) -> None:
 
 
 def _repair(path: Path) -> None:
-    from ground.record.repair import repair
+    from ground.record.mcapfile import repair
 
     try:
         done = repair(path)

@@ -14,7 +14,7 @@ import msgspec
 import zenoh
 
 from ground.record.decoder import Decoder
-from ground.record.route import Asked, Route
+from ground.record.part import Asked, Route
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.wire.history import MOST

@@ -20,8 +20,8 @@ import zmav
 from ground.record import mcapfile
 from ground.record.folder import Folder, is_whole
 from ground.record.history import END
+from ground.record.part import Asked
 from ground.record.recorder import Recorder, Wanted
-from ground.record.route import Asked
 from ground.record.storage import Settings
 from tests.cli.conftest import Here, Process
 from tests.ground.record.conftest import Frames, read, read_cut

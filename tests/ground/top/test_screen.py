@@ -12,8 +12,7 @@ from rich.cells import cell_len
 from ground.top.columns import NAMES
 from ground.top.live import Painter
 from ground.top.report import NetworkReport, Report
-from ground.top.screen import draw
-from ground.top.ui import Ui
+from ground.top.screen import Ui, draw
 from zmav.doctor.facts import AgentReport
 
 if TYPE_CHECKING:
