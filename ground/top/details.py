@@ -20,17 +20,12 @@ def details(v: VehicleReport, report: Report, width: int) -> list[Line]:
     lines: list[Line] = [_rule(v, width)]
     for i, reason in enumerate(v.reasons):
         lines.append(_line("why" if i == 0 else "", (f"{reason.level}: {reason.text}", LEVEL_STYLES[reason.level])))
-    lines.append(_line("is", (_is(v), "")))
-    lines.append(_line("place", (_place(v), "")))
-    lines.append(_line("power, GPS", (_health(v), "")))
-    lines.append(_line("link", (_link(v), "")))
-    lines.append(_line("network", (_network(v), "")))
-    if v.lease is not None:
-        lease = v.lease
-        words = f"{lease.holder} (priority {lease.priority}), ends in {duration(lease.ends_in)} unless renewed"
-        lines.append(_line("lease", (words, "")))
+    said = {"is": _is(v), "place": _place(v), "power, GPS": _health(v), "link": _link(v), "network": _network(v)}
+    if (lease := v.lease) is not None:
+        said["lease"] = f"{lease.holder} (priority {lease.priority}), ends in {duration(lease.ends_in)} unless renewed"
     if v.mover not in ("", "nobody"):
-        lines.append(_line("moved by", (v.mover, "")))
+        said["moved by"] = v.mover
+    lines += [_line(label, (words, "")) for label, words in said.items()]
     for agent in report.agents:
         if (agent.fleet, agent.host) == (v.fleet, v.name):
             text = f": {agent.text}" if agent.text else ""
