@@ -14,9 +14,8 @@ from rich.console import Console
 from rich.style import Style
 
 from ground.top.columns import cells
-from ground.top.details import Line
 from ground.top.report import Report
-from ground.top.screen import Ui, draw
+from ground.top.screen import Line, Ui, draw
 from ground.top.terminal import Terminal
 from ground.top.watch import Watch
 from zmav.waiting import within

@@ -2,13 +2,58 @@
 
 from __future__ import annotations
 
+import textwrap
 import time
 from dataclasses import dataclass
 
 from ground.top.columns import COLUMNS, NAME, NAMES, WHY, Column, cells, choose, fit
-from ground.top.details import Line, details
 from ground.top.report import Report, VehicleReport, condition
 from zmav.doctor.words import clean, duration
+
+Line = list[tuple[str, str]]
+"""pieces of text, each with its style"""
+LEVEL_STYLES = {"bad": "bold red", "warn": "yellow", "note": "cyan"}
+SEVERITY_STYLES = {"warning": "yellow", "info": "", "notice": "", "debug": "dim"}
+LABEL = 11
+
+
+def details(v: VehicleReport, report: Report, width: int) -> list[Line]:
+    """Why it is not well, who moves it, its agents and last events, in full: the most important first."""
+    lines: list[Line] = [_rule(v, width)]
+    for i, reason in enumerate(v.reasons):
+        lines.append(_line("why" if i == 0 else "", (f"{reason.level}: {reason.text}", LEVEL_STYLES[reason.level])))
+    if v.mover not in ("", "nobody"):
+        lines.append(_line("moved by", (v.mover, "")))
+    for agent in report.agents:
+        if (agent.fleet, agent.host) == (v.fleet, v.name):
+            text = f": {agent.text}" if agent.text else ""
+            state = "SILENT, last " + agent.state if agent.stale else agent.state
+            style = "bold red" if agent.stale else ""
+            lines.append(_line("agent", (f"{agent.name} {state}{text} ({duration(agent.age)} ago)", style)))
+    for i, event in enumerate(v.events):
+        style = SEVERITY_STYLES.get(event.severity, "bold red")
+        words = f"{duration(event.age):>5} ago  {event.severity}: {event.text}"
+        lines.append(_line("events" if i == 0 else "", (words, style)))
+    return [part for line in lines for part in _wrapped(line, width)]
+
+
+def _wrapped(line: Line, width: int) -> list[Line]:
+    """A label and its text on as many lines as they take."""
+    if len(line) < 2:
+        return [line]
+    (label, bold), (words, style) = line
+    parts = textwrap.wrap(clean(words), max(width - LABEL, 20)) or [""]
+    return [[(label if i == 0 else " " * LABEL, bold), (part, style)] for i, part in enumerate(parts)]
+
+
+def _line(label: str, piece: tuple[str, str]) -> Line:
+    return [(f"{label:<{LABEL}}", "bold"), piece]
+
+
+def _rule(v: VehicleReport, width: int) -> Line:
+    title = f"-- {v.name} "
+    return [(title + "-" * max(width - len(title), 0), "bold")]
+
 
 FILTER_MOST = 40
 

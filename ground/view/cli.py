@@ -68,9 +68,6 @@ def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
     found = []
     if save is not None:
         path = Path(save)
-        if not path.parent.is_dir():
-            text = f"cannot write {save}: there is no folder {path.parent}"
-            raise BadConfig(text, field="save", value=save, expected="a file in a folder that exists")
         if path.exists() and not path.is_file():  # a pipe would wait for its reader
             text = f"cannot write {save}: it is no regular file"
             raise BadConfig(text, field="save", value=save, expected="a file")
