@@ -232,17 +232,13 @@ async def test_a_question_for_too_much_is_refused(recording: Recording, monkeypa
     assert len(await recording.ask_all("*/*")) >= 4
 
 
-async def test_a_recorder_tells_how_it_does_and_of_another_one(recording: Recording, tmp_path: Path) -> None:
+async def test_a_recorder_tells_how_it_does_and_shares_no_folder(recording: Recording, tmp_path: Path) -> None:
     recording.put("quad7/link/x", b'{"n": 7}')
     await recording.taken(1)
     status = recording.recorder.status()
     assert (status.state, status.detail["dropped"]) == ("recording", 0)
     with pytest.raises(BadConfig, match="another recorder"):
         Folder(tmp_path / "out")
-    said: list[str] = []
-    with Folder(tmp_path / "second") as other:
-        async with Recorder(recording.z, other, Settings(keep_free=0), Wanted(name="gs"), said.append):
-            assert "another recorder of gs answers" in said[0]
 
 
 async def test_killed_in_the_middle_it_leaves_all_that_it_had_written(net: Net, tmp_path: Path) -> None:
