@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
-from ground.gcs.kinds import Kind, Place
-from ground.gcs.numbering import Numbering, renumbered, sequence_of
+from ground.gcs.kinds import Kind, Numbering, Place, renumbered, sequence_of
 from ground.gcs.options import Options
 from mesh.bearer.budget import Bucket
 from zmav.mavlink import Dialect, Frame, Splitter

@@ -10,8 +10,7 @@ import click
 
 import zmav
 from ground.view import viewer
-from ground.view.screen import Screen
-from ground.view.settings import LOST, PainterSettings, Sink
+from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
 from zmav.cli.common import fleet_option, run, zenoh_options
