@@ -91,10 +91,6 @@ class History:
         with self._lock:
             return {(r.route.fleet, r.route.vehicle) for r in self._rings.values() if r.route.channel is keys.RX}
 
-    def keys_of(self, asked: Asked) -> list[str]:
-        with self._lock:
-            return list(self._known.get(asked, ()))
-
     def newest(self, asked: Asked, since: int, until: int, most: int) -> tuple[list[wire.HistoryEntry], int]:
         """The newest entries between two times (ns UTC), the oldest first, and from when on nothing is missing."""
         found: list[tuple[str, Held]] = []
