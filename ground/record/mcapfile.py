@@ -23,8 +23,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from ground.record.folder import MAGIC, is_whole
-from ground.record.part import Tail
+from ground.record.folder import MAGIC, Tail, is_whole
 from ground.record.schemas import Schema
 from zmav.errors import BadInput
 
