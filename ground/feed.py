@@ -1,6 +1,6 @@
 """Frames of the whole fleet as they come: what the bridge, the gateway, the recorder and the viewer read.
 
-feed = Feed(z.session, z.is_vehicle, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"], messages=["ATTITUDE"])
+feed = Feed(z.session, z.is_vehicle, lambda origin, frame: ..., fleet="demo", vehicles=["quad*"])
 
 Nothing is decoded here.
 """
@@ -42,7 +42,7 @@ class Feed:
 
     ``on_frame`` must be quick and must not raise: what it does not take in time is held back in the session, and then
     dropped by the routers. What comes under a name that ``is_vehicle`` denies is left out. ``frame`` are the bytes as
-    the vehicle sent them. Raises :class:`~zmav.errors.BadKey` for vehicles or messages that cannot stand in a key
+    the vehicle sent them. Raises :class:`~zmav.errors.BadKey` for vehicles that cannot stand in a key
     expression.
     """
 
@@ -53,7 +53,6 @@ class Feed:
         on_frame: OnFrame,
         fleet: str = "*",
         vehicles: Sequence[str] = ("*",),
-        messages: Sequence[str] = ("*",),
     ) -> None:
         self._is_vehicle, self._on_frame = is_vehicle, on_frame
         self._replay = keys.is_replay(fleet)
@@ -63,9 +62,7 @@ class Feed:
         self.frames = 0
         self.foreign = 0
         """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""
-        self._wanted = apart(
-            keys.expression(f"{vehicle}/mav/rx/*/*/{message}", fleet) for vehicle in vehicles for message in messages
-        )
+        self._wanted = apart(keys.expression(f"{vehicle}/mav/rx/*/*/*", fleet) for vehicle in vehicles)
         self._subscribers = [
             session.declare_subscriber(str(key), functools.partial(self._on_sample, index))
             for index, key in enumerate(self._wanted)

@@ -20,3 +20,10 @@ def test_a_flood_of_new_ones_is_bounded_and_room_comes_again() -> None:
     assert sum(seldom.take(n) is not None for n in range(10_000)) == 10 == len(seldom)
     now[0] = 1.0
     assert sum(seldom.take(n) is not None for n in range(10_000)) == 10 == len(seldom)
+
+
+def test_the_first_one_is_let_through_whatever_the_clock_says() -> None:
+    now = [0.0]
+    for now[0] in (0.0, 0.3, 12345.678, 987654.321, 1e9 / 3.0):
+        seldom: Seldom[str] = Seldom(0.4, 10, lambda: now[0])
+        assert seldom.take("a") == 0

@@ -26,18 +26,18 @@ class Seldom(Generic[Who]):
         """How many of it were left out since the last that was let through; None: this one is left out, too."""
         now = self._clock()
         with self._lock:
-            last, left_out = self._last.get(who, (now - self._every, 0))
-            if now - last < self._every:
-                self._last[who] = (last, left_out + 1)
+            before = self._last.get(who)
+            if before is not None and now - before[0] < self._every:
+                self._last[who] = (before[0], before[1] + 1)
                 return None
-            if who not in self._last and len(self._last) >= self._most:
+            if before is None and len(self._last) >= self._most:
                 oldest = next(iter(self._last))
                 if now - self._last[oldest][0] < self._every:
                     return None
                 del self._last[oldest]
             self._last.pop(who, None)
             self._last[who] = (now, 0)
-            return left_out
+            return before[1] if before is not None else 0
 
     def __len__(self) -> int:
         return len(self._last)

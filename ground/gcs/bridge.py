@@ -22,7 +22,7 @@ from ground.gcs.options import Endpoint, Options
 from ground.gcs.params import Params
 from ground.gcs.places import StationEndpoint
 from ground.gcs.request_handlers import HandlersByClient
-from ground.gcs.routes import Known, Routes
+from ground.gcs.routes import Routes
 from ground.gcs.serial import Serial
 from ground.gcs.streams import GCS, Streams
 from ground.gcs.tcp import TcpIn
@@ -84,7 +84,6 @@ class Bridge:
         """words about a vehicle, to a client or to all"""
         self.endpoints: list[StationEndpoint] = []
         self._present: set[Client] = set()
-        self._silent: set[Client] = set()
         self._tasks: list[asyncio.Task[None]] = []
         self._feed: Feed | None = None
 
@@ -98,13 +97,8 @@ class Bridge:
         try:
             for endpoint in self.endpoints:
                 await asyncio.to_thread(endpoint.start)
-            self._feed = Feed(
-                self.z.session,
-                self.z.is_vehicle,
-                self.downlink.on_frame,
-                self.z.fleet_name,
-                self.settings.vehicles,
-            )
+            z, vehicles = self.z, self.settings.vehicles
+            self._feed = Feed(z.session, z.is_vehicle, self.downlink.on_frame, z.fleet_name, vehicles)
         except BaseException:
             await self.__aexit__()
             raise
@@ -155,39 +149,21 @@ class Bridge:
     def ack(self, client: Client, frame: Frame, result: int) -> None:
         """Answer a command in the vehicle's place; one to all, in the place of each."""
         fields = decode(frame, self.dialect)
-        command, system = fields["command"], fields["target_system"]
+        system = fields["target_system"]
+        answer = {"command": fields["command"], "result": result}
+        asker = {"target_system": frame.sysid, "target_component": frame.compid}
         for known in self.routes.vehicles.values():
             if system in (0, known.sysid) and client.options.sees(known.name):
-                client.send(
-                    self.ground.pack(
-                        known.sysid,
-                        known.compid,
-                        "COMMAND_ACK",
-                        command=command,
-                        result=result,
-                        target_system=frame.sysid,
-                        target_component=frame.compid,
-                    )
-                )
+                client.send(self.ground.pack(known.sysid, known.compid, "COMMAND_ACK", **answer, **asker))
 
     # What clients are told.
 
     def tell(self, client: Client, sysid: int, severity: wire.Severity, text: str) -> None:
-        system = sysid if sysid in self.routes.systems else self._any_system(client)
+        seen = (known.sysid for known in self.routes.vehicles.values() if client.options.sees(known.name))
+        system = sysid if sysid in self.routes.systems else next(seen, 0)
         if system and self._said.take(((client.name, sysid), text)) is not None:
             for frame in self.ground.words(system, severity, f"zmav: {text}"):
                 client.send(frame)
-
-    def _any_system(self, client: Client) -> int:
-        """A vehicle in whose name a client can be told what is about none of them; 0: there is none."""
-        seen = (known.sysid for known in self.routes.vehicles.values() if client.options.sees(known.name))
-        return next(seen, 0)
-
-    def _tell_all(self, known: Known, severity: wire.Severity, text: str) -> None:
-        for client in self.clients:
-            if client.options.sees(known.name) and known.sysid not in client.systems:
-                for frame in self.ground.words(known.sysid, severity, text):
-                    client.send(frame)
 
     async def _tell_events(self) -> None:
         """Pass on what vehicles' agents say that a person at a station must see."""
@@ -201,7 +177,10 @@ class Bridge:
                     continue
                 if known is None or event.kind not in TOLD or self._said.take((known.place, event.text)) is None:
                     continue
-                self._tell_all(known, event.severity, event.text)
+                for client in self.clients:
+                    if client.options.sees(known.name) and known.sysid not in client.systems:
+                        for frame in self.ground.words(known.sysid, event.severity, event.text):
+                            client.send(frame)
                 if event.kind == "refused":
                     self.news(f"{name}: {event.text}")
 
@@ -219,13 +198,10 @@ class Bridge:
         for known in gone:
             self.news(f"{known.name} is gone")
         there = {client for client in self.clients if client.present}
-        for client in self._silent & there:
-            self.news(f"{client.name} is back")
-        fell_silent = {client for client in self._present - there if client.stays and not client.gone}
-        for client in fell_silent:
-            self.news(f"{client.name} is silent")
-            client.forget()
-            self.downlink.changed()
-        self._silent = {client for client in self._silent | fell_silent if not (client.gone or client in there)}
+        for client in self._present - there:
+            if client.stays and not client.gone:
+                self.news(f"{client.name} is silent")
+                client.forget()
+                self.downlink.changed()
         self._present = there
         self.streams.refresh(there)

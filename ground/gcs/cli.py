@@ -92,19 +92,14 @@ def allowed(z: zmav.Client, settings: Settings) -> Settings:
 
 
 def _words(endpoint: Endpoint) -> str:
-    does = {"udp": "sending to", "udpin": "waiting for stations at", "tcp": "waiting for stations at", "serial": "on"}
+    does = "sending to" if endpoint.kind == "udp" else "on" if endpoint.kind == "serial" else "waiting for stations at"
     where = endpoint.text if endpoint.kind == "serial" else endpoint.where
     options = endpoint.options
+    far = endpoint.kind in ("udpin", "tcp") and endpoint.host not in (LOOPBACK, "::1", "localhost")
     notes = [
         f"{options.rate:g} B/s" if options.rate else "",
         f"vehicles {','.join(options.vehicles)}" if options.vehicles != ("*",) else "",
-        "read-only" if options.read_only else "",
+        "read-only" if options.read_only else "anyone who reaches it may command the vehicles" if far else "",
     ]
-    if (
-        endpoint.kind in ("udpin", "tcp")
-        and endpoint.host not in (LOOPBACK, "::1", "localhost")
-        and not options.read_only
-    ):
-        notes.append("anyone who reaches it may command the vehicles")
     said = "; ".join(filter(None, notes))
-    return f"{endpoint.kind}: {does[endpoint.kind]} {where}" + (f" ({said})" if said else "")
+    return f"{endpoint.kind}: {does} {where}" + (f" ({said})" if said else "")

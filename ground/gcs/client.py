@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
-from ground.gcs.kinds import Kind, Place
-from ground.gcs.numbering import Numbering, renumbered, sequence_of
+from ground.gcs.kinds import Kind, Numbering, Place, renumbered, sequence_of
 from ground.gcs.options import Options
 from mesh.bearer.budget import Bucket
 from zmav.mavlink import Dialect, Frame, Splitter
@@ -134,8 +133,6 @@ class Client:
         """monotonic s; 0: never"""
         self.addressed: dict[Place, float] = {}
         """when it last spoke to a vehicle"""
-        self.told: set[str] = set()
-        """what it was told once"""
         self.gone = False
         self.stays = stays
         """it is sent to whether it is there or not"""
@@ -186,7 +183,6 @@ class Client:
     def forget(self) -> None:
         """Anyone who was there is not any more; who comes next may be somebody else."""
         self.ids, self.systems, self.kind_of_station = frozenset(), frozenset(), ""
-        self.told.clear()
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames in what came from it. On its endpoint's thread."""

@@ -65,15 +65,13 @@ class Uplink:
     def _may_speak(self, client: Client, frame: Frame) -> bool:
         place = frame.sysid, frame.compid
         if frame.sysid in self._routes.systems or not frame.sysid:
-            self._refuse(client, "id")
             names = ", ".join(known.name for known in self._routes.systems.get(frame.sysid, ())) or "everybody"
             text = f"refused: you speak as system {frame.sysid}, which is {names}: choose another id for the station"
-            self._complain(client, ("id", frame.sysid), frame.sysid, "error", text)
+            self._refuse(client, "id", text, frame.sysid)
             return False
         if frame.msgid == SETUP_SIGNING:
-            self._refuse(client, "signing")
             text = "refused: SETUP_SIGNING holds a key, which does not travel: use 'zmav signing setup' on the vehicle"
-            self._complain(client, ("signing",), 0, "error", text)
+            self._refuse(client, "signing", text)
             return False
         if place in client.ids:
             return True
@@ -81,8 +79,7 @@ class Uplink:
             self._refuse(client, "id")  # garbage makes nobody known
             return False
         if not client.add_id(place):
-            self._refuse(client, "ids")
-            self._complain(client, ("ids",), 0, "error", "refused: you speak as too many systems and components")
+            self._refuse(client, "ids", "refused: you speak as too many systems and components")
             return False
         self._bridge.identified(client)
         return True
@@ -98,11 +95,10 @@ class Uplink:
         if any(name in answerer.takes and self._offer(answerer, client, frame) for answerer in self._answerers):
             return
         if client.read_only:
-            self._refuse(client, "read-only")
             if name in COMMANDS and component in AUTOPILOTS:
                 self._bridge.ack(client, frame, CommandResult.DENIED)
-            if name != HEARTBEAT:
-                self._complain(client, ("read-only",), system, "notice", "read-only: what you send reaches no vehicle")
+            text = "" if name == HEARTBEAT else "read-only: what you send reaches no vehicle"
+            self._refuse(client, "read-only", text, system, "notice")
             return
         if name == HEARTBEAT:
             if not client.kind_of_station:
@@ -188,20 +184,15 @@ class Uplink:
 
     # Complaints.
 
-    def _refuse(self, client: Client, reason: str) -> None:
+    def _refuse(
+        self, client: Client, reason: str, text: str = "", system: int = 0, severity: wire.Severity = "error"
+    ) -> None:
+        """Count it, and tell the client and the terminal, once."""
         client.counters.refused += 1
         self.refused[reason] += 1
-
-    def _complain(
-        self, client: Client, about: tuple[object, ...], system: int, severity: wire.Severity, text: str
-    ) -> None:
-        """Tell the client and the terminal, once."""
-        name = "/".join(map(str, about))
-        if name in client.told or len(client.told) > MOST_SAID:
-            return
-        client.told.add(name)
-        self._bridge.tell(client, system, severity, text)
-        self._bridge.news(f"{client.name}: {text}")
+        if text and self._once.take((client.name, client.ids, reason)) is not None:
+            self._bridge.tell(client, system, severity, text)
+            self._bridge.news(f"{client.name}: {text}")
 
     def _say_once(self, about: tuple[object, ...], text: str) -> None:
         if self._once.take(about) is not None:

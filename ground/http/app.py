@@ -69,7 +69,7 @@ def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
     rules = rules or Rules(read_only=gateway.read_only)
     middleware = [Middleware(Envelope), Middleware(Guard, rules=rules)]
     if rules.origins:
-        methods, headers = ("GET", "POST", "PUT"), ("authorization", "content-type")
+        methods, headers = ("GET", "POST"), ("authorization", "content-type")
         origins = tuple(rules.origins)
         cors = Middleware(CORSMiddleware, allow_origins=origins, allow_methods=methods, allow_headers=headers)
         middleware.insert(1, cors)

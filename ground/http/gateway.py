@@ -217,12 +217,6 @@ class Gateway:
         found = [f"{sysid} ({', '.join(each.name for each in places)})" for sysid, places in self.sysids.items()]
         return ", ".join(found) or "none"
 
-    def check_fleet(self, fleet: str) -> None:
-        """Raise :class:`NoSuchVehicle` for a fleet that is not this gateway's: nobody of it would hear."""
-        if self.client.fleet_name not in ("*", fleet):
-            text = f"this gateway is in the fleet {self.client.fleet_name}, and not in {fleet}"
-            raise NoSuchVehicle(text, fleet=fleet)
-
     # Sending.
 
     def next_seq(self, sysid: int, compid: int) -> int:

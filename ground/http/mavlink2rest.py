@@ -123,15 +123,8 @@ class Mavlink2Rest:
 
 
 def _place(parts: list[str]) -> tuple[int | None, int | None]:
-    """The system and component that a path names, None where it goes not so far; raises :class:`Failure` for others."""
-    found: list[int | None] = [None, None]
-    for at, (before, part) in enumerate(zip(["", *parts], parts, strict=False)):
-        if at == 0 and part != "vehicles":
-            raise _nothing(parts, at)
-        if (at, before) in ((1, "vehicles"), (3, "components")):
-            found[at // 2] = _index(part)
-            if found[at // 2] is None:
-                raise _nothing(parts, at)
+    """The system and component that a path names, None where it goes not so far or names none."""
+    found = [_index(parts[at]) if len(parts) > at else None for at in (1, 3)]
     return found[0], found[1]
 
 

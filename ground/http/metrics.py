@@ -1,16 +1,14 @@
 """``/metrics``: the fleet and the gateway itself for Prometheus.
 
-What a scrape shows is there already, but for the links: of these the vehicles are asked when somebody scrapes, and at
-most once a second. No metric has a label whose values a stranger could multiply, but for the names of vehicles and
-links, of which there is a bound.
+What a scrape shows is there already, but for the links: of these the vehicles are asked when somebody scrapes. No
+metric has a label whose values a stranger could multiply, but for the names of vehicles and links, of which there is a
+bound.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import math
-import time
 from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
@@ -26,7 +24,6 @@ from zmav.vehicle import Vehicle
 
 PATIENCE = 1.0
 """s for vehicles to say how their links are: a scrape waits no longer for one that is gone"""
-FRESH = 1.0
 MOST_LINKS = 2000
 MOST_VEHICLES = 1000
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -135,35 +132,19 @@ def _quoted(text: str) -> str:
     return _escape(text).replace('"', '\\"')
 
 
-class Links:
-    """What the fleet's links said last, asked again when it is older than :data:`FRESH`."""
-
-    def __init__(self, gateway: Gateway) -> None:
-        self._gateway = gateway
-        self._asked = float("-inf")
-        self._found: list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]] = []
-        self._one_at_a_time = asyncio.Lock()
-
-    async def now(self) -> list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]]:
-        """(fleet, vehicle, quality) of every link that answered."""
-        async with self._one_at_a_time:
-            if time.monotonic() - self._asked > FRESH:
-                client = self._gateway.client
-                key = keys.LINK.key(client.fleet_name, "*", link="*")
-                self._found = _qualities(await client.ask(key, timeout=PATIENCE, channel=keys.LINK))
-                self._asked = time.monotonic()
-            return self._found
+Quality = tuple[str, str, "wire.LinkQuality | wire.NeighbourQuality"]
+"""fleet, vehicle, and how a link of its is"""
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
-    links = Links(gateway)
-
     async def metrics(request: Request) -> Response:
         """The fleet and the gateway in Prometheus' text format."""
         page = Exposition()
         for vehicle in gateway.client.fleet()[:MOST_VEHICLES]:
             _of_vehicle(page, vehicle)
-        for fleet, name, quality in await links.now():
+        key = keys.LINK.key(gateway.client.fleet_name, "*", link="*")
+        answers = await gateway.client.ask(key, timeout=PATIENCE, channel=keys.LINK)
+        for fleet, name, quality in _qualities(answers):
             _of_link(page, fleet, name, quality)
         _of_gateway(page, gateway)
         return Response(page.text(), headers={"Content-Type": CONTENT_TYPE, "Cache-Control": "no-store"})
@@ -204,7 +185,7 @@ def _of_gateway(page: Exposition, gateway: Gateway) -> None:
         page.add(f"zmav_http_{name}{'_total' if kind == 'counter' else ''}", kind, doc, read())
 
 
-def _qualities(answers: list[Any]) -> list[tuple[str, str, wire.LinkQuality | wire.NeighbourQuality]]:
+def _qualities(answers: list[Any]) -> list[Quality]:
     found = []
     for each in answers[:MOST_LINKS]:
         if isinstance(each, Answer):

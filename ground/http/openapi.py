@@ -30,7 +30,7 @@ NUMBER: dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
 
 
 TAGS = {
-    "Key space": "every key by its name: asked, written, read live",
+    "Key space": "every key by its name: asked, read live",
     "Orders": "do this; the answer is how it ended",
     "Setpoints": "streams for scripts, under a lease that the gateway holds",
     "Text": "for what can GET text and no more, such as MATLAB's urlread",
@@ -84,9 +84,8 @@ QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
 """query parameters by path: name, what it is, schema. A setpoint's are the fields of a :class:`Point`, too"""
 
 OBJECT: dict[str, Any] = {"type": "object"}
-JSON, FORM, BYTES = "application/json", "application/x-www-form-urlencoded", "application/octet-stream"
+JSON, FORM = "application/json", "application/x-www-form-urlencoded"
 BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
-    ("put", "/keys/{key}"): ("", {JSON: {}, BYTES: {"description": "a raw MAVLink frame"}}),
     ("post", "/v1/mavlink"): ("a message as the helper gives it", {JSON: {**OBJECT, "required": ["message"]}}),
     ("post", "/do/{vehicle}/{verb}"): (
         "the arguments of the order: see the orders one by one",

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import importlib
 import re
-import shutil
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +20,7 @@ from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
-    from ground.record.recorder import Recorder, Wanted
+    from ground.record.recorder import Wanted
     from ground.record.storage import Settings
 
 UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
@@ -115,37 +112,17 @@ async def _record(
     unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.mcap else None
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
-        Recorder(z, folder, how, whom, _say) as recorder,
+        Recorder(z, folder, how, whom, say) as recorder,
     ):
-        _say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
-        telling = asyncio.create_task(_tell(recorder))
+        say(f"recording {fleet}/{','.join(whom.vehicles)} to {recorder.storage.session}, as {recorder.name}")
         await until_stopped()
-        telling.cancel()
     if unfinished is not None:
         await unfinished
     counts = recorder.storage.counts
     rest = {"dropped": counts.dropped, "without room": counts.unwritten, "refused": counts.refused}
     lost = "".join(f", {number} {what}" for what, number in rest.items() if number)
     minutes = (time.monotonic() - start) / 60
-    _say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
-
-
-def _say(line: str) -> None:
-    """A line that stays, in place of the one that changes, where a terminal shows that. From any thread."""
-    say(f"\r\x1b[K{line}" if sys.stderr.isatty() else line)
-
-
-async def _tell(recorder: Recorder) -> None:
-    """Once a second, for a person."""
-    before = 0
-    while sys.stderr.isatty():
-        taken, width = recorder.storage.counts.taken, shutil.get_terminal_size().columns - 1
-        vehicles = len(recorder.storage.history.vehicles())
-        line = f"{vehicles} vehicles  {taken - before}/s  {recorder.status().text}"[:width]
-        with contextlib.suppress(OSError, ValueError):
-            click.echo(f"\r\x1b[K{line}", err=True, nl=False)
-        before = taken
-        await asyncio.sleep(1.0)
+    say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
 
 
 def _complete(folder: Folder) -> None:
@@ -158,7 +135,7 @@ def _complete(folder: Folder) -> None:
 
 
 def _repair(path: Path) -> None:
-    from ground.record.repair import repair
+    from ground.record.mcapfile import repair
 
     try:
         done = repair(path)

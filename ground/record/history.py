@@ -14,7 +14,7 @@ import msgspec
 import zenoh
 
 from ground.record.decoder import Decoder
-from ground.record.route import Asked, Route
+from ground.record.part import Asked, Route
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.wire.history import MOST
@@ -90,10 +90,6 @@ class History:
         """Fleet and name of those that a frame came of."""
         with self._lock:
             return {(r.route.fleet, r.route.vehicle) for r in self._rings.values() if r.route.channel is keys.RX}
-
-    def keys_of(self, asked: Asked) -> list[str]:
-        with self._lock:
-            return list(self._known.get(asked, ()))
 
     def newest(self, asked: Asked, since: int, until: int, most: int) -> tuple[list[wire.HistoryEntry], int]:
         """The newest entries between two times (ns UTC), the oldest first, and from when on nothing is missing."""

@@ -1,28 +1,29 @@
 """One .mcap while it is written: topics with schemas as they come, chunks closed at every flush.
 
 https://mcap.dev/spec. Compressed with zstd, which the mcap package brings. Each flush ends a chunk and its index, so a
-file that was cut short reads up to its last flush, and :mod:`ground.record.repair` gives it its summary.
+file that was cut short reads up to its last flush, and :func:`repair` gives it its summary.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
+from mcap import records as mcap_records
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Channel, Message, Metadata
+from mcap.records import Channel, DataEnd, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from ground.record.folder import is_whole
-from ground.record.part import Tail
+from ground.record.folder import MAGIC, Tail, is_whole
 from ground.record.schemas import Schema
 from zmav.errors import BadInput
 
@@ -181,3 +182,69 @@ def topics(path: Path) -> list[str]:
             if isinstance(record, Channel):
                 found[record.topic] = None
     return list(found)
+
+
+class Repaired(NamedTuple):
+    """What was found and done."""
+
+    messages: int
+    whole: bool
+    """it had its summary: nothing was done"""
+
+
+def repair(path: Path) -> Repaired:
+    """Complete ``path``: beside it for a while, and then in its place. :class:`BadInput` for what is no .mcap; OSError
+    where it cannot be read, a recorder still writes it, or the disk is full: then it is as it was.
+    """
+    if is_whole(path):
+        return Repaired(0, whole=True)
+    new = path.with_name(f"{path.name}.new")
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as e:
+            raise OSError(e.errno, "a recorder still writes it") from e
+        if file.read(len(MAGIC)) != MAGIC:
+            raise BadInput(f"{path} is no .mcap: it does not begin like one", field="file", expected="an .mcap")
+        file.seek(0)
+        try:
+            with new.open("wb") as out:
+                messages = _copy(file, out)
+                out.flush()
+                os.fsync(out.fileno())
+            new.replace(path)
+        finally:
+            new.unlink(missing_ok=True)
+    return Repaired(messages, whole=False)
+
+
+def _copy(file: BinaryIO, out: BinaryIO) -> int:
+    """How many messages there were up to the first bytes that are no record of their kind: what follows them cannot be
+    trusted.
+    """
+    writer = Writer(out, chunk_size=CHUNK, compression=CompressionType.ZSTD)
+    writer.start(library="zmav")
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    messages = 0
+    records = StreamReader(file, validate_crcs=True).records
+    while True:
+        try:
+            record = next(records)
+            if isinstance(record, DataEnd):
+                break
+            if isinstance(record, mcap_records.Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            elif isinstance(record, Channel) and record.id not in channels:
+                about = record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                channels[record.id] = writer.register_channel(*about)
+            elif isinstance(record, Metadata):
+                writer.add_metadata(record.name, record.metadata)
+            elif isinstance(record, Message):
+                channel, data = channels[record.channel_id], record.data
+                writer.add_message(channel, record.log_time, data, record.publish_time, record.sequence)
+                messages += 1
+        except (StopIteration, *DAMAGE):
+            break
+    writer.finish()  # type: ignore[no-untyped-call]
+    return messages

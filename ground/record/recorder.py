@@ -56,7 +56,6 @@ class Recorder:
         self._answers: Answers | None = None
         self._held: list[Any] = []
         self._tasks: list[asyncio.Task[None]] = []
-        self._agent = AGENT
 
     async def __aenter__(self) -> Recorder:
         try:
@@ -73,11 +72,7 @@ class Recorder:
         for channel in shared_channels():
             key = channel.key(self._fleet, topic="*", group="*", name="*")
             self._held.append(session.declare_subscriber(key, functools.partial(self._take, ())))
-        if await self._is_first():
-            self._answers = Answers(session, self.storage.history, self._fleet, self.name)
-        else:
-            self._agent = f"{AGENT}-{instance[:4]}"
-            self._tell(f"another recorder of {self.name} answers questions of what was; --name tells two apart")
+        self._answers = Answers(session, self.storage.history, self._fleet, self.name)
         self._held.append(session.liveliness().declare_token(self._token(instance)))
         self._tasks.append(asyncio.create_task(self._say_status()))
 
@@ -143,14 +138,8 @@ class Recorder:
         """The fleet in which the recorder itself is."""
         return self._fleet if self._fleet != "*" else "demo"
 
-    async def _is_first(self) -> bool:
-        """Whether nobody else records under this name."""
-        key = keys.ALIVE.key(self._home, self.name, role="*", sys="0", autopilot=AGENT, uid="*", instance="*")
-        found = await asyncio.to_thread(lambda: list(self._z.session.liveliness().get(key, timeout=1.0)))
-        return not [reply for reply in found if reply.ok is not None]
-
     async def _say_status(self) -> None:
-        key = keys.AGENT_STATUS.key(self._home, self.name, agent=self._agent)
+        key = keys.AGENT_STATUS.key(self._home, self.name, agent=AGENT)
         while True:
             self._z.put(keys.AGENT_STATUS, key, self.status())
             await asyncio.sleep(STATUS_S)
@@ -165,7 +154,7 @@ class Recorder:
         with contextlib.suppress(OSError):  # the folder was taken away
             detail["free"] = self._folder.free()
         state = "paused" if paused else "recording"
-        return wire.AgentStatus(t=time.time(), agent=self._agent, state=state, text=text, detail=detail)
+        return wire.AgentStatus(t=time.time(), agent=AGENT, state=state, text=text, detail=detail)
 
 
 def vehicle_channels() -> list[str]:

@@ -117,9 +117,8 @@ class Mcap:
 
 def open_all(paths: Sequence[Path]) -> list[Source]:
     """The recordings in these files and folders: of a folder its newest session, else its own; of either the .mcap, if
-    there is one, else the .tlog files. A pattern that the shell left as it is is looked for in its folder, and then in
-    the newest session that has some: the recorder gives each session a folder. Raises :class:`BadConfig` for what is
-    none of these, and for a pattern that cannot be.
+    there is one, else the .tlog files. Raises :class:`BadConfig` for what is
+    none of these.
     """
     tlogs: dict[str, list[Path]] = {}
     sources: list[Source] = []
@@ -135,24 +134,14 @@ def open_all(paths: Sequence[Path]) -> list[Source]:
 
 def _files(path: Path) -> list[Path]:
     try:
-        found = _found(path)
-    except (ValueError, NotImplementedError, OSError) as e:
-        text = f"{path}: this cannot be looked for: {e}"
-        raise BadConfig(text, field="file", value=str(path), expected="a file, a folder, or a pattern") from e
-    if found:
-        return found
+        if path.is_file():
+            return [path]
+        if found := next(filter(None, map(_recordings, (*_sessions(path), path))), []):
+            return found
+    except OSError:
+        pass  # no name that a file can have
     text = f"{path}: no .mcap and no .tlog there: give a file, a session's folder, or the recorder's (--out)"
     raise BadConfig(text, field="file", value=str(path), expected="recordings")
-
-
-def _found(path: Path) -> list[Path]:
-    if path.is_dir():
-        return next(filter(None, map(_recordings, (*_sessions(path), path))), [])
-    if path.is_file():
-        return [path]
-    if not any(c in path.name for c in "*?["):
-        return []  # a name means that file: one in a session's folder is another
-    return next(filter(None, (sorted(each.glob(path.name)) for each in (path.parent, *_sessions(path.parent)))), [])
 
 
 def _recordings(folder: Path) -> list[Path]:

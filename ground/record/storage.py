@@ -21,8 +21,7 @@ import msgspec
 from ground.record.decoder import Decoder, is_frame
 from ground.record.folder import Folder
 from ground.record.history import History
-from ground.record.part import Part
-from ground.record.route import Route
+from ground.record.part import Part, Route
 from zmav.errors import BadKey
 from zmav.mavlink import Dialect
 

@@ -15,8 +15,7 @@ from rich.style import Style
 import zmav
 from ground.top.live import Live, usable
 from ground.top.report import Report
-from ground.top.screen import table
-from ground.top.ui import Ui
+from ground.top.screen import Ui, table
 from ground.top.watch import Watch
 from zmav.cli.common import console, fleet_option, run, zenoh_options
 from zmav.doctor.words import clean

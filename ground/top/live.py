@@ -14,11 +14,9 @@ from rich.console import Console
 from rich.style import Style
 
 from ground.top.columns import cells
-from ground.top.details import Line
 from ground.top.report import Report
-from ground.top.screen import draw
+from ground.top.screen import Line, Ui, draw
 from ground.top.terminal import Terminal
-from ground.top.ui import Ui
 from ground.top.watch import Watch
 from zmav.waiting import within
 

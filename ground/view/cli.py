@@ -10,8 +10,7 @@ import click
 
 import zmav
 from ground.view import viewer
-from ground.view.screen import Screen
-from ground.view.settings import LOST, PainterSettings, Sink
+from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
 from zmav.cli.common import fleet_option, run, zenoh_options
@@ -68,9 +67,6 @@ def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
     found = []
     if save is not None:
         path = Path(save)
-        if not path.parent.is_dir():
-            text = f"cannot write {save}: there is no folder {path.parent}"
-            raise BadConfig(text, field="save", value=save, expected="a file in a folder that exists")
         if path.exists() and not path.is_file():  # a pipe would wait for its reader
             text = f"cannot write {save}: it is no regular file"
             raise BadConfig(text, field="save", value=save, expected="a file")

@@ -5,6 +5,7 @@ They are larger than most real vehicles, so that one is still seen across a fiel
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -53,29 +54,12 @@ class _Builder:
             self.quad(corner(-1, i, -1), corner(1, i, -1), corner(1, i, 1), corner(-1, i, 1), tint)
             self.quad(corner(-1, -1, i), corner(1, -1, i), corner(1, 1, i), corner(-1, 1, i), tint)
 
-    def disc(self, center: Vector, radius: float, tint: Tint, axis: int = 2) -> None:
-        """A thin disc about the axis of that number."""
-        one, other = [i for i in range(3) if i != axis]
-        sides = 14
-
-        def rim(step: int) -> Vector:
-            point = list(center)
-            point[one] += radius * math.cos(2 * math.pi * step / sides)
-            point[other] += radius * math.sin(2 * math.pi * step / sides)
-            return point[0], point[1], point[2]
-
-        for step in range(sides):
-            self.triangle(center, rim(step), rim(step + 1), tint)
-
-    def cone(self, tip: Vector, base: Vector, radius: float, tint: Tint, sides: int = 10) -> None:
-        """Along x."""
-
-        def rim(step: int) -> Vector:
-            angle = 2 * math.pi * step / sides
-            return base[0], base[1] + radius * math.cos(angle), base[2] + radius * math.sin(angle)
-
-        for step in range(sides):
-            self.triangle(tip, rim(step), rim(step + 1), tint)
+    def disc(self, center: Vector, radius: float, tint: Tint, sides: int = 14) -> None:
+        """A thin disc about down."""
+        turns = [2 * math.pi * step / sides for step in range(sides + 1)]
+        rim = [(center[0] + radius * math.cos(t), center[1] + radius * math.sin(t), center[2]) for t in turns]
+        for a, b in itertools.pairwise(rim):
+            self.triangle(center, a, b, tint)
 
     def model(self, size: float) -> Model:
         corners = np.asarray(self._triangles, dtype=np.float32) * np.float32(size)
@@ -103,7 +87,7 @@ def _copter(b: _Builder) -> None:
 
 def _plane(b: _Builder) -> None:
     b.box((-0.1, 0.0, 0.0), (1.5, 0.18, 0.18), BRIGHT)
-    b.cone((0.95, 0.0, 0.0), (0.65, 0.0, 0.0), 0.13, DARK)
+    b.box((0.75, 0.0, 0.0), (0.2, 0.12, 0.12), DARK)
     b.box((0.2, 0.0, -0.06), (0.34, 2.4, 0.05), BRIGHT)
     b.box((-0.78, 0.0, -0.02), (0.24, 0.8, 0.04), DIM)
     b.quad((-0.9, 0.0, 0.0), (-0.62, 0.0, 0.0), (-0.82, 0.0, -0.36), (-0.96, 0.0, -0.36), DIM)
@@ -115,13 +99,12 @@ def _rover(b: _Builder) -> None:
     b.box((0.3, 0.0, -0.58), (0.1, 0.12, 0.28), DARK)
     for x in (-0.46, 0.46):
         for y in (-0.46, 0.46):
-            b.disc((x, y, -0.24), 0.24, DARK, axis=1)
-            b.disc((x, y * 1.12, -0.24), 0.24, DARK, axis=1)
-            b.disc((x, y * 1.13, -0.24), 0.1, DIM, axis=1)
+            b.box((x, y, -0.24), (0.4, 0.12, 0.4), DARK)
 
 
 def _other(b: _Builder) -> None:
-    b.cone((0.9, 0.0, 0.0), (-0.5, 0.0, 0.0), 0.4, BRIGHT, sides=4)
+    b.box((0.0, 0.0, 0.0), (1.2, 0.4, 0.3), BRIGHT)
+    b.box((0.7, 0.0, 0.0), (0.2, 0.2, 0.15), DARK)
 
 
 _KINDS = {"copter": _copter, "heli": _copter, "plane": _plane, "vtol": _plane, "rover": _rover, "boat": _rover}

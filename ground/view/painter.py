@@ -24,7 +24,7 @@ import rerun as rr
 from ground.view import blueprint
 from ground.view.canvas import Canvas
 from ground.view.scene import Scene
-from ground.view.settings import LENGTH, LOST, READY, PainterSettings, Sink
+from ground.view.screen import LENGTH, LOST, READY, PainterSettings, Sink
 from ground.view.table import Batch
 from ground.view.viewer import start_viewer
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-from ground.view.settings import Sink
+from ground.view.screen import Sink
 from zmav.errors import BadConfig, missing_extra
 from zmav.process import free_port
 

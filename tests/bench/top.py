@@ -26,8 +26,7 @@ import zenoh
 
 import zmav
 from ground.top.live import Painter
-from ground.top.screen import draw
-from ground.top.ui import Ui
+from ground.top.screen import Ui, draw
 from ground.top.watch import Watch
 from zmav import keys, wire
 from zmav.session import SessionSettings, open_session

@@ -13,8 +13,8 @@ import zenoh
 import zmav
 from ground.record.folder import Folder
 from ground.record.history import END
+from ground.record.part import Asked
 from ground.record.recorder import Recorder, Wanted
-from ground.record.route import Asked
 from ground.record.storage import Settings
 from ground.top.watch import Watch as TopWatch
 from zmav import keys, wire

@@ -14,7 +14,7 @@ from agents.planner.model.plans import read_plan
 from agents.planner.model.scene import read_scene
 from ground.record import mcapfile
 from ground.record.folder import is_whole
-from ground.record.repair import repair
+from ground.record.mcapfile import repair
 from ground.record.sources import Mcap, Tlogs
 from mesh.credentials.ledger import LEDGER, read_ledger
 from mesh.lab.scenario import load_scenario

@@ -16,7 +16,7 @@ from agents.planner.live.checks import check_goal, check_obstacle
 from ground.http.arguments import object_of
 from ground.http.documents import document_of
 from ground.record import schemas
-from ground.record.route import Route, stamp
+from ground.record.part import Route, stamp
 from mesh import linkstate
 from tests.fuzz.engine import Target, pure
 from tests.fuzz.targets.frames import the_dialect

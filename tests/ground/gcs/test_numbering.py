@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground.gcs.numbering import Numbering, renumbered
+from ground.gcs.kinds import Numbering, renumbered
 from zmav.mavlink import Splitter, encode, load_dialect, parse_frame
 
 ATTITUDE = {

@@ -150,7 +150,7 @@ def test_looking_gives_no_orders(served: Served, counter: Counter) -> None:
     assert served.get("/keys/quad1/agent/**").status == 200
     assert served.get("/agent/quad1/counter/count").status == 405
     put = served.request("PUT", "/keys/quad1/agent/counter/do/count", "{}")
-    assert (put.status, "POST" in put.json["error"]["text"]) == (400, True)
+    assert put.status == 405
     assert len(counter.askers) == asked
 
 

@@ -17,7 +17,7 @@ from pymavlink import mavutil
 
 from ground.record import mcapfile
 from ground.record.folder import is_whole
-from ground.record.repair import repair
+from ground.record.mcapfile import repair
 from tests.ground.record.conftest import read, read_cut, records
 from zmav import wire
 from zmav.errors import BadConfig, BadInput

@@ -293,18 +293,14 @@ async def test_what_is_played_already_is_not_played_over(stage: Stage, recorded:
     token.undeclare()
 
 
-def test_a_folder_means_its_newest_session_and_so_does_a_pattern(recorded: Recorded, tmp_path: Path) -> None:
-    """As the recorder leaves them, and as the README has it: flights/*.mcap, which the shell finds nothing for."""
+def test_a_folder_means_its_newest_session(recorded: Recorded, tmp_path: Path) -> None:
+    """As the recorder leaves them."""
     for name in ("2026-11-21_10-00-00", "2026-11-22_10-00-00"):
         shutil.copytree(recorded.session, tmp_path / name)
     (tmp_path / "2026-11-23_10-00-00").mkdir()
     newest = tmp_path / "2026-11-22_10-00-00"
-    for given in (tmp_path, tmp_path / "*.mcap"):
-        (source,) = sources.open_all([given])
-        assert source.label == str(newest / "record.001.mcap")
-    assert sorted(s.label for s in sources.open_all([tmp_path / "quad*.tlog"])) == [
-        str(newest / f"quad{n}.001.tlog") for n in (1, 2)
-    ]
+    (source,) = sources.open_all([tmp_path])
+    assert source.label == str(newest / "record.001.mcap")
     with pytest.raises(BadConfig, match=r"no \.mcap and no \.tlog there"):
         sources.open_all([tmp_path / "*.bin"])
 
@@ -327,8 +323,6 @@ def test_the_newest_session_comes_first_whatever_it_has(recorded: Recorded, tmp_
     assert labels(tmp_path) == [newest]
     assert labels(tmp_path / "z") == [str(tmp_path / "z" / "record.001.mcap")]
     assert labels(tmp_path / "mine.tlog") == [str(tmp_path / "mine.tlog")]
-    assert labels(tmp_path / "*.mcap") == [str(tmp_path / "2026-11-21_10-00-00" / "record.001.mcap")]
-    assert labels(tmp_path / "m*.tlog") == [str(tmp_path / "mine.tlog")]
 
 
 def test_a_name_is_of_that_file_and_no_other(recorded: Recorded, tmp_path: Path) -> None:
@@ -338,8 +332,8 @@ def test_a_name_is_of_that_file_and_no_other(recorded: Recorded, tmp_path: Path)
             sources.open_all([tmp_path / name])
 
 
-@pytest.mark.parametrize("name", ["**x", "a**b.mcap", "***", "x" * 300, "*" * 300 + "y"])
-def test_a_pattern_that_cannot_be_is_refused_in_words(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["**x", "a**b.mcap", "x" * 300])
+def test_a_name_that_cannot_be_is_refused_in_words(name: str, tmp_path: Path) -> None:
     with pytest.raises(BadConfig) as told:
         sources.open_all([tmp_path / name])
     assert told.value.detail["field"] == "file" and told.value.detail["value"] == str(tmp_path / name)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground.view import shapes, table
+from ground.view import table, topics
 from ground.view.frames import FAR, Datum, usable
 from zmav import wire
 
@@ -91,7 +91,7 @@ json_values = st.recursive(
 
 @given(json_values)
 def test_whatever_a_topic_holds_only_places_that_can_be_drawn_are_found(document: Any) -> None:
-    found = shapes.find(document, Datum())
+    found = topics.find(document, Datum())
     places = [mark.pos for mark in found.marks] + [point for line in found.lines for point in line.points]
     places += [box.low for box in found.boxes] + [box.high for box in found.boxes]
     assert all(usable(place) for place in places)

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from ground.view.cli import sinks_of
-from ground.view.screen import Screen
-from ground.view.settings import LOST, PainterSettings, Sink
+from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from tests.waiting import until
 from zmav import keys, wire
