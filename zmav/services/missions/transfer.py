@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 from zmav.errors import Refused, TimedOut, Unsupported
 from zmav.mavlink import Frame
 from zmav.mavlink.results import MissionResult
-from zmav.services.link.port import Inbox, Port, is_ours
-from zmav.services.link.roundtrip import RoundTrip
+from zmav.services.link.port import Inbox, Port, RoundTrip, is_ours
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
 from zmav.wire import MissionKind
 

@@ -24,8 +24,7 @@ from zmav.services.link.port import Inbox, Port, is_ours
 from zmav.services.queries.questions import Reply
 from zmav.services.rates.demand import Demands
 from zmav.services.rates.meter import WINDOW, Measured, Meter
-from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
-from zmav.services.rates.standing import RequestedRate, rows
+from zmav.services.rates.plan import ENOUGH, RequestedRate, Shedder, Target, rows, wanted
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
