@@ -198,8 +198,8 @@ _ANY: dict[str, tuple[str, ...]] = {
     "ardupilot": ("GUIDED", "AUTO", "RTL", "LAND", "LOITER", "TAKEOFF", "HOLD", "QLAND", "QRTL", "BRAKE"),
 }
 _BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
-    "px4": {"takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "reposition": ("HOLD",), "mission_start": ("MISSION",)},
-    "ardupilot": {"goto": ("GUIDED",), "reposition": ("GUIDED",), "mission_start": ("AUTO",)},
+    "px4": {"takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "mission_start": ("MISSION",)},
+    "ardupilot": {"goto": ("GUIDED",), "mission_start": ("AUTO",)},
 }
 
 
