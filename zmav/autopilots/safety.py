@@ -164,16 +164,10 @@ _PX4 = (
     ),
 )
 SAFETY: dict[tuple[str, str], tuple[Safety, ...]] = {
-    ("ardupilot", "copter"): _COPTER,
-    ("ardupilot", "heli"): _COPTER,
-    ("ardupilot", "rover"): _ROVER,
-    ("ardupilot", "boat"): _ROVER,
-    ("ardupilot", "plane"): _PLANE,
-    ("ardupilot", "vtol"): _PLANE,
-    ("px4", "copter"): _PX4,
-    ("px4", "vtol"): _PX4,
-    ("px4", "rover"): _PX4,
-    ("px4", "plane"): _PX4,
+    **{("ardupilot", kind): _COPTER for kind in ("copter", "heli")},
+    **{("ardupilot", kind): _ROVER for kind in ("rover", "boat")},
+    **{("ardupilot", kind): _PLANE for kind in ("plane", "vtol")},
+    **{("px4", kind): _PX4 for kind in ("copter", "vtol", "rover", "plane")},
 }
 """by the autopilot's name and the vehicle's kind"""
 
