@@ -17,6 +17,7 @@ from agents.controllers.frequency import Chirp, chirp_of
 from agents.controllers.inject import CHANNELS, Inject, duration
 from agents.controllers.types import Array
 from zmav.errors import BadInput
+from zmav.rotation import wrap
 
 LEAST = 20
 """samples while it is injected"""
@@ -202,7 +203,7 @@ def examine(
     lost = _gaps(t, period, during)
     if CHANNELS[args.channel].unit == "rad":
         reference = np.unwrap(reference)
-        measured = reference - np.remainder(reference - measured + math.pi, 2.0 * math.pi) + math.pi
+        measured = reference - wrap(reference - measured)
     response = measured - (reference - injected)
     noise = moved = 0.0
     if first >= 5:

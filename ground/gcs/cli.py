@@ -14,7 +14,7 @@ from ground.gcs.standard import SETS
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import Forbidden
-from zmav.links.url import LOOPBACK
+from zmav.links.sockets import is_loopback
 from zmav.mavlink import Dialect, load_dialect
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
@@ -136,7 +136,7 @@ def _words(endpoint: Endpoint) -> str:
     ]
     if (
         endpoint.kind in ("udpin", "tcp")
-        and endpoint.host not in (LOOPBACK, "::1", "localhost")
+        and not (endpoint.host == "localhost" or is_loopback(endpoint.host))
         and not options.read_only
     ):
         notes.append("anyone who reaches it may command the vehicles")
