@@ -13,7 +13,7 @@ from zmav.errors import BadInput, Refused
 from zmav.formats import plans
 from zmav.formats.items import Plan
 from zmav.mavlink import load_dialect
-from zmav.services.missions.transfer import Pace
+from zmav.services.missions.transfer import TransferTimes
 from zmav.sim import VehicleSpec, World
 from zmav.wire import MissionItem
 
@@ -121,7 +121,7 @@ async def test_a_hundred_items_over_a_lossy_link(scene: Scene) -> None:
         fast = stack.enter_context(world(speed=10.0))
         link = f"lossy:{fast.urls[0]}?loss=0.2&delay=0.02&seed=3"
         quad, agent = await scene(stack.enter_async_context, fast, link)
-        agent.missions.pace = Pace(reply=0.07, shortest=0.02, longest=0.15)
+        agent.missions.pace = TransferTimes(reply=0.07, shortest=0.02, longest=0.15)
         done = await quad.missions.upload(waypoints(100))
         assert done["mission"]["known_by"] == "read back"
         assert (await quad.missions.download()).items == waypoints(100)

@@ -186,12 +186,12 @@ class Adapter:
 
     def latest(self, name: str, source: tuple[int, int]) -> LastFrame | None:
         """The last such message of that (system, component), ``UNKNOWN_44000`` included; None: never heard."""
-        stream = self._streams.get((*source, self._msgid(name)))
+        stream = self._streams.get((*source, self.msgid(name)))
         return None if stream is None else self._heard(stream)
 
     def newest(self, name: str) -> LastFrame | None:
         """As :meth:`latest`, of whichever source spoke last."""
-        msgid = self._msgid(name)
+        msgid = self.msgid(name)
         found = filter(None, (self._heard(s) for place, s in list(self._streams.items()) if place[2] == msgid))
         return min(found, key=lambda heard: heard.age, default=None)
 
@@ -213,7 +213,8 @@ class Adapter:
             for place, stream in list(self._streams.items())
         ]
 
-    def _msgid(self, name: str) -> int:
+    def msgid(self, name: str) -> int:
+        """The number of a message, ``UNKNOWN_44000`` included."""
         number = name.removeprefix("UNKNOWN_")
         return int(number) if number != name and re.fullmatch("[0-9]+", number) else self.dialect.message(name).id
 
@@ -221,7 +222,7 @@ class Adapter:
         """Call ``listener(frame)`` in the reader thread for every such message of any source, ``UNKNOWN_44000``
         included; returns what ends it.
         """
-        msgid = self._msgid(name)
+        msgid = self.msgid(name)
         self._set_listeners(msgid, lambda before: (*before, listener))
         return lambda: self._set_listeners(msgid, lambda before: tuple(x for x in before if x is not listener))
 

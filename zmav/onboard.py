@@ -193,7 +193,6 @@ class Onboard:
         judges: dict[str, Judge] = {
             "takeoff": self.flight.judge_takeoff,
             "goto": self.flight.judge_place,
-            "reposition": self.flight.judge_place,
             "set_mode": self.mission_flight.judge_mode,
             "command": self._judge_command,
             "mission_start": self.mission_flight.judge_start,
@@ -263,7 +262,6 @@ class Onboard:
             "disarm": flight.disarm,
             "takeoff": flight.takeoff,
             "goto": flight.goto,
-            "reposition": flight.reposition,
             "hold": flight.hold,
             "land": flight.land,
             "rtl": flight.rtl,

@@ -53,7 +53,6 @@ VERBS: dict[str, Verb] = {
         Verb("disarm", wire.Order, Access.OPEN, "disarm on the ground"),
         Verb("takeoff", wire.Takeoff, Access.MOVE, "climb to alt_rel metres above home"),
         Verb("goto", wire.GoTo, Access.MOVE, "fly to a point and wait for the arrival"),
-        Verb("reposition", wire.Reposition, Access.MOVE, "go there by DO_REPOSITION, with speed and circling radius"),
         Verb("hold", wire.Order, Access.OPEN, "stop where it is"),
         Verb("land", wire.Order, Access.OPEN, "land where it is"),
         Verb("rtl", wire.Order, Access.OPEN, "return to launch"),

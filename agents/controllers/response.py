@@ -20,6 +20,7 @@ from agents.controllers.types import Array
 from zmav import wire
 from zmav.errors import BadInput, missing_extra
 from zmav.figures import save
+from zmav.rotation import wrap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -175,7 +176,7 @@ def examine(
     unit = CHANNELS[args.channel].unit
     if unit == "rad":
         reference = np.unwrap(reference)
-        measured = reference - np.remainder(reference - measured + math.pi, 2.0 * math.pi) + math.pi
+        measured = reference - wrap(reference - measured)
     response = measured - (reference - injected)
     noise, notes = 0.0, list[str]()
     if first >= 5:

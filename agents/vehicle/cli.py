@@ -17,7 +17,7 @@ from mesh.running import until_outdated
 from zmav import keys, systemd, wire
 from zmav.bus import Alive
 from zmav.cli.common import run, zenoh_options
-from zmav.config import Signing, origin_of
+from zmav.config import Signing, VehicleConfig, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import leave, log, restart
@@ -61,27 +61,28 @@ def up(
     """
     plan_again = partial(plan_host, fleet_file, name, settings, fleet=fleet, insecure=insecure, vehicle=True)
     plan = plan_again()
-    file, table = plan.file, plan.file.vehicle(name) if fleet_file else None
-    url = link or (table.link if table else None)
-    if url is None:
+    file = plan.file
+    table = file.vehicle(name) if fleet_file else file.filled(VehicleConfig(link=""))
+    url = link or table.link
+    if not url:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
     vehicle = OnboardSettings(
         link=url,
         name=name,
         fleet=plan.fleet,
-        sysid=sysid if sysid is not None else (table.sysid if table else None),
-        dialect=dialect or (table.dialect if table else "ardupilotmega"),
+        sysid=table.sysid if sysid is None else sysid,
+        dialect=dialect or table.dialect,
         origin=origin_of(*origin) if origin else file.origin,
-        failsafe=(table.failsafe if table else None) or file.failsafe,
-        geofence=(table.geofence if table else None) or file.geofence,
-        limits=(table.limits if table else None) or file.limits,
-        body=(table.body if table else None) or file.body,
+        failsafe=table.failsafe or file.failsafe,
+        geofence=table.geofence or file.geofence,
+        limits=table.limits or file.limits,
+        body=table.body,
         separation=file.separation,
         rights=file.rights,
-        pilot_switch=table.pilot_switch if table else None,
+        pilot_switch=table.pilot_switch,
         cache=cache,
         credentials=settings.credentials,
-        signing=Signing(key_file=signing_key) if signing_key else (table.signing if table else None),
+        signing=Signing(key_file=signing_key) if signing_key else table.signing,
     )
     run(_up(vehicle, plan, settings, plan_again))
 

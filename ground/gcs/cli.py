@@ -10,7 +10,7 @@ from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_rat
 from zmav import keys
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import Forbidden
-from zmav.links.url import LOOPBACK
+from zmav.links.sockets import is_loopback
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
@@ -95,7 +95,7 @@ def _words(endpoint: Endpoint) -> str:
     does = "sending to" if endpoint.kind == "udp" else "on" if endpoint.kind == "serial" else "waiting for stations at"
     where = endpoint.text if endpoint.kind == "serial" else endpoint.where
     options = endpoint.options
-    far = endpoint.kind in ("udpin", "tcp") and endpoint.host not in (LOOPBACK, "::1", "localhost")
+    far = endpoint.kind in ("udpin", "tcp") and not (endpoint.host == "localhost" or is_loopback(endpoint.host))
     notes = [
         f"{options.rate:g} B/s" if options.rate else "",
         f"vehicles {','.join(options.vehicles)}" if options.vehicles != ("*",) else "",

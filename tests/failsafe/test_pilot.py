@@ -244,7 +244,7 @@ async def test_an_order_that_replaces_a_mode_change_is_not_taken_for_the_pilot(b
 
 
 @pytest.mark.parametrize("after", ["arrival", "takeover"])
-async def test_reposition_from_another_mode(bench: StartBench, after: str) -> None:
+async def test_a_goto_by_command_from_another_mode(bench: StartBench, after: str) -> None:
     """It changes the mode by itself, which HEARTBEAT shows up to a second later; from then on a mode is the pilot's."""
     b = await bench(settings={"failsafe": PATIENT})
     alice = await agent(b, mode=LOITER)
@@ -253,7 +253,7 @@ async def test_reposition_from_another_mode(bench: StartBench, after: str) -> No
     place = {"frame": "global", "lat_deg": -35.001, "lon_deg": 149.0, "alt_rel": 10.0}
     b.peer.send("GLOBAL_POSITION_INT", **here)
     await b.state(lambda s: s["position"] is not None, "its position")
-    order = asyncio.create_task(b.ground.do("reposition", lease=alice.token, **place))
+    order = asyncio.create_task(b.ground.do("goto", speed=5.0, lease=alice.token, **place))
     await b.peer.until(lambda: bool(b.peer.heard("COMMAND_INT", command=192)), "DO_REPOSITION")
     b.peer.mode = GUIDED
     for _ in range(3):

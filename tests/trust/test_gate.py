@@ -15,7 +15,7 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, Origin, ProofRefused
 from zmav.trust.proof import ANSWERED, MOST, UNINTRODUCED, WINDOW, Proof, Signer
 from zmav.trust.roster import read_signed
-from zmav.trust.tag import TAG
+from zmav.trust.seal import TAG
 from zmav.trust.verify import FORGERIES, MOST_KNOWN, STRANGERS
 
 PING, ARM, SET, LAND = (f"zmav/demo/quad1/do/{verb}" for verb in ("ping", "arm", "param_set", "land"))

@@ -164,16 +164,10 @@ _PX4 = (
     ),
 )
 SAFETY: dict[tuple[str, str], tuple[Safety, ...]] = {
-    ("ardupilot", "copter"): _COPTER,
-    ("ardupilot", "heli"): _COPTER,
-    ("ardupilot", "rover"): _ROVER,
-    ("ardupilot", "boat"): _ROVER,
-    ("ardupilot", "plane"): _PLANE,
-    ("ardupilot", "vtol"): _PLANE,
-    ("px4", "copter"): _PX4,
-    ("px4", "vtol"): _PX4,
-    ("px4", "rover"): _PX4,
-    ("px4", "plane"): _PX4,
+    **{("ardupilot", kind): _COPTER for kind in ("copter", "heli")},
+    **{("ardupilot", kind): _ROVER for kind in ("rover", "boat")},
+    **{("ardupilot", kind): _PLANE for kind in ("plane", "vtol")},
+    **{("px4", kind): _PX4 for kind in ("copter", "vtol", "rover", "plane")},
 }
 """by the autopilot's name and the vehicle's kind"""
 
@@ -198,8 +192,8 @@ _ANY: dict[str, tuple[str, ...]] = {
     "ardupilot": ("GUIDED", "AUTO", "RTL", "LAND", "LOITER", "TAKEOFF", "HOLD", "QLAND", "QRTL", "BRAKE"),
 }
 _BY_VERB: dict[str, dict[str, tuple[str, ...]]] = {
-    "px4": {"takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "reposition": ("HOLD",), "mission_start": ("MISSION",)},
-    "ardupilot": {"goto": ("GUIDED",), "reposition": ("GUIDED",), "mission_start": ("AUTO",)},
+    "px4": {"takeoff": ("TAKEOFF", "HOLD"), "goto": ("HOLD",), "mission_start": ("MISSION",)},
+    "ardupilot": {"goto": ("GUIDED",), "mission_start": ("AUTO",)},
 }
 
 

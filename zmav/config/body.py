@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from zmav import wire
-from zmav.config.table import NotNegative, Positive, Table
+from zmav.config.table import Positive, Table
 from zmav.errors import BadConfig
 
 _AIRFRAME = {"speed": 5.0, "accel": 2.5, "climb": 2.0, "descend": 1.5}
@@ -31,14 +33,18 @@ class BodyConfig(Table, frozen=True):
     accel: Positive | None = None
     climb: Positive | None = None
     descend: Positive | None = None
-    min_speed: NotNegative | None = None
-    turn_radius: NotNegative | None = None
+    min_speed: float | None = None
+    turn_radius: float | None = None
     sweep_width: Positive | None = None
     endurance: Positive | None = None
 
 
 def check_body(body: BodyConfig, field: str) -> None:
-    """Raise :class:`BadConfig` for numbers that do not go together."""
+    """Raise :class:`BadConfig` for numbers that cannot be, or do not go together."""
+    for name in body.__struct_fields__:
+        value = getattr(body, name)
+        if value is not None and not (math.isfinite(value) and value >= 0.0):
+            raise BadConfig.wrong(f"{field}.{name}", value, "a number, zero or more")
     if body.speed is not None and body.min_speed is not None and body.min_speed > body.speed:
         text = f"{field}.min_speed is {body.min_speed}, more than its speed of {body.speed}"
         raise BadConfig(text, field=f"{field}.min_speed", value=body.min_speed, expected=f"{body.speed} at most")

@@ -229,7 +229,10 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
 
     def vehicle(self, name: str) -> VehicleConfig:
         """The table of that vehicle, the fleet's own filled in; raises :class:`BadConfig` naming those there are."""
-        table = _named("vehicle", name, self.vehicles)
+        return self.filled(_named("vehicle", name, self.vehicles))
+
+    def filled(self, table: VehicleConfig) -> VehicleConfig:
+        """A vehicle's table, with the fleet's own where it has none."""
         return msgspec.structs.replace(
             table,
             failsafe=table.failsafe or self.failsafe,

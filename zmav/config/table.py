@@ -16,7 +16,6 @@ from zmav.errors import BadConfig, BadInput
 
 T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
 class Table(msgspec.Struct, kw_only=True, forbid_unknown_fields=True, frozen=True):

@@ -22,7 +22,7 @@ from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.rights import may
-from zmav.trust.tag import Tags
+from zmav.trust.seal import Tags
 from zmav.trust.verify import BUSY, Verifier
 
 EPOCH = "epoch"

@@ -14,7 +14,7 @@ an order comes from. The attachment, numbers big-endian:
                    that the vehicle gave where the clocks disagree; of an answer the asker's challenge: the nonce of
                    the order's proof, or the 8 bytes that came with a question; else 0
         34     64  Ed25519 signature
-        98     16  the tag (:mod:`zmav.trust.tag`), where the flag says so
+        98     16  the tag (:mod:`zmav.trust.seal`), where the flag says so
          -      -  the certificate in DER form, where the flag says so
 
 What is signed: the context, the length of the key (2 bytes), the key, the 34 bytes above, the payload. Answers have a
@@ -34,7 +34,7 @@ from cryptography.exceptions import InvalidSignature
 from zmav.errors import Forbidden
 from zmav.trust.certificate import FINGERPRINT, Certificate
 from zmav.trust.credentials import Credentials
-from zmav.trust.tag import TAG, Tags
+from zmav.trust.seal import TAG, Tags
 
 VERSION = 1
 INTRODUCED, TAGGED = 1, 2

@@ -20,7 +20,7 @@ from zmav.trust.certificate import Certificate, Role, fingerprint
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
-from zmav.trust.tag import Tags
+from zmav.trust.seal import Tags
 
 MOST_KNOWN = 512
 """certificates remembered; the one unused for longest goes first"""

@@ -54,6 +54,10 @@ class GoTo(Forced, kw_only=True):
     timeout: float = 300.0
     arrive: bool = True
     """False: done as soon as the autopilot has the target"""
+    speed: float | None = None
+    """m/s over the ground; given, or a radius, it goes there by the autopilot's own DO_REPOSITION"""
+    radius: float | None = None
+    """m of a plane's circle there; negative: counter-clockwise; None: the autopilot's own"""
 
 
 class SetMode(Forced, kw_only=True):
@@ -87,15 +91,6 @@ class Outcome(Wire, kw_only=True):
     took: float
     """seconds since the order was first heard"""
     result: dict[str, Any] = {}
-
-
-class Reposition(GoTo, kw_only=True):
-    """Go there and stay by the autopilot's own means: DO_REPOSITION; planes circle it at ``radius``."""
-
-    speed: float | None = None
-    """m/s over the ground; None: the autopilot's own"""
-    radius: float | None = None
-    """m, planes only; negative: counter-clockwise"""
 
 
 class RunCommand(Forced, kw_only=True):

@@ -130,8 +130,8 @@ async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
 
         async def to(place: Vector) -> None:
             late = SLOWEST + SLACK * math.dist(place, _local(vehicle)) / speed
-            there = wire.Reposition(frame="ned", pos=place, radius=radius, speed=speed, timeout=late)
-            await vehicle.order("reposition", there)
+            there = wire.GoTo(frame="ned", pos=place, radius=radius, speed=speed, timeout=late)
+            await vehicle.order("goto", there)
 
         north, east, down = _local(vehicle)
         if abs(down - centre[2]) > STEADY:

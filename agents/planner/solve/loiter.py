@@ -1,8 +1,8 @@
 """Where planes stay: circles, and heights at which no two planes on their way can meet whenever each is where.
 
-A plane never rests, so that no committed trajectory fits it. It is sent to a circle (``do/reposition``, which ArduPilot
-and PX4 both fly by themselves, for ever), and what keeps planes apart needs no clock: two planes whose circles and ways
-come near each other over the ground have heights of their own.
+A plane never rests, so that no committed trajectory fits it. It is sent to a circle (``goto`` with a radius: ArduPilot
+and PX4 both fly that by themselves, for ever), and what keeps planes apart needs no clock: two planes whose circles and
+ways come near each other over the ground have heights of their own.
 """
 
 from __future__ import annotations

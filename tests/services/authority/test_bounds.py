@@ -118,8 +118,7 @@ def nonsense(count: int) -> list[Nonsense]:
     """Of every verb that leads somewhere, and of setpoints and segments; the same ones each time."""
     r = random.Random(SEED)
     makers: dict[str, Callable[[random.Random], dict[str, Any]]] = {
-        "goto": _places,
-        "reposition": _places,
+        "goto": lambda r: {**_places(r), **r.choice([{}, {"radius": 30.0}])},
         "takeoff": lambda r: {"alt_rel": r.choice([*HOSTILE, 0.0, -10.0, 121.0, 999.0])},
         "command": _command,
         "setpoint": _setpoint,

@@ -9,7 +9,7 @@ import pytest
 
 from zmav import keys, wire
 from zmav.autopilots import Target, autopilot_for
-from zmav.services.authority.stream import REPEAT_AFTER, Pace
+from zmav.services.authority.stream import REPEAT_AFTER, CommandRepeats
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
@@ -19,12 +19,12 @@ DENIED = 2
 PLANE_GUIDED = 15
 
 
-def due(pace: Pace, target: Target, at: float, mav_type: int = 2) -> list[bool]:
+def due(pace: CommandRepeats, target: Target, at: float, mav_type: int = 2) -> list[bool]:
     return [pace.due(action, at) for action in autopilot_for(3, mav_type).setpoint(target)]
 
 
 def test_commands_are_repeated_when_they_change_and_after_a_while() -> None:
-    pace, servo = Pace(), Target(servo=(1500, None, 1600))
+    pace, servo = CommandRepeats(), Target(servo=(1500, None, 1600))
     assert due(pace, servo, 0.0) == [True, True]
     assert due(pace, servo, 0.5) == [False, False]
     assert due(pace, Target(servo=(1500, None, 1700)), 0.6) == [False, True]
@@ -36,7 +36,7 @@ def test_commands_are_repeated_when_they_change_and_after_a_while() -> None:
 
 
 def test_what_begins_again_is_not_given_sooner_though_it_changes() -> None:
-    pace = Pace()
+    pace = CommandRepeats()
     assert due(pace, Target(1.0, 2.0, alt_rel=50.0), 0.0, mav_type=1) == [True]
     assert due(pace, Target(1.0, 2.1, alt_rel=50.0), 0.9, mav_type=1) == [False]
     assert due(pace, Target(1.0, 2.1, alt_rel=50.0), 1.0, mav_type=1) == [True]

@@ -12,7 +12,7 @@ from typing import Any
 from tests.services.conftest import Bench, Peer, StartBench, Told
 from zmav import keys, wire
 from zmav.mavlink.frame import build_frame
-from zmav.services.missions.transfer import Pace
+from zmav.services.missions.transfer import TransferTimes
 
 MISSION, FENCE, RALLY = 0, 1, 2
 ACCEPTED, ERROR, UNSUPPORTED, INVALID, INVALID_SEQUENCE, DENIED = 0, 1, 3, 5, 13, 14
@@ -217,7 +217,7 @@ class MissionPeer(Peer):
 
 
 WAYPOINT = "MAV_CMD_NAV_WAYPOINT"
-QUICK = Pace(reply=0.1, shortest=0.02, longest=0.15, again=0.05, busy=0.3)
+QUICK = TransferTimes(reply=0.1, shortest=0.02, longest=0.15, again=0.05, busy=0.3)
 """ten times as fast as life, as MissionPeer's own timeouts are"""
 
 
@@ -279,7 +279,7 @@ async def mission_benches(bench: StartBench) -> AsyncIterator[MissionBench]:
     peers: list[MissionPeer] = []
 
     async def start(
-        style: str = "ardupilot", pace: Pace = QUICK, settings: Any = None, **more: Any
+        style: str = "ardupilot", pace: TransferTimes = QUICK, settings: Any = None, **more: Any
     ) -> tuple[Bench, MissionPeer]:
         peer = MissionPeer(style=style, **more)
         await peer.open()

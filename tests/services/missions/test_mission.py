@@ -24,10 +24,10 @@ from tests.services.missions.mission_peer import (
 from zmav import keys
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.services.missions import missions
-from zmav.services.missions.transfer import Pace
+from zmav.services.missions.transfer import TransferTimes
 
 OLD, NEW = raw(waypoints(4, alt=90.0)), waypoints(10)
-BRIEF = Pace(reply=0.02, shortest=0.02, longest=0.05, attempts=5, again=0.02, busy=0.1)
+BRIEF = TransferTimes(reply=0.02, shortest=0.02, longest=0.05, attempts=5, again=0.02, busy=0.1)
 
 
 async def refused(b: Bench, **more: Any) -> ZmavError:

@@ -24,7 +24,7 @@ from tests.services.missions.mission_peer import (
     waypoints,
 )
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
-from zmav.services.missions.transfer import Pace
+from zmav.services.missions.transfer import TransferTimes
 
 
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
@@ -92,7 +92,7 @@ async def test_fences_and_rally_points(
 @pytest.mark.parametrize("style", ["ardupilot", "px4"])
 async def test_a_hundred_items_over_a_bad_link(mission_bench: MissionBench, style: str) -> None:
     """20 % of the frames lost, 200 ms each way, at a tenth of all times: the peer gives an upload up after 0.8 s."""
-    b, peer = await mission_bench(style, pace=Pace(reply=0.072, shortest=0.02, longest=0.16))
+    b, peer = await mission_bench(style, pace=TransferTimes(reply=0.072, shortest=0.02, longest=0.16))
     peer.load(MISSION, raw(waypoints(3, alt=99.0)))
     peer.loss, peer.delay, peer.time = 0.2, 0.02, 0.1
     assert (await b.ground.do("mission_upload", items=waypoints(100))).result["count"] == 100
@@ -115,7 +115,7 @@ async def test_the_last_word_is_lost(mission_bench: MissionBench, complains: boo
 
 
 async def test_nobody_answers(mission_bench: MissionBench) -> None:
-    b, peer = await mission_bench("ardupilot", pace=Pace(reply=0.02, shortest=0.02, attempts=4))
+    b, peer = await mission_bench("ardupilot", pace=TransferTimes(reply=0.02, shortest=0.02, attempts=4))
     peer.kinds = set()
     peer.ack = lambda *args: None  # type: ignore[method-assign]
     with pytest.raises(TimedOut, match="download of the mission: the autopilot does not answer"):
@@ -231,7 +231,7 @@ async def test_readers_at_the_same_time_share_one_download(mission_bench: Missio
 
 
 async def test_a_slow_reading_says_how_far_it_is(mission_bench: MissionBench) -> None:
-    b, peer = await mission_bench("ardupilot", pace=Pace(reply=2.0))
+    b, peer = await mission_bench("ardupilot", pace=TransferTimes(reply=2.0))
     peer.load(MISSION, raw(waypoints(3)))
     answer = peer.on_mission_request_int
     peer.on_mission_request_int = lambda told: None if told.fields["seq"] == 2 else answer(told)  # type: ignore[method-assign]

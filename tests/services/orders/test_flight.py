@@ -122,7 +122,7 @@ async def test_arm_take_off_go_and_land(flight: Flight) -> None:
     [
         ("takeoff", {"alt_rel": 8.0}, "in the air already"),
         ("goto", {"pos": [0.0, 0.0, 5.0]}, "under the ground"),
-        ("reposition", {"pos": [9000.0, 0.0, -5.0]}, "beyond the geofence"),
+        ("goto", {"pos": [9000.0, 0.0, -5.0], "speed": 5.0}, "beyond the geofence"),
         ("set_mode", {"mode": "NO_SUCH_MODE"}, "no mode"),
         ("mission_start", {}, "no mission"),
     ],

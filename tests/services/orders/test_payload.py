@@ -52,7 +52,7 @@ async def test_a_servo_of_px4_is_an_actuator(bench: StartBench) -> None:
         ("command", {"command": "DO_CHANGE_SPEED", "params": {"Sped": 1}}, "params"),
         ("command", {"command": "DO_REPOSITION", "params": {"param5": 300.0}, "frame": "GLOBAL"}, "params"),
         ("command", {"command": "DO_REPOSITION", "frame": "MARS"}, "MAV_FRAME"),
-        ("reposition", {"frame": "global", "lat_deg": 1.0, "lon_deg": 1.0, "alt_rel": 5.0, "speed": 0.0}, "speed"),
+        ("goto", {"frame": "global", "lat_deg": 1.0, "lon_deg": 1.0, "alt_rel": 5.0, "speed": 0.0}, "speed"),
     ],
 )
 async def test_what_cannot_be_is_not_sent(bench: StartBench, verb: str, args: dict[str, Any], field: str) -> None:

@@ -240,18 +240,14 @@ class Leases:
 
     def _check(self, args: wire.TakeLease) -> None:
         if not args.holder:
-            raise BadInput("a lease needs a holder's name", field="holder", value=args.holder, expected="a name")
+            raise BadInput.wrong("holder", args.holder, "a name")
         keys.check_name(args.holder, "holder")
         if not 0.1 <= args.ttl <= MAX_TTL:
-            expected = f"0.1 to {MAX_TTL:.0f} s"
-            raise BadInput(f"a lease needs a ttl from {expected}", field="ttl", value=args.ttl, expected=expected)
+            raise BadInput.wrong("ttl", args.ttl, f"0.1 to {MAX_TTL:.0f} s")
         if not 0 <= args.priority <= MAX_PRIORITY:
-            expected = f"0 to {MAX_PRIORITY}"
-            text = f"a lease needs a priority from {expected}"
-            raise BadInput(text, field="priority", value=args.priority, expected=expected)
+            raise BadInput.wrong("priority", args.priority, f"0 to {MAX_PRIORITY}")
         if args.instance and not INSTANCE.match(args.instance):
-            text = f"instance {args.instance!r} is not the end of a liveliness token"
-            raise BadInput(text, field="instance", value=args.instance, expected="letters, digits, '_' and '-'")
+            raise BadInput.wrong("instance", args.instance, "the end of a liveliness token: letters, digits, '_', '-'")
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         """Only a token that was there can go: one that is late on a bad network ends nothing."""

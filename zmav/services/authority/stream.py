@@ -47,7 +47,7 @@ RESTARTING = ("MAV_CMD_DO_REPOSITION",)
 """commands that begin something again: not even a changed one is given sooner"""
 
 
-class Pace:
+class CommandRepeats:
     """Tells which of a stream's actions are due. For one vehicle; its caller has the lock."""
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ from zmav.config import Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.may_move import SetpointCounts
-from zmav.services.authority.stream import ActiveStream, Pace, future
+from zmav.services.authority.stream import ActiveStream, CommandRepeats, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
 from zmav.services.link.reported import ReportedMode, fields_of, in_the_air, shown
@@ -100,7 +100,7 @@ class StreamWatchdog:
         self._dodging: ActiveStream | None = None
         """what is flown, while the vehicle is moved aside from it"""
         self._changed = threading.Condition(threading.RLock())
-        self._pace = Pace()
+        self._repeated = CommandRepeats()
         self._step = Step.IDLE
         self._flown: ActiveStream | None = None
         self._since = 0.0
@@ -399,7 +399,7 @@ class StreamWatchdog:
     # How it is done; all of it with the lock.
 
     def _enter(self, step: Step) -> None:
-        self._pace.reset()
+        self._repeated.reset()
         self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
         self._claim()
 
@@ -453,7 +453,7 @@ class StreamWatchdog:
         target = future(flown)(0.0)
         sent = True
         for action in flown.autopilot.setpoint(self._near(flown.autopilot, target, flown.source)):
-            if self._pace.due(action, time.monotonic()):
+            if self._repeated.due(action, time.monotonic()):
                 sent = self._give(action) and sent
         return sent
 

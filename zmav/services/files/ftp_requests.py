@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from zmav.errors import TimedOut
 from zmav.mavlink.ftp import Op, Packet, pack, unpack
-from zmav.services.link.port import Inbox, Port
-from zmav.services.link.roundtrip import RoundTrip
+from zmav.services.link.port import Inbox, Port, RoundTrip
 
 MESSAGE = "FILE_TRANSFER_PROTOCOL"
 GIVE_UP = 15.0

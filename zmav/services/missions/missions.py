@@ -27,7 +27,7 @@ from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
 from zmav.services.missions.items import KINDS, WORDS, Items, Raw, home, same
 from zmav.services.missions.replace import NotReplaced, Phase, Replacer
-from zmav.services.missions.transfer import Download, Pace, Step, Transfer, opaque_ids
+from zmav.services.missions.transfer import Download, Step, Transfer, TransferTimes, opaque_ids
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 from zmav.services.queries.questions import Reply
@@ -79,11 +79,11 @@ class Missions:
         companion: Companion,
         commander: Commander,
         bounds: Bounds,
-        pace: Pace | None = None,
+        pace: TransferTimes | None = None,
     ) -> None:
         self._questions, self._port, self._identity = companion.questions, companion.port, companion.identity
         self._bounds = bounds
-        self._do, self._events, self.pace = commander, companion.events, pace or Pace()
+        self._do, self._events, self.pace = commander, companion.events, pace or TransferTimes()
         self.progress = Progress()
         self._held: dict[MissionKind, Held] = {}
         self._lock = asyncio.Lock()

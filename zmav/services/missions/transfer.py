@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 from zmav.errors import Refused, TimedOut, Unsupported
 from zmav.mavlink import Frame
 from zmav.mavlink.results import MissionResult
-from zmav.services.link.port import Inbox, Port, is_ours
-from zmav.services.link.roundtrip import RoundTrip
+from zmav.services.link.port import Inbox, Port, RoundTrip, is_ours
 from zmav.services.missions.items import KINDS, WORDS, Raw, raw_from
 from zmav.wire import MissionKind
 
@@ -35,7 +34,7 @@ NO_COMPLAINT = (MissionResult.ACCEPTED, MissionResult.INVALID_SEQUENCE)
 
 
 @dataclass(frozen=True)
-class Pace:
+class TransferTimes:
     """How long to wait, in seconds."""
 
     reply: float = 0.7
@@ -86,9 +85,11 @@ class MissionInbox(Inbox):
 class Transfer:
     """Transactions of one kind with the autopilot at ``source``. ``window``: how many items to ask for at once."""
 
-    def __init__(self, port: Port, source: tuple[int, int], kind: MissionKind, pace: Pace, window: int = 1) -> None:
-        self._port, self._source, self._kind, self._pace, self._window = port, source, kind, pace, window
-        self._trip = RoundTrip(pace.reply, pace.shortest, pace.longest)
+    def __init__(
+        self, port: Port, source: tuple[int, int], kind: MissionKind, times: TransferTimes, window: int = 1
+    ) -> None:
+        self._port, self._source, self._kind, self._times, self._window = port, source, kind, times, window
+        self._trip = RoundTrip(times.reply, times.shortest, times.longest)
 
     # The transactions.
 
@@ -116,22 +117,22 @@ class Transfer:
 
     async def _patiently(self, transaction: Callable[[], Awaitable[T]]) -> T:
         """Begin again for a while where the autopilot is busy with somebody else."""
-        deadline = time.monotonic() + self._pace.busy
+        deadline = time.monotonic() + self._times.busy
         while True:
             try:
                 return await transaction()
             except Busy:
-                if time.monotonic() + self._pace.again > deadline:
+                if time.monotonic() + self._times.again > deadline:
                     text = f"the autopilot is in somebody else's transaction of {self._words}: try again later"
                     raise Refused(text, vehicle=self._port.name, result="MAV_MISSION_DENIED") from None
-                await asyncio.sleep(self._pace.again)
+                await asyncio.sleep(self._times.again)
 
     async def _upload(self, items: Sequence[Raw], step: Step) -> Ended:
         count, sent, complaints = len(items), [0] * len(items), 0
         last, tries, asked_at = -1, 1, time.monotonic()
         with self._inbox("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK") as inbox:
             self._send("MISSION_COUNT", count=count)
-            for _ in range((count + 1) * self._pace.attempts):  # an autopilot that asks for ever is given up, too
+            for _ in range((count + 1) * self._times.attempts):  # an autopilot that asks for ever is given up, too
                 heard = await self._next(inbox)
                 if heard is not None and heard[0] == "MISSION_ACK":
                     complaints += heard[1]["type"] not in NO_COMPLAINT
@@ -150,7 +151,7 @@ class Transfer:
                 elif heard is None:
                     if all(sent) and tries >= 4:
                         return Ended(None, sure=False)  # its last word was lost, and it says no other
-                    if tries >= self._pace.attempts:
+                    if tries >= self._times.attempts:
                         break
                     tries += 1
                     if last < 0:
@@ -207,7 +208,7 @@ class Transfer:
         return Download([items[i] for i in range(count)], opaque_id)
 
     async def _count(self, inbox: Inbox) -> tuple[int, int | None]:
-        for attempt in range(1, self._pace.attempts + 1):
+        for attempt in range(1, self._times.attempts + 1):
             asked = time.monotonic()
             self._send("MISSION_REQUEST_LIST")
             while (heard := await self._next(inbox, until=asked + self._trip.timeout)) is not None:
@@ -226,7 +227,7 @@ class Transfer:
         now = time.monotonic()
         for seq, (at, tries) in asked.items():
             if now - at >= self._trip.timeout:
-                if tries >= self._pace.attempts:
+                if tries >= self._times.attempts:
                     text = f"download of the {self._words}: item {seq} of {count} (home included) does not come"
                     raise TimedOut(text, vehicle=self._port.name)
                 asked[seq] = now, tries + 1
@@ -240,7 +241,7 @@ class Transfer:
 
     async def _clear(self) -> None:
         with self._inbox("MISSION_ACK") as inbox:
-            for attempt in range(1, self._pace.attempts + 1):
+            for attempt in range(1, self._times.attempts + 1):
                 asked = time.monotonic()
                 self._send("MISSION_CLEAR_ALL")
                 heard = await self._next(inbox, until=asked + self._trip.timeout)

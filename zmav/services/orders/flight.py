@@ -155,27 +155,6 @@ class Flight:
     async def goto(self, args: wire.GoTo, report: Report) -> dict[str, Any]:
         """Fly to a point; done when within ``tolerance`` of it, or at once where ``arrive`` is false.
 
-        A plane has arrived when it circles, as in :meth:`reposition`.
-        """
-        target = self._place(args)
-        async with self._do.move():
-            autopilot = self._do.autopilot()
-            self._check_flying()
-            target = autopilot.placed(target, self._state.latest)
-            action = autopilot.goto(target)
-            if autopilot.engage_after == 0.0:  # who wants a stream first is given a command that changes the mode
-                await self._do.enter(autopilot.guided)
-            if isinstance(action, Command):
-                await self._reposition(action, "goto")
-            elif not self._leader.lead(target):
-                await self._do.give(action)
-            if not args.arrive:
-                return {}
-            return {"away": await self._arrive(action, target, args, report)}
-
-    async def reposition(self, args: wire.Reposition, report: Report) -> dict[str, Any]:
-        """Go there by MAV_CMD_DO_REPOSITION, which changes the mode by itself; done on arrival unless told otherwise.
-
         A plane has arrived when it circles: about ``radius`` from there over the ground (where none is given, its own;
         ``tolerance``, where that is more).
         """
@@ -184,8 +163,14 @@ class Flight:
             autopilot = self._do.autopilot()
             self._check_flying()
             target = autopilot.placed(target, self._state.latest)
-            action = reposition(target, speed=args.speed, radius=args.radius)
-            await self._reposition(action, "reposition")
+            given = args.speed is not None or args.radius is not None
+            action = reposition(target, speed=args.speed, radius=args.radius) if given else autopilot.goto(target)
+            if autopilot.engage_after == 0.0 and not given:  # else by a command that changes the mode
+                await self._do.enter(autopilot.guided)
+            if isinstance(action, Command):
+                await self._reposition(action)
+            elif not self._leader.lead(target):
+                await self._do.give(action)
             if not args.arrive:
                 return {}
             return {"away": await self._arrive(action, target, args, report)}
@@ -254,7 +239,7 @@ class Flight:
     def _place(self, args: wire.GoTo) -> Target:
         if args.pos is None and args.lat_deg is None:
             raise BadInput("a goto needs a position", field="pos", value=None, expected="pos, or lat_deg and lon_deg")
-        if isinstance(args, wire.Reposition) and args.speed is not None:
+        if args.speed is not None:
             if not 0.0 < args.speed < 200.0:
                 raise BadInput("speed must be from 0 to 200 m/s", field="speed", value=args.speed, expected="0 to 200")
             self._bounds.check_speed("speed", args.speed, force=args.force)
@@ -278,10 +263,10 @@ class Flight:
             return None if extended["landed_state"] == ON_GROUND else height
         return height if height > 1.0 else None
 
-    async def _reposition(self, action: Command, verb: str) -> None:
+    async def _reposition(self, action: Command) -> None:
         """Give it, and see the mode that it changes to by itself: from then on another one is the pilot's."""
         await self._do.give(action)
-        modes = by_command(self._do.autopilot(), verb)
+        modes = by_command(self._do.autopilot(), "goto")
         if modes:
             late = f"{action.name} was acknowledged, but none of its modes comes ({', '.join(modes)})"
             await self._do.until_heartbeat(lambda: self._identity.mode in modes, late)
@@ -400,8 +385,7 @@ class Flight:
 
     def _near(self, args: wire.GoTo) -> tuple[float, bool]:
         """Within how many metres it is there, and whether over the ground alone: what circles comes no nearer."""
-        radius = abs(args.radius or 0.0) if isinstance(args, wire.Reposition) else 0.0
-        radius = radius or self._circle()
+        radius = abs(args.radius or 0.0) or self._circle()
         return max(args.tolerance, WIDER * radius), radius > 0.0 or self._do.autopilot().on_surface
 
     def _circle(self, *, home: bool = False) -> float:

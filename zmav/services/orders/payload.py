@@ -64,5 +64,4 @@ class Payload:
 
 def _within(field: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:
-        expected = f"{low:g} to {high:g}"
-        raise BadInput(f"{field} must be from {expected}", field=field, value=value, expected=expected)
+        raise BadInput.wrong(field, value, f"{low:g} to {high:g}")

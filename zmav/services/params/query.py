@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
+import msgspec
 import zenoh
 
 from zmav import keys, wire
@@ -50,7 +51,6 @@ class ParamQueries:
         self._whole, self._find = table, find
         self._hints = Allowance(HINTS, time.monotonic)
         self._encoded: tuple[tuple[object, ...], wire.ParamTable, bytes] | None = None
-        self._lines: tuple[tuple[object, ...], dict[str, bytes]] = ((), {})
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
@@ -63,35 +63,20 @@ class ParamQueries:
     def _key(self, name: str) -> str:
         return keys.PARAM.key(self._port.fleet, self._port.name, param=name)
 
-    @property
-    def _version(self) -> tuple[object, ...]:
-        """What the encoded answers are of."""
-        return self._known.version, self._known.complete, self._talk.encoding
-
     def _on_table(self, query: zenoh.Query) -> Iterator[Reply]:
         asked = wire.decode(query.payload.to_bytes() if query.payload else b"", wire.ParamQuery, "param")
         yield Reply(self._table_key(), self._table(asked.hash))
 
     def _table(self, has: str) -> bytes:
         """The set, or a line where the asker has it already."""
-        version = self._version
+        version = self._known.version, self._known.complete, self._talk.encoding
         if self._encoded is None or self._encoded[0] != version:
             table = self._whole()
             self._encoded = (version, table, wire.encode(table))
         _, table, encoded = self._encoded
         if table.hash != has:
             return encoded
-        short = wire.ParamTable(
-            t=self._known.confirmed,
-            complete=table.complete,
-            count=table.count,
-            hash=table.hash,
-            autopilot=table.autopilot,
-            firmware=table.firmware,
-            encoding=table.encoding,
-            unchanged=True,
-        )
-        return wire.encode(short)
+        return wire.encode(msgspec.structs.replace(table, t=self._known.confirmed, params=[], unchanged=True))
 
     def _on_name(self, query: zenoh.Query, loop: asyncio.AbstractEventLoop) -> Iterator[Reply | Future[Any]]:
         asked = str(query.key_expr)
@@ -118,14 +103,8 @@ class ParamQueries:
                 yield Reply(self._key(name), line)
 
     def _line(self, name: str) -> bytes | None:
-        """One parameter from the cache, encoded once."""
-        name, version = self._known.spelt(name), self._version
-        if self._lines[0] != version:
-            self._lines = (version, {})
-        lines = self._lines[1]
-        if name not in lines:
-            try:
-                lines[name] = wire.encode(self._known.param(name, self._talk.encoding))
-            except KeyError:
-                return None
-        return lines[name]
+        """One parameter from the cache."""
+        try:
+            return wire.encode(self._known.param(self._known.spelt(name), self._talk.encoding))
+        except KeyError:
+            return None

@@ -17,8 +17,7 @@ from zmav.mavlink import Frame, paramvalue
 from zmav.mavlink.paramvalue import ParamEncoding
 from zmav.services.companion import Companion
 from zmav.services.link.heard import AutopilotMessages
-from zmav.services.link.port import is_ours
-from zmav.services.link.roundtrip import RoundTrip
+from zmav.services.link.port import RoundTrip, is_ours
 from zmav.services.params.values import Entry, ParamSet, ParamValue
 from zmav.waiting import within
 

@@ -12,7 +12,7 @@ from zmav import keys, wire
 from zmav.errors import Forbidden, ZmavError
 from zmav.trust.certificate import Certificate
 from zmav.trust.proof import UNINTRODUCED, Signer, challenge, speaker
-from zmav.trust.tag import TAG
+from zmav.trust.seal import TAG
 from zmav.trust.verify import BUSY, Allowance, Verifier
 
 CERTIFICATE = "certificate"

@@ -22,7 +22,7 @@ import zenoh
 
 from zmav import keys
 from zmav.bus import Bus
-from zmav.errors import BadInput, Forbidden, Refused, ZmavError
+from zmav.errors import BadInput, Refused, ZmavError
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import Answers, attached
 from zmav.trust.gate import Prove
@@ -91,8 +91,7 @@ class Questions:
     """One program's lane. Thread-safe; answers are worked out in its own thread.
 
     ``admit`` raises :class:`~zmav.errors.Forbidden` for a question that is not to be answered. ``counts``: those that
-    were ``answered``, ``dropped`` for newer ones, ``given_up`` by who asked, ``busy`` or ``refused``. ``bus`` is told
-    of :class:`QuestionsDropped`.
+    were ``dropped`` for newer ones, or ``given_up`` by who asked. ``bus`` is told of :class:`QuestionsDropped`.
     """
 
     def __init__(
@@ -219,16 +218,12 @@ class Questions:
                 question.steps = channel.answer(query)
             if self._go_on(channel, question, question.steps):
                 return
-        except Forbidden as e:
-            self.counts["refused"] += 1
-            self._answering.refuse(query, e)
         except ZmavError as e:
             self._answering.refuse(query, e)
         except zenoh.ZError:
             raise
         except Exception as e:  # the next one is answered nevertheless
             self._answering.refuse(query, ZmavError(f"no answer: {e!r}"))
-        self.counts["answered"] += 1
         _end(question)
 
     def _go_on(self, channel: Channel, question: _Question, steps: Steps) -> bool:
@@ -250,7 +245,6 @@ class Questions:
     def _wait_for(self, result: Future[Any], channel: Channel, question: _Question) -> None:
         with self._news:
             if channel.pending >= PENDING:
-                self.counts["busy"] += 1
                 result.cancel()
                 raise Refused(f"{PENDING} questions wait for their answers already: ask again", reason="busy")
             channel.pending += 1

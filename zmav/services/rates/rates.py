@@ -20,12 +20,11 @@ from zmav import keys, wire
 from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
 from zmav.services.companion import Companion
-from zmav.services.link.port import Inbox, Port, is_ours
+from zmav.services.link.port import Inbox, is_ours
 from zmav.services.queries.questions import Reply
 from zmav.services.rates.demand import Demands
 from zmav.services.rates.meter import WINDOW, Measured, Meter
-from zmav.services.rates.plan import ENOUGH, Shedder, Target, wanted
-from zmav.services.rates.standing import RequestedRate, rows
+from zmav.services.rates.plan import ENOUGH, RequestedRate, Shedder, Target, rows, wanted
 
 OWN = {"SYSTEM_TIME": 0.2}
 """what the companion itself reads beside the floor: GPS time, for its clock"""
@@ -252,7 +251,7 @@ class Rates:
         return None
 
     def _send_interval(self, source: tuple[int, int], name: str, interval: float) -> None:
-        command = Command(SET_INTERVAL, (float(_msgid(name, self._port)), interval)).message(self._port.dialect)
+        command = Command(SET_INTERVAL, (float(self._port.msgid(name)), interval)).message(self._port.dialect)
         self._port.send(command.name, **command.addressed(*source))
 
     # Statistics.
@@ -271,8 +270,3 @@ class Rates:
 
 def _enough(flow: Measured | None, rate: float) -> bool:
     return flow is not None and flow.hz >= ENOUGH * rate
-
-
-def _msgid(name: str, port: Port) -> int:
-    number = name.removeprefix("UNKNOWN_")
-    return int(number) if number.isdecimal() else port.dialect.message(name).id

@@ -30,14 +30,14 @@ BODY = body_of("plane")
 
 
 class Glider:
-    """What a plane does of ``reposition``: the order is done as soon as it circles there, at whatever height.
+    """What a plane does of ``goto`` with a radius: the order is done as soon as it circles there, at whatever height.
 
     It gets on by one step each time somebody looks at it.
     """
 
     def __init__(self, name: str, place: Vector, sky: list[Glider], steps: int) -> None:
         self.name, self.place, self.down, self._sky, self._steps = name, place, place[2], sky, steps
-        self.orders: list[wire.Reposition] = []
+        self.orders: list[wire.GoTo] = []
         sky.append(self)
 
     @property
@@ -45,8 +45,8 @@ class Glider:
         local = (self.place[0], self.place[1], self.down)
         return cast(wire.VehicleState, msgspec.defstruct("State", ["local"])(local))
 
-    async def order(self, verb: str, args: wire.Reposition) -> dict[str, Any]:
-        assert verb == "reposition" and args.pos is not None
+    async def order(self, verb: str, args: wire.GoTo) -> dict[str, Any]:
+        assert verb == "goto" and args.pos is not None
         self.orders.append(args)
         self.place = args.pos
         await asyncio.sleep(0)
