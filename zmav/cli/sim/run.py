@@ -15,7 +15,7 @@ import msgspec
 from rich.console import Console
 
 from zmav.cli.sim.cameras import CAMERA_OPTIONS, parse_cameras, serve_cameras
-from zmav.cli.sim.line import StatusLine
+from zmav.cli.sim.line import live_line
 from zmav.cli.sim.stacks import STACK_OPTIONS, flown_by, stack_vehicles
 from zmav.hil.externals import Externals
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
@@ -100,11 +100,11 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         listener = Listener(path, world)
         serve_cameras(world, camera_port)
         announce(world)
-        line = StatusLine(world.status, Console(stderr=True))
-        world.say = line.say
-        world.externals.listen(line.say)
-        world.on_failure = lambda vehicle, error: line.say(_obituary(vehicle, error))
-        with line:
+        console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+        world.say = console.print
+        world.externals.listen(console.print)
+        world.on_failure = lambda vehicle, error: console.print(_obituary(vehicle, error))
+        with live_line(world.status, console):
             world.run()
         if world.failures:
             world.failures.clear()
