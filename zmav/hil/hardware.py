@@ -18,7 +18,6 @@ from zmav.errors import BadMessage
 from zmav.hil.line import BACKLOG_BYTES, Line
 from zmav.hil.metronome import Metronome
 from zmav.hil.plant import Plant
-from zmav.hil.relay import Relay
 from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.hil.tty import is_usb, open_device, parse_device
 from zmav.hil.vehicle import External
@@ -26,6 +25,7 @@ from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
+from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.status import HilLoop, VehicleStatus
 
 READING_BYTES = 76  # a HIL_SENSOR frame
@@ -70,7 +70,7 @@ class HardwareVehicle(External):
         self.path, self.baud = parse_device(device)
         rate = fitting_hz(self.path, self.baud)
         self.stream = HilStream(plant, dialect, sysid, epoch_us, rate)
-        self.relay = Relay(dialect, self._to_autopilot)
+        self.channels: list[Channel] = []
         self.bad = self.dropped = self.readings = self.controls = 0
         self._controlled: float | None = None  # wall time of the last controls
         self._longest_s = 0.0
@@ -89,7 +89,7 @@ class HardwareVehicle(External):
     def open(self, wiring: Wiring) -> None:
         self._selector = wiring.selector
         for address in self._addresses:
-            self._endpoints.append(open_endpoint(address, self.relay, wiring))
+            self._endpoints.append(open_endpoint(address, self, wiring))
         self._try()
         if self._line is None:
             self.say(f"{self.name}: waiting for {self.path}")
@@ -113,6 +113,21 @@ class HardwareVehicle(External):
     @property
     def armed(self) -> bool:
         return self.connected and self.stream.armed
+
+    # ---- what stands behind the endpoints in place of a simulated autopilot
+
+    def open_channel(self, outlet: Outlet, link: str = "") -> Channel:
+        channel = Channel(self._dialect, outlet, 0, 0, 0.0, link)
+        self.channels.append(channel)
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        if channel in self.channels:
+            self.channels.remove(channel)
+
+    def receive(self, channel: Channel, data: bytes) -> None:
+        for frame in channel.splitter.feed(data):
+            self._to_autopilot(frame.data)
 
     # ---- the line
 
@@ -145,7 +160,8 @@ class HardwareVehicle(External):
             if frame.verified and frame.msgid == self._heartbeat:
                 self._beats(frame)
             if not self.stream.is_hil(frame):
-                self.relay.pass_on(frame)
+                for channel in self.channels:
+                    channel.forward(frame.data)
             elif frame.verified and self.in_hil:
                 try:
                     self.stream.take(frame)
@@ -255,7 +271,7 @@ class HardwareVehicle(External):
 
     @property
     def links(self) -> int:
-        return len(self.relay.channels)
+        return len(self.channels)
 
     def status(self) -> VehicleStatus:
         loop = HilLoop(self.readings, self.controls, self.dropped, self.bad, self._longest_s)

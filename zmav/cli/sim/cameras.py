@@ -43,7 +43,7 @@ def _parse(text: str) -> tuple[str, CameraSpec]:
         hz = 0.0
     if not name or not 0.0 < hz <= 100.0:
         expected = "NAME or NAME:RATE, the rate above 0 and up to 100 Hz"
-        raise BadInput(f"--camera {text}; expected {expected}", field="camera", value=text, expected=expected)
+        raise BadInput.wrong("camera", text, expected, f"--camera {text}")
     return name, CameraSpec(rate_hz=hz)
 
 

@@ -146,25 +146,28 @@ def make_world(
     vehicles = [*ours, *stack_vehicles(counts, stacks)]
     if copters is None and not vehicles and not any(counts.values()):
         counts["copter"] = 1
-    table = file.world
-    blows, gusts = parse_wind(table.wind if wind is None else wind)
+    given = {"wind": wind, "noise": noise, "speed": parse_speed(speed) if speed else None, "seed": seed}
+    given |= {"spacing_m": spacing, "tick_hz": tick_hz, "lockstep": lockstep or None, "real_boot": real_boot or None}
+    said = {name: value for name, value in given.items() if value is not None}
+    table = msgspec.structs.replace(file.world, **said)
+    blows, gusts = parse_wind(table.wind)
     return World(
         vehicles,
         **{field_of(kind): counts[kind] for kind in KINDS},
         home=parse_home(home) if home else file.home,
-        spacing_m=table.spacing_m if spacing is None else spacing,
+        spacing_m=table.spacing_m,
         endpoint=endpoints or None,
-        speed=speed_of(table) if speed is None else parse_speed(speed),
-        lockstep=lockstep or table.lockstep,
-        seed=table.seed if seed is None else seed,
+        speed=speed_of(table),
+        lockstep=table.lockstep,
+        seed=table.seed,
         wind=blows,
         gusts=gusts,
-        noise=noise or table.noise,
+        noise=table.noise,
         scene=file.scene if scene is None else load_scene(scene),
-        tick_hz=table.tick_hz if tick_hz is None else tick_hz,
+        tick_hz=table.tick_hz,
         cameras=parse_cameras(cameras),
         pads={name: PadSpec() for name in pads},
-        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
+        ready_s=REALISTIC_READY_S if table.real_boot else DEFAULT_READY_S,
         externals=Externals,
     )
 
