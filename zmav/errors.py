@@ -48,9 +48,12 @@ class BadInput(ZmavError):
     code = "bad_input"
 
     @classmethod
-    def wrong(cls: type[B], field: str, value: object, expected: str) -> B:
-        """The error for a field that has a value which it cannot have; ``expected`` says which it can."""
-        return cls(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
+    def wrong(cls: type[B], field: str, value: object, expected: str, what: str = "") -> B:
+        """The error for a field that has a value which it cannot have; ``expected`` says which it can, ``what`` what is
+        wrong where that is more than the field and its value.
+        """
+        text = f"{what or f'{field} is {value}'}; expected {expected}"
+        return cls(text, field=field, value=value, expected=expected)
 
 
 class BadUrl(BadInput):

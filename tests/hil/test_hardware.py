@@ -18,8 +18,7 @@ from tests.hil.conftest import MakeWorld, hil_world
 from tests.hil.px4_peer import Px4Peer
 from tests.waiting import wait_until
 from zmav.errors import BadConfig, BadUrl
-from zmav.hil.hardware import HardwareVehicle, fitting_hz
-from zmav.hil.tty import parse_device
+from zmav.hil.hardware import HardwareVehicle, fitting_hz, parse_device
 from zmav.sim import VehicleSpec, World
 from zmav.sim.spec import Stack
 

@@ -139,7 +139,7 @@ def test_what_the_stack_would_not_notice_is_refused(world: World, name: str, kin
 
 def test_a_stack_that_restarts_has_what_has_failed_still() -> None:
     body = plant("sih")
-    body.weaken(0, 2, "fault motor", 0.25)
+    body.efficiency[2, 0] = 0.25
     body.battery.drain(0, 0.3)
     troubles = body.sensors.troubles
     stream = HilStream(body, load_dialect("ardupilotmega"), 1, 0)

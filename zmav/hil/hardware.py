@@ -8,24 +8,25 @@ Source: docs.px4.io, "Hardware in the Loop Simulation (HITL)"; mavlink.io, MAV_M
 
 from __future__ import annotations
 
+import os
 import selectors
+import termios
 import time
 from collections.abc import Callable, Sequence
 
 import msgspec
 
-from zmav.errors import BadMessage
+from zmav.errors import BadMessage, BadUrl
 from zmav.hil.line import BACKLOG_BYTES, Line
 from zmav.hil.metronome import Metronome
 from zmav.hil.plant import Plant
-from zmav.hil.relay import Relay
 from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
-from zmav.hil.tty import is_usb, open_device, parse_device
 from zmav.hil.vehicle import External
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
+from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.status import HilLoop, VehicleStatus
 
 READING_BYTES = 76  # a HIL_SENSOR frame
@@ -38,6 +39,43 @@ ASKED_ENOUGH = 5  # times for the HIL mode, before a person is told
 HIL, ARMED = 32, 128  # MAV_MODE_FLAG
 SET_MESSAGE_INTERVAL = 511
 GCS, AUTOPILOT_NONE = 6, 8
+USUAL_BAUD = 921600
+_EXPECTED = "PATH[:BAUD] of a serial device, such as /dev/ttyACM0 or /dev/ttyUSB0:921600"
+
+
+def parse_device(text: str) -> tuple[str, int]:
+    """``PATH[:BAUD]``; :class:`BadUrl` says what is wrong."""
+    path, colon, rate = text.rpartition(":")
+    if not colon:
+        path, rate = text, str(USUAL_BAUD)
+    if not path or not rate.isdigit() or not hasattr(termios, f"B{rate}") or rate == "0":
+        raise BadUrl(f"no serial device {text!r}; expected {_EXPECTED}", field="hil", value=text, expected=_EXPECTED)
+    return path, int(rate)
+
+
+def is_usb(path: str) -> bool:
+    """A USB device whose line speed means nothing."""
+    return "ttyACM" in os.path.realpath(path)
+
+
+def open_device(path: str, baud: int) -> int:
+    """An open descriptor, raw, 8N1. Raises :class:`OSError` while it cannot be opened, and :class:`BadUrl` where it is
+    no serial device.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        settings = termios.tcgetattr(descriptor)
+    except termios.error:
+        os.close(descriptor)
+        raise BadUrl(f"{path} is no serial device", field="hil", value=path, expected=_EXPECTED) from None
+    speed = getattr(termios, f"B{baud}")
+    settings[0] = settings[1] = settings[3] = 0
+    settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
+    settings[4] = settings[5] = speed
+    settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+    termios.tcflush(descriptor, termios.TCIOFLUSH)
+    return descriptor
 
 
 def fitting_hz(path: str, baud: int) -> float:
@@ -70,7 +108,7 @@ class HardwareVehicle(External):
         self.path, self.baud = parse_device(device)
         rate = fitting_hz(self.path, self.baud)
         self.stream = HilStream(plant, dialect, sysid, epoch_us, rate)
-        self.relay = Relay(dialect, self._to_autopilot)
+        self.channels: list[Channel] = []
         self.bad = self.dropped = self.readings = self.controls = 0
         self._controlled: float | None = None  # wall time of the last controls
         self._longest_s = 0.0
@@ -89,7 +127,7 @@ class HardwareVehicle(External):
     def open(self, wiring: Wiring) -> None:
         self._selector = wiring.selector
         for address in self._addresses:
-            self._endpoints.append(open_endpoint(address, self.relay, wiring))
+            self._endpoints.append(open_endpoint(address, self, wiring))
         self._try()
         if self._line is None:
             self.say(f"{self.name}: waiting for {self.path}")
@@ -113,6 +151,21 @@ class HardwareVehicle(External):
     @property
     def armed(self) -> bool:
         return self.connected and self.stream.armed
+
+    # ---- what stands behind the endpoints in place of a simulated autopilot
+
+    def open_channel(self, outlet: Outlet, link: str = "") -> Channel:
+        channel = Channel(self._dialect, outlet, 0, 0, 0.0, link)
+        self.channels.append(channel)
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        if channel in self.channels:
+            self.channels.remove(channel)
+
+    def receive(self, channel: Channel, data: bytes) -> None:
+        for frame in channel.splitter.feed(data):
+            self._to_autopilot(frame.data)
 
     # ---- the line
 
@@ -145,7 +198,8 @@ class HardwareVehicle(External):
             if frame.verified and frame.msgid == self._heartbeat:
                 self._beats(frame)
             if not self.stream.is_hil(frame):
-                self.relay.pass_on(frame)
+                for channel in self.channels:
+                    channel.forward(frame.data)
             elif frame.verified and self.in_hil:
                 try:
                     self.stream.take(frame)
@@ -255,7 +309,7 @@ class HardwareVehicle(External):
 
     @property
     def links(self) -> int:
-        return len(self.relay.channels)
+        return len(self.channels)
 
     def status(self) -> VehicleStatus:
         loop = HilLoop(self.readings, self.controls, self.dropped, self.bad, self._longest_s)

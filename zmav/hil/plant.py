@@ -91,13 +91,11 @@ class Plant(Fleet):
         """Back to the start at time 0: its flight stack has started again. What has failed stays so, and the battery is
         as empty as it was.
         """
-        battery, troubles, weak = self.battery, self.sensors.troubles, self._weak
+        battery, troubles, efficiency = self.battery, self.sensors.troubles, self.efficiency
         self._stand(self.dynamics.dt, self.around)
         self.battery = battery
         troubles.hand_on(self.sensors.troubles)
-        for (index, motor), causes in weak.items():
-            for cause, left in causes.items():
-                self.weaken(index, motor, cause, left)
+        self.efficiency[:] = efficiency
 
     def drive(self, values: Sequence[float]) -> None:
         """Set the actuators: rotors and throttles 0 to 1, surfaces and steering -1 to 1, in the craft's order."""

@@ -116,6 +116,13 @@ def euler_from_matrix(rot: Array) -> Array:
     return out
 
 
+def yaw_of(q: Array) -> Array:
+    """Headings (N,) of attitudes (4, N), radians."""
+    w, x, y, z = q
+    result: Array = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return result
+
+
 def quat_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     """(4, N) quaternions of roll, pitch, yaw in radians (Z-Y-X, aerospace)."""
     cr, sr = np.cos(roll * 0.5), np.sin(roll * 0.5)

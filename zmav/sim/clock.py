@@ -109,5 +109,5 @@ def check_speed(speed: float) -> float:
     """``speed`` itself; :class:`BadConfig` unless it is infinite or between :data:`SLOWEST` and :data:`FASTEST`."""
     if not (SLOWEST <= speed <= FASTEST or speed == math.inf):
         expected = f"{SLOWEST:g} to {FASTEST:g}"
-        raise BadConfig(f"speed {speed}; expected {expected}", field="speed", value=speed, expected=expected)
+        raise BadConfig.wrong("speed", speed, expected, f"speed {speed}")
     return speed

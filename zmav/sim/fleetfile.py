@@ -115,8 +115,9 @@ def _spec(name: str, table: VehicleConfig) -> VehicleSpec:
     for field in ("name", "sysid"):
         if getattr(given, field) is not None:
             expected = f"none here: the {field} is the one that [vehicles.{name}] has"
-            text = f"{where}.{field} is {getattr(given, field)!r}; expected {expected}"
-            raise BadConfig(text, field=f"{where}.{field}", value=getattr(given, field), expected=expected)
+            raise BadConfig.wrong(
+                f"{where}.{field}", getattr(given, field), expected, f"{where}.{field} is {getattr(given, field)!r}"
+            )
     check(given, where)
     endpoints = given.endpoints or (_endpoint(table.link, given.autopilot, f"vehicles.{name}.link"),)
     return msgspec.structs.replace(given, name=name, sysid=table.sysid, endpoints=endpoints)
@@ -145,9 +146,7 @@ def _endpoint(link: str, autopilot: str, field: str) -> str:
         "tcp:HOST:PORT, udpin:HOST:PORT, udpout:HOST:PORT or a path outside /dev, or else 'endpoints' in the vehicle's "
         "sim table"
     )
-    raise BadConfig(
-        f"{field} {link!r} cannot be simulated; expected {expected}", field=field, value=link, expected=expected
-    )
+    raise BadConfig.wrong(field, link, expected, f"{field} {link!r} cannot be simulated")
 
 
 def speed_of(world: WorldTable) -> float:

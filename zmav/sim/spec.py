@@ -125,4 +125,4 @@ def check(spec: VehicleSpec, where: str) -> None:
 
 
 def _bad(where: str, field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{where}: {field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)
+    return BadConfig.wrong(field, value, expected, f"{where}: {field} is {value!r}")

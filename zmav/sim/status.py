@@ -55,8 +55,8 @@ class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The world: simulated seconds; the speed asked for, times real time (None: as fast as it goes), and the one
-    reached lately; whether it stands still, or falls behind what was asked; wall seconds given up because it had fallen
-    too far behind; the share of a core that the process takes; and every vehicle.
+    reached lately; whether it stands still, or falls behind what was asked; the share of a core that the process takes;
+    and every vehicle.
     """
 
     time_s: float
@@ -64,7 +64,6 @@ class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
     speed_reached: float
     paused: bool = False
     behind: bool = False
-    given_up_s: float = 0.0
     cpu_share: float = 0.0
     clients: int = 0
     lockstep: bool = False

@@ -23,7 +23,7 @@ def parse_home(text: str) -> Home:
     except ValueError:
         home = None
     if home is None:
-        raise BadConfig(f"home {text!r}; expected {expected}", field="home", value=text, expected=expected)
+        raise BadConfig.wrong("home", text, expected, f"home {text!r}")
     return check_home(home)
 
 
@@ -34,9 +34,7 @@ def check_home(home: Home) -> Home:
         value = getattr(home, field)
         if not abs(value) <= most:  # so that NaN is refused, too
             expected = f"±{most:g} at most"
-            raise BadConfig(
-                f"home: {field} is {value}; expected {expected}", field=field, value=value, expected=expected
-            )
+            raise BadConfig.wrong(field, value, expected, f"home: {field} is {value}")
     return home
 
 
@@ -53,7 +51,7 @@ def parse_wind(text: str) -> tuple[Vector, str]:
         speed = come_from = math.nan
     known = not comma or gusts in GUSTS
     if not (0.0 <= speed <= FASTEST_WIND and abs(come_from) <= 360.0 and known):
-        raise BadConfig(f"wind {text!r}; expected {expected}", field="wind", value=text, expected=expected)
+        raise BadConfig.wrong("wind", text, expected, f"wind {text!r}")
     to = math.radians(come_from + 180.0)
     return (speed * math.cos(to), speed * math.sin(to), 0.0), GUSTS[gusts] if comma else "none"
 
@@ -66,5 +64,5 @@ def parse_speed(text: str) -> float:
         times = math.nan
     if times != 0.0 and not SLOWEST <= times <= FASTEST:
         expected = f"a number such as 4, from {SLOWEST:g} to {FASTEST:g}, or 'max'"
-        raise BadConfig(f"speed {text!r}; expected {expected}", field="speed", value=text, expected=expected)
+        raise BadConfig.wrong("speed", text, expected, f"speed {text!r}")
     return times or math.inf

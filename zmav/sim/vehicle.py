@@ -104,8 +104,7 @@ class SimVehicle:
         for channel, pwm in channels.items():
             if not (1 <= channel <= CHANNELS and NARROWEST <= pwm <= WIDEST):
                 expected = f"channels 1 to {CHANNELS} at {NARROWEST} to {WIDEST} us"
-                text = f"channel {channel} at {pwm} us; expected {expected}"
-                raise BadInput(text, field="channels", value=(channel, pwm), expected=expected)
+                raise BadInput.wrong("channels", (channel, pwm), expected, f"channel {channel} at {pwm} us")
         if mode is not None:
             self.pilot_mode(mode)
         pilot = self.brain.sticks.pilot if isinstance(self.brain, Px4Copter) else self.brain.pilot

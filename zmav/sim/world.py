@@ -45,7 +45,7 @@ MOST_EPOCH_S = 1e10  # UTC in the year 2286
 def _check(field: str, value: float, most: float = MOST) -> None:
     if not 0.0 <= value < most:  # so that NaN is refused, too
         expected = f"0 or more, and less than {most:g}"
-        raise BadConfig(f"{field} {value}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadConfig.wrong(field, value, expected, f"{field} {value}")
 
 
 class World:
@@ -103,8 +103,7 @@ class World:
         _check("epoch_s", self.epoch_s, MOST_EPOCH_S)
         if tick_hz not in range(TICK_HZ, MOST_TICK_HZ + 1, TICK_HZ):
             expected = f"{TICK_HZ} to {MOST_TICK_HZ} in hundreds"
-            text = f"tick_hz {tick_hz}; expected {expected}"
-            raise BadConfig(text, field="tick_hz", value=tick_hz, expected=expected)
+            raise BadConfig.wrong("tick_hz", tick_hz, expected, f"tick_hz {tick_hz}")
         self.home = check_home(home or Home())
         self.ticks, self.tick_s = 0, 1.0 / tick_hz
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
@@ -136,8 +135,7 @@ class World:
             )
         elif outside is not None:
             expected = "externals=zmav.hil.externals.Externals"
-            text = f"{outside} has a flight stack of its own; expected {expected}"
-            raise BadConfig(text, field="stack", value=outside, expected=expected)
+            raise BadConfig.wrong("stack", outside, expected, f"{outside} has a flight stack of its own")
         self.say: Callable[[str], None] = lambda text: None
         """takes what a person should know, a line at a time"""
         self.failures: list[tuple[SimVehicle, Exception]] = []
@@ -274,7 +272,7 @@ class World:
         """
         if not self.tick_s / 2 <= seconds <= MOST:
             expected = f"{self.tick_s:.3g} to {MOST:.0f}"
-            raise BadInput(f"{seconds} seconds; expected {expected}", field="seconds", value=seconds, expected=expected)
+            raise BadInput.wrong("seconds", seconds, expected, f"{seconds} seconds")
         return self._loop.inside(lambda: self._loop.advance(round(seconds / self.tick_s)))
 
     def _tick(self) -> None:
@@ -367,8 +365,7 @@ class World:
         named = {vehicle.name: vehicle for vehicle in self.vehicles}
         if name not in named:
             expected = ", ".join(named) or "none"
-            text = f"{name}: no such vehicle with a simulated pilot; expected {expected}"
-            raise BadInput(text, field="vehicle", value=name, expected=expected)
+            raise BadInput.wrong("vehicle", name, expected, f"{name}: no such vehicle with a simulated pilot")
         self._loop.inside(lambda: named[name].hands(mode, channels))
 
     # ---- faults
@@ -404,9 +401,7 @@ class World:
         """The camera of the vehicle called ``name``; :class:`BadInput` names those that have one."""
         if self.cameras is None:
             expected = "VehicleSpec(camera=CameraSpec())"
-            raise BadInput(
-                f"no vehicle has a camera; expected {expected}", field="camera", value=name, expected=expected
-            )
+            raise BadInput.wrong("camera", name, expected, "no vehicle has a camera")
         return self.cameras.get(name)
 
     def status(self) -> WorldStatus:
@@ -418,7 +413,6 @@ class World:
             speed_reached=pacer.reached,
             paused=pacer.paused,
             behind=pacer.behind,
-            given_up_s=pacer.given_up_s,
             cpu_share=pacer.cpu_share,
             clients=sum(endpoint.clients() for vehicle in self.vehicles for endpoint in vehicle.endpoints),
             lockstep=self.lockstep is not None,

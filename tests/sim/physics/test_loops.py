@@ -13,7 +13,7 @@ import pytest
 from tests.sim.conftest import MakeDesk
 from zmav.sim import VehicleSpec
 from zmav.sim.arrays import body_z
-from zmav.sim.control.allocation import Allocator, Lame
+from zmav.sim.control.allocation import Allocator
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
 from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.environment import Environment
@@ -220,30 +220,6 @@ class TestAllocation:
         assert share.mean() < 0.7  # lower, but level
         _, missed = allocator.allocate(np.array([[0.5], [0.0], [0.0]]), np.array([1.0]))
         assert abs(missed[0, 0]) < 1e-9
-
-    def test_five_rotors_carry_and_lean_and_let_the_heading_go(self) -> None:
-        frame = airframe("hexa")
-        lame = Lame(frame, (1,))
-        share = lame.allocate(frame.weight_n, np.array([0.3, -0.2, 0.0]))
-        wrench = frame.wrench_matrix() @ (share * frame.thrust_max_n)
-        assert share[1] == pytest.approx(0.0, abs=1e-12)
-        assert wrench[:3] == pytest.approx([frame.weight_n, 0.3, -0.2], abs=1e-6)
-
-
-@pytest.mark.parametrize("px4", [True, False])
-@pytest.mark.parametrize("rotor", [0, 1])
-def test_a_hexarotor_flies_on_without_a_rotor(rotor: int, *, px4: bool) -> None:
-    flight = Flight("hexa", px4=px4)
-    flight.sp.tune("carries_on", (), 1.0)  # a PX4's CA_FAILURE_MODE
-    flight.sp.limit("speed", 2.0)
-    flight.fleet.dynamics.efficiency[rotor, 0] = 0.0
-    flight.run(6.0)
-    pos = flight.fleet.dynamics.pos[:, 0]
-    assert np.hypot(pos[0], pos[1]) < 2.0
-    assert abs(pos[2] + 100.0) < 2.0
-    flight.sp.move(pos=(5.0, 0.0, -100.0))
-    flight.run(8.0)
-    assert float(np.linalg.norm(flight.fleet.dynamics.pos[:, 0] - (5.0, 0.0, -100.0))) < 1.5
 
 
 @pytest.mark.parametrize("kind", ["quad", "sih"])

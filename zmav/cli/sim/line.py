@@ -1,10 +1,10 @@
-"""What a running simulator shows of itself: one line that changes on a terminal, or a plain one now and then."""
+"""What a running simulator shows of itself: one line that changes, on a terminal."""
 
 from __future__ import annotations
 
 import collections
+import contextlib
 import os
-import threading
 from collections.abc import Callable
 
 from rich.console import Console
@@ -13,7 +13,6 @@ from rich.text import Text
 
 from zmav.sim.status import WorldStatus
 
-PLAIN_EVERY_S = 10.0
 REFRESH_HZ = 2
 MODES_NAMED = 4
 
@@ -63,41 +62,12 @@ def world_words(status: WorldStatus) -> str:
     return " | ".join(parts)
 
 
-class StatusLine:
-    """Shows ``status()`` while it lasts: ``with StatusLine(world.status, console): ...``."""
+def live_line(status: Callable[[], WorldStatus], console: Console) -> contextlib.AbstractContextManager[object]:
+    """Shows ``status()`` while it lasts, where ``console`` is a terminal."""
+    if not console.is_terminal:
+        return contextlib.nullcontext()
 
-    def __init__(self, status: Callable[[], WorldStatus], console: Console) -> None:
-        self._status = status
-        self._console = console
-        self._live: Live | None = None
-        self._over = threading.Event()
-        self._thread: threading.Thread | None = None
+    def line() -> Text:
+        return Text(world_words(status()), no_wrap=True, overflow="ellipsis")
 
-    def __enter__(self) -> StatusLine:
-        if self._console.is_terminal:
-            self._live = Live(
-                get_renderable=self._line, console=self._console, refresh_per_second=REFRESH_HZ, transient=True
-            )
-            self._live.start()
-        else:
-            self._thread = threading.Thread(target=self._write, name="zmav-sim-line", daemon=True)
-            self._thread.start()
-        return self
-
-    def _line(self) -> Text:
-        return Text(world_words(self._status()), no_wrap=True, overflow="ellipsis")
-
-    def _write(self) -> None:
-        while not self._over.wait(PLAIN_EVERY_S):
-            self._console.print(world_words(self._status()), soft_wrap=True, highlight=False)
-
-    def say(self, text: str) -> None:
-        """A line that stays."""
-        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
-
-    def __exit__(self, *exc: object) -> None:
-        self._over.set()
-        if self._live is not None:
-            self._live.stop()
-        if self._thread is not None:
-            self._thread.join()
+    return Live(get_renderable=line, console=console, refresh_per_second=REFRESH_HZ, transient=True)

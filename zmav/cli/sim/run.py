@@ -14,12 +14,12 @@ import click
 import msgspec
 from rich.console import Console
 
-from zmav.cli.sim.cameras import CAMERA_OPTIONS, parse_cameras, serve_cameras
-from zmav.cli.sim.line import StatusLine
+from zmav.cli.sim.line import live_line
 from zmav.cli.sim.stacks import STACK_OPTIONS, flown_by, stack_vehicles
+from zmav.errors import BadInput
 from zmav.hil.externals import Externals
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
-from zmav.sim.camera import PadSpec, load_scene
+from zmav.sim.camera import CameraSpec, PadSpec, load_scene
 from zmav.sim.external import External
 from zmav.sim.fleetfile import FleetFile, WorldTable, load_simulated, speed_of
 from zmav.sim.lineup import KINDS, field_of
@@ -30,6 +30,7 @@ from zmav.sim.values import parse_home, parse_speed, parse_wind
 
 F = TypeVar("F", bound=Callable[..., Any])
 COUNT = click.IntRange(0, 250)
+CAMERA_PORT = 8554
 
 _OPTIONS = (
     click.option(
@@ -46,7 +47,22 @@ _OPTIONS = (
     click.option("--rovers", default=0, type=COUNT, help="How many ArduRovers."),
     click.option("--planes", default=0, type=COUNT, help="How many ArduPlanes."),
     *STACK_OPTIONS,
-    *CAMERA_OPTIONS,
+    click.option(
+        "--camera",
+        "cameras",
+        multiple=True,
+        metavar="NAME[:RATE]",
+        help="A downward camera on that vehicle, at so many Hz (20), served as HTTP; repeatable.",
+    ),
+    click.option("--pad", "pads", multiple=True, metavar="NAME", help="A landing pad on that vehicle; repeatable."),
+    click.option("--scene", metavar="FILE", help="What cameras see: a scene file (TOML)."),
+    click.option(
+        "--camera-port",
+        type=click.IntRange(0, 65535),
+        default=CAMERA_PORT,
+        show_default=True,
+        help="Where pictures are served on loopback; 0: any free port.",
+    ),
     click.option(
         "--endpoint",
         "endpoints",
@@ -66,14 +82,7 @@ _OPTIONS = (
     click.option("--noise", type=click.Choice(list(PROFILES)), help="Of the sensors.  [default: none]"),
     click.option("--speed", metavar="TIMES", help="Times real time; 0 or max: as fast as it goes.  [default: 1]"),
     click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
-    click.option(
-        "--tick-hz",
-        type=int,
-        metavar="HZ",
-        help="How often links are served: no stream is quicker. 100 to 1000 in hundreds.  [default: 100]",
-    ),
     click.option("--seed", type=int, help="Two worlds of one seed are identical.  [default: 0]"),
-    click.option("--real-boot", is_flag=True, help=f"Be ready as late as the real one ({REALISTIC_READY_S:.0f} s)."),
     click.option(
         "--control", metavar="PATH", help="The control socket: a path or a name.  [default: called after the process]"
     ),
@@ -100,11 +109,11 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         listener = Listener(path, world)
         serve_cameras(world, camera_port)
         announce(world)
-        line = StatusLine(world.status, Console(stderr=True))
-        world.say = line.say
-        world.externals.listen(line.say)
-        world.on_failure = lambda vehicle, error: line.say(_obituary(vehicle, error))
-        with line:
+        console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+        world.say = console.print
+        world.externals.listen(console.print)
+        world.on_failure = lambda vehicle, error: console.print(_obituary(vehicle, error))
+        with live_line(world.status, console):
             world.run()
         if world.failures:
             world.failures.clear()
@@ -129,11 +138,9 @@ def make_world(
     speed: str | None,
     lockstep: bool,
     seed: int | None,
-    real_boot: bool,
     cameras: tuple[str, ...],
     pads: tuple[str, ...],
     scene: str | None,
-    tick_hz: int | None = None,
     free_ports: bool = False,
     **stacks: Any,
 ) -> World:
@@ -146,27 +153,52 @@ def make_world(
     vehicles = [*ours, *stack_vehicles(counts, stacks)]
     if copters is None and not vehicles and not any(counts.values()):
         counts["copter"] = 1
-    table = file.world
-    blows, gusts = parse_wind(table.wind if wind is None else wind)
+    given = {"wind": wind, "noise": noise, "speed": parse_speed(speed) if speed else None, "seed": seed}
+    given |= {"spacing_m": spacing, "lockstep": lockstep or None}
+    said = {name: value for name, value in given.items() if value is not None}
+    table = msgspec.structs.replace(file.world, **said)
+    blows, gusts = parse_wind(table.wind)
     return World(
         vehicles,
         **{field_of(kind): counts[kind] for kind in KINDS},
         home=parse_home(home) if home else file.home,
-        spacing_m=table.spacing_m if spacing is None else spacing,
+        spacing_m=table.spacing_m,
         endpoint=endpoints or None,
-        speed=speed_of(table) if speed is None else parse_speed(speed),
-        lockstep=lockstep or table.lockstep,
-        seed=table.seed if seed is None else seed,
+        speed=speed_of(table),
+        lockstep=table.lockstep,
+        seed=table.seed,
         wind=blows,
         gusts=gusts,
-        noise=noise or table.noise,
+        noise=table.noise,
         scene=file.scene if scene is None else load_scene(scene),
-        tick_hz=table.tick_hz if tick_hz is None else tick_hz,
-        cameras=parse_cameras(cameras),
+        tick_hz=table.tick_hz,
+        cameras=dict(map(parse_camera, cameras)),
         pads={name: PadSpec() for name in pads},
-        ready_s=REALISTIC_READY_S if real_boot or table.real_boot else DEFAULT_READY_S,
+        ready_s=REALISTIC_READY_S if table.real_boot else DEFAULT_READY_S,
         externals=Externals,
     )
+
+
+def parse_camera(text: str) -> tuple[str, CameraSpec]:
+    """``NAME[:RATE]``; :class:`BadInput` for anything else."""
+    name, colon, rate = text.partition(":")
+    try:
+        hz = float(rate) if colon else CameraSpec().rate_hz
+    except ValueError:
+        hz = 0.0
+    if not name or not 0.0 < hz <= 100.0:
+        expected = "NAME or NAME:RATE, the rate above 0 and up to 100 Hz"
+        raise BadInput.wrong("camera", text, expected, f"--camera {text}")
+    return name, CameraSpec(rate_hz=hz)
+
+
+def serve_cameras(world: World, port: int) -> None:
+    """Serve them, where there are any, and say where."""
+    if world.cameras is not None:
+        from zmav.sim.camera import serve  # with OpenCV
+
+        for name, url in serve.serve_cameras(world.cameras, port).items():
+            click.echo(f"{name} camera: {url}")
 
 
 def _allow_files() -> None:

@@ -113,4 +113,4 @@ def _flown(counts: dict[str, int], path: str, directory: str | None) -> list[Veh
 
 
 def _bad(option: str, value: str, expected: str) -> BadConfig:
-    return BadConfig(f"--{option} {value}; expected {expected}", field=option, value=value, expected=expected)
+    return BadConfig.wrong(option, value, expected, f"--{option} {value}")

@@ -135,4 +135,4 @@ def _channel(text: str) -> tuple[int, int]:
         return int(number), int(pwm)
     except ValueError:
         expected = "CHANNEL=PWM, as in 7=1900"
-        raise BadInput(f"{text!r}; expected {expected}", field="channels", value=text, expected=expected) from None
+        raise BadInput.wrong("channels", text, expected, f"{text!r}") from None

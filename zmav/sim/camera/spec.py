@@ -95,4 +95,4 @@ def check_bounds(spec: msgspec.Struct, where: str) -> None:
 
 
 def _bad(field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)
+    return BadConfig.wrong(field, value, expected, f"{field} is {value!r}")

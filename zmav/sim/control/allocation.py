@@ -48,49 +48,6 @@ class Allocator:
         return share, torque - self._back @ (share - share.mean(0))
 
 
-class Lame:
-    """One vehicle with five rotors or more that has lost some of them: the others are used as PX4 does with
-    CA_FAILURE_MODE 1 and ArduPilot's mixers with a lost motor. Thrust and leaning come first; turning gets what room
-    there is, because a hexarotor with one rotor less can hold its heading only in one direction (G.-X. Du, Q. Quan,
-    B. Yang, K.-Y. Cai, "Controllability analysis for multirotor helicopter rotor degradation and failure", Journal of
-    Guidance, Control and Dynamics 38(5), 2015).
-    """
-
-    def __init__(self, airframe: Airframe, lost: tuple[int, ...]) -> None:
-        self.lost = lost
-        wrench = airframe.wrench_matrix()
-        wrench[:, list(lost)] = 0.0
-        self._wrench = wrench
-        carry: Array = np.linalg.pinv(wrench[:3]).astype(np.float64)
-        self._carry = carry
-        # Turns and does nothing else: what is left of the yaw row once the others are kept as they are.
-        free = np.eye(wrench.shape[1]) - carry @ wrench[:3]
-        turn = free @ wrench[3]
-        gain = float(wrench[3] @ turn)
-        self._turn: Array = turn / gain if abs(gain) > EPSILON else np.zeros_like(turn)
-        self._most = airframe.thrust_max_n
-
-    def allocate(self, thrust: float, torque: Array) -> Array:
-        """Newtons and newton metres (3,) -> each rotor's share of its full thrust, (M,)."""
-        up = self._carry[:, 0] * (thrust / self._most)
-        lean = self._carry[:, 1:] @ torque[:2] / self._most
-        # Where it does not fit, the height gives way to the upper end, then the lean to both.
-        up *= _room(up, 1.0 - np.minimum(lean, 1.0))
-        lean *= min(_room(lean, 1.0 - up), _room(-lean, up))
-        share = up + lean
-        turn = self._turn * (torque[2] / self._most - float(self._wrench[3] @ share))
-        room = min(_room(turn, 1.0 - share), _room(-turn, share))
-        result: Array = clamp(share + turn * room, 0.0, 1.0)
-        return result
-
-
-def _room(step: Array, room: Array) -> float:
-    """The share of ``step`` (M,) that fits where there is so much ``room``, 0..1."""
-    more = step > EPSILON
-    fits: float = np.clip(room[more] / step[more], 0.0, 1.0).min(initial=1.0)
-    return fits
-
-
 def _excess(share: Array, axis: Array, high: float) -> Array:
     """How far to go along ``axis`` (M, 1) to balance what is beyond both ends, (N,)."""
     usable = np.abs(axis) > EPSILON

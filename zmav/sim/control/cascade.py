@@ -24,15 +24,15 @@ from zmav.sim.arrays import (
     quat_error,
     quat_from_euler,
     thrust_frame,
+    yaw_of,
 )
-from zmav.sim.control.allocation import Allocator, Lame
+from zmav.sim.control.allocation import Allocator
 from zmav.sim.control.reference import Reference
 from zmav.sim.control.setpoints import DIRECT, FLY, IDLE, RATES, TORQUE, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe, throttle_for
 
 VEL_I_MAX = 4.0  # m/s^2
 YAW_P = 2.5  # 1/s, of the turn toward a heading
-FEWEST_ROTORS = 5  # that are left, for another way of carrying on
 IDLE_THROTTLE = 0.10  # MOT_SPIN_ARM
 MIN_THROTTLE = 0.15  # MOT_SPIN_MIN
 YAW_SHARE = 0.2  # of the rotors' thrust that turning may take (MOT_YAW_HEADROOM)
@@ -74,15 +74,6 @@ class Cascade:
         self._idle: Array = np.zeros((len(mix), n))
         self._by_rates: Flags | None = None  # whose body rates or torques are given; None: nobody's
         self._by_torque: Flags | None = None
-        self._lame: dict[int, Lame] = {}  # vehicles that are known to have lost rotors
-
-    def lose(self, index: int, rotors: tuple[int, ...]) -> None:
-        """One vehicle's rotors that are known to have failed; () where all are whole again. Four and fewer rotors leave
-        nothing to choose.
-        """
-        self._lame.pop(index, None)
-        if rotors and len(self.airframe.rotors) - len(rotors) >= FEWEST_ROTORS:
-            self._lame[index] = Lame(self.airframe, rotors)
 
     def outer(self, est: Estimated, dt: float) -> None:
         """Position and velocity loops: sets the attitude and thrust to hold until the next call."""
@@ -130,7 +121,7 @@ class Cascade:
         self._by_torque = None
         if self._by_rates is not None:
             self.attitude[:, by_rates] = est.q[:, by_rates]
-            self.yaw[by_rates] = _yaw_of(est.q)[by_rates]
+            self.yaw[by_rates] = yaw_of(est.q)[by_rates]
             self._turn_acc[by_rates] = 0.0
             by_torque = by_rates & (self.setpoints.horizontal == TORQUE)
             self._by_torque = by_torque if by_torque.any() else None
@@ -144,7 +135,7 @@ class Cascade:
         self._rate[:] = 0.0
         self._by_rates = self._by_torque = None
         self.attitude = est.q.copy()
-        self.yaw = _yaw_of(est.q)
+        self.yaw = yaw_of(est.q)
         self._turn[:] = 0.0
         self._turn_acc[:] = 0.0
 
@@ -160,7 +151,7 @@ class Cascade:
         self._turn_acc = change / dt
         self.yaw = wrap(self.yaw + self._turn * dt)
         if grounded.any():
-            self.yaw[grounded] = _yaw_of(est.q)[grounded]
+            self.yaw[grounded] = yaw_of(est.q)[grounded]
 
     def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Flags, ballistic: Flags) -> None:
         sp, frame = self.setpoints, self.airframe
@@ -227,12 +218,4 @@ class Cascade:
         spread = lean + turn
         lift = np.maximum(np.minimum(self.thrust / len(frame.rotors), most - spread.max(0)), 0.0)
         share = clamp((lift + spread) * (1.0 / most), 0.0, 1.0)
-        for i, lame in self._lame.items():
-            share[:, i] = lame.allocate(float(self.thrust[i]), torque[:, i])
         return np.maximum(throttle_for(share, frame.thrust_expo), MIN_THROTTLE)
-
-
-def _yaw_of(q: Array) -> Array:
-    w, x, y, z = q
-    result: Array = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return result

@@ -35,7 +35,6 @@ class Gains:
         self.thrust_min, self.thrust_max = np.full(n, 0.0), np.full(n, 1.0)
         self.xy_margin = np.full(n, 0.3)  # of thrust, kept for moving over the ground where the height wants all
         self.curve = np.zeros(n)  # of the rotors, as the controller takes them: 0 linear, 1 quadratic
-        self.carries_on = np.ones(n)  # 1: without a rotor that failed, the others are allocated again
         self.changes = 0
         """counts up, so that who keeps products of gains sees that they are stale"""
 
@@ -81,5 +80,4 @@ def px4_gains(n: int) -> Gains:
     )
     gains.yaw_weight[:] = 0.4  # MC_YAW_WEIGHT
     gains.thrust_min[:] = 0.12  # MPC_THR_MIN
-    gains.carries_on[:] = 0.0  # CA_FAILURE_MODE
     return gains

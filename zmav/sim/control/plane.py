@@ -4,7 +4,7 @@
 Structure, parameters and units after ArduPilot's (ardupilot.org, "Roll, Pitch and Yaw Controller Tuning"): an angle's
 error over a time constant asks for a rate; feed-forward, P, I and D of the rate move the surface, scaled with airspeed
 so that a surface does as much at any speed; a bank asks for the pitch rate of its coordinated turn, g tan(phi)
-sin(phi) / V (Beard and McLain, section 9.2); the rudder goes with the aileron, and damps yaw where YAW2SRV_ says so.
+sin(phi) / V (Beard and McLain, section 9.2); the rudder goes with the aileron.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ FULL = math.radians(45.0)  # what the rate controllers call full deflection
 LEAST_BANK = math.radians(25.0)  # allowed however slow it flies
 COORDINATED = math.radians(80.0)  # no more bank is reckoned with
 STEEP = math.radians(70.0)  # of pitch: no turn is coordinated beyond
-YAW_FILTER_S = 5.0  # of the high-pass that lets a steady turn be
 
 
 class _RateLoop:
@@ -86,8 +85,6 @@ class PlaneControl:
         self.pitch: Array = np.zeros(n)
         self._roll_loop = _RateLoop("RLL", targets.gains, n)
         self._pitch_loop = _RateLoop("PTCH", targets.gains, n)
-        self._yaw_slow: Array = np.zeros(n)
-        self._yaw_i: Array = np.zeros(n)
         self._tuned: tuple[int, float] | None = None
 
     def navigate(self, est: Estimated, euler: Array, airspeed: Array, dt: float) -> None:
@@ -106,8 +103,7 @@ class PlaneControl:
     def _keep_flying(self, airspeed: Array) -> None:
         """No more bank than this airspeed can carry (STALL_PREVENTION)."""
         g = self.targets.gains
-        stall = np.where(g["AIRSPEED_STALL"] > 0.0, g["AIRSPEED_STALL"], g["AIRSPEED_MIN"])
-        ratio = np.maximum(airspeed / (self.eas2tas * stall), 1.0)
+        ratio = np.maximum(airspeed / (self.eas2tas * g["AIRSPEED_MIN"]), 1.0)
         most = np.maximum(np.arccos(1.0 / (ratio * ratio)), LEAST_BANK)
         guarded = (g["STALL_PREVENTION"] > 0.0) & (self.targets.lateral >= ROLL)
         self.roll = np.where(guarded, clamp(self.roll, -most, most), self.roll)
@@ -133,7 +129,7 @@ class PlaneControl:
         )
         self.surface[0] = np.where(t.lateral == 0, t.aileron, aileron)
         self.surface[1] = np.where(t.upright == 0, t.elevator, elevator)
-        self.surface[2] = self._rudder(est, euler, force, airspeed, scale, dt)
+        self.surface[2] = self._rudder()
         wanted = np.where(t.auto_throttle, self.tecs.throttle, t.throttle)
         self.throttle = clamp(wanted, 0.0, 1.0)
 
@@ -149,9 +145,7 @@ class PlaneControl:
         )
         self._roll_rates = _rates(g["RLL2SRV_RMAX"], g["RLL2SRV_RMAX"])
         self._pitch_rates = _rates(g["PTCH2SRV_RMAX_DN"], g["PTCH2SRV_RMAX_UP"])
-        self._pitch_trim = np.radians(g["PTCH_TRIM_DEG"])
         self._bank_margin = np.minimum(np.radians(g["ROLL_LIMIT_DEG"] + 5.0), math.radians(85.0))
-        self._damps_yaw = g["YAW2SRV_DAMP"] > 0.0
 
     def _pitch_rate(self, euler: Array, airspeed: Array) -> Array:
         t, g = self.targets, self.targets.gains
@@ -161,7 +155,7 @@ class PlaneControl:
         slowest = np.maximum(airspeed, g["AIRSPEED_MIN"])
         turn = np.cos(pitch) * np.abs(GRAVITY / slowest * np.tan(bank) * np.sin(bank)) * g["PTCH2SRV_RLL"]
         turn = np.where(np.abs(pitch) > STEEP, 0.0, turn)
-        wanted = (self.pitch + self._pitch_trim - pitch) / g["PTCH2SRV_TCONST"]
+        wanted = (self.pitch - pitch) / g["PTCH2SRV_TCONST"]
         rate = clamp(wanted + turn, *self._pitch_rates)
         rate = np.where(upright, rate, -wanted - turn)
         # Beyond the bank limit the bank comes first: the elevator would turn it, not raise it.
@@ -172,21 +166,9 @@ class PlaneControl:
         result: Array = np.where(t.upright >= PITCH, rate, 0.0)
         return result
 
-    def _rudder(self, est: Estimated, euler: Array, force: Array, airspeed: Array, scale: Array, dt: float) -> Array:
+    def _rudder(self) -> Array:
         t, g = self.targets, self.targets.gains
-        turn = (
-            GRAVITY / np.maximum(airspeed, g["AIRSPEED_MIN"]) * np.sin(euler[0]) * np.cos(euler[1]) * g["YAW2SRV_RLL"]
-        )
-        yaw_rate = est.rate[2] - turn
-        self._yaw_slow += (yaw_rate - self._yaw_slow) * min(dt / YAW_FILTER_S, 1.0)
-        quick = yaw_rate - self._yaw_slow
-        self._yaw_i = np.where(
-            self._damps_yaw & ~t.idle,
-            clamp(self._yaw_i - (g["YAW2SRV_SLIP"] * force[1] * 0.1 + quick) * g["YAW2SRV_INT"] * dt, -1.0, 1.0),
-            0.0,
-        )
-        damped = (self._yaw_i - quick) * g["YAW2SRV_DAMP"] * scale * scale
-        mixed = damped + g["KFF_RDDRMIX"] * self.surface[0] + t.rudder
+        mixed = g["KFF_RDDRMIX"] * self.surface[0] + t.rudder
         return clamp(np.where(t.auto_rudder, mixed, t.rudder), -1.0, 1.0)
 
     def flown(self, index: int) -> Flown:

@@ -69,10 +69,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "PTCH_RATE_IMAX": (0.0, 1.0),
     "PTCH_RATE_FLTT": (0.0, 100.0),
     "PTCH_RATE_FLTD": (0.0, 100.0),
-    "YAW2SRV_SLIP": (0.0, 4.0),
-    "YAW2SRV_INT": (0.0, 2.0),
-    "YAW2SRV_DAMP": (0.0, 2.0),
-    "YAW2SRV_RLL": (0.0, 3.0),
     "KFF_RDDRMIX": (-1.0, 1.0),
     "SCALING_SPEED": (1.0, 100.0),
     "NAVL1_PERIOD": (1.0, 100.0),
@@ -90,7 +86,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "TECS_RLL2THR": (0.0, 100.0),
     "TECS_SPDWEIGHT": (0.0, 2.0),
     "TECS_PITCH_MAX": (0.0, 60.0),
-    "TECS_PITCH_MIN": (-60.0, 0.0),
     "TECS_HDEM_TCONST": (0.2, 30.0),
     "TECS_LAND_TCONST": (0.5, 20.0),
     "TECS_LAND_SINK": (0.0, 5.0),
@@ -100,7 +95,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "AIRSPEED_CRUISE": (3.0, 100.0),
     "AIRSPEED_MIN": (3.0, 100.0),
     "AIRSPEED_MAX": (3.0, 100.0),
-    "AIRSPEED_STALL": (0.0, 100.0),
     "STALL_PREVENTION": (0.0, 1.0),
     "TRIM_THROTTLE": (0.0, 100.0),
     "THR_MAX": (0.0, 100.0),
@@ -109,7 +103,6 @@ GAINS: dict[str, tuple[float, float]] = {
     "ROLL_LIMIT_DEG": (1.0, 90.0),
     "PTCH_LIM_MAX_DEG": (1.0, 90.0),
     "PTCH_LIM_MIN_DEG": (-90.0, -1.0),
-    "PTCH_TRIM_DEG": (-45.0, 45.0),
 }
 
 

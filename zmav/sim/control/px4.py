@@ -182,8 +182,6 @@ class Px4Cascade(Cascade):
             torque[:, self._by_torque] = self.setpoints.body[:, self._by_torque]
             self._rate_i[:, self._by_torque] = 0.0
         shares, self._missed = self._allocator.allocate(torque, self.thrust * (1.0 / self._full))
-        for i, lame in self._lame.items():
-            shares[:, i] = lame.allocate(float(self.thrust[i]), torque[:, i] * self._torque_nm[:, 0])
         throttle = _throttle(shares, g.curve)
         return throttle if self._flying.all() else np.where(self._flying, throttle, self._idle)
 

@@ -10,12 +10,12 @@ PI controller, within the lateral acceleration ATC_TURN_MAX_G.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 
 from zmav.rotation import wrap
-from zmav.sim.arrays import Array, Flags, clamp, limit_length
+from zmav.sim.arrays import Array, Flags, clamp, limit_length, yaw_of
+from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.reference import root_speed
 from zmav.sim.control.roversetpoints import COAST, DIRECT, HEADING, PATH, PLACE, STOP, TURN, RoverSetpoints
 
@@ -25,15 +25,6 @@ STOPPED_FOR_S = 0.3  # a rover that has stopped is taken for stopped so long
 PLACE_GAIN, SPEED_GAIN = 0.8, 3.0  # 1/s, of the moving point's way to a place
 PLACE_DONE_M = 0.01
 ASTERN = 0.05  # m/s^2
-
-
-class Estimated(Protocol):
-    """What the loops believe: ``pos``, ``vel`` (3, N) NED, ``q`` (4, N), ``rate`` (3, N) body."""
-
-    pos: Array
-    vel: Array
-    q: Array
-    rate: Array
 
 
 class Loop:
@@ -102,8 +93,7 @@ class RoverControl:
         sp = self.setpoints
         if self._tuned != (sp.tuned, dt):
             self._tune(dt)
-        w, x, y, z = est.q
-        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        yaw = yaw_of(est.q)
         c, s = np.cos(yaw), np.sin(yaw)
         ahead = est.vel[0] * c + est.vel[1] * s
         task = np.where(sp.armed, sp.task, COAST)

@@ -96,7 +96,7 @@ class Tecs:
         self._begin(on, height, pitch)
         if not on.any():
             return
-        low, high = self._speeds(load, landing, eas2tas)
+        low, high = self._speeds(load, eas2tas)
         self._want_speed(low, high, eas2tas, dt)
         rate = self._want_height(height, climb, takeoff, landing, dt)
         self._watch(low, height, takeoff, dt)
@@ -128,13 +128,10 @@ class Tecs:
         self.pitch[fresh] = pitch[fresh]
         self.underspeed[fresh] = self._bad_descent[fresh] = self._climbing[fresh] = False
 
-    def _speeds(self, load: Array, landing: Flags, eas2tas: float) -> tuple[Array, Array]:
+    def _speeds(self, load: Array, eas2tas: float) -> tuple[Array, Array]:
         """The lowest and the highest true airspeed now; in a bank the lowest is higher, so that it does not stall."""
         g = self._t.gains
-        stall = g["AIRSPEED_STALL"]
-        low = np.where(landing & (stall > 0.0), stall, g["AIRSPEED_MIN"])
-        guarded = np.where(stall > 0.0, np.maximum(low, stall * np.sqrt(load)), low * np.sqrt(load))
-        low = np.where(g["STALL_PREVENTION"] > 0.0, guarded, low) * eas2tas
+        low = g["AIRSPEED_MIN"] * np.where(g["STALL_PREVENTION"] > 0.0, np.sqrt(load), 1.0) * eas2tas
         return low, np.maximum(g["AIRSPEED_MAX"] * eas2tas, low)
 
     def _want_speed(self, low: Array, high: Array, eas2tas: float, dt: float) -> None:
@@ -295,8 +292,7 @@ class Tecs:
         """Radians from and to; in the flare the nose comes up to LAND_PITCH_DEG by the time it touches down."""
         t, g = self._t, self._t.gains
         high = np.where(g["TECS_PITCH_MAX"] > 0.0, g["TECS_PITCH_MAX"], g["PTCH_LIM_MAX_DEG"])
-        low = np.where(g["TECS_PITCH_MIN"] < 0.0, g["TECS_PITCH_MIN"], g["PTCH_LIM_MIN_DEG"])
-        low, high = np.radians(low), np.radians(high)
+        low, high = np.radians(g["PTCH_LIM_MIN_DEG"]), np.radians(high)
         low, high = np.maximum(low, t.pitch_min), np.minimum(high, t.pitch_max)
         if flare.any():
             up = self._flare_pitch * (1.0 - self._done) + np.radians(g["LAND_PITCH_DEG"]) * self._done

@@ -144,4 +144,4 @@ def _link(path: Path, device: str) -> Path:
     except OSError as error:
         wrong = f"no link {path} to the pseudo-terminal: {error.strerror}"
         expected = "a path in a directory that is there and may be written to"
-    raise BadUrl(f"{wrong}; expected {expected}", field="endpoint", value=str(path), expected=expected)
+    raise BadUrl.wrong("endpoint", str(path), expected, f"{wrong}")

@@ -24,18 +24,12 @@ class MotorFailure(Fault, frozen=True):
         seat = victim.seat
         if self.number > seat.motors:
             expected = f"1 to {seat.motors}" if seat.motors else "a vehicle whose motors can fail"
-            raise BadInput(
-                f"{victim.name} has no motor {self.number}; expected {expected}",
-                field="number",
-                value=self.number,
-                expected=expected,
-            )
+            raise BadInput.wrong("number", self.number, expected, f"{victim.name} has no motor {self.number}")
 
     def begin(self, victim: Victim) -> Undo:
         seat = victim.seat
-        motor, cause = self.number - 1, f"fault {self.KIND}"
-        seat.weaken_motor(motor, cause, self.efficiency)
-        return lambda: seat.weaken_motor(motor, cause, 1.0)
+        seat.weaken_motor(self.number - 1, self.efficiency)
+        return lambda: seat.weaken_motor(self.number - 1, 1.0)
 
 
 class BatteryCollapse(Fault, frozen=True):

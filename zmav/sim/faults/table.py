@@ -95,8 +95,7 @@ def make_fault(kind: str, values: Mapping[str, Any]) -> Fault:
             msgspec.convert({name: value}, KINDS[kind])
         except msgspec.ValidationError:
             expected = known[name].expected
-            text = f"{kind}: {name} is {value!r}; expected {expected}"
-            raise BadInput(text, field=name, value=value, expected=expected) from None
+            raise BadInput.wrong(name, value, expected, f"{kind}: {name} is {value!r}") from None
     return msgspec.convert(dict(values), KINDS[kind])
 
 

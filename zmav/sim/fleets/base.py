@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from typing import ClassVar, NamedTuple
 
@@ -115,7 +114,6 @@ class Fleet(ABC):
         self.sensors = SensorSuite(dynamics, around.place, around.seed, noise)
         self.estimate = Estimator(dynamics, self.sensors, around.seed)
         self._table: Array = np.zeros((len(Sense._fields), dynamics.n))
-        self._weak: dict[tuple[int, int], dict[str, float]] = {}  # (vehicle, motor) -> cause -> what is left
         self._held: dict[int, dict[str, Array]] = {}  # of frozen autopilots: the last inputs of their bodies
 
     def blow(self, dt: float) -> None:
@@ -185,15 +183,9 @@ class Fleet(ABC):
         still = (0.0, 0.0, 0.0)
         return Wanted(still, still, still)
 
-    def weaken(self, index: int, motor: int, cause: str, left: float) -> None:
-        """For a certain cause a motor of one vehicle gives the share ``left`` (0..1) of its thrust; 1: it is whole."""
-        causes = self._weak.setdefault((index, motor), {})
-        causes[cause] = left
-        self.efficiency[motor, index] = math.prod(causes.values())
-
     @property
     def efficiency(self) -> Array:
-        """(motors, N): what each gives of its thrust, 0..1; written by :meth:`weaken`."""
+        """(motors, N): what each gives of its thrust, 0..1."""
         found: Array = getattr(self.dynamics, "efficiency", np.ones((0, self.dynamics.n)))
         return found
 
@@ -249,9 +241,9 @@ class Seat:
         """How many there are that can fail."""
         return len(self.fleet.efficiency)
 
-    def weaken_motor(self, motor: int, cause: str, left: float) -> None:
-        """See :meth:`Fleet.weaken`; motors count from 0."""
-        self.fleet.weaken(self.index, motor, cause, left)
+    def weaken_motor(self, motor: int, left: float) -> None:
+        """A motor (0, 1, ...) gives the share ``left`` (0..1) of its thrust; 1: it is whole."""
+        self.fleet.efficiency[motor, self.index] = left
 
     def freeze(self, frozen: bool) -> None:
         """The actuators stay at what they have now, or obey again."""

@@ -20,7 +20,6 @@ from zmav.sim.environment import Vector
 from zmav.sim.fleets.base import AIR_EVERY, Fleet, Surroundings, Wanted
 
 OUTER_EVERY = 2  # ticks
-LOST = 0.5  # a rotor of less efficiency counts as failed
 
 
 class CopterFleet(Fleet):
@@ -49,7 +48,6 @@ class CopterFleet(Fleet):
         self.setpoints = Setpoints(n, px4_gains(n) if px4 else arducopter_gains(n))
         loops = Px4Cascade if px4 else Cascade
         self.cascade = loops(self.airframe, self.setpoints, start, yaw)
-        self._lost = self.dynamics.efficiency < LOST
         self.sensors.throttle = self._table[26]
         self.estimate.jumped, self.estimate.turned = self._jumped, self._turned
 
@@ -64,7 +62,6 @@ class CopterFleet(Fleet):
         """Every other tick the outer loops."""
         if number % (AIR_EVERY * self.pace) == 0:
             self.dynamics.density = self.thickness()
-            self._look_at_rotors()
         outer_every = OUTER_EVERY * self.pace
         if number % outer_every == 0:
             self.cascade.outer(self.estimate, outer_every * tick_s)
@@ -83,14 +80,6 @@ class CopterFleet(Fleet):
         """A filter has set the heading again."""
         self.cascade.yaw[index] += by
         self.setpoints.yaw[index] += by
-
-    def _look_at_rotors(self) -> None:
-        """Tell the controllers of rotors that failed, as speed controllers that report do."""
-        lost = self.dynamics.efficiency < LOST
-        for i in np.flatnonzero((lost != self._lost).any(0)).tolist():
-            carries_on = self.setpoints.gains.carries_on[i] > 0
-            self.cascade.lose(i, tuple(np.flatnonzero(lost[:, i]).tolist()) if carries_on else ())
-        self._lost = lost
 
     def outputs(self, index: int) -> list[float]:
         throttles: list[float] = self.dynamics.throttle[:, index].tolist()

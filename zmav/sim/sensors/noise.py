@@ -110,7 +110,7 @@ def noise_profile(name: str) -> Noise:
     """The profile of that name; :class:`BadConfig` names those there are."""
     if name not in PROFILES:
         expected = " or ".join(PROFILES)
-        raise BadConfig(f"no noise {name!r}; expected {expected}", field="noise", value=name, expected=expected)
+        raise BadConfig.wrong("noise", name, expected, f"no noise {name!r}")
     return PROFILES[name]
 
 

@@ -40,18 +40,6 @@ class _Epoch(NamedTuple):
     vel: Array
 
 
-class _Eye(NamedTuple):
-    """A rangefinder: how far down of the ground its vehicle is, its limits, its height above the feet, and what it is
-    off by, m.
-    """
-
-    down: float
-    nearest: float
-    farthest: float
-    mount: float
-    shift: float
-
-
 class SensorSuite:
     """The sensors of ``body``. ``place``: where the world's origin is.
 
@@ -150,10 +138,6 @@ class SensorSuite:
         self._lost[index] = lost
         self._clips = bool(self.troubles.clipping.any())
 
-    def restart(self, index: int) -> None:
-        """One vehicle is powered on again: its receiver looks for satellites again."""
-        self._back[index] = self.time_s + self.noise.gps_acquire_s
-
     # ---- what is slow
 
     @property
@@ -197,7 +181,7 @@ class SensorSuite:
             diff_pressure_hpa=dynamic,
             airspeed_mps=atmosphere.indicated_airspeed(dynamic),
             temperature_c=atmosphere.temperature_c(height) + BOARD_WARMER_C,
-            range_m=self._range(turn, self._eye(index, RANGE_MIN_M, RANGE_MAX_M, RANGE_MOUNT_M), white[14]),
+            range_m=self.distance(index, RANGE_MIN_M, RANGE_MAX_M, RANGE_MOUNT_M),
             gps=self.fix(index),
         )
 
@@ -238,26 +222,16 @@ class SensorSuite:
         return x, y, z
 
     def distance(self, index: int, nearest: float, farthest: float, mount: float) -> float:
-        """What a downward rangefinder ``mount`` m above the feet measures, m; NaN for what is not within its limits."""
-        return self._range(
-            _to_body(self._body.q[:, index].tolist()),
-            self._eye(index, nearest, farthest, mount),
-            self._whites(index)[14],
-        )
-
-    def _eye(self, index: int, nearest: float, farthest: float, mount: float) -> _Eye:
-        if self.troubles.range_lost[index]:
-            nearest = math.inf
-        return _Eye(float(self._body.pos[2, index]), nearest, farthest, mount, float(self.troubles.range_shift[index]))
-
-    def _range(self, turn: Matrix, eye: _Eye, white: float) -> float:
-        """Along the body's down axis to the ground."""
-        toward = turn[2][2]
-        if toward < 1e-3:
+        """What a downward rangefinder ``mount`` m above the feet measures along the body's down axis, m; NaN for what
+        is not within its limits.
+        """
+        toward = _to_body(self._body.q[:, index].tolist())[2][2]
+        if toward < 1e-3 or self.troubles.range_lost[index]:
             return math.nan
-        true = max(-eye.down, 0.0) / toward + eye.mount
-        read = true + eye.shift + (self.noise.range_white_m + self.noise.range_share * true) * white
-        return read if eye.nearest <= read <= eye.farthest else math.nan
+        true = max(-float(self._body.pos[2, index]), 0.0) / toward + mount
+        spread = self.noise.range_white_m + self.noise.range_share * true
+        read = true + float(self.troubles.range_shift[index]) + spread * self._whites(index)[14]
+        return read if nearest <= read <= farthest else math.nan
 
     def fix(self, index: int) -> GpsFix:
         """The latest solution of one receiver; without one, the fix type says so and the place is the last known."""

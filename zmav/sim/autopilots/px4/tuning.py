@@ -32,7 +32,6 @@ GAINS: dict[str, tuple[str, tuple[int, ...], float]] = {
     "MPC_THR_MAX": ("thrust_max", (), 1.0),
     "MPC_THR_XY_MARG": ("xy_margin", (), 1.0),
     "THR_MDL_FAC": ("curve", (), 1.0),
-    "CA_FAILURE_MODE": ("carries_on", (), 1.0),
     "MC_YAW_WEIGHT": ("yaw_weight", (), 1.0),
     "MC_RR_INT_LIM": ("rate_i_max", (0,), 1.0),
     "MC_PR_INT_LIM": ("rate_i_max", (1,), 1.0),
