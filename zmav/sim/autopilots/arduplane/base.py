@@ -65,6 +65,7 @@ class PlaneBase(ArduVehicle, ABC):
         24: "THERMAL",
     }
     STAGES: ClassVar[tuple[BootStage, ...]] = PLANE_STAGES
+    KEEPS_MISSION: ClassVar[bool] = True
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("THR_FAILSAFE", "THR_FS_VALUE")
     GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABL", "FS_LONG_TIMEOUT")
@@ -91,6 +92,7 @@ class PlaneBase(ArduVehicle, ABC):
 
     def on_disarm(self) -> None:
         self.sp.off()
+        self._flying = 0.0
         self.airspeed_chosen = self.takeoff_direction = None
         self.throttle_suppressed = True
 
@@ -107,11 +109,6 @@ class PlaneBase(ArduVehicle, ABC):
             (not has("airspeed"), "Airspeed: 1 pre-flight calibration in progress"),
         )
         return [text for failed, text in checks if failed]
-
-    def forget_mission(self) -> None:
-        """In AUTO it goes on where it was."""
-        if self.mode is not self.auto:
-            self.mission.reset()
 
     def param_changed(self, name: str, value: float) -> None:
         if name in GAINS:
