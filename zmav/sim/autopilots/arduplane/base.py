@@ -151,12 +151,6 @@ class PlaneBase(ArduVehicle, ABC):
         return self.sense.airspeed / self.eas2tas
 
     @property
-    def head_wind(self) -> float:
-        """m/s of the wind against its nose: what airspeed is more than ground speed along it."""
-        s = self.sense
-        return s.airspeed - (s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw))
-
-    @property
     def flying(self) -> bool:
         return self._flying >= (SURE_ARMED if self.armed else SURE_DISARMED)
 
@@ -167,14 +161,9 @@ class PlaneBase(ArduVehicle, ABC):
 
     @property
     def airspeed_wanted(self) -> float:
-        """In modes that navigate: what was chosen, more with the throttle stick above its middle, and enough against
-        the wind (MIN_GROUNDSPEED).
-        """
+        """In modes that navigate: what was chosen, and enough against the wind (MIN_GROUNDSPEED)."""
         params = self.params
         speed = self.airspeed_chosen or self.cruise
-        push = self.rc.throttle - 0.5
-        if params["THROTTLE_NUDGE"] and push > 0.0 and not self.rc.lost and self.mode.number != INITIALISING:
-            speed += (params["AIRSPEED_MAX"] - self.cruise) * 2.0 * push
         if params["MIN_GROUNDSPEED"] > 0:
             s = self.sense
             along = s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)
