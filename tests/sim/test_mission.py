@@ -160,6 +160,7 @@ class TestUpload:
             at(19, 0.0, 0.0, 5.0, 3.0, 0.0, -7.0),
             do(183, 9.0, 1700.0, 5.0),
             do(177, 2.0, -1.0),
+            do(1000, -30.0, 20.0, 0.0, 0.0),  # a gimbal, that there is not
         ]
         assert upload(ready, items) == ACCEPTED
         kept = [tuple(item[f"param{i}"] for i in range(1, 5)) for item in download(ready)[1:]]
@@ -168,6 +169,7 @@ class TestUpload:
             (3.0, 0.0, -1.0, 0.0),
             (9.0, 1700.0, 0.0, 0.0),
             (2.0, -1.0, 0.0, 0.0),
+            (-30.0, 20.0, 0.0, 0.0),
         ]
         assert download(ready)[1]["z"] == pytest.approx(5.67)
 

@@ -130,7 +130,7 @@ class ItemPart(Part):
             if now - upload.heard > self.GIVE_UP_S:
                 self.drop(kind)
                 self.gave_up(upload, kind)
-            elif now - upload.asked > self.ASK_AGAIN_S:
+            elif now - upload.asked >= self.ASK_AGAIN_S:
                 self.ask(kind)
 
     def closed(self, channel: Channel) -> None:

@@ -193,11 +193,8 @@ class CopterBase(ArduVehicle, ABC):
         self.sp.spool(Spool.IDLE if self.landed else Spool.FLY)
         return not self.landed
 
-    def arm(self, *, forced: bool = False) -> bool:
-        if self.armed:
-            return True
+    def on_arm(self) -> None:
         self._idle_since = self.now
-        return super().arm(forced=forced)
 
     def on_disarm(self) -> None:
         self.sp.spool(Spool.OFF)

@@ -10,12 +10,11 @@ from zmav.sim.autopilots.arducopter.guided import Guided
 from zmav.sim.autopilots.arducopter.modes import AltHold, Brake, Land, Loiter, Rtl, Stabilize
 from zmav.sim.autopilots.arducopter.reactions import CopterReactions
 from zmav.sim.autopilots.arducopter.travel import Travel
-from zmav.sim.autopilots.ardupilot.state import EMERGENCY, INFO, Mode, Reactions
+from zmav.sim.autopilots.ardupilot.state import EMERGENCY, Mode, Reactions
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Sense
 
 LOW_THRUST_SHARE = 0.65  # of the hover throttle
-HARD_TOUCH = 0.25  # m/s
 HIGHEST_M = 80_000.0
 # Of the crash check: https://ardupilot.org/copter/docs/crash_check.html
 AFTER_S, ANGLE_ERROR_DEG, LEAN_DEG, SPEED_MAX, ACCEL_MAX = 2.0, 30.0, 15.0, 10.0, 3.0
@@ -112,8 +111,6 @@ class ArduCopter(CopterBase):
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
         super().update(now, sense, dt)
-        if sense.impact > HARD_TOUCH:
-            self.say(INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
         if self.armed:
             self.heading.update(sense)
 

@@ -25,8 +25,9 @@ class GcsFailsafe:
     Only the system id counts, whatever component it is: heartbeats, RC_CHANNELS_OVERRIDE and MANUAL_CONTROL.
     """
 
-    def __init__(self, vehicle: VehicleState, rc: Radio) -> None:
-        self._vehicle, self._rc = vehicle, rc
+    def __init__(self, vehicle: VehicleState, rc: Radio, *, acts: bool = True) -> None:
+        """``acts``: it does something by itself, and is not only asked."""
+        self._vehicle, self._rc, self._acts = vehicle, rc, acts
         self._heard: float | None = None
         self._next = vehicle.now
         self.active = False
@@ -36,21 +37,24 @@ class GcsFailsafe:
         if sysid == int(self._vehicle.params["MAV_GCS_SYSID"]):
             self._heard = self._vehicle.now
 
+    @property
+    def silent(self) -> bool:
+        """It was heard once, and is not any more."""
+        timeout = self._vehicle.params[self._vehicle.GCS_PARAMS[1]]
+        return self._heard is not None and self._vehicle.now - self._heard > timeout
+
     def update(self) -> None:
         vehicle = self._vehicle
-        if vehicle.now < self._next:
+        if vehicle.now < self._next or not self._acts:
             return
         self._next = vehicle.now + _WATCH_GCS_S
-        enabled, timeout = vehicle.GCS_PARAMS
-        if vehicle.params[enabled] == 0 or self._heard is None:
+        if vehicle.params[vehicle.GCS_PARAMS[0]] == 0 or self._heard is None or self.silent is self.active:
             return
-        silent = vehicle.now - self._heard > vehicle.params[timeout]
-        if silent and not self.active:
-            self.active = True
+        self.active = not self.active
+        if self.active:
             self._rc.clear_overrides()
             vehicle.reactions.gcs_lost()
-        elif self.active and not silent:
-            self.active = False
+        else:
             vehicle.reactions.gcs_back()
 
 

@@ -62,8 +62,10 @@ _KEPT: dict[int, tuple[Keep, ...]] = {
     195: (_whole,),  # DO_SET_ROI_LOCATION
     197: (_whole,),  # DO_SET_ROI_NONE
     201: (_whole,),  # DO_SET_ROI
+    203: (_whole, _whole, _whole, _whole),  # DO_DIGICAM_CONTROL
     205: (_single, _single, _single),  # DO_MOUNT_CONTROL
     206: (_single, _none, _whole),  # DO_SET_CAM_TRIGG_DIST
+    1000: (_whole, _whole, _whole, _whole),  # DO_GIMBAL_MANAGER_PITCHYAW
     2000: (_whole, _single, _whole, _whole),  # IMAGE_START_CAPTURE
     2001: (_whole,),
 }
@@ -87,8 +89,10 @@ NAMES: dict[int, str] = {
     195: "SetROILocation",
     197: "SetROINone",
     201: "SetROI",
+    203: "DigiCamCtrl",
     205: "MountControl",
     206: "SetCamTrigDst",
+    1000: "GimbalPitchYaw",
     2000: "ImageStartCapture",
     2001: "ImageStopCapture",
 }

@@ -24,7 +24,7 @@ from zmav.sim.geo import Position, to_ned
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)  # MAV_SEVERITY
 CHANGE_SPEED, SET_HOME, SET_SERVO = 178, 179, 183  # MAV_CMD
 # What the mission library carries out by itself: done at once, and no item is reported reached.
-UNREPORTED = frozenset((181, 183, 206, 2000, 2001))
+UNREPORTED = frozenset((181, 183, 203, 206, 1000, 2000, 2001))
 DISARM = -1
 Steps = tuple[int | str, ...]
 """modes that are tried until one is entered, what is said before them, or :data:`DISARM`"""

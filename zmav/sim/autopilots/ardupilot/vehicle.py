@@ -28,6 +28,7 @@ from zmav.sim.protocol.params import ParamStore
 
 PREARM_REMINDER_S = 30.0
 TICK_S = 0.01
+HARD_TOUCH = 0.25  # m/s
 FENCE_EVERY, SLOW_EVERY = 4, 10  # ticks
 NAV_WAYPOINT = 16  # MAV_CMD
 SITL_BATTERY_V = 12.6  # the default of SIM_BATT_VOLTAGE
@@ -51,6 +52,10 @@ class ArduVehicle(ArmingChecks, ABC):
     """that share the battery's current"""
     MODE_PARAM: ClassVar[str] = "FLTMODE"
     """of the mode switch: this and 1 to 6, and with _CH its channel"""
+    HOME_ON_ARMING: ClassVar[bool] = True
+    """home is where it is armed"""
+    KEEPS_MISSION: ClassVar[bool] = False
+    """disarmed in AUTO it keeps its place in the mission"""
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Arming motors", "Disarming motors")
 
     def __init__(self, params: ParamStore, sense: Sense, world: Position, ready_s: float) -> None:
@@ -118,9 +123,8 @@ class ArduVehicle(ArmingChecks, ABC):
     def mode_changed(self) -> None:
         """Another mode was chosen and is about to be entered."""
 
-    def forget_mission(self) -> None:
-        """It was disarmed: the mission begins again."""
-        self.mission.reset()
+    def on_arm(self) -> None:
+        """The motors were armed just now."""
 
     # ---- power
 
@@ -242,7 +246,7 @@ class ArduVehicle(ArmingChecks, ABC):
         if mode is self.mode:
             self.mode_by_fence = by_fence
             return True
-        refusal = self._refusal(mode)
+        refusal = self._refusal(mode, by_fence)
         if refusal:
             self.say(WARNING, self.refusal_text(mode, refusal))
             return False
@@ -254,10 +258,10 @@ class ArduVehicle(ArmingChecks, ABC):
         self.fence.mode_changed()
         return True
 
-    def _refusal(self, mode: Mode) -> str:
+    def _refusal(self, mode: Mode, by_fence: bool) -> str:
         if self.armed and mode.needs_position and not self.position_ok:
             return "requires position"
-        if self.armed and self.fence.blocks_mode_change:
+        if self.armed and self.fence.blocks_mode_change and not by_fence:
             return "in fence recovery"
         return self.mode_refusal(mode) or (mode.refusal() if self.armed else "")
 
@@ -295,7 +299,8 @@ class ArduVehicle(ArmingChecks, ABC):
             return False
         self.armed = True
         self._armed_at = self.now
-        if not self._home_locked:
+        self.on_arm()
+        if self.HOME_ON_ARMING and not self._home_locked:
             self.move_home(None)
         self.say(INFO, self.ARMING_TEXTS[0])
         self.mode.on_arming()
@@ -311,7 +316,8 @@ class ArduVehicle(ArmingChecks, ABC):
         self.landed = True
         self.on_disarm()
         self.say(INFO, self.ARMING_TEXTS[1])
-        self.forget_mission()
+        if not (self.KEEPS_MISSION and self.mode is self.auto):
+            self.mission.reset()
         return True
 
     # ---- what it does by itself
@@ -328,13 +334,15 @@ class ArduVehicle(ArmingChecks, ABC):
             self.fence.update()
         if self._ticks % SLOW_EVERY == 0:
             self.watch(TICK_S * SLOW_EVERY)
-        if not self.armed:
+        if self.armed:
+            self.watch_ground()
+            if self.armed:
+                self.mode.update()
+        else:
             self._remind()
             self.mode.idle()
-            return
-        self.watch_ground()
-        if self.armed:
-            self.mode.update()
+        if sense.impact > HARD_TOUCH:
+            self.say(INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
 
     def watch(self, dt: float) -> None:
         """Ten times a second."""

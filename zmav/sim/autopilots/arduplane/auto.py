@@ -147,7 +147,6 @@ class AutoLand(PlaneMode):
         centre = self._start[0] + actual * math.cos(aside), self._start[1] + actual * math.sin(aside), self._start[2]
         way.direct(centre)
         way.counter_clockwise = left
-        self._climb = here[2] - params["AUTOLAND_CLIMB"] if params["AUTOLAND_CLIMB"] > plane.height else None
         self._final = False
 
     def leave(self) -> None:
@@ -164,10 +163,7 @@ class AutoLand(PlaneMode):
             return
         way.circle(self._radius)
         plane.fly_height(-way.down, plane.airspeed_wanted)
-        if self._climb is not None:
-            plane.limit(roll=math.radians(plane.params["LEVEL_ROLL_LIMIT"]))
-            self._climb = None if plane.sense.down < self._climb else self._climb
-        elif way.turned > 0.0 and way.reached_height and way.lined_up(plane.home_world):
+        if way.turned > 0.0 and way.reached_height and way.lined_up(plane.home_world):
             plane.say(INFO, "Loiter to alt complete")
             self._final = True
             way.start, way.end, way.crosstrack = self._start, plane.home_world, True
@@ -266,10 +262,7 @@ class Waypoint(Leg):
         radius = (
             min(max(plane.params["WP_RADIUS"], 1.0) * plane.eas2tas**2, plane.sp.flown().turn_distance) * self._turn
         )
-        farthest = plane.params["WP_MAX_RADIUS"]
         passed = way.share * line > line if line > 1e-3 else left < CLOSE_M
-        if 0 < farthest < left:
-            return False
         if left <= radius or passed:
             word = "Reached" if left <= radius else "Passed"
             plane.say(INFO, f"{word} waypoint #{self.item.seq} dist {int(left)}m")

@@ -65,6 +65,7 @@ class PlaneBase(ArduVehicle, ABC):
         24: "THERMAL",
     }
     STAGES: ClassVar[tuple[BootStage, ...]] = PLANE_STAGES
+    KEEPS_MISSION: ClassVar[bool] = True
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("THR_FAILSAFE", "THR_FS_VALUE")
     GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABL", "FS_LONG_TIMEOUT")
@@ -91,6 +92,7 @@ class PlaneBase(ArduVehicle, ABC):
 
     def on_disarm(self) -> None:
         self.sp.off()
+        self._flying = 0.0
         self.airspeed_chosen = self.takeoff_direction = None
         self.throttle_suppressed = True
 
@@ -107,11 +109,6 @@ class PlaneBase(ArduVehicle, ABC):
             (not has("airspeed"), "Airspeed: 1 pre-flight calibration in progress"),
         )
         return [text for failed, text in checks if failed]
-
-    def forget_mission(self) -> None:
-        """In AUTO it goes on where it was."""
-        if self.mode is not self.auto:
-            self.mission.reset()
 
     def param_changed(self, name: str, value: float) -> None:
         if name in GAINS:
@@ -154,12 +151,6 @@ class PlaneBase(ArduVehicle, ABC):
         return self.sense.airspeed / self.eas2tas
 
     @property
-    def head_wind(self) -> float:
-        """m/s of the wind against its nose: what airspeed is more than ground speed along it."""
-        s = self.sense
-        return s.airspeed - (s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw))
-
-    @property
     def flying(self) -> bool:
         return self._flying >= (SURE_ARMED if self.armed else SURE_DISARMED)
 
@@ -170,14 +161,9 @@ class PlaneBase(ArduVehicle, ABC):
 
     @property
     def airspeed_wanted(self) -> float:
-        """In modes that navigate: what was chosen, more with the throttle stick above its middle, and enough against
-        the wind (MIN_GROUNDSPEED).
-        """
+        """In modes that navigate: what was chosen, and enough against the wind (MIN_GROUNDSPEED)."""
         params = self.params
         speed = self.airspeed_chosen or self.cruise
-        push = self.rc.throttle - 0.5
-        if params["THROTTLE_NUDGE"] and push > 0.0 and not self.rc.lost and self.mode.number != INITIALISING:
-            speed += (params["AIRSPEED_MAX"] - self.cruise) * 2.0 * push
         if params["MIN_GROUNDSPEED"] > 0:
             s = self.sense
             along = s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)

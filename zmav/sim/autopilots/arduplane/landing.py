@@ -124,12 +124,10 @@ class Landing:
 
     @property
     def airspeed(self) -> float:
-        """Equivalent, m/s: slower on the approach, and faster by a share of the head wind."""
+        """Equivalent, m/s: slower on the approach."""
         params = self._plane.params
         cruise = params["AIRSPEED_CRUISE"]
         if self.leg is Leg.NORMAL:
             return cruise
         speed = params["TECS_LAND_ARSPD"]
-        speed = speed if speed >= 0 else 0.5 * (cruise + params["AIRSPEED_MIN"])
-        against = self._plane.head_wind * min(max(0.01 * params["LAND_WIND_COMP"], 0.0), 1.0)
-        return min(max(speed + against, speed), max(cruise, speed))
+        return speed if speed >= 0 else 0.5 * (cruise + params["AIRSPEED_MIN"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from zmav.sim.autopilots.ardupilot.boot import Stage as BootStage
-from zmav.sim.autopilots.ardupilot.state import INFO, WARNING, Mode
+from zmav.sim.autopilots.ardupilot.state import INFO, Mode
 from zmav.sim.autopilots.arduplane import modes
 from zmav.sim.autopilots.arduplane.auto import Auto, AutoLand
 from zmav.sim.autopilots.arduplane.base import INITIALISING
@@ -28,7 +28,6 @@ FAST_ENOUGH = 0.75  # of AIRSPEED_MIN, to fly
 LAUNCHED_M, LAUNCHED_SPEED = 10.0, 5.0  # what ends the suppression of the engine
 IN_AIR_S, IN_AIR_M = 5.0, 5.0
 COURSE_SPEED = 5.0
-HARD_TOUCH = 0.25  # m/s
 
 
 class ArduPlane(PlaneParts):
@@ -76,19 +75,11 @@ class ArduPlane(PlaneParts):
     def _wake(self, stage: BootStage) -> None:
         super()._wake(stage)
         if stage.event == "initialised" and self.mode.number == INITIALISING:
-            self._switch_mode(self._chosen_mode, by_fence=False)
+            self.set_mode(self._chosen_mode.number)
 
     def on_disarm(self) -> None:
         super().on_disarm()
         self.launch.reset()
-
-    def disarm(self, *, forced: bool = False) -> bool:
-        """Stop the engine; refused in the air unless forced."""
-        was = self.armed
-        done = super().disarm(forced=forced)
-        if was and done:
-            self._flying = 0.0
-        return done
 
     @property
     def taking_off(self) -> bool:
@@ -109,32 +100,21 @@ class ArduPlane(PlaneParts):
 
     def set_mode(self, number: int, *, by_fence: bool = False) -> bool:
         """Change mode; says why where it does not."""
-        mode = self.modes.get(number)
         if number in QUADPLANE_MODES:
             self.say(INFO, "Q_ENABLE 0")
             return False
-        if mode is None:
-            return super().set_mode(number)  # says why not
-        if mode is self.mode:
-            self.mode_by_fence |= by_fence
-            return True
-        if self.armed and self.fence.blocks_mode_change and not by_fence:
-            self.say(WARNING, f"Mode change to {mode.name} denied, in fence recovery")
-            return False
-        if mode.refusal():
-            self.say(WARNING, "Flight mode change failed")
-            return False
-        self._switch_mode(mode, by_fence=by_fence)
-        return True
+        return super().set_mode(number, by_fence=by_fence)
 
-    def _switch_mode(self, mode: Mode, *, by_fence: bool) -> None:
-        self.mode.leave()
-        self.mode, self.mode_by_fence = mode, by_fence
+    def mode_refusal(self, mode: Mode) -> str:
+        return mode.refusal()
+
+    def refusal_text(self, mode: Mode, why: str) -> str:
+        fenced = why == "in fence recovery"
+        return f"Mode change to {mode.name} denied, {why}" if fenced else "Flight mode change failed"
+
+    def mode_changed(self) -> None:
         if not self.flying:
             self.throttle_suppressed = True
-        mode.enter()
-        self.beat()
-        self.fence.mode_changed()
 
     # ---- what it does by itself
 
@@ -144,8 +124,6 @@ class ArduPlane(PlaneParts):
 
     def update(self, now: float, sense: Sense, dt: float) -> None:
         super().update(now, sense, dt)
-        if sense.impact > HARD_TOUCH:
-            self.say(INFO, f"SIM Hit ground at {sense.impact:.6f} m/s")
         if self._ticks % FLYING_EVERY == 0:
             self._believe_flying()
         if self.on_turn:

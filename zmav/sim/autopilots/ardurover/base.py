@@ -51,6 +51,8 @@ class RoverBase(ArduVehicle, ABC):
     }
     MODE_PARAM: ClassVar[str] = "MODE"
     STAGES: ClassVar[tuple[Stage, ...]] = ROVER_STAGES
+    HOME_ON_ARMING: ClassVar[bool] = False
+    KEEPS_MISSION: ClassVar[bool] = True
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
 
     def __init__(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from zmav.sim.autopilots.ardupilot.failsafe import GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import GIVE_UP_M
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, DISARM, INFO, WARNING, Reactions, Steps
 from zmav.sim.autopilots.ardurover.base import RoverBase
@@ -33,7 +32,12 @@ ACTIONS: dict[int, Steps] = {
 
 
 class RoverReactions(Reactions):
-    """What it does; the radio's and the ground station's are in :class:`Failsafe`."""
+    """What it does; and of radio and ground station when: what fails for FS_TIMEOUT seconds triggers FS_ACTION, once
+    until all is well.
+
+    Whichever of the two is looked at first after that time gives the failsafe its name, as in ArduRover: the radio is
+    looked at five times as often.
+    """
 
     BATTERY_URGENCY: ClassVar[tuple[int, ...]] = (TERMINATE, HOLD, RTL, 3, 4, 0)
     ACTIONS = ACTIONS
@@ -41,6 +45,13 @@ class RoverReactions(Reactions):
     def __init__(self, rover: RoverBase) -> None:
         super().__init__(rover)
         self._rover = rover
+        self.reset()
+
+    def reset(self) -> None:
+        """After a reboot."""
+        self._bits = 0
+        self._since = 0.0
+        self.triggered = 0
 
     def estimate_lost(self) -> None:
         """FS_EKF_ACTION: 1 holds, 2 says it only."""
@@ -57,32 +68,6 @@ class RoverReactions(Reactions):
             action = int(rover.params["FENCE_ACTION"]) if beyond_m <= GIVE_UP_M else HOLD
             self.attempt(self.ACTIONS.get(action, ()), by_fence=True)
 
-
-class GcsWatch(GcsFailsafe):
-    """When the ground station (MAV_GCS_SYSID) was last heard."""
-
-    @property
-    def silent(self) -> bool:
-        vehicle = self._vehicle
-        return self._heard is not None and vehicle.now - self._heard >= vehicle.params["FS_GCS_TIMEOUT"]
-
-    def update(self) -> None:
-        """:class:`Failsafe` does."""
-
-
-class Failsafe:
-    """Of radio and ground station: what fails for FS_TIMEOUT seconds triggers FS_ACTION, once until all is well.
-
-    Whichever of the two is looked at first after that time gives the failsafe its name, as in ArduRover: the radio is
-    looked at five times as often.
-    """
-
-    def __init__(self, rover: RoverBase, reactions: RoverReactions, ground: GcsWatch) -> None:
-        self._rover, self._reactions, self._ground = rover, reactions, ground
-        self._bits = 0
-        self._since = 0.0
-        self.triggered = 0
-
     @property
     def no_radio(self) -> bool:
         """The sticks mean nothing."""
@@ -98,7 +83,7 @@ class Failsafe:
     def watch_gcs(self) -> None:
         """Ten times a second."""
         if self._rover.params["FS_GCS_ENABLE"]:
-            self._note(GCS, "GCS", self._ground.silent)
+            self._note(GCS, "GCS", self._rover.gcs.silent)
 
     def _note(self, kind: int, name: str, failed: bool) -> None:
         rover, before = self._rover, self._bits
@@ -122,4 +107,4 @@ class Failsafe:
         if rover.mode is rover.auto and int(enabled) == CONTINUE_MISSION:
             rover.say(WARNING, "Failsafe - Continuing Auto Mode")
         else:
-            self._reactions.act(int(rover.params["FS_ACTION"]))
+            self.act(int(rover.params["FS_ACTION"]))

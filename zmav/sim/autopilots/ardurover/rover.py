@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, Mode, Reactions
+from zmav.sim.autopilots.ardupilot.failsafe import GcsFailsafe
+from zmav.sim.autopilots.ardupilot.state import Mode
 from zmav.sim.autopilots.ardurover.auto import Auto
 from zmav.sim.autopilots.ardurover.base import RoverBase
-from zmav.sim.autopilots.ardurover.failsafe import Failsafe, GcsWatch, RoverReactions
+from zmav.sim.autopilots.ardurover.failsafe import RoverReactions
 from zmav.sim.autopilots.ardurover.modes import Guided, Hold, Initialising, Loiter, Manual, RoverMode, Rtl
 from zmav.sim.autopilots.ardurover.travel import Travel
 from zmav.sim.fleets.base import Sense
@@ -21,6 +22,7 @@ class ArduRover(RoverBase):
 
     auto: Auto
     guided: Guided
+    reactions: RoverReactions
 
     def make_modes(self) -> list[Mode]:
         self.pilot.pwm[2] = self.pilot.pwm[3] = MIDDLE
@@ -30,15 +32,13 @@ class ArduRover(RoverBase):
         self.guided, self.auto = Guided(self, travel), Auto(self, travel, rtl, loiter)
         return [Manual(self, travel), Hold(self, travel), rtl, loiter, self.initialising, self.guided, self.auto]
 
-    def make_reactions(self) -> Reactions:
-        self.rover_reactions = RoverReactions(self)
-        return self.rover_reactions
+    def make_reactions(self) -> RoverReactions:
+        return RoverReactions(self)
 
     def on_power(self) -> None:
         self.mode = self.initialising
-        watched = GcsWatch(self, self.rc)
-        self.gcs = watched
-        self.failsafes = Failsafe(self, self.rover_reactions, watched)
+        self.gcs = GcsFailsafe(self, self.rc, acts=False)
+        self.reactions.reset()
         self.ever_armed = False
         self._home_due = self.now
         self.sp.power(False)
@@ -54,11 +54,11 @@ class ArduRover(RoverBase):
 
     @property
     def no_radio(self) -> bool:
-        return self.failsafes.no_radio
+        return self.reactions.no_radio
 
     @property
     def failsafe(self) -> bool:
-        return bool(self.failsafes.triggered) or self.ekf.active
+        return bool(self.reactions.triggered) or self.ekf.active
 
     @property
     def system_status(self) -> int:
@@ -80,41 +80,24 @@ class ArduRover(RoverBase):
         if limit == "speed":
             self.driving_mode.set_speed(value)
 
-    def arm(self, *, forced: bool = False) -> bool:
-        if self.armed:
-            return True
-        faults = self.mandatory_faults() if forced else self._arming_faults()
-        for fault in faults:
-            self.say(CRITICAL, f"Arm: {fault}")
-        if faults:
-            return False
-        self.armed, self.ever_armed, self.landed = True, True, False
-        self._armed_at = self.now
-        self.say(INFO, self.ARMING_TEXTS[0])
-        self.sp.power(True)
-        self.mode.on_arming()
-        return True
-
-    def _arming_faults(self) -> list[str]:
-        faults = self.prearm_faults()
-        if not faults and not self.mode.armable:
-            faults = ["Mode not armable"]
-        if faults or not int(self.params["ARMING_CHECK"]) or self.no_radio:
+    def arming_faults(self, *, forced: bool) -> list[str]:
+        faults = self.mandatory_faults() if forced else self.prearm_faults()
+        if faults or forced:
             return faults
+        if not self.mode.armable:
+            return ["Mode not armable"]
+        if not int(self.params["ARMING_CHECK"]) or self.no_radio:
+            return []
         sticks = (("Roll", 1), ("Throttle", 3))
         return [f"{name} (RC{channel}) is not neutral" for name, channel in sticks if self.stick(channel)]
 
+    def on_arm(self) -> None:
+        self.ever_armed, self.landed = True, False
+        self.sp.power(True)
+
     def disarm(self, *, forced: bool = False) -> bool:
-        """A rover may be disarmed wherever it is; AUTO keeps its place in the mission."""
-        if not self.armed:
-            return True
-        self.armed = self.auto_armed = False
-        self.landed = True
-        self.on_disarm()
-        self.say(INFO, self.ARMING_TEXTS[1])
-        if self.mode is not self.auto:
-            self.mission.reset()
-        return True
+        """A rover may be disarmed wherever it is."""
+        return super().disarm(forced=True)
 
     # ---- what it does by itself
 
@@ -124,11 +107,11 @@ class ArduRover(RoverBase):
             self.set_mode(int(self.params["INITIAL_MODE"]))
             self.follow_switch()
         if self._ticks % RADIO_EVERY == 0:
-            self.failsafes.watch_radio()
+            self.reactions.watch_radio()
 
     def watch(self, dt: float) -> None:
         super().watch(dt)
-        self.failsafes.watch_gcs()
+        self.reactions.watch_gcs()
         if not self.armed and self.now >= self._home_due and not self._home_locked:
             self._home_due = self.now + HOME_EVERY_S
             if self.boot.has("origin") and self.from_home >= HOME_MOVED_M:

@@ -149,7 +149,6 @@ class Failsafe:
         self.action = Action.NONE
         self._demands: dict[str, Demand] = {}
         self._failing: set[str] = set()
-        self._patience = float(self._copter.params["COM_FAIL_ACT_T"])
         self._wait = 0.0
         self._taken_over = False
         self._pilot_missed = False
@@ -212,7 +211,7 @@ class Failsafe:
         self._collect()
         if self.action > Action.HOLD or not self.can_run(HOLD) or self._taken_over:
             self._wait = 0.0
-        self._select(asked, dt)
+        self._select(asked)
 
     @property
     def mode(self) -> Mode | None:
@@ -243,7 +242,7 @@ class Failsafe:
                     self._notify(demand, Action.WARN)
                 continue
             if demand.waits and patience > 0.1 and demand.action is not Action.WARN and self._wait == 0.0:
-                self._wait = min(self._patience, patience)
+                self._wait = patience
             elif demand.waits and patience <= 0.1 and demand.takeover is Takeover.ALWAYS:
                 demand = msgspec.structs.replace(demand, takeover=Takeover.BY_MODE)
             self._demands[key] = demand
@@ -252,7 +251,7 @@ class Failsafe:
             if demand.action >= Action.HOLD:
                 self._taken_over = False
 
-    def _select(self, asked: bool, dt: float) -> None:
+    def _select(self, asked: bool) -> None:
         if self.action is Action.TERMINATE:
             return  # that never ends
         worst = max(self._demands.values(), key=lambda d: d.action, default=Demand("", Action.NONE))
@@ -269,15 +268,9 @@ class Failsafe:
         action = self._possible(action)
         if self._copter.wanted is LAND and Action.RTL in (action, delayed) and self.can_run(LAND):
             action, delayed = Action.WARN, Action.NONE
-        self._grow(dt, waiting=delayed is not Action.NONE)
         if action > max(self.action, Action.WARN):
             self._notify(worst, action, delayed)
         self.action = action
-
-    def _grow(self, dt: float, *, waiting: bool) -> None:
-        """A failure that comes and goes is waited for a little less each time."""
-        most = float(self._copter.params["COM_FAIL_ACT_T"])
-        self._patience = max(self._patience - dt, 0.0) if waiting else min(self._patience + dt / 4.0, most)
 
     def _possible(self, action: Action) -> Action:
         if action not in MODE_OF:

@@ -18,7 +18,7 @@ from zmav.sim.protocol.ardupilot import commands
 from zmav.sim.protocol.ardupilot import reports as common
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.setpoint import point
+from zmav.sim.protocol.ardupilot.setpoint import BODY_FRAMES, LOCAL_FRAMES, local_place, point
 from zmav.sim.protocol.base import Fields, Report, Target
 from zmav.sim.protocol.channel import DENIED, Channel, Command, Sender
 from zmav.sim.protocol.reports import boot_ms, boot_us
@@ -27,7 +27,6 @@ _AUTO, _RTL = 10, 11
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
 _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
-_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
 _GLOBAL = (0, 3, 5, 6, 10, 11)
 _FARTHEST, _FASTEST_TURN = 1e7, 100.0
 _NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
@@ -78,21 +77,14 @@ def _refused(rover: ArduRover, msg: dict[str, Any], name: str) -> bool:
 def _local_target(rover: ArduRover, msg: dict[str, Any]) -> None:
     """Apply a SET_POSITION_TARGET_LOCAL_NED: a place, or a way and a speed."""
     frame = msg["coordinate_frame"]
-    if not rover.takes_targets or frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET):
+    if not rover.takes_targets or frame not in LOCAL_FRAMES:
         return
-    s, turned = rover.sense, frame in (_BODY, _BODY_OFFSET)
     if not rover.boot.has("origin") or _refused(rover, msg, "SET_POSITION_TARGET_LOCAL_NED"):
         return
     if msg["type_mask"] & _POS:
-        _way(rover, msg, s.yaw if turned else 0.0)
-        return
-    north, east = msg["x"], msg["y"]
-    if turned:
-        c, d = math.cos(s.yaw), math.sin(s.yaw)
-        north, east = north * c - east * d, north * d + east * c
-    about = rover.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
-    if abs(north) <= _FARTHEST and abs(east) <= _FARTHEST:
-        rover.guided.go((about[0] + north, about[1] + east))
+        _way(rover, msg, rover.sense.yaw if frame in BODY_FRAMES else 0.0)
+    elif abs(msg["x"]) <= _FARTHEST and abs(msg["y"]) <= _FARTHEST:
+        rover.guided.go(local_place(rover, msg)[:2])
 
 
 def _global_target(rover: ArduRover, msg: dict[str, Any]) -> None:

@@ -18,7 +18,7 @@ from zmav.sim.geo import Position, to_ned
 
 _POS, _VEL, _ACC = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
 _FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
-_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET = 1, 7, 8, 9  # MAV_FRAME
+LOCAL, BODY_FRAMES, LOCAL_FRAMES = 1, (8, 9), (1, 7, 8, 9)  # MAV_FRAME: local, offset, body, body offset
 _ABSOLUTE = (0, 5)
 _RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is flat, so above terrain is the same
 _NO_RATES, _NO_THRUST, _NO_ATTITUDE = 7, 64, 128  # ATTITUDE_TARGET_TYPEMASK
@@ -35,18 +35,21 @@ def local_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:
     if not vehicle.takes_targets:
         return
     frame, mask = msg["coordinate_frame"], msg["type_mask"]
-    if frame not in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET) or _asks_force(mask):
+    if frame not in LOCAL_FRAMES or _asks_force(mask):
         vehicle.guided.hold()
         return
-    s = vehicle.sense
-    turned = frame in (_BODY, _BODY_OFFSET)
-    pos, vel, acc = _vectors(msg, mask, ("x", "y", "z"))
-    if turned:
-        pos, vel, acc = _turn(pos, s.yaw), _turn(vel, s.yaw), _turn(acc, s.yaw)
-    if pos is not None:
-        about = vehicle.origin_world if frame == _LOCAL else (s.north, s.east, s.down)
-        pos = (about[0] + pos[0], about[1] + pos[1], about[2] + pos[2])
-    _apply(vehicle, Target(pos, vel, acc, _yaw(msg, mask, s.yaw if turned else 0.0)))
+    about = vehicle.sense.yaw if frame in BODY_FRAMES else 0.0
+    _, vel, acc = _vectors(msg, mask, ("x", "y", "z"))
+    pos = None if mask & _POS else local_place(vehicle, msg)
+    _apply(vehicle, Target(pos, _turn(vel, about), _turn(acc, about), _yaw(msg, mask, about)))
+
+
+def local_place(vehicle: ArduVehicle, msg: dict[str, Any]) -> Vector:
+    """Where a SET_POSITION_TARGET_LOCAL_NED is, in the world's NED."""
+    s, frame = vehicle.sense, msg["coordinate_frame"]
+    about = vehicle.origin_world if frame == LOCAL else (s.north, s.east, s.down)
+    north, east, down = _turned(_three(msg, ("x", "y", "z")), s.yaw if frame in BODY_FRAMES else 0.0)
+    return about[0] + north, about[1] + east, about[2] + down
 
 
 def global_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:
@@ -147,9 +150,11 @@ def _three(msg: dict[str, Any], names: tuple[str, str, str]) -> Vector:
 
 
 def _turn(vector: Vector | None, yaw: float) -> Vector | None:
+    return None if vector is None else _turned(vector, yaw)
+
+
+def _turned(vector: Vector, yaw: float) -> Vector:
     """From forward-right-down to north-east-down."""
-    if vector is None:
-        return None
     c, s = math.cos(yaw), math.sin(yaw)
     return vector[0] * c - vector[1] * s, vector[0] * s + vector[1] * c, vector[2]
 

@@ -19,7 +19,7 @@ _CRITICAL = 2
 class Px4MissionProtocol(ItemPart):
     """Serves ``stores``; ``say(severity, text)`` speaks to ground stations, ``changed(kind)`` tells of a new list."""
 
-    REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST_INT", 0.24, 5.0
+    REQUEST, ASK_AGAIN_S, GIVE_UP_S = "MISSION_REQUEST_INT", 0.25, 5.0
 
     def __init__(
         self,
