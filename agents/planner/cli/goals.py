@@ -209,14 +209,14 @@ search = goal_command(
 patrol = goal_command(
     "patrol",
     swarm.Patrol,
-    "Fly a closed route again and again, spread evenly along it.",
+    "Fly a closed route corner by corner, again and again, spread over it.",
     several(
         "--to",
         "route",
         type=places.place,
         metavar=places.PLACE,
         required=True,
-        help="A corner of the route; three or more.",
+        help="A corner of the route: two at least, and one for each vehicle.",
     ),
     click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]"),
 )

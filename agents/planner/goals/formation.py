@@ -155,22 +155,3 @@ def check_apart(
     raise BadInput(
         text, field=field, value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
     )
-
-
-def in_shape(offsets: Floats, present: Floats, tolerance: float) -> tuple[Floats, float] | None:
-    """The ENU centre and course of a shape that vehicles stand in now, slot by slot; None where they do not.
-
-    The level rotation and the shift that fit best (Kabsch 1976, about the vertical only).
-    """
-    if len(offsets) < 2:
-        return None
-    shape = placed(offsets, np.zeros(3), 0.0)
-    middle, centre = shape.mean(axis=0), present.mean(axis=0)
-    a, b = shape - middle, present - centre
-    cross = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
-    dot = float(np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]))
-    course = math.atan2(cross, dot)
-    turned = placed(offsets, np.zeros(3), course)
-    shift = centre - turned.mean(axis=0)
-    off = np.linalg.norm(turned + shift - present, axis=1).max()
-    return (shift, course) if off <= tolerance else None

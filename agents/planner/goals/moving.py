@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.planner.goals import timing
 from agents.planner.goals.curves import at_length, lengths_of, rounded, without_repeats
-from agents.planner.model.geometry import World, clearance, outside
+from agents.planner.model.geometry import World, away
 from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.solve.jit import jit
 
@@ -59,10 +59,10 @@ class FormationMembers:
 @jit
 def roomy(world: World, points: Floats, radii: Floats) -> bool:
     """Whether all N points are clear at each of S places (S, N, 3)."""
+    way = np.empty(3)
     for s in range(points.shape[0]):
         for i in range(points.shape[1]):
-            x, y, z = points[s, i, 0], points[s, i, 1], points[s, i, 2]
-            if outside(world, x, y, z) > 0.0 or clearance(world, x, y, z) < radii[i]:
+            if away(world, points[s, i, 0], points[s, i, 1], points[s, i, 2], radii[i], way) > 0.0:
                 return False
     return True
 

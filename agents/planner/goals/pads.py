@@ -221,7 +221,7 @@ def spread(
             )
             return apart and free(candidate, views[i].body.radius)
 
-        found = next((candidate for candidate in _around(place, 0.55 * widest) if fits(candidate)), None)
+        found = next((candidate for candidate in rings(place, 0.55 * widest) if fits(candidate)), None)
         if found is None:
             text = f"there is no free place for {views[i].name} near {place[0]:.1f}, {place[1]:.1f}"
             raise BadInput(text, field=field, value=list(place), expected="room")
@@ -229,14 +229,14 @@ def spread(
     return taken
 
 
-def _around(place: Vector, step: float) -> list[Vector]:
+def rings(place: Vector, step: float) -> list[Vector]:
     """The place and rings of others around it, nearest first."""
-    rings = [
+    found = [
         (place[0] + k * step * math.cos(math.tau * n / (6 * k)), place[1] + k * step * math.sin(math.tau * n / (6 * k)))
         for k in range(1, 25)
         for n in range(6 * k)
     ]
-    return [place, *((north, east, place[2]) for north, east in rings)]
+    return [place, *((north, east, place[2]) for north, east in found)]
 
 
 def _scaled(a: Vector, b: Vector, downwash: float) -> float:

@@ -140,7 +140,7 @@ def _lower(steps: Floats) -> Floats:
     return lower
 
 
-def sample(points: Floats, pace: Pace, first: float = 0.0) -> Floats:
+def sample(points: Floats, pace: Pace) -> Floats:
     """(T, N, 4) t, x, y, z at even times, from :func:`schedule`'s: between two places the pace changes evenly."""
     end = float(pace.times[-1])
     ticks = np.linspace(0.0, end, max(2, int(np.ceil(end / SAMPLE)) + 1))
@@ -148,7 +148,7 @@ def sample(points: Floats, pace: Pace, first: float = 0.0) -> Floats:
     low = np.minimum(index.astype(np.int64), len(points) - 2)
     share = (index - low)[:, None, None]
     where = points[low] * (1.0 - share) + points[low + 1] * share
-    stamps = np.broadcast_to((first + ticks)[:, None, None], (*where.shape[:2], 1))
+    stamps = np.broadcast_to(ticks[:, None, None], (*where.shape[:2], 1))
     samples: Floats = np.round(np.concatenate((stamps, where), axis=2), 6)
     return samples
 

@@ -57,7 +57,7 @@ class Agent:
             instance=instance,
             charge=LeaderElection(settings.name, instance, lambda name: plans(z.member, name), patience),
             fleet=Fleet(z, settings.downwash),
-            clocks=Clocks(z, settings.clock_error),
+            clocks=Clocks(z),
             solver=Solver(lambda text: context.say("solver", "info", text)),
             runs=self.runs,
         )

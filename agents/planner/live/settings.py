@@ -39,8 +39,6 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
     """s that the solver may take"""
-    clock_error: float = math.inf
-    """s by which all hosts' clocks agree, because something else keeps them so (chrony, GPS); inf: they are measured"""
     field: Field = Field(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
@@ -56,7 +54,6 @@ def check(settings: Settings) -> None:
         ("tracking", 0.05, 5.0),
         ("downwash", 1.0, 10.0),
         ("patience", 1.0, 600.0),
-        ("clock_error", 0.001, math.inf),
     ):
         value = getattr(settings, field)
         if not least <= value <= most:

@@ -25,8 +25,7 @@ def find(
     """Motions for all along straight lines, apart from each other and the movers at every instant; None: none found.
 
     They go at up to 0.8 of the greatest speeds and change velocity at once. ``paths``: everybody's way through the
-    world if there were nobody else. The time is used up only as long as there are conflicts; what is found is then
-    made quicker for half as long as that took.
+    world if there were nobody else. The time is used up only as long as there are conflicts.
     """
     begun = time.perf_counter()
     deadline, length = begun + seconds, horizon(problem, paths)
@@ -48,10 +47,7 @@ def find(
             break
         if now > deadline:
             break
-    if best is None:
-        return None
-    best.hasten(min(deadline, now + (now - begun) / 2.0), rng)
-    return best.motions()
+    return None if best is None else best.motions()
 
 
 def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[tuple[Ints, float]]:

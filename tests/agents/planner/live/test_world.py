@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from agents.planner.cli.asking import match_names
-from agents.planner.goals.steps import Fly, VehicleView
+from agents.planner.goals.steps import VehicleView
 from agents.planner.live import frames
 from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
-from agents.planner.live.run import MANY_LAPS, many_laps
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
 from agents.planner.live.settings import Settings, check, fence_of
 from agents.planner.live.world import Pieces, World
@@ -219,12 +218,3 @@ def test_names_are_matched_as_people_mean_them() -> None:
     assert match_names(["all"], names) == names
     assert match_names(["rover1", "nobody"], names) == ["rover1", "nobody"]
     assert match_names(["plane*"], names) == []
-
-
-def test_laps_are_planned_in_parts_that_fit_into_memory() -> None:
-    def step(samples: int, laps: int) -> Fly:
-        return Fly({"a": np.zeros((samples, 4)), "b": np.zeros((samples, 4))}, loop=(1.0, 2.0), laps=laps)
-
-    assert many_laps(step(300, 10**9)) == MANY_LAPS
-    assert many_laps(step(5_000, 0)) == 5
-    assert many_laps(step(10**6, 2)) == 1
