@@ -26,7 +26,7 @@ from agents.planner.goals.steps import FleetView, Fly
 from agents.planner.model.geometry import world_of
 from agents.planner.model.scene import Box, Cylinder, NoFly, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
-from tests.agents.planner.goals.crew import balance, crew, ground, judge_fly, shape_error, view
+from tests.agents.planner.goals.crew import balance, crew, ground, judge_fly, lasting, shape_error, view
 from zmav import wire
 from zmav.wire.swarm import Corner, Shape
 
@@ -89,7 +89,7 @@ def formations() -> None:
         whole, far = errors < 0.1, np.abs(tracks[:, :, 0].mean(axis=1)) > 60.0
         bound = 180.0 / SPEED + SPEED / ACCEL
         print(
-            f"{label} {fly.makespan:9.1f} {fly.makespan / bound:5.2f} {errors[far].max():8.4f} "
+            f"{label} {lasting(fly):9.1f} {lasting(fly) / bound:5.2f} {errors[far].max():8.4f} "
             f"{100.0 * (1.0 - whole.mean()):6.0f}% {verdict(fly, fleet, world)}"
         )
 
@@ -125,7 +125,7 @@ def searches(folder: Path | None) -> None:
                 sweepers = sweeping.sweepers_of(goal, list(fleet.vehicles.values()))
                 dealt = split(ground_of(polygon, world, (20.0, 20.0), 1.0), sweepers, goal.overlap, None)
                 print(
-                    f"{name + (' mixed' if mixed else ''):18.18} {count:4} {took:7.2f} {fly.makespan:9.1f} "
+                    f"{name + (' mixed' if mixed else ''):18.18} {count:4} {took:7.2f} {lasting(fly):9.1f} "
                     f"{100.0 * dealt.covered:7.2f} {balance(dealt.parts):8.3f} {verdict(fly, fleet, world)}"
                 )
                 if folder is not None and count == 4 and obstacles and mixed:

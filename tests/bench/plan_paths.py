@@ -3,8 +3,8 @@
     python tests/bench/plan_paths.py [--trips 20] [--json]
 
 Scenes: a city of boxes, a forest, a large land with few obstacles, a wall with a window barely wider than the vehicle,
-and a slanted slot. "connect" is RRTConnect and then the same shortening as the map's. Times are medians a trip; ratio is a way's length over the straight line's,
-of the trips that all found.
+and a slanted slot. "connect" is RRTConnect and then the same shortening as the map's. Times are
+medians a trip; ratio is a way's length over the straight line's, of the trips that all found.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ import numpy as np
 
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart, offsets_of, placed, places
-from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, Moved, move
+from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, move
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
-from agents.planner.model.problem import COPTER, ROVER, Floats
+from agents.planner.model.problem import COPTER, ROVER, Floats, Motion
 from agents.planner.model.staticmap import StaticMap
 from zmav import wire
 
@@ -60,7 +60,7 @@ def _in_shape(
     if moved is None:
         return [up, down]
     motions = {}
-    for view, motion in zip(views, moved.motions, strict=True):
+    for view, motion in zip(views, moved, strict=True):
         if not view.flies:
             motion[:, 3] = -view.pos_ned[2]
         motions[view.name] = motion
@@ -81,7 +81,7 @@ def _moved(
     members: FormationMembers,
     views: Sequence[VehicleView],
     static: StaticMap,
-) -> Moved | None:
+) -> list[Motion] | None:
     """In shape straight along the waypoints, else by ways with room for the whole shape; None where there is none."""
     straight = np.array(waypoints, dtype=np.float64)
     if (moved := move(straight, courses, members, static.world)) is not None:

@@ -74,7 +74,8 @@ def _free(world: World, obstacles: Sequence[Obstacle]) -> pads.Free:
 def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) -> list[Step]:
     """The steps; raises :class:`BadInput` for a plane whose circle, or straight way to it, is not clear and inside."""
     for step in (step for step in steps if isinstance(step, Loiter)):
-        for name, centre, radius in zip(step.vehicles, step.centres, step.radii, strict=True):
+        for circle in step.circles:
+            name, centre, radius = circle.vehicle, np.array(frames.enu(circle.centre_ned)), circle.radius
             view = fleet.vehicles[name]
             angles = np.linspace(0.0, math.tau, ROUND)
             way = np.tile(centre, (ROUND + 1, 1))
@@ -84,7 +85,7 @@ def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) 
             pieces = [*itertools.pairwise(way[:-1]), (way[-1], centre)]
             if not all(segment_clear(world, here, there, view.body.radius) for here, there in pieces):
                 at = f"{centre[0]:.0f} m east and {centre[1]:.0f} m north at {centre[2]:.0f} m"
-                text = f"{name} has no room to circle {at} with {abs(radius):.0f} m, or no straight way there"
+                text = f"{name} has no room to circle {at} with {radius:.0f} m, or no straight way there"
                 raise BadInput(
                     text, field=field, value=name, expected="circles inside the fence, clear of all obstacles"
                 )

@@ -176,14 +176,7 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
     ]
     lowest = min(-plane.pos_ned[2] for plane in wanted)
     found = loiter_slots(wanted, min(lowest, 4.0 * STEADY), SKY, downwash)
-    return Loiter(
-        vehicles=_names(planes),
-        centres=np.array([frames.enu(each.centre_ned) for each in found], dtype=np.float64),
-        radii=np.array([each.radius for each in found]),
-        speeds=np.array([each.speed for each in found]),
-        first={each.vehicle: each.first for each in found},
-        text="circling at heights of their own",
-    )
+    return Loiter(tuple(found), "circling at heights of their own")
 
 
 def down_to(

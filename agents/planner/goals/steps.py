@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.model.problem import Floats, Motion
+from agents.planner.solve.loiter import Slot
 from zmav import wire
 from zmav.errors import BadInput, TimedOut
 from zmav.wire.base import Vector
@@ -114,11 +115,6 @@ class Fly:
     def vehicles(self) -> tuple[str, ...]:
         return tuple(self.motions)
 
-    @property
-    def makespan(self) -> float:
-        """s"""
-        return max((float(motion[-1, 0]) for motion in self.motions.values()), default=0.0)
-
 
 @dataclass(frozen=True)
 class VehicleOrder:
@@ -156,16 +152,12 @@ class Loiter:
     meet, whenever each is where.
     """
 
-    vehicles: tuple[str, ...]
-    centres: Floats
-    """(N, 3) ENU"""
-    radii: Floats
-    """(N,) m; negative: counter-clockwise seen from above"""
-    speeds: Floats
-    """(N,) m/s"""
-    first: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """by vehicle: planes that must have reached their heights before this one leaves its own"""
+    circles: tuple[Slot, ...]
     text: str = ""
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(circle.vehicle for circle in self.circles)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
 from agents.planner.live.frames import enu, ned
-from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of, with_radii
+from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Sample
@@ -81,7 +81,8 @@ class Planner:
         while True:
             margin, share = tries.pop(0)
             try:
-                return await self._plan(step, narrower(view, own - margin, share), margin)
+                radii = {name: each.body.radius + margin - own for name, each in view.vehicles.items()}
+                return await self._plan(step, resized(view, radii, share), margin)
             except PlanError as e:
                 if not tries or e.kind == "invalid_scene":
                     raise
@@ -104,7 +105,7 @@ class Planner:
             if goals is None:
                 continue
             widths = np.maximum(radii * SMALLEST, radii + np.minimum(margin, spare - NARROW))
-            slow = with_radii(narrower(view, 0.0, share), dict(zip(step.vehicles, widths.tolist(), strict=True)))
+            slow = resized(view, dict(zip(step.vehicles, widths.tolist(), strict=True)), share)
             try:
                 found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin)
             except (PlanError, Refused):

@@ -11,7 +11,7 @@ import pytest
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track
 from agents.planner.model.scene import Bounds, Box, Fence
-from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, view
+from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, lasting, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
 
@@ -85,7 +85,7 @@ def test_planes_circle_where_they_are_sent() -> None:
     goal = swarm.GoTo(vehicles=["p1", "c1"], to=[(90.0, 0.0, -60.0), (0.0, 0.0, -20.0)])
     circles, step = resolve(goal, FLEET, ground())
     assert isinstance(circles, Loiter) and circles.vehicles == ("p1",)
-    assert circles.centres[0, :2] == pytest.approx([0.0, 90.0])
+    assert circles.circles[0].centre_ned[:2] == (90.0, 0.0)
     assert isinstance(step, PlanTo) and step.vehicles == ("c1",)
     with pytest.raises(BadInput, match="p1 is a plane"):
         resolve(swarm.GoTo(vehicles=["p1", "c1"], to=[(9.0, 0.0, -60.0)] * 2, labelled=False), FLEET, ground())
@@ -161,7 +161,7 @@ def test_a_formation_forms_up_and_flies_around_what_is_in_its_way(shape: Any) ->
     (fallback,) = fly.instead
     ends = np.array([fly.motions[name][-1, 1:] for name in fallback.vehicles])
     assert ends == pytest.approx(fallback.places, abs=1e-3), "the same places when it has to go by a plan"
-    assert fly_all([up, fly], fleet, world) > fly.makespan
+    assert fly_all([up, fly], fleet, world) > lasting(fly)
     assert fly_all([up, fallback], fleet, world) > 0.0
 
 
