@@ -40,15 +40,6 @@ def placed(offsets: Floats, centre: Floats, course: float) -> Floats:
 
 def offsets_of(goal: wire.swarm.Formation, count: int) -> Floats:
     """(N, 3) forward, right, down of the centre; neighbours ``goal.spacing`` apart (custom: as given)."""
-    numbers = {"at": goal.at, "heading": (goal.heading,), "spacing": (goal.spacing,)}
-    numbers |= {f"points.{i}": point for i, point in enumerate(goal.points)}
-    numbers |= {f"via.{i}": point for i, point in enumerate(goal.via)}
-    for field, values in numbers.items():
-        if not all(map(math.isfinite, values)):
-            raise BadInput(f"formation: {field} is {values}", field=field, value=str(values), expected="finite numbers")
-    if goal.spacing <= 0.0:
-        text = f"formation: spacing is {goal.spacing} m"
-        raise BadInput(text, field="spacing", value=goal.spacing, expected="more than 0 m")
     if goal.shape == "custom":
         if len(goal.points) != count:
             text = f"formation: {len(goal.points)} points for {count} vehicles"

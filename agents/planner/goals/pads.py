@@ -65,14 +65,12 @@ def takeoff(views: Sequence[VehicleView], height: float, downwash: float = 1.0, 
     """Everybody to ``height`` m above the place they stand on.
 
     Columns too near each other: the highest of a stack first; then all move to places apart at the height wanted.
-    Raises :class:`Unsupported` for what cannot fly, :class:`Refused` for what flies already, and :class:`BadInput`.
+    Raises :class:`Unsupported` for what cannot fly, :class:`Refused` for what flies already.
     """
     _check_flies(views, "take off")
     flying = [view.name for view in views if view.airborne]
     if flying:
         raise Refused(f"{', '.join(flying)} fly already", vehicles=flying)
-    if not (math.isfinite(height) and height > 0.0):
-        raise BadInput(f"height is {height} m", field="height", value=height, expected="more than 0")
     hover = [_lifted(view.pos_ned, height) for view in views]
     lifts = stacked(views, hover, downwash)
     tops = [_lifted(place, lift) for place, lift in zip(hover, lifts, strict=True)]
@@ -133,9 +131,6 @@ def land(
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")
     spots = [(float(n), float(e), max(ground)) for n, e in at]
-    for k, spot in enumerate(spots):
-        if not all(map(math.isfinite, spot)):
-            raise BadInput(f"at[{k}] is {at[k]}", field="at", value=list(at[k]), expected="two numbers")
     for i, j in combinations(range(len(spots)), 2):
         keep = sum(sorted(view.body.radius for view in views)[-2:])
         if math.dist(spots[i], spots[j]) < keep:

@@ -15,7 +15,7 @@ from agents.planner.execute.commit import Entry, Part
 from agents.planner.execute.conductor import Conductor, Send
 from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
-from agents.planner.goals.steps import GROUND
+from agents.planner.goals.steps import GROUND, VehicleView
 from agents.planner.goals.steps import Track as Step
 from agents.planner.live.frames import enu, enu_array, ned
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
@@ -24,7 +24,7 @@ from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.errors import Refused, Stale
-from zmav.wire import Vector, swarm
+from zmav.wire import Vector
 
 EVERY = 1.0
 """s between two segments of one follower"""
@@ -81,15 +81,9 @@ class Tracking:
 
     # As whatever is flown is told: it looks for itself, within a tick.
 
-    def stop(self, why: str) -> None: ...
+    def stop(self, why: str = "") -> None: ...
 
-    def pause(self) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def refresh(self) -> None: ...
-
-    def world_changed(self) -> None: ...
+    pause = resume = refresh = world_changed = stop
 
     @property
     def committed(self) -> list[MovingObstacle]:
@@ -136,7 +130,7 @@ class Tracking:
     def targets(self, now: float) -> list[follow.MovingTarget]:
         """Everybody's place beside the leader (NED)."""
         leader, yaw, _ = self.leader(now)
-        bodies = [self._body(part.id) for part in self._parts]
+        bodies = [self._view(part.id).body for part in self._parts]
         most = follow.most_turn(self._offsets, bodies, float(np.linalg.norm(leader.vel)))
         heading = self._heading = follow.heading_of(self._heading, leader.at(now), yaw, most)
         return [follow.slot(leader, heading, offset, self._goal.frame, now) for offset in self._offsets]
@@ -192,8 +186,9 @@ class Tracking:
         d = now + LEAD
         pos, vel = state_at(part.known.rows, d)
         begin = follow.MovingTarget(d, ned(_three(pos)), ned(_three(vel)))
-        level = self._kind(part.id) in GROUND
-        motion = follow.segment(begin, target, self._body(part.id), level=level)
+        view = self._view(part.id)
+        level = view.kind in GROUND
+        motion = follow.segment(begin, target, view.body, level=level)
         times, places = motion[:, 0], enu_array(motion[:, 1:])
         keep = sorted({0, *range(KNOTS, len(times), KNOTS), len(times) - 1})
         speeds = np.gradient(places, times, axis=0) if len(times) > 2 else np.zeros_like(places)
@@ -206,15 +201,10 @@ class Tracking:
 
     # Who is what.
 
-    def _body(self, name: str) -> swarm.Body:
+    def _view(self, name: str) -> VehicleView:
         seen = self._run.context.fleet.seen(name)
         assert seen is not None
-        return seen.view.body
-
-    def _kind(self, name: str) -> str:
-        seen = self._run.context.fleet.seen(name)
-        assert seen is not None
-        return seen.view.kind
+        return seen.view
 
 
 class Blocked(Refused):

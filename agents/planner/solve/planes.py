@@ -33,8 +33,6 @@ ATTEMPTS, POLISH = 40, 8
 GOOD = 1.15
 """times the least there can be is good: no more is looked for"""
 LEVELS = 4
-TIGHTER = 1.05
-"""times the acceleration, of which a little is spared, where it finds no way with that: all of it is what it may use"""
 
 
 class Plane:
@@ -192,16 +190,10 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     Raises :class:`PlanError` ``unreachable`` where there is no way even so.
     """
     wings = wings_of(problem, index)
-    tried: list[tuple[float, Floats]] = []
-    for amax in (wings.amax, TIGHTER * wings.amax):
-        for starts, goals in ((True, True), (True, False), (False, False)):
-            posts = posts_of(problem, index, starts=starts, goals=goals)
-            if any(amax == other and np.array_equal(posts, before) for other, before in tried):
-                continue
-            tried.append((amax, posts))
-            plane = Plane(problem, world, index, posts, wings._replace(amax=amax), rng)
-            if any(plane.motions(level) for level in range(LEVELS)):
-                return plane
+    for starts, goals in ((True, True), (True, False), (False, False)):
+        plane = Plane(problem, world, index, posts_of(problem, index, starts=starts, goals=goals), wings, rng)
+        if any(plane.motions(level) for level in range(LEVELS)):
+            return plane
     name = problem.ids[index]
     text = f"no way leads {name} to its goal: it turns within {wings.vmin**2 / wings.amax:.0f} m at its slowest"
     raise PlanError("unreachable", [name], text)

@@ -176,12 +176,6 @@ class Negotiation:
         self.conflicts[i, :] = 0
         self.conflicts[:, i] = 0
 
-    def set(self, i: int, places: Floats, arrival: int) -> None:
-        """Give vehicle ``i``, not filed, a motion that it had before, and file it."""
-        self.table.places[i] = places
-        self.arrival[i] = arrival
-        self.file(i)
-
     # All of them.
 
     def start(self, order: Sequence[int], deadline: float) -> None:
@@ -263,7 +257,8 @@ class Negotiation:
         for i, (places, arrival) in kept.items():
             if self.filed[i]:
                 self.lift(i)
-            self.set(i, places, arrival)
+            self.table.places[i], self.arrival[i] = places, arrival
+            self.file(i)
 
     def _badness(self) -> int:
         """How many pairs are in conflict."""

@@ -160,7 +160,7 @@ def search(
     ``last``: nobody else moves from this step on. ``limit``: what may be paid, 0: nothing. ``steps`` (26,): of the
     lattice's moves; ``most`` states are looked at, no more; ``greed``: by how much what is ahead counts more than what
     is behind; ``pace``: m a step; places are left out on whose ways, waits aside, more than ``detour`` steps are spent;
-    ``before``: the goal is reached by then. No rows: no way was found.
+    ``before``: the goal is reached by then. No rows: no way was found. In one piece, because its lists grow on the way.
     """
     count, places = len(lattice.edges), len(lattice.edges) + len(roads.places)
     goal = places - 1

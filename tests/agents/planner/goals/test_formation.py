@@ -70,10 +70,6 @@ def test_unlabelled_places_must_fit_the_two_widest() -> None:
 @pytest.mark.parametrize(
     ("more", "field"),
     [
-        ({"spacing": 0.0}, "spacing"),
-        ({"spacing": math.nan}, "spacing"),
-        ({"at": (0.0, math.inf, 0.0)}, "at"),
-        ({"via": [(0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)]}, "via.1"),
         ({"shape": "custom", "points": [(0.0, 0.0, 0.0)]}, "points"),
         ({"points": [(0.0, 0.0, 0.0)]}, "points"),
     ],

@@ -90,9 +90,6 @@ def test_who_cannot_take_off_is_named() -> None:
         pads.takeoff([view("r1", (0.0, 0.0, 0.0), "rover")], 5.0)
     with pytest.raises(Refused, match="a fly already"):
         pads.takeoff([view("a", (0.0, 0.0, -3.0), up=True)], 5.0)
-    with pytest.raises(BadInput) as raised:
-        pads.takeoff([view("a", (0.0, 0.0, 0.0))], math.nan)
-    assert raised.value.detail["field"] == "height"
 
 
 def landing(steps: Sequence[object]) -> tuple[PlanTo, Orders]:
@@ -147,8 +144,7 @@ def test_given_spots_go_to_whoever_is_near() -> None:
     views = [view("a", (0.0, 0.0, -9.0), up=True), view("b", (30.0, 0.0, -9.0), up=True)]
     plan, _ = landing(pads.land(views, [(28.0, 1.0), (2.0, 1.0)]))
     assert frames.enu_array(plan.places)[:, 0].tolist() == [2.0, 28.0]
-    few, near, nowhere = [(0.0, 0.0)], [(0.0, 0.0), (1.0, 0.0)], [(0.0, math.inf)] * 2
-    for at, words in ((few, "1 places"), (near, "1.0 m apart"), (nowhere, "at.0.")):
+    for at, words in (([(0.0, 0.0)], "1 places"), ([(0.0, 0.0), (1.0, 0.0)], "1.0 m apart")):
         with pytest.raises(BadInput, match=words) as raised:
             pads.land(views, at)
         assert raised.value.detail["field"] == "at"
