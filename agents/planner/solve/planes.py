@@ -33,6 +33,8 @@ ATTEMPTS, POLISH = 40, 8
 GOOD = 1.15
 """times the least there can be is good: no more is looked for"""
 LEVELS = 4
+TIGHTER = 1.05
+"""times the acceleration, of which a little is spared, where it finds no way with that: all of it is what it may use"""
 
 
 class Plane:
@@ -76,16 +78,12 @@ class Plane:
         clear = way_clear(self._world, self._posts, self._squash, self._pose, legs, self.wings.radius)
         return clear and gentle(legs, self.wings)
 
-    def _turns(self) -> list[float]:
-        """Radii of the turns at each of a few speeds, m."""
-        return [self.wings.turn(speed) for speed in self._caps()]
-
     def _caps(self) -> list[float]:
         return [float(speed) for speed in np.linspace(self.wings.vmin, self.wings.vmax, SPEEDS)]
 
     def _direct(self) -> Iterator[Motion]:
         """The shortest for each radius."""
-        for turn in self._turns():
+        for turn in map(self.wings.turn, self._caps()):
             for word in range(WORDS):
                 legs = join(self._pose, self._goal, turn, word)
                 known = any(legs is not None and _same(legs, other) for other in self._ways)
@@ -130,7 +128,7 @@ class Plane:
     def _circling(self) -> Iterator[Motion]:
         """A circle or two first, or on the way."""
         for legs in self._ways:
-            for turn in self._turns():
+            for turn in map(self.wings.turn, self._caps()):
                 for side in (1.0, -1.0):
                     for rounds in (1, 2, 3):
                         for place in (0, len(legs)):
@@ -190,10 +188,12 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     Raises :class:`PlanError` ``unreachable`` where there is no way even so.
     """
     wings = wings_of(problem, index)
-    for starts, goals in ((True, True), (True, False), (False, False)):
-        plane = Plane(problem, world, index, posts_of(problem, index, starts=starts, goals=goals), wings, rng)
-        if any(plane.motions(level) for level in range(LEVELS)):
-            return plane
+    for amax in (wings.amax, TIGHTER * wings.amax):
+        for starts, goals in ((True, True), (True, False), (False, False)):
+            posts = posts_of(problem, index, starts=starts, goals=goals)
+            plane = Plane(problem, world, index, posts, wings._replace(amax=amax), rng)
+            if any(plane.motions(level) for level in range(LEVELS)):
+                return plane
     name = problem.ids[index]
     text = f"no way leads {name} to its goal: it turns within {wings.vmin**2 / wings.amax:.0f} m at its slowest"
     raise PlanError("unreachable", [name], text)
