@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from agents.planner.model.plans import Plan
-from agents.planner.model.problem import Motion
 from agents.planner.model.scene import Box, Cylinder, NoFly, Scene
 from agents.planner.model.verify import Report
 from agents.planner.solve.bound import least_makespan
@@ -116,18 +115,14 @@ def _vehicles(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across:
             colour = BAD if v.id in blamed else INK
             ax.annotate(v.id, at, xytext=(4, 4), textcoords="offset points", fontsize=7, zorder=6, color=colour)
     if nearest is not None and motions.keys() >= set(nearest.ids):
-        points = np.array([_place_at(motions[name], nearest.time)[[across, up]] for name in nearest.ids])
+        ways = [motions[name] for name in nearest.ids]
+        points = np.array([[np.interp(nearest.time, way[:, 0], way[:, 1 + k]) for k in (across, up)] for way in ways])
         ax.add_patch(_ring(tuple(points.mean(axis=0)), 5.0 * seen, BAD))
         ax.plot(points[:, 0], points[:, 1], color=BAD, linewidth=1.2, marker=".", markersize=4, zorder=7)
 
 
 def _ring(at: tuple[float, float], radius: float, shade: Any) -> Circle:
     return Circle(at, radius, fill=False, edgecolor=shade, linewidth=1.1, zorder=4, clip_on=False)
-
-
-def _place_at(motion: Motion, t: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(3,): where a motion is at a time; its last place after its end."""
-    return np.array([np.interp(t, motion[:, 0], motion[:, k]) for k in (1, 2, 3)])
 
 
 def _title(scene: Scene, plan: Plan, report: Report | None) -> str:

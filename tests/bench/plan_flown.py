@@ -47,8 +47,6 @@ RING = 18.0
 HEIGHT = 12.0
 TREES = [(4.0, 3.0), (-5.0, 4.0), (-3.0, -6.0), (6.0, -5.0), (0.0, 10.0), (10.0, 1.0)]
 TRUNK = 0.8
-CLOCKS = 0.02
-"""s that planners reckon with: all hosts of a lab share one clock, as hosts with GPS and chrony nearly do"""
 LINK_LEASE = 8.0
 """s without a word after which a link is given up"""
 MOMENTS = (0.0, 40.0)
@@ -205,7 +203,7 @@ async def storms(lab: Lab, rng: random.Random) -> None:
 
 def planner(lab: Lab, host: str, *more: str) -> subprocess.Popen[bytes]:
     log = (lab.directory / f"planner-{host}.log").open("ab")
-    command = ["-m", "zmav", "swarm", "planner", "--name", host, "--clock-error", str(CLOCKS), *more]
+    command = ["-m", "zmav", "swarm", "planner", "--name", host, *more]
     return lab.spawn(host, sys.executable, *command, stdout=log, stderr=log)
 
 

@@ -2,11 +2,10 @@
 
     python -m tests.bench.plan_goals [--pictures FOLDER]
 
-Formations fly 180 m through a window of 5 x 5 m in a wall, the largest in the open. The error of their shape is the RMS
-distance from the ideal one, moved and turned to fit best, more than 60 m away from the wall; "narrow" is the share of
-the time in which they are drawn out for it. "over" is the flight's time over that of a straight line at full speed.
-Patrols go around a route of about 600 m. Searches sweep an L-shaped field, and a hexagon with three obstacles, with
-equal copters and with mixed ones of three widths and two speeds; the balance is the longest part over the mean.
+Formations fly 180 m in the open. The error of their shape is the RMS distance from the ideal one, moved and turned to
+fit best; "over" is the flight's time over that of a straight line at full speed. Searches sweep an L-shaped field, and
+a hexagon with three obstacles, with equal copters and with mixed ones of three widths and two speeds; the balance is
+the longest part over the mean.
 Planning times are CPU time of this process, kernels compiled.
 """
 
@@ -27,9 +26,8 @@ from agents.planner.goals.steps import FleetView, Fly
 from agents.planner.model.geometry import world_of
 from agents.planner.model.scene import Box, Cylinder, NoFly, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
-from tests.agents.planner.goals.crew import balance, crew, ground, judge_fly, shape_error, view
+from tests.agents.planner.goals.crew import balance, crew, ground, judge_fly, lasting, shape_error, view
 from zmav import wire
-from zmav.errors import ZmavError
 from zmav.wire.swarm import Corner, Shape
 
 SHAPES: list[tuple[Shape, int]] = [
@@ -91,29 +89,9 @@ def formations() -> None:
         whole, far = errors < 0.1, np.abs(tracks[:, :, 0].mean(axis=1)) > 60.0
         bound = 180.0 / SPEED + SPEED / ACCEL
         print(
-            f"{label} {fly.makespan:9.1f} {fly.makespan / bound:5.2f} {errors[far].max():8.4f} "
+            f"{label} {lasting(fly):9.1f} {lasting(fly) / bound:5.2f} {errors[far].max():8.4f} "
             f"{100.0 * (1.0 - whole.mean()):6.0f}% {verdict(fly, fleet, world)}"
         )
-
-
-def patrols() -> None:
-    print(f"\n{'patrol':12} {'N':>4} {'plan s':>7} {'lap s':>9} {'m/s':>5} {'clear m':>24}")
-    angles = np.arange(0.0, 6.28, 0.3)
-    route = [(100.0 + 95.0 * math.sin(a), 100.0 * math.cos(a), -20.0 - 5.0 * math.sin(a)) for a in angles]
-    world = ground()
-    static = StaticMap(world_of(world))
-    for count in (1, 4, 16, 64, 200):
-        fleet = crew(count)
-        goal = wire.swarm.Patrol(vehicles=list(fleet.vehicles), route=route)
-        try:
-            took, fly = timed(goal, fleet, world, static)
-        except ZmavError as e:
-            print(f"{'circle':12} {count:4}  {e}")
-            continue
-        assert fly is not None and fly.loop is not None
-        lap = fly.loop[1] - fly.loop[0]
-        speed = fly.text.split(",")[-1]
-        print(f"{'circle':12} {count:4} {took:7.2f} {lap:9.1f} {speed:>9} {verdict(fly, fleet, world):>36}")
 
 
 def searchers(count: int, mixed: bool) -> FleetView:
@@ -147,7 +125,7 @@ def searches(folder: Path | None) -> None:
                 sweepers = sweeping.sweepers_of(goal, list(fleet.vehicles.values()))
                 dealt = split(ground_of(polygon, world, (20.0, 20.0), 1.0), sweepers, goal.overlap, None)
                 print(
-                    f"{name + (' mixed' if mixed else ''):18.18} {count:4} {took:7.2f} {fly.makespan:9.1f} "
+                    f"{name + (' mixed' if mixed else ''):18.18} {count:4} {took:7.2f} {lasting(fly):9.1f} "
                     f"{100.0 * dealt.covered:7.2f} {balance(dealt.parts):8.3f} {verdict(fly, fleet, world)}"
                 )
                 if folder is not None and count == 4 and obstacles and mixed:
@@ -184,7 +162,6 @@ def main() -> None:
     warm = crew(2)
     resolve(wire.swarm.Formation(vehicles=list(warm.vehicles), shape="line", at=(9.0, 9.0, -9.0)), warm, ground())
     formations()
-    patrols()
     searches(folder)
 
 

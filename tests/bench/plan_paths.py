@@ -1,11 +1,10 @@
 """Single ways: the map's search against OMPL's planners on the same starts and goals, in one run, CPU time.
 
-    python tests/bench/plan_paths.py [--trips 20] [--seconds 0.2] [--json]
+    python tests/bench/plan_paths.py [--trips 20] [--json]
 
 Scenes: a city of boxes, a forest, a large land with few obstacles, a wall with a window barely wider than the vehicle,
-and a slanted slot. "map cold" begins with an empty map, "map" is warm but has no ways kept; "connect" is RRTConnect
-and then the same shortening as the map's. Times are medians a trip; ratio is a way's length over the straight line's,
-of the trips that all found.
+and a slanted slot. "connect" is RRTConnect and then the same shortening as the map's. Times are
+medians a trip; ratio is a way's length over the straight line's, of the trips that all found.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.planner.model.geometry import clearance, segment_clear
+from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Path
 from agents.planner.model.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene
 from agents.planner.model.staticmap import SWEEPS, StaticMap
@@ -84,7 +83,7 @@ def trips_of(world: World, count: int, rng: np.random.Generator) -> list[Floats]
     while len(trips) < count:
         ends = rng.uniform(low, high, (2, 3))
         if np.linalg.norm(ends[1] - ends[0]) > (high[0] - low[0]) / 2.0:
-            free = all(clearance(world, end[0], end[1], end[2]) > 1.5 * RADIUS for end in ends)
+            free = all(away(world, end[0], end[1], end[2], 1.5 * RADIUS, np.empty(3)) == 0.0 for end in ends)
             if free and not segment_clear(world, ends[0], ends[1], RADIUS):
                 trips.append(ends)
     return trips
@@ -102,32 +101,22 @@ def measure(find: Way, trips: list[Floats]) -> tuple[list[float], list[float]]:
     return seconds, ratios
 
 
-def sides_of(world: World, seconds: float) -> dict[str, Way]:
-    warm = StaticMap(world)
+def sides_of(world: World) -> dict[str, Way]:
+    static = StaticMap(world)
 
-    def of_map(start: Floats, goal: Floats) -> Path | None:
-        warm._paths.clear()
-        return warm.path(start, goal, RADIUS)
+    def connect(start: Floats, goal: Floats) -> Path | None:
+        way = sampled.find(world, start, goal, RADIUS, 1.0)
+        return None if way is None else shorten.shorten(world, way, RADIUS, RATES, SWEEPS)
 
-    def of_ompl(limit: float) -> Way:
-        def find(start: Floats, goal: Floats) -> Path | None:
-            way = sampled.find(world, start, goal, RADIUS, limit)
-            return None if way is None else shorten.shorten(world, way, RADIUS, RATES, SWEEPS)
-
-        return find
-
-    cold = StaticMap(world)
     return {
-        "map cold": lambda start, goal: cold.path(start, goal, RADIUS),
-        "map": of_map,
-        "connect": of_ompl(max(1.0, seconds)),
+        "map": lambda start, goal: static.path(start, goal, RADIUS),
+        "connect": connect,
     }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trips", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=0.2)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rows = []
@@ -135,9 +124,9 @@ def main() -> None:
         rng = np.random.default_rng(1)
         world = world_of(make(rng))
         trips = trips_of(world, options.trips if make is not slot else max(3, options.trips // 4), rng)
-        for find in sides_of(world, 0.01).values():
+        for find in sides_of(world).values():
             measure(find, trips[:1])  # compile and load before anything is timed
-        found = {name: measure(find, trips) for name, find in sides_of(world, options.seconds).items()}
+        found = {name: measure(find, trips) for name, find in sides_of(world).items()}
         both = [n for n in range(len(trips)) if all(np.isfinite(ratios[n]) for _, ratios in found.values())]
         for name, (seconds, ratios) in found.items():
             row = {

@@ -134,7 +134,7 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
 
 
 class Patrol(Wire, kw_only=True, tag_field="kind", tag="patrol"):
-    """Fly a closed route again and again, spread evenly along it."""
+    """Fly a closed route corner by corner, again and again, spread over it."""
 
     vehicles: list[str]
     route: list[Vector]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -34,13 +33,6 @@ def _number(name: str, least: float, most: float, default: float, text: str) -> 
 @_number("--tracking", 0.05, 5.0, 0.4, "Metres, of the margin, by which vehicles may be off their ways: more in wind.")
 @_number("--downwash", 1.0, 10.0, 1.5, "How much farther above each other than beside each other.")
 @_number("--patience", 1.0, 600.0, 3.0, "Seconds without a planner after which it takes charge.")
-@click.option(
-    "--clock-error",
-    type=click.FloatRange(0.001),
-    default=math.inf,
-    show_default="they are measured",
-    help="Seconds within which all hosts' clocks agree: chrony or GPS keeps them so.",
-)
 @click.option("--interpret", is_flag=True, help="Compile nothing: ready at once, for a few vehicles in the open.")
 @zenoh_options
 def planner(

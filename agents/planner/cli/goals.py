@@ -10,7 +10,6 @@ from typing import Any, TypeVar, get_args
 import click
 
 import zmav
-from agents.planner.cli import points
 from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
@@ -19,10 +18,39 @@ from zmav.errors import BadInput
 from zmav.session import SessionSettings
 from zmav.wire import Vector, swarm
 
+GROUND, POLYGON = "N,E", "'N,E N,E ...'"
+"""what the options' help calls places on the ground"""
 F = TypeVar("F", bound=Callable[..., Any])
 Make = Callable[[Planner], swarm.Goal]
 
 vehicles_argument = click.argument("vehicles", nargs=-1, required=True)
+
+
+def ground(text: str) -> swarm.Corner:
+    """``NORTH,EAST``."""
+    north, east = places.numbers(text, 2, f"{GROUND}: metres north and east of the origin")
+    return (north, east)
+
+
+def polygon(text: str) -> list[swarm.Corner]:
+    """``N,E N,E N,E``: three corners or more."""
+    corners = [ground(part) for part in text.replace(";", " ").split()]
+    if len(corners) < 3:
+        raise click.BadParameter(f"a polygon has three corners or more: 'N,E N,E N,E', not {text!r}")
+    return corners
+
+
+def _targets(arguments: tuple[str, ...]) -> tuple[list[str], list[Vector]]:
+    """``quad1=10,20,15``: who, and where to; names without a place are only named."""
+    names, wanted = [], []
+    for argument in arguments:
+        name, equals, where = argument.partition("=")
+        names.append(name)
+        if equals:
+            wanted.append(places.place(where))
+    if wanted and len(wanted) != len(names):
+        raise click.UsageError("give each vehicle a place (quad1=10,20,15), or none and --to for each place")
+    return names, wanted
 
 
 def goal_options(command: F) -> F:
@@ -100,7 +128,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
 
     Places are metres north and east of the fleet's origin and above it.
     """
-    names, places = points.targets(vehicles)
+    names, places = _targets(vehicles)
     if bool(places) == bool(to):
         raise click.UsageError("where to? 'quad1=NORTH,EAST,ALT ...', or --to for each place")
 
@@ -193,8 +221,8 @@ search = goal_command(
     "Sweep a polygon, split between the vehicles by what each can do.",
     click.option(
         "--polygon",
-        type=points.polygon,
-        metavar=points.POLYGON,
+        type=polygon,
+        metavar=POLYGON,
         required=True,
         help="What is to be seen: '0,0 100,0 100,80'.",
     ),
@@ -206,14 +234,14 @@ search = goal_command(
 patrol = goal_command(
     "patrol",
     swarm.Patrol,
-    "Fly a closed route again and again, spread evenly along it.",
+    "Fly a closed route corner by corner, again and again, spread over it.",
     several(
         "--to",
         "route",
         type=places.place,
         metavar=places.PLACE,
         required=True,
-        help="A corner of the route; three or more.",
+        help="A corner of the route: two at least, and one for each vehicle.",
     ),
     click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]"),
 )
@@ -229,8 +257,8 @@ land = goal_command(
     "Land.",
     several(
         "--at",
-        type=points.ground,
-        metavar=points.GROUND,
+        type=ground,
+        metavar=GROUND,
         help="One a vehicle.  [default: below each, or where there is room]",
     ),
 )

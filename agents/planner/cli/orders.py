@@ -9,8 +9,8 @@ import msgspec
 from rich.table import Table
 
 import zmav
-from agents.planner.cli import points
 from agents.planner.cli.asking import find, planners
+from agents.planner.cli.goals import GROUND, POLYGON, ground, polygon
 from agents.planner.cli.watching import ENDED, few, show
 from agents.planner.cli.watching import table as goals_table
 from zmav import keys, wire
@@ -91,14 +91,12 @@ def obstacle() -> None:
 @obstacle.command("add")
 @click.argument("name")
 @click.option("--box", type=places.place, metavar=places.PLACE, nargs=2, help="Two opposite corners.")
-@click.option(
-    "--cylinder", type=points.ground, metavar=points.GROUND, help="The centre; with --radius, --floor, --ceiling."
-)
-@click.option("--no-fly", type=points.polygon, metavar=points.POLYGON, help="A polygon; with --floor, --ceiling.")
+@click.option("--cylinder", type=ground, metavar=GROUND, help="The centre; with --radius, --floor, --ceiling.")
+@click.option("--no-fly", type=polygon, metavar=POLYGON, help="A polygon; with --floor, --ceiling.")
 @click.option(
     "--geofence",
-    type=points.polygon,
-    metavar=points.POLYGON,
+    type=polygon,
+    metavar=POLYGON,
     help="A polygon to stay inside of; with --floor, --ceiling.",
 )
 @click.option(

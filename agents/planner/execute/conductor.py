@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -83,13 +83,31 @@ class Saying:
 Phase = Literal["flying", "paused", "halted", "stuck", "done"]
 
 
+class Source(Protocol):
+    """Where motion comes from that is not a plan's: short trajectories again and again, each at rest in the end."""
+
+    def next(self, part: Part, now: float) -> Send | None:
+        """What it is to be told now; None: nothing yet."""
+
+    def told(self, part: Part, now: float) -> None:
+        """It was put."""
+
+
 class Conductor:
-    """One plan's. Call :meth:`heard` for each state, then :meth:`decide` a few times a second; put what it returns and
-    tell :meth:`sent`.
+    """One plan's, or one ``source``'s. Call :meth:`heard` for each state, then :meth:`decide` a few times a second; put
+    what it returns and tell :meth:`sent`.
     """
 
-    def __init__(self, parts: Sequence[Part], downwash: float, now: float, horizon: float = HORIZON) -> None:
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        downwash: float,
+        now: float,
+        horizon: float = HORIZON,
+        source: Source | None = None,
+    ) -> None:
         self.parts = list(parts)
+        self._source = source
         self.reserved = Reserved(self.parts, downwash)
         self.said: list[Saying] = []
         self.blocked: dict[str, str] = {}
@@ -109,7 +127,7 @@ class Conductor:
         self._slow_until = -np.inf
         for part in self.parts:
             if not part.entries:
-                part.entries = [_standing(part, 0.0, now)]
+                part.entries = [standing(part.track.at(np.zeros(1))[0][0], now)]
 
     # What is heard.
 
@@ -150,6 +168,8 @@ class Conductor:
         off = float(min(meant))
         self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
+        if self._source is not None:
+            return off  # it is led to where it shall be anyhow
         if off > 3.0 * max(allowed, 0.2):
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
         elif off > max(allowed, 0.1):
@@ -219,7 +239,7 @@ class Conductor:
         stopping = self._paused or bool(self.halting)
         if stopping:
             self._moved = now
-        if not stopping:
+        elif self._source is None:
             self._follow(now)
         stops = np.array([part.stop if part.stop < part.track.end else np.inf for part in self.parts])
         for index in sorted(range(len(self.parts)), key=lambda i: (self.parts[i].latest.tail_at, i)):
@@ -228,6 +248,8 @@ class Conductor:
                 continue
             if part.pending:
                 send = self._again(part, now)
+            elif self._source is not None:  # what it has is at rest soon
+                send = None if stopping else self._source.next(part, now)
             elif stopping:
                 send = self._brake(part, now)
             else:
@@ -247,6 +269,8 @@ class Conductor:
         if not any(entry is each for each in send.part.entries):
             send.part.entries.append(entry)
             self._moved = now
+            if self._source is not None:
+                self._source.told(send.part, now)
 
     def _notice(self, now: float) -> None:
         for part in self.parts:
@@ -391,13 +415,12 @@ class Conductor:
         self.said.append(Saying(kind, severity, text, detail))
 
 
-def _standing(part: Part, s: float, now: float) -> Entry:
-    """Where it stands when the plan begins; nothing was sent for that."""
-    place = part.track.at(np.array([s]))[0][0]
+def standing(place: Floats, now: float) -> Entry:
+    """Where it stands when it begins; nothing was sent for that."""
     row = np.concatenate(([0.0], np.round(place, 5), np.zeros(3)))
     rows = np.array([row, row])
     rows[:, 0] = (now - 1.0, now)
-    return Entry(Profile.resting(s, now), rows, now, now)
+    return Entry(Profile.resting(0.0, now), rows, now, now)
 
 
 def _place(entry: Entry, at: float) -> Floats:

@@ -277,6 +277,18 @@ class Executor:
             await asyncio.shield(self._settle())
             self._conductor = None
 
+    async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
+        """Tell what its source has for as long as it ``goes()``; gives why everybody was brought to rest, if so."""
+        self._conductor = conductor
+        try:
+            while goes() and not conductor.halting:
+                self._look(conductor)
+                await asyncio.sleep(TICK)
+            return conductor.halting
+        finally:
+            await asyncio.shield(self._settle())
+            self._conductor = None
+
     # Before.
 
     def _prepare(self, flight: Flight) -> Conductor:

@@ -20,13 +20,9 @@ FEW = 0.001
 class Offset:
     """Vehicle's clock minus ours, seconds. ``value`` is what times are converted by: it stays as it was first taken for
     as long as it can be right, for a trajectory must not jump while it is flown.
-
-    ``within``: s by which the two can differ at most, because something else keeps them in step (chrony, GPS); believed
-    unless what is measured proves otherwise.
     """
 
-    def __init__(self, within: float = math.inf) -> None:
-        self._within = within
+    def __init__(self) -> None:
         self._low, self._high = -math.inf, math.inf
         self._at = -math.inf
         self.value = 0.0
@@ -53,15 +49,8 @@ class Offset:
             self._settle()
 
     def _settle(self) -> None:
-        low, high = self._bounds
-        if math.isfinite(low) and math.isfinite(high):
-            self.value = 0.5 * (low + high)
-
-    @property
-    def _bounds(self) -> tuple[float, float]:
-        """What is measured, within what is known beforehand where that can be true."""
-        low, high = max(self._low, -self._within), min(self._high, self._within)
-        return (low, high) if low <= high else (self._low, self._high)
+        if math.isfinite(self._low) and math.isfinite(self._high):
+            self.value = 0.5 * (self._low + self._high)
 
     def _widen(self, now: float) -> None:
         if math.isfinite(self._at) and now > self._at:
@@ -83,8 +72,7 @@ class Offset:
         """Seconds by which ``value`` may be wrong; inf while too little is known."""
         if not math.isfinite(self._at):
             return math.inf
-        spread, (low, high) = DRIFT * max(0.0, now - self._at), self._bounds
-        return max(high - self.value, self.value - low) + spread
+        return max(self._high - self.value, self.value - self._low) + DRIFT * max(0.0, now - self._at)
 
     def vehicle(self, t: float) -> float:
         """Our time as the vehicle's."""

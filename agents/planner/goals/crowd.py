@@ -1,4 +1,4 @@
-"""Several ways through one area flown at once: in which direction, how much later and how much higher each goes."""
+"""Several ways through one area flown at once: in which direction, and how much later each goes."""
 
 from __future__ import annotations
 
@@ -28,55 +28,36 @@ class Way:
     radius: float
 
 
-@dataclass(frozen=True)
-class DirectedWay:
-    """How a way is flown beside the others."""
+def together(ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash: float) -> list[tuple[Motion, bool]]:
+    """Motions from t = 0, and whether each goes backwards, that keep apart from each other, and from ``idle`` others
+    (place, radius), which stand.
 
-    motion: Motion
-    backwards: bool
-    delay: float
-    lift: float
-    """m above the way"""
-
-
-def together(
-    ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash: float, top: float
-) -> list[DirectedWay]:
-    """Motions from t = 0 that keep apart from each other, and from ``idle`` others (place, radius), which stand.
-
-    The longest is placed first, each of the others as soon as it may: forwards or backwards, then later, then higher,
-    but never above ``top``. A way for which nothing helps is flown as it is, for the verifier to find.
+    The longest is placed first, each of the others as soon as it may: forwards or backwards, then later. A way for
+    which nothing helps is flown as it is, for the verifier to find.
     """
     plain = [motion_of(way) for way in ways]
     standing = [(np.array([[0.0, *place]]), radius) for place, radius in idle]
-    found: dict[int, DirectedWay] = {}
+    found: dict[int, tuple[Motion, bool]] = {}
     for i in sorted(range(len(ways)), key=lambda k: -plain[k][-1, 0]):
-        others = standing + [(found[k].motion, ways[k].radius) for k in found]
-        found[i] = _place(ways[i], plain[i], others, downwash, top)
+        others = standing + [(found[k][0], ways[k].radius) for k in found]
+        found[i] = _place(ways[i], plain[i], others, downwash)
     return [found[i] for i in range(len(ways))]
 
 
 def motion_of(way: Way) -> Motion:
-    points = way.curve[:, None, :]
-    return np.ascontiguousarray(timing.fly(points, way.limits)[:, 0])
+    return np.ascontiguousarray(timing.fly(way.curve[:, None, :], way.limits)[:, 0])
 
 
-def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float, top: float) -> DirectedWay:
-    step = (2.0 * max([way.radius, *(radius for _, radius in others)]) + SPARE) * downwash
-    room = max(0.0, top - float(way.curve[:, 2].max()))
-    lifts = [k * step for k in range(5) if k * step <= room]
+def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float) -> tuple[Motion, bool]:
     back = motion_of(Way(way.curve[::-1], way.limits, way.radius))
-    for lift, delay, backwards in itertools.product(lifts, DELAYS, (False, True)):
-        motion = shifted(back if backwards else plain, float(delay), lift)
+    for delay, backwards in itertools.product(DELAYS, (False, True)):
+        motion = shifted(back if backwards else plain, float(delay))
         if all(separation(motion, other, downwash)[0] >= way.radius + radius + SPARE for other, radius in others):
-            return DirectedWay(motion, backwards, float(delay), lift)
-    return DirectedWay(plain, False, 0.0, 0.0)
+            return motion, backwards
+    return plain, False
 
 
-def shifted(motion: Motion, delay: float, lift: float) -> Motion:
-    """The motion so much later and higher; it stands at its first place until then."""
-    moved: Motion = motion + np.array([delay, 0.0, 0.0, lift])
-    if delay <= 0.0:
-        return moved
-    later: Motion = np.vstack(([0.0, *moved[0, 1:]], moved))
-    return later
+def shifted(motion: Motion, delay: float) -> Motion:
+    """The motion so much later; it stands at its first place until then."""
+    moved: Motion = motion + np.array([delay, 0.0, 0.0, 0.0])
+    return np.vstack(([0.0, *moved[0, 1:]], moved)) if delay > 0.0 else moved

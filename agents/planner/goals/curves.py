@@ -19,42 +19,28 @@ LEG_SHARE = 0.48
 """of a leg that the arc at one of its ends may take"""
 
 
-def without_repeats(path: Path, closed: bool = False) -> Path:
-    """The path without points that are those before them (closed: without a last one that is the first)."""
+def without_repeats(path: Path) -> Path:
+    """The path without points that are those before them."""
     keep = np.ones(len(path), dtype=bool)
     keep[1:] = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-6
-    kept = path[keep]
-    if closed and len(kept) > 1 and np.linalg.norm(kept[0] - kept[-1]) <= 1e-6:
-        kept = kept[:-1]
-    return kept
+    return path[keep]
 
 
-def rounded(
-    path: Path, radius: float, step: float, closed: bool = False, cut: float = math.inf, area: Any = None
-) -> Path:
+def rounded(path: Path, radius: float, step: float, cut: float = math.inf, area: Any = None) -> Path:
     """(M, 3): each corner an arc of ``radius`` metres, or of what its legs allow, which passes it at ``cut`` m at most.
 
-    Points are at most ``step`` metres apart. A closed path needs no repeated first point and its result has none, but
-    begins in the middle of its first leg. An arc that would leave ``area`` (shapely, over the ground) is made small.
+    Points are at most ``step`` metres apart. An arc that would leave ``area`` (shapely, over the ground) is made small.
     """
-    corners = without_repeats(path, closed)
-    count = len(corners)
-    if count < 2:
+    corners = without_repeats(path)
+    if len(corners) < 2:
         return corners
-    pieces = []
-    inner = range(count) if closed else range(1, count - 1)
-    for k in inner:
-        before, at, after = corners[k - 1], corners[k], corners[(k + 1) % count]
+    pieces = [corners[:1]]
+    for before, at, after in zip(corners, corners[1:], corners[2:], strict=False):
         arc = _arc(before, at, after, radius, cut, step)
         if area is not None and len(arc) > 1 and not area.covers(LineString(arc[:, :2])):
             arc = _arc(before, at, after, radius, TIGHT, step)
         pieces.append(arc)
-    if closed:
-        pieces = pieces[1:] + pieces[:1]
-        middle = (corners[0] + corners[1]) / 2.0
-        through = np.concatenate([middle[None], *pieces, middle[None]])
-        return dense(through, step)[:-1]
-    return dense(np.concatenate([corners[:1], *pieces, corners[-1:]]), step)
+    return dense(np.concatenate([*pieces, corners[-1:]]), step)
 
 
 def _arc(before: Floats, at: Floats, after: Floats, radius: float, cut: float, step: float) -> Path:
@@ -86,14 +72,9 @@ def lengths_of(path: Path) -> Floats:
 
 
 def at_length(path: Path, where: Floats) -> Path:
-    """(K, 3): the points so many metres from the beginning; beyond the ends, on along the first or last piece."""
+    """(K, 3): the points so many metres from the beginning."""
     gone = lengths_of(path)
-    points = np.column_stack([np.interp(where, gone, path[:, axis]) for axis in range(3)])
-    if len(path) > 1 and gone[-1] > 0.0:
-        first, last = path[1] - path[0], path[-1] - path[-2]
-        points += np.minimum(where, 0.0)[:, None] * (first / max(float(np.linalg.norm(first)), 1e-9))
-        points += np.maximum(where - gone[-1], 0.0)[:, None] * (last / max(float(np.linalg.norm(last)), 1e-9))
-    return points
+    return np.column_stack([np.interp(where, gone, path[:, axis]) for axis in range(3)])
 
 
 def dense(path: Path, step: float) -> Path:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
-import math
 from typing import Any
 
 import numpy as np
@@ -57,23 +55,11 @@ class Detours:
 
 
 def _shortest(lengths: Floats, start: int, end: int) -> list[int] | None:
-    """Dijkstra's; the indices from start to end."""
-    best = np.full(len(lengths), math.inf)
-    before = np.full(len(lengths), -1)
-    best[start] = 0.0
-    heap = [(0.0, start)]
-    while heap:
-        far, here = heapq.heappop(heap)
-        if here == end:
-            break
-        if far > best[here]:
-            continue
-        for there in np.flatnonzero(np.isfinite(lengths[here])):
-            reach = far + float(lengths[here, there])
-            if reach < best[there] - 1e-12:
-                best[there], before[there] = reach, here
-                heapq.heappush(heap, (reach, int(there)))
-    if not math.isfinite(best[end]):
+    """The indices from start to end."""
+    from scipy.sparse.csgraph import dijkstra
+
+    far, before = dijkstra(np.where(np.isfinite(lengths), lengths, 0.0), indices=start, return_predecessors=True)
+    if not np.isfinite(far[end]):
         return None
     chain = [end]
     while chain[-1] != start:

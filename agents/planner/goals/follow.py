@@ -104,9 +104,6 @@ def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downw
     if len(offsets) != count:
         text = f"{len(offsets)} offsets for {count} vehicles"
         raise BadInput(text, field="offsets", value=len(offsets), expected=f"{count}, or none")
-    for name, offset in zip(goal.vehicles, offsets, strict=True):
-        if not all(map(math.isfinite, offset)):
-            raise BadInput(f"the offset of {name} is {offset}", field="offsets", value=list(offset), expected="numbers")
     radii = [leader_radius, *(body.radius for body in bodies)]
     _check_apart(["the leader", *goal.vehicles], [(0.0, 0.0, 0.0), *offsets], radii, downwash)
     return offsets

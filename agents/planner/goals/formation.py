@@ -40,15 +40,6 @@ def placed(offsets: Floats, centre: Floats, course: float) -> Floats:
 
 def offsets_of(goal: wire.swarm.Formation, count: int) -> Floats:
     """(N, 3) forward, right, down of the centre; neighbours ``goal.spacing`` apart (custom: as given)."""
-    numbers = {"at": goal.at, "heading": (goal.heading,), "spacing": (goal.spacing,)}
-    numbers |= {f"points.{i}": point for i, point in enumerate(goal.points)}
-    numbers |= {f"via.{i}": point for i, point in enumerate(goal.via)}
-    for field, values in numbers.items():
-        if not all(map(math.isfinite, values)):
-            raise BadInput(f"formation: {field} is {values}", field=field, value=str(values), expected="finite numbers")
-    if goal.spacing <= 0.0:
-        text = f"formation: spacing is {goal.spacing} m"
-        raise BadInput(text, field="spacing", value=goal.spacing, expected="more than 0 m")
     if goal.shape == "custom":
         if len(goal.points) != count:
             text = f"formation: {len(goal.points)} points for {count} vehicles"
@@ -155,22 +146,3 @@ def check_apart(
     raise BadInput(
         text, field=field, value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
     )
-
-
-def in_shape(offsets: Floats, present: Floats, tolerance: float) -> tuple[Floats, float] | None:
-    """The ENU centre and course of a shape that vehicles stand in now, slot by slot; None where they do not.
-
-    The level rotation and the shift that fit best (Kabsch 1976, about the vertical only).
-    """
-    if len(offsets) < 2:
-        return None
-    shape = placed(offsets, np.zeros(3), 0.0)
-    middle, centre = shape.mean(axis=0), present.mean(axis=0)
-    a, b = shape - middle, present - centre
-    cross = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
-    dot = float(np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]))
-    course = math.atan2(cross, dot)
-    turned = placed(offsets, np.zeros(3), course)
-    shift = centre - turned.mean(axis=0)
-    off = np.linalg.norm(turned + shift - present, axis=1).max()
-    return (shift, course) if off <= tolerance else None

@@ -10,95 +10,69 @@ import numpy as np
 
 from agents.planner.goals import slots
 from agents.planner.goals.formation import check_apart, offsets_of, placed, places
-from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, Moved, move
+from agents.planner.goals.moving import ROOM, SPARE, FormationMembers, move
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.live import frames
-from agents.planner.model.problem import COPTER, ROVER, Floats
+from agents.planner.model.problem import COPTER, ROVER, Floats, Motion
 from agents.planner.model.staticmap import StaticMap
 from zmav import wire
 
-IN_SHAPE = 0.5
-"""m: vehicles that are all as near to a shape's places stand in it"""
 SHORT = 0.05
-"""m, and rad: less is no move"""
+"""m: less is no way"""
 
 
 def formation(
     goal: wire.swarm.Formation, views: Sequence[VehicleView], downwash: float, static: StaticMap
 ) -> list[Step]:
-    """The steps of a formation.
+    """The steps of a formation: to its places by a plan.
 
     With ``via`` it forms up at the first of these places, looking along the way, and flies the others in shape, looking
-    at the end where ``heading`` says. Vehicles that stand in the shape already move in it, too. Without either they
-    go to their places by a plan.
+    at the end where ``heading`` says.
     """
     slots.check_hovering(views, "formation")
     slots.check_flying(views, "formation")
-    bodies = [view.body for view in views]
-    final = places(goal, bodies, downwash)
-    offsets = offsets_of(goal, len(views))
-    names = tuple(view.name for view in views)
-    text = f"{goal.shape} of {len(views)}"
-    standing = slots.standing_in(offsets, views, IN_SHAPE, goal.labelled)
-    if standing is None and not goal.via:
-        if goal.labelled or not all(view.flies for view in views):
-            order = list(range(len(views))) if goal.labelled else slots.choose(views, final)
-            return [PlanTo(names, slots.at_own_height(views, final[order]), True, f"forming a {text}")]
-        return [PlanTo(names, final, False, f"forming a {text}")]
-    course = frames.course_of(goal.heading)
-    if standing is not None:
-        order, centre, begin = standing
-        waypoints = [centre, *(np.array(frames.enu(point)) for point in (*goal.via, goal.at))]
-        courses: tuple[float | None, float] = (begin, course)
-    else:
-        waypoints = [np.array(frames.enu(point)) for point in (*goal.via, goal.at)]
-        courses = (None, course)
-        order = []
-    return _in_shape(views, offsets, order, waypoints, courses, downwash, static, text)
+    final = places(goal, [view.body for view in views], downwash)
+    names, text = tuple(view.name for view in views), f"{goal.shape} of {len(views)}"
+    if goal.via:
+        return _in_shape(goal, views, downwash, static, text)
+    if goal.labelled or not all(view.flies for view in views):
+        order = list(range(len(views))) if goal.labelled else slots.choose(views, final)
+        return [PlanTo(names, slots.at_own_height(views, final[order]), True, f"forming a {text}")]
+    return [PlanTo(names, final, False, f"forming a {text}")]
 
 
 def _in_shape(
-    views: Sequence[VehicleView],
-    offsets: Floats,
-    order: list[int],
-    waypoints: list[Floats],
-    courses: tuple[float | None, float],
-    downwash: float,
-    static: StaticMap,
-    text: str,
+    goal: wire.swarm.Formation, views: Sequence[VehicleView], downwash: float, static: StaticMap, text: str
 ) -> list[Step]:
-    """Form up where the centre's way begins, then fly it; ``order`` is empty where slots are still to be dealt out."""
-    names = tuple(view.name for view in views)
-    begin = _first_course(waypoints, courses)
-    first = placed(offsets, waypoints[0], begin)
-    order = order or slots.choose(views, first)
+    """Form up where the centre's way begins, then fly it."""
+    names, offsets = tuple(view.name for view in views), offsets_of(goal, len(views))
+    waypoints = [np.array(frames.enu(point)) for point in (*goal.via, goal.at)]
+    courses = _first_course(waypoints, frames.course_of(goal.heading)), frames.course_of(goal.heading)
+    first = placed(offsets, waypoints[0], courses[0])
+    order = slots.choose(views, first)
     slotted = offsets[order]
     check_apart(names, slotted, [view.body.radius for view in views], downwash, labelled=True)
     up = PlanTo(names, slots.at_own_height(views, first[order]), True, f"forming a {text}")
     last = slots.at_own_height(views, placed(slotted, waypoints[-1], courses[1]))
     down = PlanTo(names, last, True, f"{text} to its end, not in shape")
-    still = math.dist(waypoints[0], waypoints[-1]) < SHORT and len(waypoints) == 2
-    if still and abs(math.remainder(begin - courses[1], math.tau)) < SHORT:
-        return [up]
     members = FormationMembers(slotted, slots.radii_of(views), slots.limits_of(views))
-    moved = _moved(waypoints, (begin, courses[1]), members, views, static)
+    moved = _moved(waypoints, courses, members, views, static)
     if moved is None:
         return [up, down]
     motions = {}
-    for view, motion in zip(views, moved.motions, strict=True):
+    for view, motion in zip(views, moved, strict=True):
         if not view.flies:
             motion[:, 3] = -view.pos_ned[2]
         motions[view.name] = motion
     return [up, Fly(motions, instead=(down,), text=f"{text} on its way")]
 
 
-def _first_course(waypoints: list[Floats], courses: tuple[float | None, float]) -> float:
-    if courses[0] is not None:
-        return courses[0]
+def _first_course(waypoints: list[Floats], otherwise: float) -> float:
+    """Along the way, where that is level somewhere."""
     for here, there in itertools.pairwise(waypoints):
         if math.dist(here[:2], there[:2]) > SHORT:
             return math.atan2(there[1] - here[1], there[0] - here[0])
-    return courses[1]
+    return otherwise
 
 
 def _moved(
@@ -107,7 +81,7 @@ def _moved(
     members: FormationMembers,
     views: Sequence[VehicleView],
     static: StaticMap,
-) -> Moved | None:
+) -> list[Motion] | None:
     """In shape straight along the waypoints, else by ways with room for the whole shape; None where there is none."""
     straight = np.array(waypoints, dtype=np.float64)
     if (moved := move(straight, courses, members, static.world)) is not None:

@@ -12,15 +12,14 @@ from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
 from agents.planner.goals.formation import check_apart
 from agents.planner.goals.formation_steps import formation
-from agents.planner.goals.patrol import ROOM, check_room, circuit, lap, lap_alone
-from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, Stop, Track, VehicleView
+from agents.planner.goals.steps import FleetView, Loiter, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.live.checks import check_numbers
-from agents.planner.model.geometry import clearance, outside, segment_clear, world_of
-from agents.planner.model.problem import COPTER, ROVER, Floats, Path
-from agents.planner.model.scene import Scene
+from agents.planner.model.geometry import outside, segment_clear, world_of
+from agents.planner.model.scene import Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.validate import distance
 from agents.planner.model.world import World
 from zmav import wire
 from zmav.errors import BadInput
@@ -28,8 +27,6 @@ from zmav.wire import Vector
 
 ROUND = 49
 """points of a circle that are looked at, the last one the first"""
-PHASES = 4
-"""how many ways of setting in on a patrol's route are compared"""
 
 
 def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: StaticMap | None = None) -> list[Step]:
@@ -48,28 +45,28 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
     if isinstance(goal, wire.swarm.Formation):
         return formation(goal, views, scene.downwash, static)
     if isinstance(goal, wire.swarm.Patrol):
-        return _patrol(goal, views, scene.downwash, static)
+        return _patrol(goal, views, scene.downwash)
     if isinstance(goal, wire.swarm.Search):
         return search(goal, views, scene)
     if isinstance(goal, wire.swarm.Follow):
         return _follow(goal, views, fleet, scene.downwash)
     if isinstance(goal, wire.swarm.TakeOff):
-        return pads.takeoff(views, goal.height, scene.downwash, _free(static.world))
+        return pads.takeoff(views, goal.height, scene.downwash, _free(static.world, scene.obstacles))
     if isinstance(goal, wire.swarm.Land):
-        return pads.land(views, goal.at, scene.downwash, _free(static.world))
+        return pads.land(views, goal.at, scene.downwash, _free(static.world, scene.obstacles))
     if isinstance(goal, wire.swarm.Return):
         return _circles_fit(pads.home(views, scene.downwash), fleet, static.world, "vehicles")
     return [Stop(tuple(goal.vehicles), "holding")]
 
 
-def _free(world: World) -> pads.Free:
+def _free(world: World, obstacles: Sequence[Obstacle]) -> pads.Free:
     """Whether vehicles may be at a place (NED); on the ground, which may be below the fence's floor."""
     lowest = float(world.bounds[2]) if not len(world.fence) else max(float(world.bounds[2]), float(world.fence_z[0]))
 
     def free(place: Vector, radius: float) -> bool:
         x, y, z = frames.enu(place)
         inside: bool = outside(world, x, y, max(z, lowest)) <= 0.0
-        return inside and bool(clearance(world, x, y, z) >= radius)
+        return inside and all(distance(each, (x, y, z)) >= radius for each in obstacles)
 
     return free
 
@@ -77,7 +74,8 @@ def _free(world: World) -> pads.Free:
 def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) -> list[Step]:
     """The steps; raises :class:`BadInput` for a plane whose circle, or straight way to it, is not clear and inside."""
     for step in (step for step in steps if isinstance(step, Loiter)):
-        for name, centre, radius in zip(step.vehicles, step.centres, step.radii, strict=True):
+        for circle in step.circles:
+            name, centre, radius = circle.vehicle, np.array(frames.enu(circle.centre_ned)), circle.radius
             view = fleet.vehicles[name]
             angles = np.linspace(0.0, math.tau, ROUND)
             way = np.tile(centre, (ROUND + 1, 1))
@@ -87,7 +85,7 @@ def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) 
             pieces = [*itertools.pairwise(way[:-1]), (way[-1], centre)]
             if not all(segment_clear(world, here, there, view.body.radius) for here, there in pieces):
                 at = f"{centre[0]:.0f} m east and {centre[1]:.0f} m north at {centre[2]:.0f} m"
-                text = f"{name} has no room to circle {at} with {abs(radius):.0f} m, or no straight way there"
+                text = f"{name} has no room to circle {at} with {radius:.0f} m, or no straight way there"
                 raise BadInput(
                     text, field=field, value=name, expected="circles inside the fence, clear of all obstacles"
                 )
@@ -133,38 +131,19 @@ def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) 
     return [*steps, PlanTo(names, places, settled, f"going to {len(places)} place{'s' * (len(places) > 1)}")]
 
 
-def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: float, static: StaticMap) -> list[Step]:
-    """On the route where everybody is soonest, then lap after lap."""
+def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: float) -> list[Step]:
+    """To corners spread over the route, and then, all at a time, each to its next corner until it has been at all."""
     slots.check_flying(views, "patrol")
     slots.check_hovering(views, "patrol")
-    route = frames.enu_array(np.array(goal.route, dtype=np.float64).reshape(-1, 3))
-    rovers = not any(view.flies for view in views)
-    if rovers:
-        route[:, 2] = -views[0].pos_ned[2]
-    radii = slots.radii_of(views)
-    widest, count = float(radii.max()), len(views)
-
-    def find(here: Floats, there: Floats) -> Path | None:
-        return static.path(here, there, widest, ROVER if rovers else COPTER, room=ROOM)
-
-    way = circuit(route, count, slots.limits_of(views), widest, static.world, find)
-    check_room(way, count, float(np.sort(radii)[-2:].sum()) if count > 1 else 0.0, downwash)
-    now = slots.present(views)
-    entries = []
-    for part in range(PHASES):
-        phases = (np.arange(count) + part / PHASES) * way.length / count
-        order = slots.choose(views, way.at(phases))
-        taken = phases[order]
-        entries.append((float(np.linalg.norm(way.at(taken) - now, axis=1).max()), taken))
-    taken = min(entries, key=lambda entry: entry[0])[1]
-    motions, loop = lap_alone(way, slots.limits_of(views)) if way.sharp else lap(way, taken)
-    names = tuple(view.name for view in views)
-    for view, motion in zip(views, motions, strict=True):
-        if not view.flies:
-            motion[:, 3] = -view.pos_ned[2]
-    starts = np.array([motion[0, 1:] for motion in motions])
-    text = f"patrol of {way.length:.0f} m, {way.length / (loop[1] - loop[0]):.1f} m/s"
-    return [
-        PlanTo(names, starts, True, f"to the {text}"),
-        Fly(dict(zip(names, motions, strict=True)), loop=loop, laps=goal.laps, text=text),
-    ]
+    count, corners = len(views), len(goal.route)
+    if count > corners or corners < 2:
+        text = f"patrol: {count} vehicles need as many corners, two at least, and the route has {corners}"
+        raise BadInput(text, field="route", value=corners, expected=f"{max(count, 2)} corners or more")
+    route = frames.enu_array(np.array(goal.route, dtype=np.float64))
+    names, radii = tuple(view.name for view in views), [view.body.radius for view in views]
+    steps: list[Step] = []
+    for k in range(corners + 1):
+        places = slots.at_own_height(views, route[[(i * corners // count + k) % corners for i in range(count)]])
+        check_apart(names, places, radii, downwash, labelled=True, what="patrol", field="route")
+        steps.append(PlanTo(names, places, True, f"patrol, corner {k} of {corners}" if k else "to the patrol"))
+    return steps

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.planner.goals import timing
 from agents.planner.goals.curves import at_length, lengths_of, rounded, without_repeats
-from agents.planner.model.geometry import World, clearance, outside
+from agents.planner.model.geometry import World, away
 from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.solve.jit import jit
 
@@ -25,20 +25,6 @@ CUTS = (math.inf, 2.0, 0.4, 0.1)
 """m by which the centre passes a corner of its way at most: the first for which there is room"""
 ROOM = 0.4
 """m more that the centre's way keeps from obstacles, so that its corners can be rounded"""
-
-
-@dataclass(frozen=True)
-class Moved:
-    """A shape's flight from rest to rest."""
-
-    motions: list[Motion]
-    """one a vehicle: (T, 4) on common times"""
-    centre: Motion
-    """(T, 4)"""
-
-    @property
-    def makespan(self) -> float:
-        return float(self.centre[-1, 0])
 
 
 @dataclass(frozen=True)
@@ -59,74 +45,48 @@ class FormationMembers:
 @jit
 def roomy(world: World, points: Floats, radii: Floats) -> bool:
     """Whether all N points are clear at each of S places (S, N, 3)."""
+    way = np.empty(3)
     for s in range(points.shape[0]):
         for i in range(points.shape[1]):
-            x, y, z = points[s, i, 0], points[s, i, 1], points[s, i, 2]
-            if outside(world, x, y, z) > 0.0 or clearance(world, x, y, z) < radii[i]:
+            if away(world, points[s, i, 0], points[s, i, 1], points[s, i, 2], radii[i], way) > 0.0:
                 return False
     return True
 
 
-def move(
-    path: Path, courses: tuple[float | None, float | None], members: FormationMembers, world: World | None
-) -> Moved | None:
-    """Fly the shape's centre along ``path`` (K, 3) ENU, from rest to rest.
+def move(path: Path, courses: tuple[float, float], members: FormationMembers, world: World) -> list[Motion] | None:
+    """Fly the shape's centre along ``path`` (K, 3) ENU, from rest to rest: (T, 4) a vehicle, on common times.
 
-    ``courses``: what the shape looks to at the beginning and at the end, rad counter-clockwise from east; None: along
-    the path. Without a ``world`` there is nothing to avoid. None where the shape does not get through.
+    ``courses``: what the shape looks to at the beginning and at the end, rad counter-clockwise from east. None where
+    the shape does not get through.
     """
-    path = without_repeats(path)
-    if len(path) < 2 and None in courses:
+    centre, course = _track(without_repeats(path), courses, members, world)
+    ahead, right, down = members.offsets.T
+    cos, sin = np.cos(course)[:, None], np.sin(course)[:, None]
+    shape = np.stack(
+        (ahead * cos + right * sin, ahead * sin - right * cos, np.broadcast_to(-down, (len(cos), len(down)))), axis=2
+    )
+    points = np.ascontiguousarray(centre[:, None] + shape)
+    if not roomy(world, points, members.radii + 0.5 * SPARE):
         return None
-    track = _Track.of(path, courses, members, world)
-    points = _points(track, members)
-    if world is not None and not roomy(world, points, members.radii + 0.5 * SPARE):
-        return None
-    return _timed(track, points, members.limits)
+    samples = timing.sample(points, timing.schedule(points, members.limits))
+    return [np.ascontiguousarray(samples[:, i]) for i in range(samples.shape[1])]
 
 
-@dataclass(frozen=True)
-class _Track:
-    """The centre's way at M evenly spread places."""
+def _track(path: Path, courses: tuple[float, float], members: FormationMembers, world: World) -> tuple[Path, Floats]:
+    """The centre's way at M evenly spread places (M, 3), and (M,) what the shape looks to, smooth.
 
-    path: Path
-    """rounded, for anyone who flies on it ahead or behind"""
-    where: Floats
-    """(M,) m along it"""
-    course: Floats
-    """(M,) that the shape looks to, smooth"""
-    step: float
-    """m, of the parameter: also where the shape only turns"""
-
-    @classmethod
-    def of(
-        cls, path: Path, courses: tuple[float | None, float | None], members: FormationMembers, world: World | None
-    ) -> _Track:
-        """Corners are rounded as the speed wants it where there is room for that; the course turns with them."""
-        radius = float(members.limits.speed.min()) ** 2 / float(members.limits.accel.min())
-        reach = np.array([float(members.radii.max()) + 0.5 * SPARE])
-        for cut in CUTS:
-            curve = rounded(path, radius if cut == math.inf else math.inf, STEP, cut=cut)
-            if world is None or roomy(world, curve[:, None], reach):
-                break
-        whole = float(lengths_of(curve)[-1])
-        ends = _ends(curve, courses)
-        turning = abs(math.remainder(ends[1] - ends[0], math.tau)) * members.extent
-        span = max(whole, turning, 4.0 * STEP)
-        count = math.ceil(span / STEP) + 1
-        where = np.linspace(0.0, whole, count)
-        return cls(curve, where, _courses(curve, where, ends, members.extent / STEP), span / (count - 1))
-
-    @property
-    def centre(self) -> Path:
-        return at_length(self.path, self.where)
-
-
-def _ends(curve: Path, courses: tuple[float | None, float | None]) -> tuple[float, float]:
-    """The first and the last course, the path's own where none is asked for."""
-    along = _headings(curve)
-    first, last = courses
-    return (float(along[0]) if first is None else first, float(along[-1]) if last is None else last)
+    Corners are rounded as the speed wants it where there is room for that; the course turns with them.
+    """
+    radius = float(members.limits.speed.min()) ** 2 / float(members.limits.accel.min())
+    reach = np.array([float(members.radii.max()) + 0.5 * SPARE])
+    for cut in CUTS:
+        curve = rounded(path, radius if cut == math.inf else math.inf, STEP, cut=cut)
+        if roomy(world, curve[:, None], reach):
+            break
+    whole = float(lengths_of(curve)[-1])
+    turning = abs(math.remainder(courses[1] - courses[0], math.tau)) * members.extent
+    where = np.linspace(0.0, whole, math.ceil(max(whole, turning, 4.0 * STEP) / STEP) + 1)
+    return at_length(curve, where), _courses(curve, where, courses, members.extent / STEP)
 
 
 def _headings(points: Path) -> Floats:
@@ -165,21 +125,3 @@ def _smooth(values: Floats, half: int) -> Floats:
     padded = np.concatenate((np.full(half, values[0]), values, np.full(half, values[-1])))
     smooth: Floats = np.convolve(padded, weights / weights.sum(), mode="valid")
     return smooth
-
-
-def _points(track: _Track, members: FormationMembers) -> Floats:
-    """(M, N, 3) everybody's places."""
-    ahead, right, down = members.offsets.T
-    cos, sin = np.cos(track.course)[:, None], np.sin(track.course)[:, None]
-    shape = np.stack(
-        (ahead * cos + right * sin, ahead * sin - right * cos, np.broadcast_to(-down, (len(cos), len(down)))), axis=2
-    )
-    return np.ascontiguousarray(track.centre[:, None] + shape)
-
-
-def _timed(track: _Track, points: Floats, limits: timing.Limits) -> Moved:
-    pace = timing.schedule(points, limits)
-    samples = timing.sample(points, pace)
-    index, places = timing.place_at(pace, samples[:, 0, 0]), np.arange(len(points))
-    centre = np.column_stack([samples[:, 0, 0], *(np.interp(index, places, axis) for axis in track.centre.T)])
-    return Moved([np.ascontiguousarray(samples[:, i]) for i in range(samples.shape[1])], centre)

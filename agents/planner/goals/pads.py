@@ -65,14 +65,12 @@ def takeoff(views: Sequence[VehicleView], height: float, downwash: float = 1.0, 
     """Everybody to ``height`` m above the place they stand on.
 
     Columns too near each other: the highest of a stack first; then all move to places apart at the height wanted.
-    Raises :class:`Unsupported` for what cannot fly, :class:`Refused` for what flies already, and :class:`BadInput`.
+    Raises :class:`Unsupported` for what cannot fly, :class:`Refused` for what flies already.
     """
     _check_flies(views, "take off")
     flying = [view.name for view in views if view.airborne]
     if flying:
         raise Refused(f"{', '.join(flying)} fly already", vehicles=flying)
-    if not (math.isfinite(height) and height > 0.0):
-        raise BadInput(f"height is {height} m", field="height", value=height, expected="more than 0")
     hover = [_lifted(view.pos_ned, height) for view in views]
     lifts = stacked(views, hover, downwash)
     tops = [_lifted(place, lift) for place, lift in zip(hover, lifts, strict=True)]
@@ -133,9 +131,6 @@ def land(
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")
     spots = [(float(n), float(e), max(ground)) for n, e in at]
-    for k, spot in enumerate(spots):
-        if not all(map(math.isfinite, spot)):
-            raise BadInput(f"at[{k}] is {at[k]}", field="at", value=list(at[k]), expected="two numbers")
     for i, j in combinations(range(len(spots)), 2):
         keep = sum(sorted(view.body.radius for view in views)[-2:])
         if math.dist(spots[i], spots[j]) < keep:
@@ -176,14 +171,7 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
     ]
     lowest = min(-plane.pos_ned[2] for plane in wanted)
     found = loiter_slots(wanted, min(lowest, 4.0 * STEADY), SKY, downwash)
-    return Loiter(
-        vehicles=_names(planes),
-        centres=np.array([frames.enu(each.centre_ned) for each in found], dtype=np.float64),
-        radii=np.array([each.radius for each in found]),
-        speeds=np.array([each.speed for each in found]),
-        first={each.vehicle: each.first for each in found},
-        text="circling at heights of their own",
-    )
+    return Loiter(tuple(found), "circling at heights of their own")
 
 
 def down_to(
@@ -221,7 +209,7 @@ def spread(
             )
             return apart and free(candidate, views[i].body.radius)
 
-        found = next((candidate for candidate in _around(place, 0.55 * widest) if fits(candidate)), None)
+        found = next((candidate for candidate in rings(place, 0.55 * widest) if fits(candidate)), None)
         if found is None:
             text = f"there is no free place for {views[i].name} near {place[0]:.1f}, {place[1]:.1f}"
             raise BadInput(text, field=field, value=list(place), expected="room")
@@ -229,14 +217,14 @@ def spread(
     return taken
 
 
-def _around(place: Vector, step: float) -> list[Vector]:
+def rings(place: Vector, step: float) -> list[Vector]:
     """The place and rings of others around it, nearest first."""
-    rings = [
+    found = [
         (place[0] + k * step * math.cos(math.tau * n / (6 * k)), place[1] + k * step * math.sin(math.tau * n / (6 * k)))
         for k in range(1, 25)
         for n in range(6 * k)
     ]
-    return [place, *((north, east, place[2]) for north, east in rings)]
+    return [place, *((north, east, place[2]) for north, east in found)]
 
 
 def _scaled(a: Vector, b: Vector, downwash: float) -> float:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from agents.planner.goals.formation import in_shape, placed
 from agents.planner.goals.steps import VehicleView
 from agents.planner.goals.timing import Limits
 from agents.planner.live import frames
@@ -17,11 +15,6 @@ from agents.planner.model.problem import Floats
 from agents.planner.model.scene import Bounds, Scene, Vehicle
 from agents.planner.solve.assign import assign
 from zmav.errors import BadInput, Refused, Unsupported
-
-STANDING = 0.5
-"""m/s: a vehicle that is slower is at rest"""
-TURNS = 48
-"""courses at which a formation is compared with a shape"""
 
 
 def present(views: Sequence[VehicleView]) -> Floats:
@@ -106,34 +99,3 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
 def _point(values: Floats) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return (x, y, z)
-
-
-def standing_in(
-    offsets: Floats, views: Sequence[VehicleView], tolerance: float, labelled: bool
-) -> tuple[list[int], Floats, float] | None:
-    """Whether vehicles at rest stand in a shape already: the slot of each, the shape's ENU centre and course."""
-    if any(math.hypot(*view.vel_ned) > STANDING for view in views):
-        return None
-    now = present(views)
-    if labelled:
-        found = in_shape(offsets, now, tolerance)
-        return None if found is None else (list(range(len(views))), *found)
-    from scipy.optimize import linear_sum_assignment
-
-    middle = now.mean(axis=0)
-    if np.abs(_reaches(now) - _reaches(placed(offsets, np.zeros(3), 0.0))).max() > 2.0 * tolerance:
-        return None
-    for course in np.linspace(-math.pi, math.pi, TURNS, endpoint=False):
-        slots = placed(offsets, np.zeros(3), float(course))
-        slots += middle - slots.mean(axis=0)
-        _, order = linear_sum_assignment(np.sum((now[:, None] - slots[None]) ** 2, axis=2))
-        found = in_shape(offsets[order], now, tolerance)
-        if found is not None:
-            return [int(slot) for slot in order], *found
-    return None
-
-
-def _reaches(points: Floats) -> Floats:
-    """(N,) distances from the middle, sorted: the same however a shape is turned and anyone who is where in it."""
-    reaches: Floats = np.sort(np.linalg.norm(points - points.mean(axis=0), axis=1))
-    return reaches

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.model.problem import Floats, Motion
+from agents.planner.solve.loiter import Slot
 from zmav import wire
 from zmav.errors import BadInput, TimedOut
 from zmav.wire.base import Vector
@@ -108,17 +109,11 @@ class Fly:
     motions: Mapping[str, Motion]
     """by vehicle: (T, 4) t, x, y, z ENU"""
     instead: tuple[PlanTo, ...] = ()
-    loop: tuple[float, float] | None = None
-    """s from the start: the part between may be flown any number of times, for all vehicles are at its end where and
-    as fast as at its beginning; see :func:`unroll`"""
-    laps: int = 1
-    """how often ``loop`` is to be flown; 0: until the goal is cancelled"""
     text: str = ""
 
     @property
-    def makespan(self) -> float:
-        """s, with the loop flown once."""
-        return max((float(motion[-1, 0]) for motion in self.motions.values()), default=0.0)
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(self.motions)
 
 
 @dataclass(frozen=True)
@@ -157,16 +152,12 @@ class Loiter:
     meet, whenever each is where.
     """
 
-    vehicles: tuple[str, ...]
-    centres: Floats
-    """(N, 3) ENU"""
-    radii: Floats
-    """(N,) m; negative: counter-clockwise seen from above"""
-    speeds: Floats
-    """(N,) m/s"""
-    first: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """by vehicle: planes that must have reached their heights before this one leaves its own"""
+    circles: tuple[Slot, ...]
     text: str = ""
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        return tuple(circle.vehicle for circle in self.circles)
 
 
 @dataclass(frozen=True)
@@ -192,26 +183,6 @@ class Stop:
 Step = PlanTo | Fly | Orders | Loiter | Track | Stop
 
 
-def unroll(fly: Fly, laps: int) -> dict[str, Motion]:
-    """The motions with the loop flown ``laps`` times (1 or more); those of a step without a loop as they are."""
-    if fly.loop is None or laps <= 1:
-        return dict(fly.motions)
-    begin, end = fly.loop
-    unrolled = {}
-    for name, motion in fly.motions.items():
-        t = motion[:, 0]
-        before, after = motion[t <= begin], motion[t > end]
-        inside = motion[(t > begin) & (t <= end)]
-        again = (end - begin) * np.arange(laps)
-        parts = [before, *(_later(inside, by) for by in again), _later(after, again[-1])]
-        unrolled[name] = np.concatenate(parts)
-    return unrolled
-
-
-def _later(motion: Motion, seconds: float) -> Motion:
-    return np.column_stack((motion[:, 0] + seconds, motion[:, 1:]))
-
-
 def without(step: PlanTo, gone: set[str]) -> PlanTo:
     """The step for those who are left; of places that are anybody's, the first."""
     keep = [i for i, name in enumerate(step.vehicles) if name not in gone]
@@ -227,13 +198,6 @@ def for_the_rest(step: Step, lost: set[str]) -> Step:
         return without(step, lost)
     if isinstance(step, Orders) and step.lands:
         return step
-    named = step.motions if isinstance(step, Fly) else step.vehicles
-    if missing := sorted(lost & set(named)):
+    if missing := sorted(lost & set(step.vehicles)):
         raise TimedOut(f"not heard any more: {', '.join(missing)}", vehicles=missing)
     return step
-
-
-def to_begin(step: Fly) -> PlanTo:
-    """To where its motions begin: they end farther along the loop."""
-    places = np.array([motion[0, 1:] for motion in step.motions.values()])
-    return PlanTo(tuple(step.motions), places, True, f"{step.text}: to the next laps")

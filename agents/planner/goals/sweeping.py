@@ -13,7 +13,7 @@ from agents.planner.goals.search import Split, ground, split
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
 from agents.planner.goals.timing import Limits
 from agents.planner.live import frames
-from agents.planner.model.problem import Floats
+from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.scene import Scene
 from zmav import wire
 
@@ -64,14 +64,13 @@ def _steps(dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView
     own = {view.name: view for view in views}
     ways = [_way(part, area, limits[part.sweeper.name]) for part in busy]
     idle = [(part.sweeper.start, part.sweeper.radius) for part in parts if not len(part.path)]
-    top = scene.bounds.max[2] if scene.geofence is None else scene.geofence.ceiling
-    flown = crowd.together(ways, idle, scene.downwash, top)
+    flown = crowd.together(ways, idle, scene.downwash)
     names = tuple(part.sweeper.name for part in busy)
     motions = {}
-    for part, each in zip(busy, flown, strict=True):
+    for part, (motion, _) in zip(busy, flown, strict=True):
         if not own[part.sweeper.name].flies:
-            each.motion[:, 3] = part.sweeper.start[2]
-        motions[part.sweeper.name] = each.motion
+            motion[:, 3] = part.sweeper.start[2]
+        motions[part.sweeper.name] = motion
     starts = np.array([motions[name][0, 1:] for name in names])
     homes = np.array([part.sweeper.start for part in busy])
     text = f"search: {dealt.text}"
@@ -86,12 +85,9 @@ def _way(part: Part, area: Ground, limits: Limits) -> crowd.Way:
     return crowd.Way(part.curve(area.free), limits, part.sweeper.radius)
 
 
-def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[crowd.DirectedWay]) -> tuple[PlanTo, ...]:
+def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[tuple[Motion, bool]]) -> tuple[PlanTo, ...]:
     """The corners of all ways, one after another: what is left where they cannot be flown on one clock."""
-    ways = [
-        (part.path[::-1] if each.backwards else part.path) + np.array([0.0, 0.0, each.lift])
-        for part, each in zip(parts, flown, strict=True)
-    ]
+    ways = [part.path[::-1] if backwards else part.path for part, (_, backwards) in zip(parts, flown, strict=True)]
     count = min(MOST_STOPS, max(len(way) for way in ways))
     stops = []
     for k in range(1, count):

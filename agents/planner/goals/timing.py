@@ -140,24 +140,18 @@ def _lower(steps: Floats) -> Floats:
     return lower
 
 
-def sample(points: Floats, pace: Pace, first: float = 0.0) -> Floats:
+def sample(points: Floats, pace: Pace) -> Floats:
     """(T, N, 4) t, x, y, z at even times, from :func:`schedule`'s: between two places the pace changes evenly."""
     end = float(pace.times[-1])
     ticks = np.linspace(0.0, end, max(2, int(np.ceil(end / SAMPLE)) + 1))
-    index = place_at(pace, ticks)
-    low = np.minimum(index.astype(np.int64), len(points) - 2)
-    share = (index - low)[:, None, None]
-    where = points[low] * (1.0 - share) + points[low + 1] * share
-    stamps = np.broadcast_to((first + ticks)[:, None, None], (*where.shape[:2], 1))
-    samples: Floats = np.round(np.concatenate((stamps, where), axis=2), 6)
-    return samples
-
-
-def place_at(pace: Pace, ticks: Floats) -> Floats:
-    """(T,) the index of the place (0 to M - 1, with a fraction) at the given times."""
     lasts = np.diff(pace.times)
     at = np.clip(np.searchsorted(pace.times, ticks, side="right") - 1, 0, len(lasts) - 1)
     gone = ticks - pace.times[at]
     change = (pace.rate[at + 1] - pace.rate[at]) / np.maximum(lasts[at], 1e-12)
-    inside: Floats = np.clip(at + pace.rate[at] * gone + 0.5 * change * gone**2, at, at + 1.0)
-    return inside
+    index = np.clip(at + pace.rate[at] * gone + 0.5 * change * gone**2, at, at + 1.0)
+    low = np.minimum(index.astype(np.int64), len(points) - 2)
+    share = (index - low)[:, None, None]
+    where = points[low] * (1.0 - share) + points[low + 1] * share
+    stamps = np.broadcast_to(ticks[:, None, None], (*where.shape[:2], 1))
+    samples: Floats = np.round(np.concatenate((stamps, where), axis=2), 6)
+    return samples

@@ -23,9 +23,9 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.order_handlers import OrderHandlers
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.run import Run
-from agents.planner.live.settings import Settings, check
+from agents.planner.live.settings import Settings
 from agents.planner.live.solver import Solver
-from zmav import wire
+from zmav import keys, wire
 from zmav.errors import BadInput, ZmavError
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -40,13 +40,10 @@ LEAST = 0.1
 
 
 class Agent:
-    """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop.
-
-    Raises :class:`~zmav.errors.BadConfig` for settings that make no sense.
-    """
+    """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop."""
 
     def __init__(self, z: zmav.Client, settings: Settings) -> None:
-        check(settings)
+        keys.check_name(settings.name)
         self.z = z
         instance = uuid.uuid4().hex
         patience = settings.patience * (2.0 if settings.standby else 1.0)
@@ -57,7 +54,7 @@ class Agent:
             instance=instance,
             charge=LeaderElection(settings.name, instance, lambda name: plans(z.member, name), patience),
             fleet=Fleet(z, settings.downwash),
-            clocks=Clocks(z, settings.clock_error),
+            clocks=Clocks(z),
             solver=Solver(lambda text: context.say("solver", "info", text)),
             runs=self.runs,
         )

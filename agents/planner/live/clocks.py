@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable
 
@@ -16,20 +15,17 @@ EVERY = 4.0
 
 
 class Clocks:
-    """Of all that are heard. Lives on the event loop; :meth:`hear` and :meth:`due` are called a few times a second.
+    """Of all that are heard. Lives on the event loop; :meth:`hear` and :meth:`due` are called a few times a second."""
 
-    ``within``: s by which all hosts' clocks agree, where something else sees to that.
-    """
-
-    def __init__(self, z: zmav.Client, within: float = math.inf) -> None:
-        self._z, self.clock, self._within = z, Clock(), within
+    def __init__(self, z: zmav.Client) -> None:
+        self._z, self.clock = z, Clock()
         self._offsets: dict[str, Offset] = {}
         self._asked: dict[str, float] = {}
         self._seen: dict[str, float] = {}
 
     def of(self, names: Iterable[str]) -> dict[str, Offset]:
         """To be used by one flight at a time for each vehicle."""
-        return {name: self._offsets.setdefault(name, Offset(self._within)) for name in names}
+        return {name: self._offsets.setdefault(name, Offset()) for name in names}
 
     def hear(self) -> None:
         """Take in what was published: it proves one bound. Who is gone is forgotten."""
@@ -42,7 +38,7 @@ class Clocks:
             heard = self._z.heard(name, vehicle.fleet)
             if heard is not None and heard.at > self._seen.get(name, -1.0):
                 self._seen[name] = heard.at
-                self._offsets.setdefault(name, Offset(self._within)).heard(heard.state.t, self.clock.of(heard.at))
+                self._offsets.setdefault(name, Offset()).heard(heard.state.t, self.clock.of(heard.at))
 
     def due(self, now: float) -> str:
         """Who is to be asked for its time now; empty: nobody."""

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import msgspec
 
 import zmav
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
-from agents.planner.live.bodies import Bodies
-from agents.planner.live.leadership.partition import Hearing
 from zmav import geo, keys, wire
-from zmav.errors import ZmavError
+from zmav.config import body_of
+from zmav.errors import BadInput, ZmavError
 from zmav.wire import Vector
 
 FRESH = keys.STATE.stale_after or 2.0
@@ -24,6 +23,54 @@ TORN = 5.0
 """s of silence after which a vehicle counts as one on the far side of a torn network: longer than storms last"""
 FORGOTTEN = 3600.0
 """s after which a vehicle that was last heard in the air is no longer reckoned with"""
+BODY_AGAIN = 30.0
+"""s after which a vehicle that answered is asked again: its agent may have been started with another fleet file"""
+BODY_SOON = 3.0
+"""s after which one that did not is asked again"""
+
+
+class Bodies:
+    """What vehicles said of themselves. Lives on the event loop."""
+
+    def __init__(self, z: zmav.Client) -> None:
+        self._z = z
+        self._known: dict[str, wire.swarm.Body] = {}
+        self._next: dict[str, float] = {}
+
+    def of(self, name: str, kind: str | None) -> wire.swarm.Body:
+        """What it said, or what is usual for its kind."""
+        known = self._known.get(name)
+        return known if known is not None else body_of(kind)
+
+    def due(self, names: list[str]) -> list[str]:
+        """Those that should be asked now."""
+        now = time.monotonic()
+        return [name for name in names if self._next.get(name, 0.0) <= now]
+
+    async def ask(self, name: str) -> None:
+        """Ask one vehicle; no answer, or one that makes no sense, leaves what is known."""
+        self._next[name] = time.monotonic() + BODY_SOON
+        try:
+            answers = await self._z.ask(keys.BODY.key(self._z.fleet_name, name), timeout=2.0, channel=keys.BODY)
+        except ZmavError:
+            return
+        for answer in answers:
+            if isinstance(answer, ZmavError):
+                continue
+            try:
+                body = wire.decode(answer.payload, wire.swarm.BodyReport, f"body of {name}").body
+            except BadInput:
+                continue
+            if _sensible(body):
+                self._known[name] = body
+                self._next[name] = time.monotonic() + BODY_AGAIN
+
+
+def _sensible(body: wire.swarm.Body) -> bool:
+    """Numbers that a plan can be made with."""
+    positive = (body.radius, body.speed, body.accel, body.climb, body.descend, body.sweep_width, body.endurance)
+    others = (body.min_speed, body.turn_radius)
+    return all(0.0 < value < 1e6 for value in positive) and all(0.0 <= value < 1e6 for value in others)
 
 
 @dataclass(frozen=True)
@@ -34,6 +81,43 @@ class HeardVehicle:
     age: float
     """s since its state came"""
     state: wire.VehicleState
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """``airborne``: all that fly, as far as known, heard now or not; ``heard``: those whose state is fresh.
+
+    A planner moves the vehicles of a goal only while it hears all of them, or some of them and more than half of the
+    fleet's airborne vehicles. So of two planners that cannot hear each other's vehicles, one at most goes on with any
+    goal. Who is not heard keeps the way that it was last committed to, and the column where it was last heard, for
+    its failsafe may land it. The smaller side moves nothing: its vehicles end what they are committed to, and rest.
+    """
+
+    airborne: frozenset[str]
+    heard: frozenset[str]
+
+    @property
+    def majority(self) -> bool:
+        """More than half of those in the air are heard; with nobody in the air there is nothing to be torn apart."""
+        return not self.airborne or 2 * len(self.airborne & self.heard) > len(self.airborne)
+
+    def may_move(self, vehicles: Iterable[str]) -> bool:
+        """A goal of these vehicles may begin, or go on with another segment."""
+        ours = set(vehicles)
+        return ours <= self.heard or (self.majority and bool(ours & self.heard))
+
+    @property
+    def unheard(self) -> frozenset[str]:
+        """Those in the air that are not heard: keep clear of where they may be."""
+        return self.airborne - self.heard
+
+    def words(self) -> str:
+        """Why nothing is begun."""
+        missing = ", ".join(sorted(self.unheard))
+        part = f"{len(self.airborne & self.heard)} of {len(self.airborne)} vehicles in the air"
+        return (
+            f"only {part} are heard (not {missing}): this may be the smaller side of a torn network, so nothing moves"
+        )
 
 
 class Fleet:
@@ -116,16 +200,13 @@ class Fleet:
         ``margin``.
         """
         heard = [seen.view for seen in self.all() if seen.age < KNOWN or seen.view.name in also]
-        return FleetView({view.name: _wider(view, margin) for view in heard})
+        bodies = [msgspec.structs.replace(view.body, radius=view.body.radius + margin) for view in heard]
+        return FleetView({view.name: replace(view, body=body) for view, body in zip(heard, bodies, strict=True)})
 
     def hearing(self) -> Hearing:
         airborne = frozenset(seen.view.name for seen in self.all() if seen.view.airborne)
         heard = frozenset(seen.view.name for seen in self.all() if seen.age < TORN)
         return Hearing(airborne, heard)
-
-
-def _wider(view: VehicleView, by: float) -> VehicleView:
-    return replace(view, body=msgspec.structs.replace(view.body, radius=view.body.radius + by))
 
 
 def _flies(state: wire.VehicleState, kind: str) -> bool:

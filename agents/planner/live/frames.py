@@ -21,15 +21,10 @@ def ned(enu: Vector) -> Vector:
 
 
 def enu_array(ned: Floats) -> Floats:
-    """(..., 3) NED -> (..., 3) ENU, a new array in C order."""
+    """(..., 3) NED -> (..., 3) ENU, a new array in C order; its own inverse, too."""
     out = ned[..., [1, 0, 2]].copy()
     out[..., 2] *= -1.0
     return out
-
-
-def ned_array(enu: Floats) -> Floats:
-    """(..., 3) ENU -> (..., 3) NED, a new array in C order."""
-    return enu_array(enu)
 
 
 def course_of(heading: float) -> float:

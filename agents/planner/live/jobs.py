@@ -66,8 +66,6 @@ JudgedPlan = tuple[Plan, Judgement]
 class Ready:
     """The kernels are compiled and the stages loaded."""
 
-    seconds: float
-
 
 @dataclass(frozen=True)
 class Done:

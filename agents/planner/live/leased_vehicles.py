@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import msgspec
 
 import zmav
+from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.context import Context, UnderWay
@@ -175,6 +176,12 @@ class LeasedVehicles:
             watching.cancel()
             self._planned = None
         return Landed(outcome.done, outcome.reason, sorted(set(self._gone)))
+
+    async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
+        """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
+        assert self._executor is not None
+        self._words = self._run.entry.text
+        return await self._executor.follow(conductor, goes)
 
     def pause(self) -> None:
         if self._executor is not None:

@@ -13,11 +13,11 @@ import numpy as np
 
 import zmav
 from agents.planner.goals.steps import Loiter, Orders, VehicleOrder
-from agents.planner.live.frames import enu, ned
+from agents.planner.live.frames import enu
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.problem import Floats
-from agents.planner.solve.loiter import STEADY
+from agents.planner.solve.loiter import STEADY, Slot
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.verbs import VERBS
@@ -111,7 +111,7 @@ async def speak_for(run: GoalUnderWay, volumes: Mapping[str, list[Tube]]) -> Non
 
 async def loiter(run: GoalUnderWay, leased: LeasedVehicles, step: Loiter) -> None:
     """Planes to their circles; done when all circle."""
-    await speak_for(run, {name: _around(run, step, i) for i, name in enumerate(step.vehicles)})
+    await speak_for(run, {circle.vehicle: _around(run, circle) for circle in step.circles})
     await circle({name: leased.vehicle(name) for name in step.vehicles}, step)
 
 
@@ -122,15 +122,14 @@ async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
     """
     risen = {name: asyncio.Event() for name in step.vehicles}
 
-    async def one(number: int, name: str) -> None:
-        for other in step.first.get(name, ()):
+    async def one(slot: Slot) -> None:
+        for other in slot.first:
             await risen[other].wait()
-        centre = ned(_point(step.centres[number]))
-        vehicle, radius, speed = vehicles[name], float(step.radii[number]), float(step.speeds[number])
+        vehicle, centre, speed = vehicles[slot.vehicle], slot.centre_ned, slot.speed
 
         async def to(place: Vector) -> None:
             late = SLOWEST + SLACK * math.dist(place, _local(vehicle)) / speed
-            there = wire.GoTo(frame="ned", pos=place, radius=radius, speed=speed, timeout=late)
+            there = wire.GoTo(frame="ned", pos=place, radius=slot.radius, speed=speed, timeout=late)
             await vehicle.order("goto", there)
 
         north, east, down = _local(vehicle)
@@ -138,10 +137,10 @@ async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
             await to((north, east, centre[2]))
             late = SLOWEST + abs(down - centre[2]) / CRAWL
             await vehicle.wait_until(lambda _: abs(_local(vehicle)[2] - centre[2]) <= STEADY, late)
-        risen[name].set()
+        risen[slot.vehicle].set()
         await to(centre)
 
-    await together(*(one(number, name) for number, name in enumerate(step.vehicles)))
+    await together(*map(one, step.circles))
 
 
 def _local(vehicle: zmav.Vehicle) -> Vector:
@@ -152,22 +151,17 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
     return local
 
 
-def _around(run: GoalUnderWay, step: Loiter, number: int) -> list[Tube]:
+def _around(run: GoalUnderWay, circle: Slot) -> list[Tube]:
     """All that it may be off its way over the ground, from where it is to its circle."""
-    name, wide = step.vehicles[number], CIRCLING * abs(float(step.radii[number]))
-    seen = run.context.fleet.seen(name)
+    wide = CIRCLING * circle.radius
+    seen = run.context.fleet.seen(circle.vehicle)
     assert seen is not None
     x, y, z = enu(seen.view.pos_ned)
-    centre = _point(step.centres[number])
+    centre = enu(circle.centre_ned)
     boxes = tube(_array([(x, y, z), (x, y, centre[2]), centre]), 0.0).boxes + np.array(
         [-wide, -wide, -STEADY, wide, wide, STEADY]
     )
     return [Tube(boxes, seen.view.body.radius)]
-
-
-def _point(place: Floats) -> Vector:
-    x, y, z = map(float, place)
-    return (x, y, z)
 
 
 def _columns(run: GoalUnderWay, name: str, orders: tuple[VehicleOrder, ...], place: Vector) -> list[Tube]:

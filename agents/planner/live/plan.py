@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.planner.goals.formation import offsets_of
-from agents.planner.goals.steps import GROUND, FleetView, Fly, PlanTo, Step, unroll
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
 from agents.planner.live.frames import enu, ned
-from agents.planner.live.scenes import Room, moved, narrower, room_of, scene_of, with_radii
+from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Sample
@@ -81,7 +81,8 @@ class Planner:
         while True:
             margin, share = tries.pop(0)
             try:
-                return await self._plan(step, narrower(view, own - margin, share), margin)
+                radii = {name: each.body.radius + margin - own for name, each in view.vehicles.items()}
+                return await self._plan(step, resized(view, radii, share), margin)
             except PlanError as e:
                 if not tries or e.kind == "invalid_scene":
                     raise
@@ -94,17 +95,17 @@ class Planner:
         if not all(each.hovers for each in views):
             return None
         around = Surroundings(room.obstacles, room.movers, room.downwash)
-        places, flat = _array([enu(each.pos_ned) for each in views]), [each.kind in GROUND for each in views]
+        places = _array([enu(each.pos_ned) for each in views])
         radii = np.array([each.body.radius for each in views]) - self._context.settings.margin
         (margin, share), spare = margins[-1], await asyncio.to_thread(free, places, radii, around)
         if float(spare.min()) >= margin:
             return None
         for wanted in sorted({wider for wider, _ in margins[1:]}, reverse=True):
-            goals = await asyncio.to_thread(apart, places, radii + wanted + CLEARLY, flat, around)
+            goals = await asyncio.to_thread(apart, places, radii + wanted + CLEARLY, around)
             if goals is None:
                 continue
             widths = np.maximum(radii * SMALLEST, radii + np.minimum(margin, spare - NARROW))
-            slow = with_radii(narrower(view, 0.0, share), dict(zip(step.vehicles, widths.tolist(), strict=True)))
+            slow = resized(view, dict(zip(step.vehicles, widths.tolist(), strict=True)), share)
             try:
                 found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin)
             except (PlanError, Refused):
@@ -123,10 +124,9 @@ class Planner:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
 
-    async def check(self, step: Fly, view: FleetView, laps: int) -> tuple[Planned | None, str]:
+    async def check(self, step: Fly, view: FleetView) -> tuple[Planned | None, str]:
         """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not."""
-        motions = unroll(step, laps)
-        names = tuple(motions)
+        motions, names = step.motions, tuple(step.motions)
         room = self.room(names)
         trajectories = {name: samples_of(motion) for name, motion in motions.items()}
         places = _array([trajectories[name][-1][1:] for name in names])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Step, Stop, Track
+from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step
 from agents.planner.live.frames import ned
 from agents.planner.live.plan import Planned, Planner
 from agents.planner.live.publisher import thin
@@ -18,7 +18,7 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView) -> dict[s
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
         planned, view = await _step(planner, step, view)
-        row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(_names(step))}
+        row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
         if planned is not None:
             tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
             row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
@@ -37,7 +37,7 @@ async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[Planned 
     if isinstance(step, PlanTo):
         planned = await planner.plan_to(step, view)
     elif isinstance(step, Fly):
-        planned, objection = await planner.check(step, view, 1)
+        planned, objection = await planner.check(step, view)
         for instead in step.instead if planned is None else ():
             planned = await planner.plan_to(instead, view)
             view = moved(view, _ends(planned))
@@ -64,10 +64,3 @@ def _after(step: Orders, view: FleetView) -> FleetView:
         else:
             view = moved(view, {order.vehicle: (north, east, floor)}, airborne=False)
     return view
-
-
-def _names(step: Step) -> tuple[str, ...]:
-    if isinstance(step, Fly):
-        return tuple(step.motions)
-    assert isinstance(step, PlanTo | Orders | Loiter | Track | Stop)
-    return step.vehicles

@@ -17,7 +17,7 @@ from agents.planner.model import scene
 from agents.planner.model.problem import Floats
 
 PIECE = 2.5
-"""m of a way that one box holds"""
+"""m of a way that one box holds at most"""
 
 
 @dataclass(frozen=True)
@@ -30,21 +30,9 @@ class Tube:
 
 def tube(path: Floats, radius: float) -> Tube:
     """Around (K, 3) points joined by straight lines."""
-    points = np.atleast_2d(np.asarray(path, dtype=np.float64))
-    if len(points) == 1:
-        return Tube(np.concatenate((points, points), axis=1), radius)
-    dense = _dense(points)
-    boxes = [dense[i : i + 2] for i in range(len(dense) - 1)]
-    rows: list[Floats] = []
-    low, high = boxes[0].min(axis=0), boxes[0].max(axis=0)
-    for piece in boxes[1:]:
-        wide, wider = np.minimum(low, piece.min(axis=0)), np.maximum(high, piece.max(axis=0))
-        if float(np.max(wider - wide)) > PIECE:
-            rows.append(np.concatenate((low, high)))
-            wide, wider = piece.min(axis=0), piece.max(axis=0)
-        low, high = wide, wider
-    rows.append(np.concatenate((low, high)))
-    return Tube(np.array(rows), radius)
+    dense = _dense(np.atleast_2d(np.asarray(path, dtype=np.float64)))
+    pieces = [dense[i : i + 3] for i in range(0, max(1, len(dense) - 1), 2)]
+    return Tube(np.array([[*each.min(axis=0), *each.max(axis=0)] for each in pieces]), radius)
 
 
 def _dense(points: Floats) -> Floats:

@@ -21,7 +21,6 @@ from agents.planner.goals.steps import (
     Stop,
     Track,
     for_the_rest,
-    to_begin,
     without,
 )
 from agents.planner.live.context import Context
@@ -56,8 +55,6 @@ COMING = "its next state"
 """what is waited for of a vehicle that is heard, and has not said anything since a goal began: nothing worth a word"""
 CLOSE = ("starts_overlap", "start_in_obstacle")
 """kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
-MANY_LAPS, MANY_SAMPLES = 20, 50_000
-"""laps that are planned at once, and samples of all vehicles that they may have: between them everybody rests"""
 
 
 class Run:
@@ -182,7 +179,12 @@ class Run:
                     "lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer"
                 )
             await self._settled()  # from now on nobody else moves them
-            missing = await self._take_each(leased, steps, lost, (0.0, 1.0))
+            laps = self.entry.goal.laps if isinstance(self.entry.goal, swarm.Patrol) else 1
+            missing, done = lost, 0
+            while missing == lost and (done < laps or not laps):
+                share = (done / laps, (done + 1) / laps) if laps else (0.0, 1.0)
+                missing = await self._take_each(leased, steps[min(done, 1) :], lost, share)
+                done += 1
         return sorted(missing)
 
     async def _take_each(
@@ -267,26 +269,15 @@ class Run:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
 
     async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        laps = 0
-        while step.laps == 0 or laps < step.laps:
-            more = min(step.laps - laps if step.laps else MANY_LAPS, many_laps(step))
-            if laps and (missing := await self._plan_and_fly(leased, to_begin(step), share)):
-                return missing
-            planned, why = await self.planner.check(step, self._view(), more)
-            if planned is None:
-                break
+        planned, why = await self.planner.check(step, self._view())
+        if planned is not None:
             landed = await self._flown(leased, planned, step.text, share)
             self.check_stopped()
-            if not landed.arrived:
-                self.context.say(
-                    "replan", "notice", f"{self.entry.id}: planned again: {landed.why}", goal=self.entry.id
-                )
-                await self._settled()
-                why = landed.why
-                break
-            laps += more
-        else:
-            return []
+            if landed.arrived:
+                return []
+            why = landed.why
+            self.context.say("replan", "notice", f"{self.entry.id}: planned again: {why}", goal=self.entry.id)
+            await self._settled()
         if not step.instead:
             raise Refused(f"{step.text or 'what was prepared'}: {why}; there is no other way")
         for instead in step.instead:
@@ -474,12 +465,6 @@ def _committed(state: wire.VehicleState) -> bool:
     if lease is not None:
         return lease.number == segment.lease
     return end is not None and end.number == segment.lease and end.reason in ("expired", "gone")
-
-
-def many_laps(step: Fly) -> int:
-    """How many may be planned at once."""
-    each = sum(len(motion) for motion in step.motions.values())
-    return max(1, min(MANY_LAPS, MANY_SAMPLES // each))
 
 
 def _vector(place: Any) -> Vector:

@@ -16,7 +16,6 @@ from agents.planner.live.world import Pieces
 from agents.planner.model import scene
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.wire import Vector
-from zmav.wire.swarm import Body
 
 HEADROOM = 0.7
 """share of its acceleration that a plan uses: the rest is for stopping on the way, in a turn, too"""
@@ -139,22 +138,14 @@ def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Veh
     )
 
 
-def narrower(view: FleetView, by: float, share: float = 1.0) -> FleetView:
-    """The fleet with radii less by so many metres, and that share of its speed."""
+def resized(view: FleetView, radii: Mapping[str, float], share: float = 1.0) -> FleetView:
+    """The fleet with these radii, where one is told, and all at that share of their speed."""
 
-    def less(body: Body) -> Body:
-        return msgspec.structs.replace(body, radius=body.radius - by, speed=body.speed * share)
+    def other(each: VehicleView) -> VehicleView:
+        radius = radii.get(each.name, each.body.radius)
+        return replace(each, body=msgspec.structs.replace(each.body, radius=radius, speed=each.body.speed * share))
 
-    return FleetView({name: replace(each, body=less(each.body)) for name, each in view.vehicles.items()})
-
-
-def with_radii(view: FleetView, radii: Mapping[str, float]) -> FleetView:
-    """The fleet with these radii."""
-    vehicles = dict(view.vehicles)
-    for name, radius in radii.items():
-        old = vehicles[name]
-        vehicles[name] = replace(old, body=msgspec.structs.replace(old.body, radius=radius))
-    return FleetView(vehicles)
+    return FleetView({name: other(each) for name, each in view.vehicles.items()})
 
 
 def moved(view: FleetView, places: Mapping[str, Vector], airborne: bool | None = None) -> FleetView:

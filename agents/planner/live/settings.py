@@ -9,9 +9,8 @@ import msgspec
 from agents.planner.execute.executor import TRACKING
 from agents.planner.live.field import Field
 from agents.planner.live.leadership.election import PATIENCE
-from zmav import geo, keys
+from zmav import geo
 from zmav.config import FleetConfig, Geofence
-from zmav.errors import BadConfig
 from zmav.wire import Origin, swarm
 
 ROUND = 32
@@ -22,7 +21,7 @@ NO_CEILING = 10_000.0
 
 
 class Settings(msgspec.Struct, kw_only=True, frozen=True):
-    """One planner. Raises :class:`~zmav.errors.BadInput` from :func:`check` for what makes no sense."""
+    """One planner; the command line says how much each may be."""
 
     name: str = "planner"
     """the host's name, as it stands in keys"""
@@ -39,29 +38,10 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
     """s that the solver may take"""
-    clock_error: float = math.inf
-    """s by which all hosts' clocks agree, because something else keeps them so (chrony, GPS); inf: they are measured"""
     field: Field = Field(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
     """the same as plans are held to it; None: none that they must be"""
-
-
-def check(settings: Settings) -> None:
-    """Raises :class:`BadConfig` naming what cannot be."""
-    keys.check_name(settings.name, "name")
-    keys.check_name(settings.fleet, "fleet")
-    for field, least, most in (
-        ("margin", 0.0, 20.0),
-        ("tracking", 0.05, 5.0),
-        ("downwash", 1.0, 10.0),
-        ("patience", 1.0, 600.0),
-        ("clock_error", 0.001, math.inf),
-    ):
-        value = getattr(settings, field)
-        if not least <= value <= most:
-            text = f"{field} is {value}; expected {least} to {most}"
-            raise BadConfig(text, field=field, value=value, expected=f"{least} to {most}")
 
 
 def fence_of(file: FleetConfig) -> swarm.Geofence | None:

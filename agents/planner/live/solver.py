@@ -50,8 +50,6 @@ class Solver:
         self._number = 0
         self._job: asyncio.Future[Any] | None = None
         self._keeper: asyncio.Task[None] | None = None
-        self.warm_seconds: float | None = None
-        self.deaths = 0
 
     async def __aenter__(self) -> Solver:
         self._keeper = asyncio.create_task(self._keep())
@@ -135,7 +133,6 @@ class Solver:
                 code = await self._run()
             finally:
                 self._ready.clear()
-            self.deaths += 1
             died = 0 if self._number > done else died + 1
             if self._job is not None and not self._job.done():
                 self._job.set_exception(SolverDied(f"the {self._name} ended with {code} in the middle of its work"))
@@ -170,9 +167,8 @@ class Solver:
 
     def _take(self, message: object, start: float) -> None:
         if isinstance(message, jobs.Ready):
-            self.warm_seconds = time.monotonic() - start
             what = "load" if jit.interpreted() else "load and compile"
-            self._say(f"the {self._name} is ready ({self.warm_seconds:.1f} s to {what})")
+            self._say(f"the {self._name} is ready ({time.monotonic() - start:.1f} s to {what})")
             self._ready.set()
         elif isinstance(message, jobs.Done | jobs.Failed):
             if self._job is None or self._job.done() or message.number != self._number:

@@ -42,10 +42,9 @@ class Worker:
 
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles; not where they never are."""
-        start = time.monotonic()
         if not jit.interpreted():
             _warm_execution(warm.warm())
-        jobs.write(self._out, jobs.Ready(time.monotonic() - start))
+        jobs.write(self._out, jobs.Ready())
 
     def serve(self, number: int, job: jobs.Job) -> None:
         try:

@@ -14,7 +14,7 @@ from agents.planner.model.problem import Floats
 from agents.planner.model.world import World, world_of
 from agents.planner.solve.jit import jit
 
-__all__ = ["World", "away", "clearance", "outside", "segment_clear", "world_of"]
+__all__ = ["World", "away", "outside", "segment_clear", "world_of"]
 
 TOUCH = 1e-9
 """m by which a segment may come nearer than asked, or lie outside: what rounding adds"""
@@ -90,43 +90,6 @@ def signed_distance(s: Floats, corners: Floats, ground: float, x: float, y: floa
 def column_of(bins: Floats, axis: int, at: float) -> int:
     """The column (axis 0) or row (1) of bins that a coordinate lies in; those on the rim reach to infinity."""
     return int(max(0.0, min(bins[4 + axis] - 1.0, (at - bins[axis]) * bins[2 + axis])))
-
-
-@jit
-def clearance(world: World, x: float, y: float, z: float) -> float:
-    """Metres to the nearest obstacle's surface, negative inside one; inf where there are none. Exact outside."""
-    bins, start, items, solids = world.bins, world.bin_start, world.bin_items, world.solids
-    corners, ground = world.corners, world.bounds[2]
-    ci, cj = column_of(bins, 0, x), column_of(bins, 1, y)
-    columns, rows = int(bins[4]), int(bins[5])
-    best = np.inf
-    for ring in range(max(columns, rows)):
-        i0, i1, j0, j1 = ci - ring, ci + ring, cj - ring, cj + ring
-        for j in range(max(0, j0), min(rows, j1 + 1)):
-            step = 1 if ring == 0 or j in (j0, j1) else 2 * ring
-            for i in range(i0, i1 + 1, step):
-                if i < 0 or i >= columns:
-                    continue
-                for n in range(start[j * columns + i], start[j * columns + i + 1]):
-                    s = solids[items[n]]
-                    ex = max(s[0] - x, x - s[3], 0.0)
-                    ey = max(s[1] - y, y - s[4], 0.0)
-                    ez = max(s[2] - z, z - s[5], 0.0)
-                    if best <= 0.0 or ex * ex + ey * ey + ez * ez < best * best:
-                        best = min(best, signed_distance(s, corners, ground, x, y, z)[0])
-        # What was not looked at lies behind the nearest side of the rings so far; on the rim nothing does.
-        reach = np.inf
-        if i0 > 0:
-            reach = min(reach, x - bins[0] - i0 / bins[2])
-        if i1 < columns - 1:
-            reach = min(reach, bins[0] + (i1 + 1) / bins[2] - x)
-        if j0 > 0:
-            reach = min(reach, y - bins[1] - j0 / bins[3])
-        if j1 < rows - 1:
-            reach = min(reach, bins[1] + (j1 + 1) / bins[3] - y)
-        if best <= reach:
-            break
-    return float(best)
 
 
 @jit

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,6 @@ PATIENCE = 2.0
 """s for a vehicle whose way is not found at once"""
 THOROUGH = 4.0
 """s more for all vehicles of a problem for which no way was found in that time"""
-MOST_PATHS = 4_096
-"""kept at a time"""
 WEIGHT = 1.1
 """of the heuristic: five times faster than 1 in a city, for half a percent of length before shortening"""
 SWEEPS = 8
@@ -73,24 +71,12 @@ class Layer:
         return (way if len(way) else None), expanded < most
 
 
-@dataclass(frozen=True)
-class Query:
-    """What is asked of a map: one vehicle's way."""
-
-    start: tuple[float, ...]
-    goal: tuple[float, ...]
-    radius: float
-    rates: tuple[float, ...]
-    height: float | None
-
-
 class StaticMap:
     """Ways through a world that stands still."""
 
     def __init__(self, world: World) -> None:
         self.world = world
         self._layers: dict[tuple[int, float, float | None], Layer] = {}
-        self._paths: dict[Query, Path] = {}
 
     def path(
         self,
@@ -104,27 +90,28 @@ class StaticMap:
     ) -> Path | None:
         """A way from ``start`` to ``goal``, (3,) each, that is among the quickest; None: none was found.
 
-        Every point of it keeps ``radius`` from every obstacle and is inside bounds and fence; ``room`` m more
-        where a way with that is found at once and hardly takes longer. ``rates``: m/s in any direction, upwards,
-        downwards. A rover stays at its start's height. ``patience``: s, more or less, if
-        no way is found at once.
+        Every point of it keeps ``radius`` from every obstacle and is inside bounds and fence; ``room`` m more where a
+        way with that is found at once and hardly takes longer. ``rates``: m/s in any direction, upwards, downwards. A
+        rover stays at its start's height. ``patience``: s, more or less, if no way is found at once.
         """
-        world, query = self.world, self._query(start, goal, radius, kind, rates)
-        begin, end = np.array(query.start), np.array(query.goal)
+        world, speeds = self.world, np.array(rates, dtype=np.float64)
+        direct = np.array([start, goal], dtype=np.float64)
+        height = float(start[2]) if kind == ROVER else None
+        if height is not None:
+            direct[1, 2] = height
         if not len(world.solids):
             room = 0.0  # it is room between obstacles
-        if geometry.segment_clear(world, begin, end, radius + room):
-            return np.array([begin, end])
-        roomy = None if room == 0.0 else self._path(replace(query, radius=query.radius + room), 0.0)
-        straight = geometry.segment_clear(world, begin, end, radius)
+        if geometry.segment_clear(world, direct[0], direct[1], radius + room):
+            return direct
+        roomy = None if room == 0.0 else self._path(direct, radius + room, speeds, height, 0.0)
+        straight = geometry.segment_clear(world, direct[0], direct[1], radius)
         if roomy is not None:
-            speeds, direct = np.array(query.rates), np.array([begin, end])
             takes = shorten.travel_time(roomy, speeds)
             if takes <= AROUND * shorten.travel_time(direct, speeds):
                 return roomy
-            near = direct if straight else self._path(query, 0.0)
+            near = direct if straight else self._path(direct, radius, speeds, height, 0.0)
             return roomy if near is None or takes <= AROUND * shorten.travel_time(near, speeds) else near
-        return np.array([begin, end]) if straight else self._path(query, patience)
+        return direct if straight else self._path(direct, radius, speeds, height, patience)
 
     def paths_for(self, problem: Problem, room: float = 0.0, until: float = math.inf) -> list[Path]:
         """A way for each vehicle, in order; all is given up at ``until``, of :func:`time.monotonic`.
@@ -153,44 +140,22 @@ class StaticMap:
                 patience -= time.monotonic() - begun
         return paths
 
-    def _query(self, start: Floats, goal: Floats, radius: float, kind: int, rates: Sequence[float]) -> Query:
-        begin, end = (tuple(float(v) for v in point) for point in (start, goal))
-        height = begin[2] if kind == ROVER else None
-        if height is not None:
-            end = (*end[:2], height)
-        return Query(begin, end, float(radius), tuple(float(v) for v in rates), height)
-
-    def _path(self, query: Query, patience: float) -> Path | None:
-        if query in self._paths:
-            return self._paths[query].copy()
-        start, goal, rates = np.array(query.start), np.array(query.goal), np.array(query.rates)
-        path = self._search(query, start, goal, rates, patience)
-        if path is None:
-            return None
-        path = shorten.shorten(self.world, path, query.radius, rates, SWEEPS)
-        if len(self._paths) >= MOST_PATHS:
-            del self._paths[next(iter(self._paths))]
-        self._paths[query] = path
-        return path.copy()
-
-    def _search(self, query: Query, start: Floats, goal: Floats, rates: Floats, patience: float) -> Path | None:
-        """A way before it is shortened: a search that ends soon, or else samples, which come through slots that no line
-        of a lattice lies in, and longer searches, on finer lattices.
+    def _path(self, ends: Floats, radius: float, rates: Floats, height: float | None, patience: float) -> Path | None:
+        """A search that ends soon, or else samples, which come through slots that no line of a lattice lies in, and
+        longer searches, on finer lattices; what is found is shortened.
         """
-        world, radius, height, end = self.world, query.radius, query.height, time.monotonic() + patience
+        world, start, goal, end = self.world, ends[0], ends[1], time.monotonic() + patience
         path, done = self._layer(0, radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
-        if path is not None or patience <= 0.0:
-            return path
-        if height is None:
+        if path is None and patience > 0.0 and height is None:
             path = sampled.find(world, start, goal, radius, patience / 4.0)
         level = 1 if done else 0
-        while path is None and time.monotonic() < end:
+        while path is None and patience > 0.0 and time.monotonic() < end:
             layer = self._layer(level, radius, height)
             path, done = layer.search(world, start, goal, rates, 2, MOST_LOOKS)
             level, more = level + 1, 8 if height is None else 4
             if layer.lines.size * more > MOST_POINTS or (done and layer.spacing < FINEST * radius):
                 break
-        return path
+        return None if path is None else shorten.shorten(world, path, radius, rates, SWEEPS)
 
     def _layer(self, level: int, radius: float, height: float | None) -> Layer:
         key = (level, radius, height)

@@ -111,10 +111,7 @@ def _places() -> list[Path]:
 
 def _tidy(place: Path, new: Path) -> None:
     """Remove older folders but those used last."""
-    dated = []
-    for each in place.glob("kernels-*"):
-        with contextlib.suppress(OSError):  # another process tidies, too
-            dated.append((each.stat().st_mtime, each))
-    others = [each for _, each in sorted(dated, reverse=True) if each != new]
-    for each in others[KEPT:]:
-        shutil.rmtree(each, ignore_errors=True)
+    others = [each for each in place.glob("kernels-*") if each != new]
+    with contextlib.suppress(OSError):  # another process tidies, too
+        for each in sorted(others, key=lambda each: each.stat().st_mtime)[:-KEPT]:
+            shutil.rmtree(each, ignore_errors=True)

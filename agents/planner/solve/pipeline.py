@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agents.planner.model import verify
 from agents.planner.model.errors import Code, PlanError
-from agents.planner.model.geometry import World, clearance, world_of
+from agents.planner.model.geometry import World, away, world_of
 from agents.planner.model.plans import Plan
 from agents.planner.model.problem import (
     PLANE,
@@ -27,7 +27,7 @@ from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
-from agents.planner.solve.refine import FACTORS, Refined, refine, refine_paths, squeeze
+from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
 from agents.planner.solve.refine.knots import durations
 from agents.planner.solve.spacetime import deconflict
 
@@ -56,25 +56,22 @@ def solve(
     out.
     Raises :class:`PlanError`.
     """
-    return Pipeline(scene, static, movers, seconds, seed, margin).run()
+    least = 60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds
+    begun = time.monotonic()
+    return Pipeline(scene, static, tuple(movers), begun, begun + least, seed, margin).run()
 
 
+@dataclass(frozen=True)
 class Pipeline:
     """One scene on its way through the stages."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        static: StaticMap | None,
-        movers: Sequence[MovingObstacle],
-        seconds: float | None,
-        seed: int,
-        margin: float,
-    ) -> None:
-        self.scene, self.static, self.movers = scene, static, tuple(movers)
-        self.seed, self.margin = seed, margin
-        self.begun = time.monotonic()
-        self.deadline = self.begun + (60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds)
+    scene: Scene
+    static: StaticMap | None
+    movers: tuple[MovingObstacle, ...]
+    begun: float
+    deadline: float
+    seed: int
+    margin: float
 
     def run(self) -> Plan:
         validate(self.scene)
@@ -217,5 +214,6 @@ def fitted(problem: Problem, world: World, margin: float) -> Problem:
             spare = np.minimum(spare, np.linalg.norm((ours - its) * scale, axis=1) - problem.radius - mover.radius)
     for i in range(len(problem)):
         for place in (problem.start[i], problem.goal[i]):
-            spare[i] = min(spare[i], clearance(world, *place) - problem.radius[i])
+            wide = problem.radius[i] + margin / 2
+            spare[i] = min(spare[i], margin / 2 - away(world, place[0], place[1], place[2], wide, np.empty(3)))
     return replace(problem, radius=problem.radius + np.maximum(-TOLERATED, spare))

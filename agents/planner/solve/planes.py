@@ -78,16 +78,12 @@ class Plane:
         clear = way_clear(self._world, self._posts, self._squash, self._pose, legs, self.wings.radius)
         return clear and gentle(legs, self.wings)
 
-    def _turns(self) -> list[float]:
-        """Radii of the turns at each of a few speeds, m."""
-        return [self.wings.turn(speed) for speed in self._caps()]
-
     def _caps(self) -> list[float]:
         return [float(speed) for speed in np.linspace(self.wings.vmin, self.wings.vmax, SPEEDS)]
 
     def _direct(self) -> Iterator[Motion]:
         """The shortest for each radius."""
-        for turn in self._turns():
+        for turn in map(self.wings.turn, self._caps()):
             for word in range(WORDS):
                 legs = join(self._pose, self._goal, turn, word)
                 known = any(legs is not None and _same(legs, other) for other in self._ways)
@@ -132,7 +128,7 @@ class Plane:
     def _circling(self) -> Iterator[Motion]:
         """A circle or two first, or on the way."""
         for legs in self._ways:
-            for turn in self._turns():
+            for turn in map(self.wings.turn, self._caps()):
                 for side in (1.0, -1.0):
                     for rounds in (1, 2, 3):
                         for place in (0, len(legs)):
@@ -192,13 +188,9 @@ def _plane(problem: Problem, world: World, index: int, rng: np.random.Generator)
     Raises :class:`PlanError` ``unreachable`` where there is no way even so.
     """
     wings = wings_of(problem, index)
-    tried: list[tuple[float, Floats]] = []
     for amax in (wings.amax, TIGHTER * wings.amax):
         for starts, goals in ((True, True), (True, False), (False, False)):
             posts = posts_of(problem, index, starts=starts, goals=goals)
-            if any(amax == other and np.array_equal(posts, before) for other, before in tried):
-                continue
-            tried.append((amax, posts))
             plane = Plane(problem, world, index, posts, wings._replace(amax=amax), rng)
             if any(plane.motions(level) for level in range(LEVELS)):
                 return plane

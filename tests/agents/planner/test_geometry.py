@@ -65,11 +65,12 @@ def test_a_points_distance_is_the_least_over_all_obstacles(count: int) -> None:
     rng = np.random.default_rng(count)
     obstacles = anything(rng, count)
     world = world_of(scene(*obstacles))
-    points = rng.uniform((-70, -70, -5), (70, 70, 45), (400, 3))
+    points = rng.uniform((-60, -60, 0), (60, 60, 40), (400, 3))
     expected = np.min([np.full(400, np.inf), *(distance_to(o, points) for o in obstacles)], axis=0)
-    found = np.array([geometry.clearance(world, *point) for point in points])
-    np.testing.assert_allclose(np.maximum(found, 0.0), expected, atol=1e-9)
-    assert ((found <= 0.0) == (expected == 0.0)).all()
+    depths = np.array([geometry.away(world, x, y, z, 9.0, np.empty(3)) for x, y, z in points])
+    beside = expected > 0.0
+    np.testing.assert_allclose(depths[beside], np.maximum(9.0 - expected, 0.0)[beside], atol=1e-9)
+    assert (depths[~beside] >= 9.0).all()
 
 
 @pytest.mark.parametrize(("count", "radius"), [(1, 0.3), (6, 1.0), (25, 1.0), (25, 3.0)])

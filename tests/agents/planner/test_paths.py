@@ -134,7 +134,7 @@ def test_shortening_keeps_clear_and_never_lengthens() -> None:
     tried = 0
     while tried < 15:
         rough = rng.uniform(ROOM[0], ROOM[1], (9, 3))
-        rough = rough[[geometry.clearance(there, *p) > 0.6 for p in rough]]
+        rough = rough[[geometry.away(there, x, y, z, 0.6, np.empty(3)) == 0.0 for x, y, z in rough]]
         legs = [geometry.segment_clear(there, a, b, 0.5) for a, b in itertools.pairwise(rough)]
         if len(rough) < 4 or not all(legs[:3]):
             continue

@@ -13,7 +13,8 @@ from agents.planner.model.scene import Bounds, Cylinder, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.verify import verify
-from agents.planner.solve.refine import FACTORS, Refined, flyable, refine, refine_paths
+from agents.planner.solve.refine import flyable
+from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths
 from agents.planner.solve.refine.knots import durations, knots_of_paths, ramped, resampled
 from agents.planner.solve.refine.swarm import Swarm
 from tests.agents.planner.generate import CLASSES

@@ -7,16 +7,16 @@ minimised is time at the vehicle's speeds, not length: climbing may be slow.
 
 from __future__ import annotations
 
+import heapq
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planner.model.geometry import clearance, outside, segment_clear
+from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Ints, Path
 from agents.planner.model.world import World
-from agents.planner.solve.heap import pop, push
 from agents.planner.solve.jit import jit
 from agents.planner.solve.paths.lattice import Lattice
 
@@ -47,15 +47,6 @@ def duration(dx: float, dy: float, dz: float, rates: Floats) -> float:
     """s along a straight line at full speed; ``rates``: m/s along any direction, upwards, downwards."""
     level = math.sqrt(dx * dx + dy * dy + dz * dz) / rates[0]
     return float(max(level, dz / rates[1] if dz > 0.0 else -dz / rates[2]))
-
-
-@jit
-def longer(keys: Floats, items: Ints) -> tuple[Floats, Ints]:
-    """A heap with twice the room. (numpy's own functions for this take seconds to compile.)"""
-    more, of = np.empty(2 * len(keys)), np.empty(2 * len(keys), dtype=np.int64)
-    for n in range(len(keys)):
-        more[n], of[n] = keys[n], items[n]
-    return more, of
 
 
 @jit
@@ -123,9 +114,9 @@ def search(
     xs, ys, zs, state, cost, parent, mark = lines.x, lines.y, lines.z, room.state, room.cost, room.parent, room.mark
     nx, ny, nz = len(xs), len(ys), len(zs)
     opened, sure, closed = 3 * room.turn + OPEN, 3 * room.turn + SURE, 3 * room.turn + CLOSED
-    keys, items, size = np.empty(4096), np.empty(4096, dtype=np.int64), 0
     end, expanded, before_end, end_cost = nx * ny * nz, 0, START, np.inf
-    here, there = np.empty(3), np.empty(3)
+    here, there, way = np.empty(3), np.empty(3), np.empty(3)
+    waiting = [(np.inf, end)]
     for at in first:
         place(xs, ys, zs, at, here)
         if segment_clear(world, start, here, radius):
@@ -135,13 +126,9 @@ def search(
                 sure,
             )
             left = duration(goal[0] - here[0], goal[1] - here[1], goal[2] - here[2], rates)
-            push(keys, items, size, cost[at] + weight * left, at)
-            size += 1
-    while size > 0 and expanded < most:
-        if size + 32 > len(keys):
-            keys, items = longer(keys, items)
-        at = pop(keys, items, size)
-        size -= 1
+            heapq.heappush(waiting, (cost[at] + weight * left, at))
+    while expanded < most:
+        _, at = heapq.heappop(waiting)
         if at == end:
             break
         if mark[at] == closed:
@@ -158,17 +145,15 @@ def search(
                 if not rejoin(world, lines, room, at, radius, rates):
                     mark[at] = opened - 1  # not reached after all
                     continue
-                if cost[at] > old and size > 0 and cost[at] + weight * left > keys[0]:
-                    push(keys, items, size, cost[at] + weight * left, at)  # not its turn yet
-                    size += 1
+                if cost[at] > old and cost[at] + weight * left > waiting[0][0]:
+                    heapq.heappush(waiting, (cost[at] + weight * left, at))  # not its turn yet
                     continue
         mark[at] = closed
         expanded += 1
         for one in last:
             if one == at and cost[at] + left < end_cost and segment_clear(world, here, goal, radius):
                 before_end, end_cost = at, cost[at] + left
-                push(keys, items, size, end_cost, end)
-                size += 1
+                heapq.heappush(waiting, (end_cost, end))
         up, before = parent[at], 0.0
         if up == START:
             there[:] = start
@@ -185,7 +170,7 @@ def search(
                 continue
             x, y, z = xs[a], ys[b], zs[c]
             if state[to] == UNKNOWN:
-                free = outside(world, x, y, z) <= 0.0 and clearance(world, x, y, z) >= radius
+                free = away(world, x, y, z, radius, way) <= 0.0
                 state[to] = FREE if free else TAKEN
                 if not free:
                     continue
@@ -193,8 +178,7 @@ def search(
             if mark[to] < opened or total < cost[to]:
                 cost[to], parent[to], mark[to] = total, up, opened
                 left = duration(goal[0] - x, goal[1] - y, goal[2] - z, rates)
-                push(keys, items, size, total + weight * left, to)
-                size += 1
+                heapq.heappush(waiting, (total + weight * left, to))
     if before_end == START:
         return np.empty((0, 3)), expanded
     return way_to(lines, parent, before_end, start, goal), expanded

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from ompl import base, geometric, util
 
-from agents.planner.model.geometry import clearance, outside, segment_clear
+from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Path
 from agents.planner.model.world import World
 from agents.planner.solve.paths.lattice import extent
@@ -57,8 +57,7 @@ def _state(space: Any, point: Floats) -> Any:
 
 
 def _free(world: World, state: Any, radius: float) -> bool:
-    x, y, z = state[0], state[1], state[2]
-    return bool(outside(world, x, y, z) <= 0.0 and clearance(world, x, y, z) >= radius)
+    return bool(away(world, state[0], state[1], state[2], radius, np.empty(3)) <= 0.0)
 
 
 def _motions(information: Any, world: World, radius: float) -> Any:

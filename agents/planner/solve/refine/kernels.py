@@ -101,6 +101,7 @@ def keep_apart(
 
     ``slide`` 1 pushes them apart across their relative motion only (they pass beside each other), 0 along the line
     between them (one comes earlier, one later). ``hurt[i]`` becomes the depth by which i's true separation is broken.
+    Axis by axis, because an expression of arrays would make new ones for each piece of each pair.
     """
     knots, free = place.shape[1], band.shape[0]
     rel = np.empty(3)
@@ -180,8 +181,8 @@ def keep_limits(
     """Add rows where vehicle i breaks obstacles, bounds, speed or acceleration.
 
     ``limit``: radius, vmax, amax, climb, descend. ``weights``: of a m/s and of a m/s² too much, over that of a metre.
-    ``worst``: depth in obstacles or out of bounds (m), greatest speed and
-    greatest acceleration over their limits.
+    ``worst``: depth in obstacles or out of bounds (m), greatest speed and greatest acceleration over their limits. In
+    one piece, because all of it goes along the same knots and keeps what it found at the last one.
     """
     last = place.shape[1] - 1
     radius, vmax, amax = limit[0], limit[1], limit[2]

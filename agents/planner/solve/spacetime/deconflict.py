@@ -25,11 +25,13 @@ def find(
     """Motions for all along straight lines, apart from each other and the movers at every instant; None: none found.
 
     They go at up to 0.8 of the greatest speeds and change velocity at once. ``paths``: everybody's way through the
-    world if there were nobody else. The time is used up only as long as there are conflicts; what is found is then
-    made quicker for half as long as that took.
+    world if there were nobody else. The time is used up only as long as there are conflicts.
     """
     begun = time.perf_counter()
-    deadline, length = begun + seconds, horizon(problem, paths)
+    deadline = begun + seconds
+    longest = max((leg_times(problem, i, path).sum() for i, path in enumerate(paths)), default=0.0)
+    moved = max((float(mover.motion[-1, 0]) for mover in problem.movers), default=0.0)
+    length = max(0.0, moved) + 3.0 * longest + 25.0 + 2.0 * len(problem)  # that a table should have room for
     best: Negotiation | None = None
     for order, fine in attempts(problem, paths, rng):
         if best is not None and fine < 1.0:
@@ -48,10 +50,7 @@ def find(
             break
         if now > deadline:
             break
-    if best is None:
-        return None
-    best.hasten(min(deadline, now + (now - begun) / 2.0), rng)
-    return best.motions()
+    return None if best is None else best.motions()
 
 
 def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[tuple[Ints, float]]:
@@ -68,10 +67,3 @@ def attempts(problem: Problem, paths: Sequence[Path], rng: np.random.Generator) 
     while True:
         for fine in (1.0, FINE):
             yield rng.permutation(len(problem)), fine
-
-
-def horizon(problem: Problem, paths: Sequence[Path]) -> float:
-    """Seconds that a table should have room for."""
-    longest = max((leg_times(problem, i, path).sum() for i, path in enumerate(paths)), default=0.0)
-    moved = max((float(mover.motion[-1, 0]) for mover in problem.movers), default=0.0)
-    return max(0.0, moved) + 3.0 * longest + 25.0 + 2.0 * len(problem)

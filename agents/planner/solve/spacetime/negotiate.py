@@ -1,4 +1,4 @@
-"""Ways and times for all together: conflicts at a price that rises until none is left, then shorter ways.
+"""Ways and times for all together: conflicts at a price that rises until none is left.
 
 The frame is Li et al., MAPF-LNS2 (AAAI 2022): begin with conflicts, plan small groups again, keep what is no worse. The
 price of a conflict of two grows with every time it is met, as in negotiated routing (McMurchie and Ebeling 1995), so
@@ -36,8 +36,6 @@ DETOUR = 1.2
 MOST = 40_000
 """states of one search"""
 GREED = 1.02
-STALE = 12
-"""attempts without a gain after which no more are made"""
 GROUP = 8
 """vehicles planned again together, at most"""
 AROUND = 12.0
@@ -178,12 +176,6 @@ class Negotiation:
         self.conflicts[i, :] = 0
         self.conflicts[:, i] = 0
 
-    def set(self, i: int, places: Floats, arrival: int) -> None:
-        """Give vehicle ``i``, not filed, a motion that it had before, and file it."""
-        self.table.places[i] = places
-        self.arrival[i] = arrival
-        self.file(i)
-
     # All of them.
 
     def start(self, order: Sequence[int], deadline: float) -> None:
@@ -246,64 +238,31 @@ class Negotiation:
             at += 1
         return group
 
-    def again(self, group: list[int], limit: float, rng: np.random.Generator | None) -> bool:
-        """Plan a group again, in its order, or with ``rng`` in any; it gets back what it had if the new is worse.
-
-        With ``rng`` only conflicts make it so, else late arrivals do, too.
-        """
+    def again(self, group: list[int], limit: float, rng: np.random.Generator) -> None:
+        """Plan a group again, in any order; it gets back what it had if there are more conflicts then."""
         kept = {i: (self.table.places[i].copy(), int(self.arrival[i])) for i in group}
         before = self._badness()
         for i in group:
             self.lift(i)
-        if rng is not None:
-            rng.shuffle(group)
+        rng.shuffle(group)
         # Two that meet half-way in a narrow place pass only if one of them is late.
-        late = 0 if rng is None or rng.random() < 0.5 else int(rng.integers(1, 1 + self.alone.max()))
-        done = True
+        late = 0 if rng.random() < 0.5 else int(rng.integers(1, 1 + self.alone.max()))
         for n, i in enumerate(group):
             if not self.plan(i, limit, 0 if n else late):
-                done = False
                 break
             self.file(i)
-        after = self._badness()
-        if done and (after <= before if rng is None else after[0] <= before[0]):
-            return True
-        for i in group:
+        else:
+            if self._badness() <= before:
+                return
+        for i, (places, arrival) in kept.items():
             if self.filed[i]:
                 self.lift(i)
-        for i, (places, arrival) in kept.items():
-            self.set(i, places, arrival)
-        return False
+            self.table.places[i], self.arrival[i] = places, arrival
+            self.file(i)
 
-    def hasten(self, deadline: float, rng: np.random.Generator) -> None:
-        """Bring the last arrivals forward: plan each again before those that it has to wait for."""
-        stale = 0
-        while stale < STALE and time.perf_counter() < deadline:
-            late = np.argsort(self.arrival, kind="stable")[::-1]
-            one = int(late[min(int(rng.geometric(0.5)) - 1, len(late) - 1)])
-            if self.arrival.max() <= self.alone.max() * HARDLY + 4:
-                return
-            in_its_way = self._blockers(one)
-            rng.shuffle(in_its_way)
-            group = [one, *in_its_way[: int(rng.integers(1, GROUP))]]
-            before = self._badness()
-            self.again(group, 0.0, None)
-            stale = 0 if self._badness() < before else stale + 1
-
-    def _blockers(self, i: int) -> list[int]:
-        """Those that a vehicle would meet if it went its own path at once."""
-        kept, arrival = self.table.places[i].copy(), int(self.arrival[i])
-        self.lift(i)
-        self._go_straight(i)
-        counts = np.zeros(len(self.conflicts), dtype=np.int64)
-        troubles(self.table, i, counts)
-        self.set(i, kept, arrival)
-        return [int(j) for j in np.flatnonzero(counts[: len(self.problem)])]
-
-    def _badness(self) -> tuple[float, int, int]:
-        """What is to be made small: conflicts, then the last arrival, then all arrivals."""
-        pairs = np.triu(self.conflicts > 0)
-        return float(pairs.sum()), int(self.arrival.max(initial=0)), int(self.arrival.sum())
+    def _badness(self) -> int:
+        """How many pairs are in conflict."""
+        return int(np.triu(self.conflicts > 0).sum())
 
     def motions(self) -> list[Motion]:
         """(T, 4) each: the corners of what is in the table."""

@@ -7,12 +7,12 @@ is as good as any later one that does not cost less.
 
 from __future__ import annotations
 
+import heapq
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.model.problem import Floats, Ints
-from agents.planner.solve.heap import pop, push
 from agents.planner.solve.jit import jit
 from agents.planner.solve.spacetime.lattice import FAR, Lattice
 from agents.planner.solve.spacetime.table import Table, cell_at, trouble
@@ -160,14 +160,14 @@ def search(
     ``last``: nobody else moves from this step on. ``limit``: what may be paid, 0: nothing. ``steps`` (26,): of the
     lattice's moves; ``most`` states are looked at, no more; ``greed``: by how much what is ahead counts more than what
     is behind; ``pace``: m a step; places are left out on whose ways, waits aside, more than ``detour`` steps are spent;
-    ``before``: the goal is reached by then. No rows: no way was found.
+    ``before``: the goal is reached by then. No rows: no way was found. In one piece, because its lists grow on the way.
     """
     count, places = len(lattice.edges), len(lattice.edges) + len(roads.places)
     goal = places - 1
     first = np.full(places, -1, dtype=np.int64)
     span, cost, used = np.empty((4096, 4), dtype=np.int64), np.empty((4096, 2)), 0
     label, paid, labels = np.empty((4096, 6), dtype=np.int64), np.empty(4096), 0
-    keys, heap, size = np.empty(4096), np.empty(4096, dtype=np.int64), 0
+    waiting = [(0.0, 0)]
     to, takes = np.empty(len(roads.to) + 64, dtype=np.int64), np.empty(len(roads.to) + 64, dtype=np.int64)
     room, popped = last - begin + 2, 0
     # label: place, run, arrival, steps of the move to it, label before
@@ -176,11 +176,8 @@ def search(
     first[count] = 0
     used = runs_at(table, weight, body, spot(lattice, roads, count), begin, last, span, cost) if room < 4096 else 0
     home = spot(lattice, roads, count)
-    push(keys, heap, 0, 0.0, 0)
-    size = 1
-    while size > 0 and popped < most and room < 4096:
-        one = pop(keys, heap, size)
-        size -= 1
+    while len(waiting) > 0 and popped < most and room < 4096:
+        _, one = heapq.heappop(waiting)
         n, run, arrival = label[one, 0], label[one, 1], label[one, 2]
         if n < 0:
             return unwound(label, label[one, 4])
@@ -194,8 +191,6 @@ def search(
         if labels + 40 * found + 64 > len(label):
             label = np.concatenate((label, np.empty((len(label) + 40 * found + 64, 6), dtype=np.int64)))
             paid = np.concatenate((paid, np.empty(len(label) - len(paid))))
-            keys = np.concatenate((keys, np.empty(len(label) - len(keys))))
-            heap = np.concatenate((heap, np.empty(len(label) - len(heap), dtype=np.int64)))
         if n == goal:
             stay = 0.0 if price == 0.0 else price * min(end - arrival, STAY)
             later = run
@@ -204,13 +199,13 @@ def search(
                 stay += 0.0 if cost[later, 0] == 0.0 else cost[later, 0] * min(span[later, 1] - span[later, 0], STAY)
             if stay <= limit:
                 label[labels, 0], label[labels, 4] = -1, one
-                push(keys, heap, size, spent + stay, labels)
-                labels, size = labels + 1, size + 1
+                heapq.heappush(waiting, (spent + stay, labels))
+                labels += 1
         if limit > 0.0 and end != FOREVER and price < BLOCKED:
             label[labels, 0], label[labels, 1], label[labels, 2], label[labels, 3] = n, run + 1, end, 0
             label[labels, 4], paid[labels] = one, spent + (end - arrival) * (1.0 + price)
-            push(keys, heap, size, paid[labels] + greed * roads.ahead[n], labels)
-            labels, size = labels + 1, size + 1
+            heapq.heappush(waiting, (paid[labels] + greed * roads.ahead[n], labels))
+            labels += 1
         for e in range(found):
             other, takes_e = to[e], takes[e]
             ahead = roads.ahead[other]
@@ -242,8 +237,8 @@ def search(
                         label[labels, 0], label[labels, 1], label[labels, 2] = other, at, leave + takes_e
                         label[labels, 3], label[labels, 4] = takes_e, one
                         paid[labels] = charge
-                        push(keys, heap, size, paid[labels] + greed * ahead, labels)
-                        labels, size, opened = labels + 1, size + 1, opened + 1
+                        heapq.heappush(waiting, (paid[labels] + greed * ahead, labels))
+                        labels, opened = labels + 1, opened + 1
                 if span[at, 1] == FOREVER or span[at + 1, 0] > end + takes_e:
                     break
                 at += 1
@@ -258,8 +253,8 @@ def search(
                         label[labels, 0], label[labels, 1], label[labels, 2] = other, at, arrival + takes_e
                         label[labels, 3], label[labels, 4] = takes_e, one
                         paid[labels] = spent + takes_e + charge
-                        push(keys, heap, size, paid[labels] + greed * ahead, labels)
-                        labels, size = labels + 1, size + 1
+                        heapq.heappush(waiting, (paid[labels] + greed * ahead, labels))
+                        labels += 1
     return np.empty((0, 3), dtype=np.int64)
 
 

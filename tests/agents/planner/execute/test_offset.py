@@ -65,15 +65,3 @@ def test_an_answer_before_its_question_says_nothing() -> None:
     offset = Offset()
     offset.answered(10.0, 15.0, 9.0)
     assert offset.error(10.0) == math.inf
-
-
-def test_clocks_that_something_else_keeps_in_step_are_believed_until_they_are_seen_not_to_be() -> None:
-    offset = Offset(within=0.02)
-    assert offset.error(10.0) == math.inf  # nothing was heard of it at all
-    offset.answered(10.0, 10.15, 10.3)
-    assert offset.error(10.3) < 0.03
-    assert abs(offset.value) < 0.01
-    other = Offset(within=0.02)
-    other.answered(10.0, 10.45, 10.3)
-    assert 0.14 < other.error(10.3) < 0.17
-    assert 0.29 < other.value < 0.31

@@ -89,6 +89,11 @@ def judge_fly(fly: Fly, fleet: FleetView, world: Scene, motions: dict[str, Motio
     return verify.verify(scene_of(fleet, names, starts, goals, world), flown)
 
 
+def lasting(fly: Fly) -> float:
+    """s"""
+    return max(float(motion[-1, 0]) for motion in fly.motions.values())
+
+
 def positions(fleet: FleetView, names: Sequence[str]) -> Floats:
     return frames.enu_array(np.array([fleet.vehicles[name].pos_ned for name in names]))
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from agents.planner.goals.goals import resolve
-from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track, unroll
+from agents.planner.goals.steps import FleetView, Fly, Loiter, Orders, PlanTo, Stop, Track
 from agents.planner.model.scene import Bounds, Box, Fence
-from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, positions, view
+from tests.agents.planner.goals.crew import GATE, crew, fly_all, ground, lasting, view
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import swarm
 
@@ -85,7 +85,7 @@ def test_planes_circle_where_they_are_sent() -> None:
     goal = swarm.GoTo(vehicles=["p1", "c1"], to=[(90.0, 0.0, -60.0), (0.0, 0.0, -20.0)])
     circles, step = resolve(goal, FLEET, ground())
     assert isinstance(circles, Loiter) and circles.vehicles == ("p1",)
-    assert circles.centres[0, :2] == pytest.approx([0.0, 90.0])
+    assert circles.circles[0].centre_ned[:2] == (90.0, 0.0)
     assert isinstance(step, PlanTo) and step.vehicles == ("c1",)
     with pytest.raises(BadInput, match="p1 is a plane"):
         resolve(swarm.GoTo(vehicles=["p1", "c1"], to=[(9.0, 0.0, -60.0)] * 2, labelled=False), FLEET, ground())
@@ -161,29 +161,8 @@ def test_a_formation_forms_up_and_flies_around_what_is_in_its_way(shape: Any) ->
     (fallback,) = fly.instead
     ends = np.array([fly.motions[name][-1, 1:] for name in fallback.vehicles])
     assert ends == pytest.approx(fallback.places, abs=1e-3), "the same places when it has to go by a plan"
-    assert fly_all([up, fly], fleet, world) > fly.makespan
+    assert fly_all([up, fly], fleet, world) > lasting(fly)
     assert fly_all([up, fallback], fleet, world) > 0.0
-
-
-def test_vehicles_in_shape_move_in_shape() -> None:
-    first = swarm.Formation(vehicles=[f"v{i:03}" for i in range(6)], shape="vee", at=(0.0, 0.0, -20.0), heading=1.0)
-    fleet = crew(6)
-    (step,) = resolve(first, fleet, ground())
-    assert isinstance(step, PlanTo) and not step.labelled
-    shuffled = step.places[[3, 0, 5, 1, 4, 2]]
-    there = FleetView(
-        {
-            name: view(name, (float(p[1]), float(p[0]), float(-p[2])))
-            for name, p in zip(fleet.vehicles, shuffled, strict=True)
-        }
-    )
-    on = swarm.Formation(vehicles=first.vehicles, shape="vee", at=(60.0, 0.0, -25.0), heading=1.0)
-    up, fly = resolve(on, there, ground())
-    assert isinstance(up, PlanTo) and isinstance(fly, Fly)
-    assert up.places == pytest.approx(positions(there, up.vehicles), abs=1e-3), "they stand there already"
-    assert fly_all([up, fly], there, ground()) < 25.0
-    (again,) = resolve(first, there, ground())
-    assert isinstance(again, PlanTo), "they are where they shall be: nothing to fly"
 
 
 def test_a_shape_that_does_not_get_through_goes_by_plans() -> None:
@@ -196,10 +175,13 @@ def test_a_shape_that_does_not_get_through_goes_by_plans() -> None:
     assert fly_all(steps, fleet, world) > 0.0
 
 
-def test_unrolling_repeats_the_loop_only() -> None:
-    times = np.arange(6.0)
-    motion = np.column_stack((times, times, 0 * times, 0 * times))
-    fly = Fly({"v": motion}, loop=(1.0, 4.0), laps=0)
-    assert list(unroll(fly, 2)["v"][:, 0]) == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
-    assert list(unroll(fly, 2)["v"][:, 1]) == [0.0, 1.0, 2.0, 3.0, 4.0, 2.0, 3.0, 4.0, 5.0]
-    assert unroll(Fly({"v": motion}), 3)["v"] is motion
+def test_a_patrol_goes_around_the_corners_spread_over_them() -> None:
+    fleet, route = crew(2), [(0.0, 0.0, -15.0), (0.0, 40.0, -15.0), (30.0, 40.0, -20.0), (30.0, 0.0, -15.0)]
+    steps = resolve(swarm.Patrol(vehicles=list(fleet.vehicles), route=route), fleet, ground())
+    places = [step.places for step in steps if isinstance(step, PlanTo)]
+    assert len(places) == len(steps) == 5
+    assert places[0] == pytest.approx(np.array([(0.0, 0.0, 15.0), (40.0, 30.0, 20.0)]))
+    assert places[-1] == pytest.approx(places[0]), "a lap later they are where it began"
+    assert fly_all(steps, fleet, ground()) > 140.0 / 5.0
+    with pytest.raises(BadInput, match="as many corners"):
+        resolve(swarm.Patrol(vehicles=list(crew(5).vehicles), route=route), crew(5), ground())

@@ -90,9 +90,6 @@ def test_who_cannot_take_off_is_named() -> None:
         pads.takeoff([view("r1", (0.0, 0.0, 0.0), "rover")], 5.0)
     with pytest.raises(Refused, match="a fly already"):
         pads.takeoff([view("a", (0.0, 0.0, -3.0), up=True)], 5.0)
-    with pytest.raises(BadInput) as raised:
-        pads.takeoff([view("a", (0.0, 0.0, 0.0))], math.nan)
-    assert raised.value.detail["field"] == "height"
 
 
 def landing(steps: Sequence[object]) -> tuple[PlanTo, Orders]:
@@ -106,7 +103,7 @@ def test_home_onto_a_crowded_pad_the_lowest_first(spacing: float) -> None:
     views = [view(v.name, (50.0 + 5.0 * k, 0.0, -20.0), up=True, home=v.pos_ned) for k, v in enumerate(pad(3, spacing))]
     plan, orders = landing(pads.home(views, DOWNWASH))
     assert plan.labelled
-    tops = dict(zip(plan.vehicles, map(tuple, frames.ned_array(plan.places)), strict=True))
+    tops = dict(zip(plan.vehicles, map(tuple, frames.enu_array(plan.places)), strict=True))
     for one, other in itertools.combinations(tops.values(), 2):
         assert apart(one, other) >= 2.0
     homes = {v.name: v.home_ned or v.pos_ned for v in views}
@@ -123,7 +120,7 @@ def test_landing_below_finds_room_for_those_above_each_other_and_keeps_off_what_
         return place[0] > -0.1
 
     plan, orders = landing(pads.land(views, downwash=DOWNWASH, free=free))
-    (n0, e0, _), (n1, e1, _) = frames.ned_array(plan.places)
+    (n0, e0, _), (n1, e1, _) = frames.enu_array(plan.places)
     assert math.dist((n0, e0), (n1, e1)) >= 2.0 and min(n0, n1) > -0.1
     assert [order.after for order in orders.orders] == [(), ()]
     with pytest.raises(BadInput, match="no free place"):
@@ -146,9 +143,8 @@ def test_who_stands_on_the_ground_has_landed() -> None:
 def test_given_spots_go_to_whoever_is_near() -> None:
     views = [view("a", (0.0, 0.0, -9.0), up=True), view("b", (30.0, 0.0, -9.0), up=True)]
     plan, _ = landing(pads.land(views, [(28.0, 1.0), (2.0, 1.0)]))
-    assert frames.ned_array(plan.places)[:, 0].tolist() == [2.0, 28.0]
-    few, near, nowhere = [(0.0, 0.0)], [(0.0, 0.0), (1.0, 0.0)], [(0.0, math.inf)] * 2
-    for at, words in ((few, "1 places"), (near, "1.0 m apart"), (nowhere, "at.0.")):
+    assert frames.enu_array(plan.places)[:, 0].tolist() == [2.0, 28.0]
+    for at, words in (([(0.0, 0.0)], "1 places"), ([(0.0, 0.0), (1.0, 0.0)], "1.0 m apart")):
         with pytest.raises(BadInput, match=words) as raised:
             pads.land(views, at)
         assert raised.value.detail["field"] == "at"
@@ -165,8 +161,8 @@ def test_a_mixed_fleet_comes_home() -> None:
     ]
     circles, plan, orders = pads.home(views, DOWNWASH)
     assert isinstance(circles, Loiter) and isinstance(plan, PlanTo) and isinstance(orders, Orders)
-    assert circles.vehicles == ("p", "q") and circles.centres[0, 2] == 70.0
-    assert circles.centres[1, 2] - circles.centres[0, 2] >= DOWNWASH * 8.0
+    first, second = (-circle.centre_ned[2] for circle in circles.circles)
+    assert circles.vehicles == ("p", "q") and first == 70.0 and second - first >= DOWNWASH * 8.0
     assert plan.vehicles == ("c", "r") and orders.vehicles == ("c",)
     with pytest.raises(Refused, match="home of x"):
         pads.home([VehicleView("x", "copter", body_of("copter"), (0.0, 0.0, -5.0), airborne=True)])

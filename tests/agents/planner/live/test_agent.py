@@ -177,7 +177,8 @@ async def test_who_is_taken_in_the_midst_of_a_landing_keeps_nobody_in_the_air(fi
         await taken.goto(pos=places["quad1"])  # which ends the planner's landing
         state = await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
         assert state.lease_end is not None and state.lease_end.reason == "released"
-        assert entry.state == "failed" and entry.text.startswith("quad1: "), entry
+        await field.until(goal, lambda entry: entry.state == "failed")
+        assert entry.text.startswith("quad1: "), entry
         assert lease.lost is None
     await up_again(other, places["quad2"])
 
@@ -198,8 +199,7 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
     async with taken.lease("boss", priority=50):
         await taken.hold()
         await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
-        entry = next(entry for entry in field.agent.context.ledger.goals if entry.id == goal)
-        assert entry.state == "failed" and "quad3" in entry.text, entry
+        await field.until(goal, lambda entry: entry.state == "failed" and "quad3" in entry.text)
         assert field.away("quad2", home) < 2.0
         await taken.goto(pos=places["quad3"])
     await up_again(other, places["quad2"])

@@ -44,7 +44,7 @@ def test_a_heap_of_vehicles_draws_apart_and_the_others_stay() -> None:
     places, radii = np.vstack((heap, far)), np.full(9, 1.3)
     around = Surroundings([], [], 1.5)
     assert free(places, radii, around).min() < 0.0
-    found = apart(places, radii, [False] * 9, around)
+    found = apart(places, radii, around)
     assert found is not None
     assert least(found, 1.5) >= 2.6
     assert np.linalg.norm(found - places, axis=1).max() < 6.0
@@ -55,7 +55,7 @@ def test_in_one_place_level_ones_leave_it_on_their_level_and_walls_and_movers_ar
     places = np.array([[2.0, 0.0, 5.0], [2.0, 0.0, 5.0], [2.1, 0.1, 5.0]])
     radii = np.full(3, 1.5)
     around = Surroundings([PILLAR], [MovingObstacle("guest", np.array([[0.0, 4.0, 0.0, 5.0]]), 0.5)], 1.5)
-    found = apart(places, radii, [True] * 3, around)
+    found = apart(places, radii, around)
     assert found is not None
     assert free(found, radii, around).min() >= 0.0
     assert np.array_equal(found[:, 2], places[:, 2])
@@ -72,7 +72,7 @@ def test_where_there_is_no_room_there_are_no_places() -> None:
         )
     ]
     places = np.array([[0.0, 0.5, 5.0], [0.0, -0.5, 5.0]])
-    assert apart(places, np.full(2, 1.5), [True, True], Surroundings(cell, [], 1.5)) is None
+    assert apart(places, np.full(2, 1.5), Surroundings(cell, [], 1.5)) is None
 
 
 def test_room_is_half_of_what_two_share_and_all_of_what_a_wall_leaves() -> None:

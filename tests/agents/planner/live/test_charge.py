@@ -7,8 +7,8 @@ import random
 
 import pytest
 
+from agents.planner.live.fleet import Hearing
 from agents.planner.live.leadership.election import PATIENCE, SILENCE, LeaderElection, Token
-from agents.planner.live.leadership.partition import Hearing
 from zmav.present import OF_EACH, STRANGERS
 from zmav.wire import swarm
 

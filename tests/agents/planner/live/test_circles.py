@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import msgspec
 import numpy as np
-import pytest
 
 import zmav
 from agents.planner.goals import pads
@@ -72,11 +71,15 @@ async def test_planes_change_their_heights_one_after_another() -> None:
     sky: list[Glider] = []
     planes = {view.name: Glider(view.name, view.pos_ned, sky, 4 + 9 * k) for k, view in enumerate(views)}
     await circle(cast(dict[str, zmav.Vehicle], planes), step)
-    for number, name in enumerate(step.vehicles):
-        *_, last = planes[name].orders
-        assert last.pos == pytest.approx((200.0, 0.0, -step.centres[number, 2])) and last.radius == step.radii[number]
-        assert abs(planes[name].down + step.centres[number, 2]) <= STEADY
-    assert np.ptp(step.centres[:, 2]) >= 3 * 1.5 * 2.0 * BODY.radius
+    for slot in step.circles:
+        *_, last = planes[slot.vehicle].orders
+        assert last.pos == slot.centre_ned and last.pos[:2] == (200.0, 0.0) and last.radius == slot.radius
+        assert abs(planes[slot.vehicle].down - slot.centre_ned[2]) <= STEADY
+    assert np.ptp(_heights(step)) >= 3 * 1.5 * 2.0 * BODY.radius
+
+
+def _heights(step: Loiter) -> list[float]:
+    return sorted(-slot.centre_ned[2] for slot in step.circles)
 
 
 def resolved(goal: wire.swarm.Goal, fleet: FleetView) -> list[Step]:
@@ -96,7 +99,7 @@ def test_bounds_hold_planes_circles_and_all_of_a_shape() -> None:
     ]
     for goal in goals:
         (step,) = resolved(goal, planes)
-        assert isinstance(step, Loiter) and np.diff(np.sort(step.centres[:, 2])).min() >= 1.5 * 2.0 * BODY.radius
+        assert isinstance(step, Loiter) and np.diff(_heights(step)).min() >= 1.5 * 2.0 * BODY.radius
     copters = crew(12, (0.0, 0.0, -30.0))
     for shape, points in (
         ("circle", []),

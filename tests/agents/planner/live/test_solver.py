@@ -92,6 +92,17 @@ async def test_it_plans_dies_and_plans_again() -> None:
         assert not solver.ready
 
 
+async def test_uncompiled_it_is_ready_at_once_and_plans_for_three_in_the_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    turned = scene((12.0, 0.0, 10.0), (0.0, 0.0, 10.0), (6.0, 0.0, 10.0))
+    turned.obstacles = []
+    async with Solver(print) as solver:
+        await solver.until_ready(PATIENCE_S)
+        plan, judged = await solver.do(jobs.Solve(turned))
+    assert plan.error is None
+    assert judged.ok
+
+
 async def _of(job: asyncio.Future[jobs.JudgedPlan]) -> jobs.JudgedPlan:
     return await job
 
