@@ -23,14 +23,14 @@ from zenoh import handlers
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
-from zmav.present import Present
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import ask_everybody
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached, proof_of_error
 from zmav.session import SessionSettings, check_size, open_session, reason
 from zmav.subscription import Subscription
+from zmav.tokens import TokenTable
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
@@ -81,13 +81,13 @@ class Client:
     def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
         self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
         self._heard: dict[Place, LastState] = {}
-        self._tokens: Present[Place, None] = Present(lambda place: self.is_vehicle(*place))
+        self._tokens: TokenTable[Place, None] = TokenTable(lambda place: self.is_vehicle(*place))
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
-        self._met: Seldom[Place] = Seldom(MEET_EVERY, SAID)
-        self._strangers: Seldom[Place] = Seldom(MEET_EVERY, STRANGERS)
+        self._met: RateLimit[Place] = RateLimit(MEET_EVERY, SAID)
+        self._strangers: RateLimit[Place] = RateLimit(MEET_EVERY, STRANGERS)
         self._rosters: Intake | None = None
         self._ask_time: AskTime | None = None
         self._newest: dict[Place, float] = {}

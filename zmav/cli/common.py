@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from zmav.errors import BadInput
-from zmav.session import Mode, SessionSettings
+from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
 
 if TYPE_CHECKING:
@@ -78,20 +78,9 @@ def zenoh_options(command: F) -> F:
         help="Folder of the member we are: see 'zmav mesh ca'.",
     )
     @functools.wraps(command)
-    def wrapped(
-        *args: Any,
-        connect: tuple[str, ...],
-        listen: tuple[str, ...],
-        mode: Mode | None,
-        config: str | None,
-        cfg: tuple[str, ...],
-        credentials: str | None,
-        **kwargs: Any,
-    ) -> Any:
-        settings = SessionSettings(
-            mode=mode, connect=connect, listen=listen, file=config, cfg=cfg, credentials=credentials
-        )
-        return command(*args, settings=settings, **kwargs)
+    def wrapped(*args: Any, config: str | None, **options: Any) -> Any:
+        own = {name: options.pop(name) for name in ("connect", "listen", "mode", "cfg", "credentials")}
+        return command(*args, settings=SessionSettings(file=config, **own), **options)
 
     return wrapped  # type: ignore[return-value]
 

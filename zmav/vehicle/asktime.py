@@ -7,7 +7,7 @@ import contextlib
 import zenoh
 
 from zmav.errors import Forbidden
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.queries.everybody import challenge_vehicle
 from zmav.trust.member import Member, Place
 
@@ -25,7 +25,7 @@ class AskTime:
 
     def __init__(self, session: zenoh.Session, member: Member) -> None:
         self._session, self._member = session, member
-        self._asked: Seldom[Place] = Seldom(EVERY, MOST)
+        self._asked: RateLimit[Place] = RateLimit(EVERY, MOST)
 
     def __call__(self, place: Place) -> None:
         if not self._member.verifier.is_vehicle(*place) or self._asked.take(place) is None:
