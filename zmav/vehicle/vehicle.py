@@ -212,22 +212,6 @@ class Vehicle:
         """Restart the disarmed autopilot; returns when it is heard again."""
         await self.order("reboot", wire.Reboot())
 
-    async def servo(self, output: int, pwm: int) -> None:
-        """Set one output (from 1) to a PWM in µs."""
-        await self.order("servo", wire.SetServo(output=output, pwm=pwm))
-
-    async def relay(self, relay: int, on: bool) -> None:
-        """Switch a relay (from 0)."""
-        await self.order("relay", wire.SetRelay(relay=relay, on=on))
-
-    async def gimbal(self, pitch: float, yaw: float = 0.0, *, yaw_lock: bool = False) -> None:
-        """Point the gimbal: radians, pitch up and yaw clockwise positive; ``yaw_lock``: yaw is from north."""
-        await self.order("gimbal", wire.Gimbal(pitch=pitch, yaw=yaw, yaw_lock=yaw_lock))
-
-    async def trigger(self, count: int = 1, interval: float = 0.0, *, distance: float | None = None) -> None:
-        """Take pictures: ``count`` of them ``interval`` seconds apart, or one every ``distance`` metres."""
-        await self.order("trigger", wire.Trigger(count=count, interval=interval, distance=distance))
-
     async def command(
         self,
         name: str,
