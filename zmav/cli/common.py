@@ -9,7 +9,7 @@ import json
 import os
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -37,8 +37,11 @@ class Verbs(click.Group):
 
     def __init__(self, *args: Any, package: str = "", files: Sequence[str] = (), points: str = "", **more: Any) -> None:
         super().__init__(*args, **more)
-        self._package, self._files = package, files
-        self._points = {point.name: point for point in entry_points(group=points)} if points else {}
+        self._package, self._files, self._group = package, files, points
+
+    @functools.cached_property
+    def _points(self) -> dict[str, EntryPoint]:
+        return {point.name: point for point in entry_points(group=self._group)} if self._group else {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted({*super().list_commands(ctx), *self._files, *self._points})
