@@ -33,7 +33,7 @@ from zmav import keys, wire
 from zmav.bus import Alive, Bus
 from zmav.errors import BadInput, Clash, ZmavError
 from zmav.process import say
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
 from zmav.services.orders.orders import Guarded, Orders, proof_is_enough
 from zmav.services.queries.proven import Answers
@@ -116,7 +116,7 @@ class Agent:
             self.tune(name, value)
         self._state, self._text, self._detail = "starting", "", dict[str, Any]()
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
-        self._refusals: Seldom[str] = Seldom(SELDOM, KINDS)
+        self._refusals: RateLimit[str] = RateLimit(SELDOM, KINDS)
         self._changed = asyncio.Event()
         self._heart: asyncio.Task[None] | None = None
         self.bus = Bus()

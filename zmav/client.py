@@ -23,18 +23,17 @@ from zenoh import handlers
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
-from zmav.present import Present
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
-from zmav.services.queries.everybody import ask_everybody
+from zmav.services.queries.everybody import ask_everybody, challenge_vehicle
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached, proof_of_error
 from zmav.session import SessionSettings, check_size, open_session, reason
 from zmav.subscription import Subscription
+from zmav.tokens import TokenTable
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
-from zmav.vehicle.asktime import AskTime
 from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
@@ -43,7 +42,9 @@ OVER = b"Timeout"
 """Zenoh's own words when a query's time is over: nobody's answer"""
 logger = logging.getLogger(__name__)
 MEET_EVERY = 1.0
-"""s between two times that one vehicle is asked for its certificate"""
+"""s between two times that one vehicle is asked for its certificate, or for its time"""
+TIME_ANSWER = 2.0
+"""s for the latter's answer: by so much the time may be wrong that it tells"""
 STRANGERS = 20
 """names that are nobody's as far as we know, and are asked within that time: they are soon invented"""
 ROSTERS_WAITING = 64
@@ -81,15 +82,15 @@ class Client:
     def __init__(self, settings: SessionSettings, fleet: str, dialect: str) -> None:
         self._settings, self.fleet_name, self._dialect_name = settings, fleet, dialect
         self._heard: dict[Place, LastState] = {}
-        self._tokens: Present[Place, None] = Present(lambda place: self.is_vehicle(*place))
+        self._tokens: TokenTable[Place, None] = TokenTable(lambda place: self.is_vehicle(*place))
         self._news = asyncio.Event()
         self._session: zenoh.Session | None = None
         self.member: Member | None = None
         """who we are, where the session has credentials: it signs, and believes of vehicles what they signed"""
-        self._met: Seldom[Place] = Seldom(MEET_EVERY, SAID)
-        self._strangers: Seldom[Place] = Seldom(MEET_EVERY, STRANGERS)
+        self._met: RateLimit[Place] = RateLimit(MEET_EVERY, SAID)
+        self._strangers: RateLimit[Place] = RateLimit(MEET_EVERY, STRANGERS)
         self._rosters: Intake | None = None
-        self._ask_time: AskTime | None = None
+        self._asked: RateLimit[Place] = RateLimit(MEET_EVERY, SAID)
         self._newest: dict[Place, float] = {}
         self._said: set[tuple[Place, str]] = set()
 
@@ -99,7 +100,6 @@ class Client:
         self._session = session = await asyncio.to_thread(open_session, self._settings)
         loop = asyncio.get_running_loop()
         if self.member is not None:
-            self._ask_time = AskTime(session, self.member)
             roster = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER)
             self._rosters = Intake(session.declare_subscriber, roster, self._on_rosters, ROSTERS_WAITING)
         session.declare_subscriber(keys.STATE.key(self.fleet_name, "*"), on_loop(loop, self._on_state))
@@ -231,10 +231,21 @@ class Client:
         try:
             self.member.judge(str(sample.key_expr), sample.payload.to_bytes(), attached(sample), newest)
         except Forbidden as e:
-            if self._ask_time and e.detail["reason"] == "clock" and keys.NAME.match(_place(sample)[1]):
-                self._ask_time(_place(sample))
-            self._disbelieve(_place(sample), str(sample.key_expr), e)
+            place = _place(sample)
+            if e.detail["reason"] == "clock" and self.is_vehicle(*place) and keys.NAME.match(place[1]):
+                self._ask_time(self.member, place)
+            self._disbelieve(place, str(sample.key_expr), e)
             raise
+
+    def _ask_time(self, member: Member, place: Place) -> None:
+        """What is now, by a challenge, which only the vehicle answers, and only now: it is judged by its time then."""
+
+        def on_state(key: str, payload: bytes, proof: bytes | None, challenge: bytes) -> None:
+            with contextlib.suppress(Forbidden):
+                member.take_time(place, key, payload, proof, challenge)
+
+        if self._asked.take(place) is not None:
+            challenge_vehicle(self.session, place, on_state, timeout=TIME_ANSWER)
 
     def _meet(self, place: Place) -> None:
         """Ask a vehicle for its certificate, unless it was just asked; what it says from then on can be judged."""
@@ -365,21 +376,18 @@ class Client:
         # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
         handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
         try:
-            if answered:
-                ask_everybody(
-                    self.session, channel.qos, key, handler, timeout=timeout, payload=payload, attachment=question
-                )
-            else:
-                self.session.get(
-                    key,
-                    handler,
-                    payload=payload,
-                    timeout=timeout,
-                    encoding=keys.JSON,
-                    **channel.qos.options(),
-                    attachment=question,
-                    consolidation=zenoh.ConsolidationMode.NONE if channel.qos is keys.Qos.BULK else None,
-                )
+            each = answered or channel.qos is keys.Qos.BULK
+            self.session.get(
+                key,
+                handler,
+                payload=payload,
+                attachment=question,
+                timeout=timeout,
+                encoding=keys.JSON,
+                target=zenoh.QueryTarget.ALL if answered else None,
+                consolidation=zenoh.ConsolidationMode.NONE if each else None,
+                **channel.qos.options(),
+            )
         except zenoh.ZError as e:
             raise BadKey(f"cannot query {key!r}: {reason(e)}", field="key", value=key) from e
         with contextlib.suppress(asyncio.TimeoutError):
@@ -422,14 +430,11 @@ class Client:
             raise Refused(f"{key}: a recording takes no frames", key=key)
         data = payload if isinstance(payload, bytes) else wire.encode(payload)
         check_size(key, data)
-        proof = attachment if attachment is not None else self._proof(key, data)
+        proof = self.member.proof(key, data) if attachment is None and self.member is not None else attachment
         if publisher is not None:
             publisher.put(data, attachment=proof)
         else:
             self.session.put(key, data, encoding=channel.encoding, attachment=proof, **channel.qos.options())
-
-    def _proof(self, key: str, payload: bytes) -> bytes | None:
-        return None if self.member is None else self.member.proof(key, payload)
 
 
 def _place(sample: zenoh.Sample) -> Place:

@@ -11,7 +11,7 @@ import enum
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import zenoh
@@ -59,6 +59,9 @@ ROUTER = "router"
 """the role in the token of a router without a vehicle"""
 ANYONE = "anyone"
 """every member of the fleet"""
+PROGRAMS = (AGENT, PLANNER, OPERATOR)
+HOSTS = (VEHICLE, OPERATOR, PLANNER)
+"""what has a router of its own"""
 JSON = zenoh.Encoding.APPLICATION_JSON
 RAW = zenoh.Encoding.ZENOH_BYTES  # the default encoding: costs no byte on the wire
 
@@ -67,17 +70,18 @@ RAW = zenoh.Encoding.ZENOH_BYTES  # the default encoding: costs no byte on the w
 class Channel:
     """One line of the registry.
 
-    ``kind`` is ``pub`` (the vehicle publishes), ``put`` (others write), ``query`` (others ask), ``token`` (liveliness).
-    ``writers`` are the roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of
-    ``fleet``, :data:`TOPICS` topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than
-    ``stale_after`` seconds is stale. ``proven``: the vehicle takes it with a proof of origin only, where it has
-    credentials: see :mod:`zmav.trust.proof`. ``answerers`` are the roles whose answers a member believes, signed by who
-    answers; of other channels any answer is taken. ``repeated``: what a link loses is sent again; else nothing waits
-    for it, which is better for what comes again soon (docs/qos.md).
+    ``path`` is what stands behind the vehicle, or, where it begins with an @, behind the fleet. ``kind`` is ``pub``
+    (the vehicle publishes), ``put`` (others write), ``query`` (others ask), ``token`` (liveliness). ``writers`` are the
+    roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of ``fleet``, :data:`TOPICS`
+    topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than ``stale_after`` seconds is stale.
+    ``proven``: the vehicle takes it with a proof of origin only, where it has credentials: see :mod:`zmav.trust.proof`.
+    ``answerers`` are the roles whose answers a member believes, signed by who answers; of other channels any answer is
+    taken. ``repeated``: what a link loses is sent again; else nothing waits for it, which is better for what comes
+    again soon (docs/qos.md).
     """
 
     name: str
-    template: str
+    path: str
     payload: type | None = None
     kind: str = "pub"
     qos: Qos = Qos.LATEST_WINS
@@ -89,6 +93,11 @@ class Channel:
     proven: bool = False
     answerers: tuple[str, ...] = ()
     repeated: bool = True
+
+    @cached_property
+    def template(self) -> str:
+        """What stands behind the root."""
+        return f"{{fleet}}/{self.path}" if self.path.startswith("@") else f"{{fleet}}/{{vehicle}}/{self.path}"
 
     def publishing(self) -> dict[str, Any]:
         """Keyword arguments for ``declare_publisher``."""
@@ -104,23 +113,19 @@ _put = partial(Channel, kind="put")
 _asked = partial(Channel, kind="query", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
 _token = partial(Channel, kind="token", qos=Qos.MUST_ARRIVE, writers=(ANYONE,))
 
-RX = Channel("rx", "{fleet}/{vehicle}/mav/rx/{sys}/{comp}/{msg}", encoding=RAW, recorded=True)
+RX = Channel("rx", "mav/rx/{sys}/{comp}/{msg}", encoding=RAW, recorded=True)
 """raw MAVLink frame, as it came from the vehicle"""
-TX = _put(
-    "tx", "{fleet}/{vehicle}/mav/tx/{sys}/{comp}/{msg}", writers=(OPERATOR,), encoding=RAW, recorded=True, proven=True
-)
+TX = _put("tx", "mav/tx/{sys}/{comp}/{msg}", writers=(OPERATOR,), encoding=RAW, recorded=True, proven=True)
 """raw MAVLink frame for the vehicle; sys and comp are the target"""
-STATE = Channel(
-    "state", "{fleet}/{vehicle}/state", wire.VehicleState, rate_hz=5.0, stale_after=2.0, recorded=True, repeated=False
-)
+STATE = Channel("state", "state", wire.VehicleState, rate_hz=5.0, stale_after=2.0, recorded=True, repeated=False)
 """what the vehicle is and does; also its heartbeat of presence; answers queries too"""
-EVENT = Channel("event", "{fleet}/{vehicle}/event", wire.Event, qos=Qos.MUST_ARRIVE, recorded=True)
+EVENT = Channel("event", "event", wire.Event, qos=Qos.MUST_ARRIVE, recorded=True)
 """status text, mode, failsafe step, lease, refusals; cached and recovered"""
-MSG = _asked("msg", "{fleet}/{vehicle}/msg/{msg}", wire.LastMessage, answerers=(VEHICLE,))
+MSG = _asked("msg", "msg/{msg}", wire.LastMessage, answerers=(VEHICLE,))
 """the last such message, decoded, with its age"""
 DO = _asked(
     "do",
-    "{fleet}/{vehicle}/do/{verb}",
+    "do/{verb}",
     wire.Outcome,
     writers=(OPERATOR, PLANNER, AGENT, VIEWER),
     recorded=True,
@@ -130,62 +135,47 @@ DO = _asked(
 """a command: JSON arguments in, JSON outcome or error out"""
 SETPOINT = _put(
     "setpoint",
-    "{fleet}/{vehicle}/setpoint/{agent}",
+    "setpoint/{agent}",
     wire.Setpoint,
     qos=Qos.REALTIME,
-    writers=(PLANNER, AGENT, OPERATOR),
+    writers=PROGRAMS,
     rate_hz=10.0,
     stale_after=0.5,
     recorded=True,
     repeated=False,
 )
 """one point of an outer-loop command stream"""
-BODY = _asked("body", "{fleet}/{vehicle}/body", wire.swarm.BodyReport, answerers=(VEHICLE,))
+BODY = _asked("body", "body", wire.swarm.BodyReport, answerers=(VEHICLE,))
 """how much room the vehicle needs and what it can do, for planners"""
-BEACON = Channel("beacon", "{fleet}/{vehicle}/beacon", wire.swarm.Beacon, rate_hz=1.0, stale_after=1.5, repeated=False)
+BEACON = Channel("beacon", "beacon", wire.swarm.Beacon, rate_hz=1.0, stale_after=1.5, repeated=False)
 """in flight: where the vehicle is about to be, for its neighbours' last resort against a collision"""
-HOST = _asked("host", "{fleet}/{vehicle}/host", wire.HostReport)
+HOST = _asked("host", "host", wire.HostReport)
 """how the host's computer is: versions, disks, memory, load, heat, power, what keeps its clock"""
-PARAMS = _asked("params", "{fleet}/{vehicle}/param", wire.ParamTable, answerers=(VEHICLE,))
+PARAMS = _asked("params", "param", wire.ParamTable, answerers=(VEHICLE,))
 """the whole parameter set, from the vehicle's cache; unchanged sets cost a line"""
-PARAM = _asked("param", "{fleet}/{vehicle}/param/{param}", wire.Param, answerers=(VEHICLE,))
+PARAM = _asked("param", "param/{param}", wire.Param, answerers=(VEHICLE,))
 """one parameter, from the vehicle's cache"""
-MISSION = _asked("mission", "{fleet}/{vehicle}/mission/{kind}", wire.Mission, answerers=(VEHICLE,))
+MISSION = _asked("mission", "mission/{kind}", wire.Mission, answerers=(VEHICLE,))
 """mission, fence or rally points, from the vehicle's cache"""
-FILE = _asked("file", "{fleet}/{vehicle}/file/{file}", wire.StoredFile)
+FILE = _asked("file", "file/{file}", wire.StoredFile)
 """a file or log fetched from the autopilot: what it is"""
-FILE_CHUNK = _asked("file_chunk", "{fleet}/{vehicle}/file/{file}/{offset}", qos=Qos.BULK, encoding=RAW)
+FILE_CHUNK = _asked("file_chunk", "file/{file}/{offset}", qos=Qos.BULK, encoding=RAW)
 """its bytes: ask for offset * with a FileQuery, answered by chunks under their offsets"""
-RATES = _asked("rates", "{fleet}/{vehicle}/rates", wire.RateTable)
+RATES = _asked("rates", "rates", wire.RateTable)
 """message statistics: what comes, what was asked for, what is shed"""
-WANT = _token("want", "{fleet}/{vehicle}/want/{msg}/{hz}/{instance}")
+WANT = _token("want", "want/{msg}/{hz}/{instance}")
 """liveliness token of a reader who wants a message at a rate in Hz"""
-HOLDER = _token("holder", "{fleet}/{vehicle}/holder/{holder}/{instance}", writers=(PLANNER, AGENT, OPERATOR))
+HOLDER = _token("holder", "holder/{holder}/{instance}", writers=PROGRAMS)
 """liveliness token of who holds a lease: when it goes, the lease ends"""
-LINK = Channel(
-    "link",
-    "{fleet}/{vehicle}/link/{link}",
-    wire.LinkQuality,
-    writers=(VEHICLE, OPERATOR, PLANNER),
-    rate_hz=1.0,
-    stale_after=5.0,
-    recorded=True,
-)
+LINK = Channel("link", "link/{link}", wire.LinkQuality, writers=HOSTS, rate_hz=1.0, stale_after=5.0, recorded=True)
 """quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too"""
-PROBE = Channel(
-    "probe",
-    "{fleet}/@probe/{to}/{vehicle}",
-    writers=(VEHICLE, OPERATOR, PLANNER),
-    encoding=RAW,
-    rate_hz=4.0,
-    repeated=False,
-)
+PROBE = Channel("probe", "@probe/{to}/{vehicle}", writers=HOSTS, encoding=RAW, rate_hz=4.0, repeated=False)
 """one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on"""
 AGENT_STATUS = Channel(
     "agent_status",
-    "{fleet}/{vehicle}/agent/{agent}/status",
+    "agent/{agent}/status",
     wire.AgentStatus,
-    writers=(AGENT, PLANNER, OPERATOR),
+    writers=PROGRAMS,
     rate_hz=1.0,
     stale_after=5.0,
     recorded=True,
@@ -193,38 +183,32 @@ AGENT_STATUS = Channel(
 """what an agent does"""
 AGENT_DO = _asked(
     "agent_do",
-    "{fleet}/{vehicle}/agent/{agent}/do/{verb}",
+    "agent/{agent}/do/{verb}",
     wire.Outcome,
-    writers=(OPERATOR, PLANNER, AGENT),
+    writers=PROGRAMS,
     recorded=True,
     proven=True,
-    answerers=(AGENT, PLANNER, OPERATOR),
+    answerers=PROGRAMS,
 )
 """an order to an agent that runs for the vehicle, wherever it runs"""
-AGENT_PARAM = Channel(
-    "agent_param",
-    "{fleet}/{vehicle}/agent/{agent}/param/{param}",
-    wire.TunableInfo,
-    writers=(AGENT, PLANNER, OPERATOR),
-    recorded=True,
-)
+AGENT_PARAM = Channel("agent_param", "agent/{agent}/param/{param}", wire.TunableInfo, writers=PROGRAMS, recorded=True)
 """a parameter of an agent when it changes; answers queries too"""
 AGENT_OUT = Channel(
     "agent_out",
-    "{fleet}/{vehicle}/agent/{agent}/out/{topic}",
+    "agent/{agent}/out/{topic}",
     wire.Signals,
-    writers=(AGENT, PLANNER, OPERATOR),
+    writers=PROGRAMS,
     rate_hz=50.0,
     stale_after=1.0,
     recorded=True,
     repeated=False,
 )
 """numbers that an agent streams: references, errors, integrators, outputs"""
-SLOT = _token("slot", "{fleet}/{vehicle}/slot/{target}/{slot}/{since}/{instance}", writers=(PLANNER, AGENT, OPERATOR))
+SLOT = _token("slot", "slot/{target}/{slot}/{since}/{instance}", writers=PROGRAMS)
 """liveliness token: the vehicle keeps a place relative to a target, since when (UTC ms); the first has it"""
 FRAME = Channel(
     "camera_frame",
-    "{fleet}/{vehicle}/camera/{camera}/frame",
+    "camera/{camera}/frame",
     qos=Qos.BULK,
     writers=(VEHICLE, AGENT),
     encoding=RAW,
@@ -232,11 +216,11 @@ FRAME = Channel(
     repeated=False,
 )
 """pictures as JPEG in chunks of at most 1.1 kB, each with its place in the picture and the time of exposure"""
-CAMERA = _asked("camera", "{fleet}/{vehicle}/camera/{camera}/info", wire.CameraInfo)
+CAMERA = _asked("camera", "camera/{camera}/info", wire.CameraInfo)
 """the camera's lens, mount, size and rate"""
 FRAME_REPORT = _put(
     "frame_report",
-    "{fleet}/{vehicle}/camera/{camera}/report/{reader}",
+    "camera/{camera}/report/{reader}",
     wire.FrameReport,
     writers=(ANYONE,),
     rate_hz=2.0,
@@ -246,7 +230,7 @@ FRAME_REPORT = _put(
 """what comes of the pictures at a reader, whose link they are adapted to"""
 DETECTION = Channel(
     "camera_detection",
-    "{fleet}/{vehicle}/camera/{camera}/detection",
+    "camera/{camera}/detection",
     wire.Detections,
     writers=(AGENT, OPERATOR, PLANNER),
     rate_hz=15.0,
@@ -255,37 +239,27 @@ DETECTION = Channel(
     repeated=False,
 )
 """what was found in each picture, and where that is"""
-ALIVE = _token("alive", "{fleet}/{vehicle}/alive/{role}/{sys}/{autopilot}/{uid}/{instance}")
+ALIVE = _token("alive", "alive/{role}/{sys}/{autopilot}/{uid}/{instance}")
 """liveliness token of a vehicle, agent or ground node"""
-CERTIFICATE = _asked("certificate", "{fleet}/{vehicle}/certificate", encoding=RAW)
+CERTIFICATE = _asked("certificate", "certificate", encoding=RAW)
 """the vehicle's certificate (DER), by which what it signs is told from what others say of it"""
-BENCH = _asked("bench", "{fleet}/{vehicle}/bench/order/{order}", wire.BenchReport, writers=(OPERATOR,), proven=True)
+BENCH = _asked("bench", "bench/order/{order}", wire.BenchReport, writers=(OPERATOR,), proven=True)
 """start or stop this host's part in measuring the network"""
-BENCH_REPORT = _asked("bench_report", "{fleet}/{vehicle}/bench/report/{run}", wire.BenchReport)
+BENCH_REPORT = _asked("bench_report", "bench/report/{run}", wire.BenchReport)
 """what a host has measured in a run"""
-BENCH_PING = _asked("bench_ping", "{fleet}/{vehicle}/bench/ping", wire.Pong)
+BENCH_PING = _asked("bench_ping", "bench/ping", wire.Pong)
 """answered at once: which host it is, and its clocks"""
-BENCH_FLOW = Channel(
-    "bench_flow", "{fleet}/{vehicle}/bench/flow/{run}", qos=Qos.BULK, writers=(VEHICLE, OPERATOR, PLANNER), encoding=RAW
-)
+BENCH_FLOW = Channel("bench_flow", "bench/flow/{run}", qos=Qos.BULK, writers=HOSTS, encoding=RAW)
 """the datagrams of a measurement, in the class that is measured"""
-FLEET = Channel("fleet", "{fleet}/@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
+FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
 """fleet-wide topics: origin, goal, charge, plan, obstacle, roster"""
 SWARM = _asked(
-    "swarm",
-    "{fleet}/{vehicle}/swarm/{verb}",
-    wire.Outcome,
-    writers=(OPERATOR, PLANNER),
-    recorded=True,
-    proven=True,
-    answerers=(AGENT, PLANNER, OPERATOR),
+    "swarm", "swarm/{verb}", wire.Outcome, writers=(OPERATOR, PLANNER), recorded=True, proven=True, answerers=PROGRAMS
 )
 """an order for several vehicles at once, to the planner in charge (the vehicle here is its host)"""
-OBSTACLE = Channel(
-    "obstacle", "{fleet}/@obstacle/{name}", wire.swarm.Obstacle, writers=(OPERATOR, PLANNER), recorded=True
-)
+OBSTACLE = Channel("obstacle", "@obstacle/{name}", wire.swarm.Obstacle, writers=(OPERATOR, PLANNER), recorded=True)
 """something to keep clear of, by anyone who knows of it; said again before its ttl is over"""
-HISTORY = _asked("history", "{fleet}/{vehicle}/history/{of}/{what}", wire.History)
+HISTORY = _asked("history", "history/{of}/{what}", wire.History)
 """what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then"""
 
 CHANNELS: dict[str, Channel] = {c.name: c for c in vars().copy().values() if isinstance(c, Channel)}

@@ -17,8 +17,8 @@ import zenoh
 
 from zmav import keys
 from zmav.errors import BadKey, Refused
-from zmav.present import Present
 from zmav.services.link.port import on_loop
+from zmav.tokens import TokenTable
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""
@@ -44,7 +44,7 @@ class Slot:
         self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
         self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
         self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)
-        self._others: Present[str, tuple[Claim, str]] = Present(
+        self._others: TokenTable[str, tuple[Claim, str]] = TokenTable(
             lambda who: is_vehicle(fleet, who), lambda claim: -claim[0][0]
         )
         self._token: zenoh.LivelinessToken | None = None

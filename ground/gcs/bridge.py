@@ -31,7 +31,7 @@ from ground.gcs.uplink import Uplink
 from zmav import keys, wire
 from zmav.errors import BadInput
 from zmav.mavlink import Dialect, Frame, decode
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
 
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
@@ -80,7 +80,7 @@ class Bridge:
         standard = GCS if settings.streams else {}
         self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, standard)
         self.uplink = Uplink(self, self.routes, self.streams, self._answerers)
-        self._said: Seldom[tuple[object, str]] = Seldom(AGAIN, MOST_SAID)
+        self._said: RateLimit[tuple[object, str]] = RateLimit(AGAIN, MOST_SAID)
         """words about a vehicle, to a client or to all"""
         self.endpoints: list[StationEndpoint] = []
         self._present: set[Client] = set()

@@ -22,7 +22,7 @@ from zmav.errors import Clash, NoSuchVehicle, ZmavError
 from zmav.mavlink import Frame, decode, targets
 from zmav.mavlink.results import CommandResult
 from zmav.mavlink.signing import SETUP_SIGNING
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 
 logger = logging.getLogger(__name__)
 BEAT = 0.4
@@ -42,10 +42,10 @@ class Uplink:
         self.refused: Counter[str] = Counter()
         """frames of clients that went nowhere, by reason"""
         self.sent = 0
-        self._beats: Seldom[tuple[int, int, tuple[str, ...]]] = Seldom(BEAT, MOST_SAID)
+        self._beats: RateLimit[tuple[int, int, tuple[str, ...]]] = RateLimit(BEAT, MOST_SAID)
         """by system, component and the vehicles that are seen: of two stations with one id that see other vehicles each
         beats for its own"""
-        self._once: Seldom[tuple[object, ...]] = Seldom(math.inf, MOST_SAID)
+        self._once: RateLimit[tuple[object, ...]] = RateLimit(math.inf, MOST_SAID)
 
     def said(self, client: Client, frame: Frame) -> None:
         """A frame of a client. Never raises."""

@@ -16,7 +16,7 @@ from tests.trust.conftest import Authority, StartGuarded
 from zmav import keys, wire
 from zmav.client import STRANGERS
 from zmav.errors import Clash, Forbidden
-from zmav.present import OF_EACH
+from zmav.tokens import OF_EACH
 from zmav.trust.credentials import Credentials
 from zmav.trust.member import ROSTERS, Member
 from zmav.trust.proof import Signer, read

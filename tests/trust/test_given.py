@@ -40,12 +40,12 @@ async def test_a_planner_takes_no_fence_down_and_moves_no_servo(guarded: StartGu
 async def test_what_the_fleet_file_gives_it_may(guarded: StartGuarded) -> None:
     g = await guarded(rights=Rights(planner=["servo"]))
     async with g.client("plan", "planner") as z:
-        await z.vehicle("quad1").servo(9, 1500)
+        await z.vehicle("quad1").order("servo", ORDERS["servo"])
         with pytest.raises(Forbidden):
             await z.vehicle("quad1").order("mission_clear", ORDERS["mission_clear"])
     async with g.client("view", "viewer") as z:
         with pytest.raises(Forbidden):
-            await z.vehicle("quad1").servo(9, 1500)
+            await z.vehicle("quad1").order("servo", ORDERS["servo"])
 
 
 def test_the_doors_are_made_from_the_same_table() -> None:

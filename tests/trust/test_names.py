@@ -12,7 +12,7 @@ import pytest
 from zmav import keys, wire
 from zmav.config import Separation
 from zmav.errors import Forbidden
-from zmav.present import OF_EACH, STRANGERS
+from zmav.tokens import OF_EACH, STRANGERS
 from zmav.trust.certificate import Role
 from zmav.trust.member import Member
 from zmav.trust.rights import may

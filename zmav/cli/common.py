@@ -9,13 +9,13 @@ import json
 import os
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from zmav.errors import BadInput
-from zmav.session import Mode, SessionSettings
+from zmav.session import SessionSettings
 from zmav.trust.credentials import VARIABLE
 
 if TYPE_CHECKING:
@@ -37,8 +37,11 @@ class Verbs(click.Group):
 
     def __init__(self, *args: Any, package: str = "", files: Sequence[str] = (), points: str = "", **more: Any) -> None:
         super().__init__(*args, **more)
-        self._package, self._files = package, files
-        self._points = {point.name: point for point in entry_points(group=points)} if points else {}
+        self._package, self._files, self._group = package, files, points
+
+    @functools.cached_property
+    def _points(self) -> dict[str, EntryPoint]:
+        return {point.name: point for point in entry_points(group=self._group)} if self._group else {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted({*super().list_commands(ctx), *self._files, *self._points})
@@ -78,20 +81,9 @@ def zenoh_options(command: F) -> F:
         help="Folder of the member we are: see 'zmav mesh ca'.",
     )
     @functools.wraps(command)
-    def wrapped(
-        *args: Any,
-        connect: tuple[str, ...],
-        listen: tuple[str, ...],
-        mode: Mode | None,
-        config: str | None,
-        cfg: tuple[str, ...],
-        credentials: str | None,
-        **kwargs: Any,
-    ) -> Any:
-        settings = SessionSettings(
-            mode=mode, connect=connect, listen=listen, file=config, cfg=cfg, credentials=credentials
-        )
-        return command(*args, settings=settings, **kwargs)
+    def wrapped(*args: Any, config: str | None, **options: Any) -> Any:
+        own = {name: options.pop(name) for name in ("connect", "listen", "mode", "cfg", "credentials")}
+        return command(*args, settings=SessionSettings(file=config, **own), **options)
 
     return wrapped  # type: ignore[return-value]
 

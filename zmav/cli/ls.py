@@ -16,6 +16,8 @@ from zmav.cli.common import Work, connected, console, dump, json_option
 from zmav.doctor.facts import facts_of
 from zmav.doctor.rules import reasons
 
+RECORDING = "recording"
+"""the rule that says so: what else was wrong with it is long over"""
 COLUMNS = ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place", "age", "loss", "by")
 
 
@@ -60,7 +62,8 @@ def fleet_view(vehicles: list[zmav.Vehicle]) -> Group:
         style = "red" if bad else "green" if state is not None and state.armed else ""
         table.add_row(*_row(vehicle), style=style)
         if found:
-            notes.append(Text(f"{vehicle.name}: {'; '.join(reason.text for reason in found)}", style=style))
+            texts = [reason.text for reason in found if reason.rule == RECORDING] or [reason.text for reason in found]
+            notes.append(Text(f"{vehicle.name}: {'; '.join(texts)}", style=style))
     return Group(table, *notes)
 
 

@@ -32,12 +32,10 @@ def new(file: str) -> None:
 
 @command.command("setup")
 @click.option("--link", required=True, metavar="URL", help="The autopilot, on a link that nobody can listen to (USB).")
-@click.option("--key", "key_file", metavar="FILE", help="The key.")
-@click.option("--off", is_flag=True, help="End signing instead; needs --key with the key in force.")
-def setup(link: str, key_file: str | None, off: bool) -> None:
+@click.option("--key", "key_file", metavar="FILE", required=True, help="As 'zmav signing new FILE' makes one.")
+@click.option("--off", is_flag=True, help="End signing instead; --key is then the key in force.")
+def setup(link: str, key_file: str, off: bool) -> None:
     """Give the key to the autopilot on this link, and see that it signs. Nothing else may hold the link meanwhile."""
-    if key_file is None:
-        raise click.UsageError("give --key FILE ('zmav signing new FILE' makes one)")
     key = read_key(key_file)
     with open_link(link) as opened:
         Setup(opened, key).run(off=off)

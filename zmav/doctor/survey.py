@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
 
 import msgspec
@@ -92,46 +92,33 @@ async def look(
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
-        names, late = [label(v) for v in present], list[str]()
+        parts: dict[str, Coroutine[Any, Any, Any]] = {
+            "links": listener.ask(),
+            "routers": find_routers(z),
+            "tokens": find_tokens(z),
+            "hosts": find_hosts(z),
+            "clocks": _of_each(present, _clock_of),
+            "safety": _of_each(present, read_safety),
+            "trust": look_at_trust(z, own, [v.name for v in present]),
+        }
+        found: dict[str, Any] = {}
+        late: list[str] = []
 
-        async def finish(what: str, work: Coroutine[Any, Any, T], nothing: T) -> T:
+        async def finish(part: str, work: Coroutine[Any, Any, Any]) -> None:
             try:
-                return await within(PART_S, work)
+                found[part] = await within(PART_S, work)
             except asyncio.TimeoutError:
-                late.append(f"{what}: not done within {PART_S:.0f} s")
+                late.append(f"{part}: not done within {PART_S:.0f} s")
             except ZmavError as e:
-                late.append(f"{what}: {e.message}")
-            return nothing
+                late.append(f"{part}: {e.message}")
 
-        def part(what: str, work: Coroutine[Any, Any, T], nothing: T) -> asyncio.Task[T]:
-            return asyncio.create_task(finish(what, work, nothing))
-
-        links = part("links", listener.ask(), None)
-        found, tokens = part("routers", find_routers(z), {}), part("who is present", find_tokens(z), [])
-        hosts = part("hosts", find_hosts(z), {})
-        clocks = part("clocks", _of_all(names, [_clock_of(v) for v in present]), {})
-        safety = part("parameters", _of_all(names, [read_safety(v) for v in present]), {})
-        trust = part("credentials", look_at_trust(z, own, [v.name for v in present]), None)
-        await links
-        return Survey(
-            vehicles,
-            await found,
-            listener.autopilots,
-            await clocks,
-            await safety,
-            await trust,
-            listener.neighbours,
-            await hosts,
-            listener.agents(),
-            await tokens,
-            late,
-            file,
-            name,
-        )
+        await asyncio.gather(*(finish(part, work) for part, work in parts.items()))
+        found |= {"links": listener.autopilots, "neighbours": listener.neighbours, "agents": listener.agents()}
+        return Survey(vehicles=vehicles, unfinished=late, file=file, name=name, **found)
 
 
-async def _of_all(names: list[str], work: list[Coroutine[Any, Any, T]]) -> dict[str, T]:
-    return dict(zip(names, await asyncio.gather(*work), strict=True))
+async def _of_each(vehicles: list[Vehicle], ask: Callable[[Vehicle], Awaitable[T]]) -> dict[str, T]:
+    return dict(zip(map(label, vehicles), await asyncio.gather(*map(ask, vehicles)), strict=True))
 
 
 def label(vehicle: Vehicle) -> str:

@@ -212,10 +212,6 @@ class Vehicle:
         """Restart the disarmed autopilot; returns when it is heard again."""
         await self.order("reboot", wire.Order())
 
-    async def servo(self, output: int, pwm: int) -> None:
-        """Set one output (from 1) to a PWM in µs."""
-        await self.order("servo", wire.SetServo(output=output, pwm=pwm))
-
     async def command(
         self,
         name: str,

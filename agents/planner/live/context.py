@@ -23,7 +23,7 @@ from agents.planner.live.world import World
 from agents.planner.model.problem import MovingObstacle
 from zmav import wire
 from zmav.process import say as log
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
 from zmav.wire import swarm
 
@@ -74,7 +74,7 @@ class Context:
     """something is to be published now"""
     asking: set[asyncio.Task[None]] = field(default_factory=set)
     loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
-    _told: Seldom[str] = field(default_factory=lambda: Seldom(SELDOM, KINDS))
+    _told: RateLimit[str] = field(default_factory=lambda: RateLimit(SELDOM, KINDS))
 
     def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
         """Something happened: in the log, in the status, and so to everybody who looks."""

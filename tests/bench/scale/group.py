@@ -38,5 +38,5 @@ class GroupStates(Wire, kw_only=True):
     vehicles: list[GroupMember] = []  # noqa: RUF012
 
 
-GROUP = keys.Channel("group", "{fleet}/@group/{group}/states", GroupStates, rate_hz=1.0, stale_after=5.0)
+GROUP = keys.Channel("group", "@group/{group}/states", GroupStates, rate_hz=1.0, stale_after=5.0)
 """a group's vehicles in short, by its gateway: what crosses between groups instead of every state"""

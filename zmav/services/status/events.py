@@ -13,7 +13,7 @@ import zenoh.ext
 from zmav import keys, wire
 from zmav.mavlink import Frame
 from zmav.mavlink.statustext import Text, TextJoiner
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 from zmav.trust.proof import Signer
 
 SEVERITIES: tuple[wire.Severity, ...] = (
@@ -46,7 +46,7 @@ class Events:
             publisher_detection=True,
             sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
         )
-        self._limits: Seldom[str] = Seldom(1.0, LIMITS)
+        self._limits: RateLimit[str] = RateLimit(1.0, LIMITS)
         self._texts: collections.deque[tuple[float, str]] = collections.deque(maxlen=50)
         self._joiner = TextJoiner()
 

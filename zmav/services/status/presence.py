@@ -15,11 +15,11 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.errors import BadKey, Clash, ZmavError
-from zmav.present import Present
 from zmav.services.companion import Companion
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import challenge_vehicle
+from zmav.tokens import TokenTable
 from zmav.trust.certificate import Role
 from zmav.trust.proof import Signer
 from zmav.trust.verify import Verifier
@@ -42,7 +42,9 @@ class Presence:
         self.clash: str | None = None
         self._token: zenoh.LivelinessToken | None = None
         self._token_key = ""
-        self.others: Present[str, dict[str, str]] = Present(self._is_known, lambda token: _who(token) in self._proven)
+        self.others: TokenTable[str, dict[str, str]] = TokenTable(
+            self._is_known, lambda token: _who(token) in self._proven
+        )
         """the parts of other vehicles' tokens; no flood takes the place of one that is proven"""
         self._proven: set[tuple[str, str]] = set()
         """(vehicle, instance) of others that have proven to be who their tokens say"""

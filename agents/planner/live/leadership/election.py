@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from zmav.present import Present
+from zmav.tokens import TokenTable
 from zmav.wire import swarm
 
 HEARTBEAT, BEAT = 1.0, 0.3
@@ -54,10 +54,10 @@ class LeaderElection:
     """there are some in our book, while we are in charge"""
     _heard: float = -1e9
     _since: float | None = None
-    _tokens: Present[str, Token] = field(init=False)
+    _tokens: TokenTable[str, Token] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._tokens = Present(self.is_planner, lambda token: token == self._held)
+        self._tokens = TokenTable(self.is_planner, lambda token: token == self._held)
 
     @property
     def in_charge(self) -> bool:

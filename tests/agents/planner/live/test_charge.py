@@ -9,7 +9,7 @@ import pytest
 
 from agents.planner.live.fleet import Hearing
 from agents.planner.live.leadership.election import PATIENCE, SILENCE, LeaderElection, Token
-from zmav.present import OF_EACH, STRANGERS
+from zmav.tokens import OF_EACH, STRANGERS
 from zmav.wire import swarm
 
 

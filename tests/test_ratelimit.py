@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from zmav.seldom import Seldom
+from zmav.ratelimit import RateLimit
 
 
 def test_each_is_let_through_once_in_a_while_and_the_rest_counted() -> None:
     now = [0.0]
-    seldom: Seldom[str] = Seldom(1.0, 10, lambda: now[0])
+    seldom: RateLimit[str] = RateLimit(1.0, 10, lambda: now[0])
     assert [seldom.take("a") for _ in range(5)] == [0, None, None, None, None]
     assert seldom.take("b") == 0
     now[0] = 1.0
@@ -16,7 +16,7 @@ def test_each_is_let_through_once_in_a_while_and_the_rest_counted() -> None:
 
 def test_a_flood_of_new_ones_is_bounded_and_room_comes_again() -> None:
     now = [0.0]
-    seldom: Seldom[int] = Seldom(1.0, 10, lambda: now[0])
+    seldom: RateLimit[int] = RateLimit(1.0, 10, lambda: now[0])
     assert sum(seldom.take(n) is not None for n in range(10_000)) == 10 == len(seldom)
     now[0] = 1.0
     assert sum(seldom.take(n) is not None for n in range(10_000)) == 10 == len(seldom)
@@ -25,5 +25,5 @@ def test_a_flood_of_new_ones_is_bounded_and_room_comes_again() -> None:
 def test_the_first_one_is_let_through_whatever_the_clock_says() -> None:
     now = [0.0]
     for now[0] in (0.0, 0.3, 12345.678, 987654.321, 1e9 / 3.0):
-        seldom: Seldom[str] = Seldom(0.4, 10, lambda: now[0])
+        seldom: RateLimit[str] = RateLimit(0.4, 10, lambda: now[0])
         assert seldom.take("a") == 0

@@ -13,7 +13,7 @@ STRANGERS = 64
 """names that are not known to be anybody's, and whose tokens are remembered until it is known"""
 
 
-class Present(Generic[Who, What]):
+class TokenTable(Generic[Who, What]):
     """What each token says, by whom it is about and by its key.
 
     ``is_known(who)``: there is always room for them; of others there is room for :data:`STRANGERS`. Of one's tokens the

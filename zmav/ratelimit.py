@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 Who = TypeVar("Who", bound=Hashable)
 
 
-class Seldom(Generic[Who]):
+class RateLimit(Generic[Who]):
     """Once in ``every`` seconds for each, and for ``most`` within that time. Thread-safe.
 
     No more than ``most`` are remembered: a flood of new ones fills no memory, and is let through no faster.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zmav.present import OF_EACH, STRANGERS, Present
+from zmav.tokens import OF_EACH, STRANGERS, TokenTable
 
 
 class Counting(str):
@@ -18,7 +18,7 @@ class Counting(str):
 
 
 def test_a_flood_of_one_is_bounded_and_each_costs_the_same() -> None:
-    present: Present[str, int] = Present(lambda who: True)
+    present: TokenTable[str, int] = TokenTable(lambda who: True)
     Counting.compared = 0
     flood = [Counting(f"token {n}") for n in range(10_000)]
     for n, key in enumerate(flood):
@@ -34,7 +34,7 @@ def test_a_flood_of_one_is_bounded_and_each_costs_the_same() -> None:
 
 def test_the_true_one_is_seen_among_many_that_came_before() -> None:
     """And after it, where it is worth more: who floods us may begin whenever he likes."""
-    present: Present[str, str] = Present(lambda who: True, lambda what: what == "true")
+    present: TokenTable[str, str] = TokenTable(lambda who: True, lambda what: what == "true")
     for n in range(100):
         present.add("quad1", f"before {n}", "forged")
     assert present.crowded() == ["quad1"]
@@ -44,7 +44,7 @@ def test_the_true_one_is_seen_among_many_that_came_before() -> None:
     assert "true" in present.of("quad1") and len(present) == OF_EACH
     present.settle("quad1")
     assert present.crowded() == []
-    alike: Present[str, int] = Present(lambda who: True)
+    alike: TokenTable[str, int] = TokenTable(lambda who: True)
     for n in range(100):
         alike.add("quad1", f"{n}", n)
     assert alike.of("quad1") == list(range(100 - OF_EACH, 100)), "of equals the newest"
@@ -52,7 +52,7 @@ def test_the_true_one_is_seen_among_many_that_came_before() -> None:
 
 def test_names_nobody_knows_have_little_room_and_take_none_from_the_known() -> None:
     known = {"quad1"}
-    present: Present[str, None] = Present(known.__contains__)
+    present: TokenTable[str, None] = TokenTable(known.__contains__)
     assert sum(present.add(f"ghost{n}", "token", None) for n in range(10_000)) == STRANGERS
     assert list(present) == [] and len(present.strangers()) == STRANGERS
     assert present.add("quad1", "token", None) and list(present) == ["quad1"]
@@ -64,7 +64,7 @@ def test_names_nobody_knows_have_little_room_and_take_none_from_the_known() -> N
 
 
 def test_the_same_token_twice_is_one() -> None:
-    present: Present[str, str] = Present(lambda who: True)
+    present: TokenTable[str, str] = TokenTable(lambda who: True)
     assert present.add("quad1", "token", "a") and not present.add("quad1", "token", "a")
     assert present.of("quad1") == ["a"] and "quad1" in present
     assert present.remove("quad1", "token") and "quad1" not in present
