@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -20,7 +18,7 @@ from mesh.lab import kernel
 from mesh.lab.control import Control, Room
 from mesh.lab.lab import Lab
 from mesh.lab.network import LabError, check_able
-from mesh.lab.remote import Remote, claimed, running
+from mesh.lab.remote import Remote, claimed
 from mesh.lab.scenario import load_scenario
 from mesh.lab.status import tables
 from zmav.cli.common import assignments, console, dump, json_option, run
@@ -93,13 +91,6 @@ def status(name: str | None, as_json: bool) -> None:
     console().print(tables(found))
 
 
-@lab.command("list")
-def list_labs() -> None:
-    """Show the labs that run."""
-    for name in running():
-        click.echo(name)
-
-
 @lab.command("set")
 @click.argument("link")
 @click.argument("conditions", nargs=-1, required=True)
@@ -149,22 +140,22 @@ def down(name: str | None) -> None:
 def execute(host: str, command: tuple[str, ...], name: str | None) -> None:
     """Run a program in a host: 'zmav lab exec ground zmav ls', 'zmav lab exec quad1 bash'.
 
-    It has this terminal, the host's network and credentials, and ends with the lab, but for what it left in the
-    background. Its exit code is ours.
+    It has this terminal, the host's network and credentials, and ends with the lab. Its exit code is ours.
     """
     check_able()
     with Remote(name) as remote:
         room = msgspec.convert(remote.call("room", host=host), Room)
     try:
-        relay, namespace = os.pidfd_open(room.pid), os.open(room.namespace, os.O_RDONLY)
+        processes, namespace = (os.open(path, os.O_RDONLY) for path in (f"/proc/{room.pid}/ns/pid", room.namespace))
     except OSError as e:
         raise LabError(f"the lab has just ended: {e.strerror}") from e
+    kernel.setns(processes, kernel.CLONE_NEWPID)  # where everything ends with the relay
     kernel.setns(namespace, kernel.CLONE_NEWNET)
-    sys.exit(_run(command, relay, room.environment))
+    sys.exit(_run(command, room.environment))
 
 
-def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> int:
-    """The program's exit code, as a shell gives it; killed when the lab ends."""
+def _run(command: tuple[str, ...], environment: dict[str, str]) -> int:
+    """The program's exit code, as a shell gives it."""
     beside = str(Path(sys.executable).parent)  # where this zmav is
     environment = {**os.environ, **environment, "PATH": f"{beside}:{os.environ.get('PATH', os.defpath)}"}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells the program as well, and it decides
@@ -174,16 +165,6 @@ def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> i
         raise BadInput(f"cannot run {command[0]!r}: {e.strerror}", field="command", value=command[0]) from e
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: process.send_signal(number))
-    poll = select.poll()
-    for fd in (os.pidfd_open(process.pid), relay):
-        poll.register(fd, select.POLLIN)
-    poll.poll()
-    if process.poll() is None:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(0.1)  # both at once
-        if process.poll() is None:
-            click.echo("zmav: the lab has ended", err=True)
-            process.kill()
     code = process.wait()
     return code if code >= 0 else 128 - code
 

@@ -85,8 +85,6 @@ def test_what_runs_is_shown(remote: Remote, capsys: pytest.CaptureFixture[str]) 
         ("box2", True),
     ]
     assert [(link.name, link.medium) for link in found.links] == [("box1-box2", "air")]
-    here("list")
-    assert capsys.readouterr().out == "pair\n"
     assert remote.directory.stat().st_mode & 0o077 == 0
     assert stat.S_IMODE((remote.directory / "control.sock").stat().st_mode) == 0o600
 
