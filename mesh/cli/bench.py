@@ -74,7 +74,7 @@ def command(fleet: str, settings: SessionSettings, **given: Any) -> None:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
-    Rates and transfers are of payload; order: datagrams out of order.
+    Rates and transfers are of payload.
     """
     run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions), fleet, settings))
 

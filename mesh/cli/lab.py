@@ -25,8 +25,6 @@ from zmav.cli.common import assignments, console, dump, json_option, run
 from zmav.errors import BadInput
 from zmav.process import until_stopped
 
-lab_option = click.option("--lab", "name", metavar="NAME", help="Which lab.  [default: the only one that runs]")
-
 
 @click.group("lab")
 def lab() -> None:
@@ -40,14 +38,11 @@ def lab() -> None:
 
 @lab.command("up")
 @click.argument("file")
-@click.option("--name", help="The lab's name.  [default: the file's]")
 @click.option("--bare", is_flag=True, help="Namespaces and links alone: no routers, no vehicles.")
-def up(file: str, name: str | None, bare: bool) -> None:
-    """Make a lab and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
+def up(file: str, bare: bool) -> None:
+    """Make a lab, one at a time, and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
     check_able()
     scenario = load_scenario(file)
-    if name is not None:
-        scenario = msgspec.structs.replace(scenario, name=name)
     with claimed(scenario.name) as (directory, claim):
         run(_up(Lab(scenario, directory, programs=not bare, keep=(claim,))))
 
@@ -79,11 +74,10 @@ async def _up(made: Lab) -> None:
 
 
 @lab.command("status")
-@lab_option
 @json_option
-def status(name: str | None, as_json: bool) -> None:
+def status(as_json: bool) -> None:
     """Show hosts and links: state, loss, rate, and what has crossed."""
-    with Remote(name) as remote:
+    with Remote() as remote:
         found = remote.status()
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
@@ -94,23 +88,21 @@ def status(name: str | None, as_json: bool) -> None:
 @lab.command("set")
 @click.argument("link")
 @click.argument("conditions", nargs=-1, required=True)
-@lab_option
-def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> None:
+def set_conditions(link: str, conditions: tuple[str, ...]) -> None:
     """Change a link: 'zmav lab set 2-3 loss=0.2 delay=100ms rate=1M'.
 
     Also jitter, ordered (true or false), burst (frames lost in a row, on average), queue (bytes that may wait)
     and up. rate=max: no limit.
     """
-    with Remote(name) as remote:
+    with Remote() as remote:
         remote.call("set", link=link, conditions=assignments(conditions))
 
 
 def _add_order(verb: str, about: str, text: str) -> None:
     @lab.command(verb, help=text)
     @click.argument(about)
-    @lab_option
-    def command(name: str | None, **which: Any) -> None:
-        with Remote(name) as remote:
+    def command(**which: Any) -> None:
+        with Remote() as remote:
             remote.call(verb, **which)
 
 
@@ -122,10 +114,9 @@ _add_order("kill", "host", "End a host's router as if its computer lost power.")
 
 
 @lab.command("down")
-@lab_option
-def down(name: str | None) -> None:
+def down() -> None:
     """End a lab; returns when it is gone."""
-    with Remote(name) as remote:
+    with Remote() as remote:
         remote.call("down")
         remote.wait()
         deadline = time.monotonic() + 30.0
@@ -136,14 +127,13 @@ def down(name: str | None) -> None:
 @lab.command("exec", context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
 @click.argument("host")
 @click.argument("command", nargs=-1, required=True, type=click.UNPROCESSED)
-@lab_option
-def execute(host: str, command: tuple[str, ...], name: str | None) -> None:
+def execute(host: str, command: tuple[str, ...]) -> None:
     """Run a program in a host: 'zmav lab exec ground zmav ls', 'zmav lab exec quad1 bash'.
 
     It has this terminal, the host's network and credentials, and ends with the lab. Its exit code is ours.
     """
     check_able()
-    with Remote(name) as remote:
+    with Remote() as remote:
         room = msgspec.convert(remote.call("room", host=host), Room)
     try:
         processes, namespace = (os.open(path, os.O_RDONLY) for path in (f"/proc/{room.pid}/ns/pid", room.namespace))
