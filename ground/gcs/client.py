@@ -12,7 +12,7 @@ from ground.gcs.kinds import Kind, Place
 from ground.gcs.numbering import Numbering, renumbered, sequence_of
 from ground.gcs.options import Options
 from ground.gcs.outbox import MOST_FRESH, Item, Outbox
-from mesh.bearer.budget import Bucket
+from mesh.bearer.shaper import Bucket
 from zmav.mavlink import Dialect, Frame, Splitter
 from zmav.mavlink.frame import MAGIC_V2
 

@@ -14,8 +14,7 @@ from typing import Any
 
 from zmav.autopilots import Autopilot
 from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
-from zmav.mavlink.event import Event
-from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
+from zmav.mavlink.event import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, Event, EventWords, Worded, whole
 from zmav.services.files.files import Files
 from zmav.services.link.identity import Identity
 from zmav.services.orders.command import Commander
