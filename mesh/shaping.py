@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mesh.bearer.budget import parse_budget
+from mesh.bearer.shaper import parse_budget
 from zmav import keys
 from zmav.config import FleetConfig, Radio
 from zmav.mavlink import load_dialect

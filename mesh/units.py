@@ -29,11 +29,6 @@ def rate(bits: float | None) -> str:
     return _scaled(bits, (("Gbit/s", 1e9), ("Mbit/s", 1e6), ("kbit/s", 1e3)), "bit/s")
 
 
-def byte_rate(value: float | None) -> str:
-    """Bytes a second, in bits as radios are sold."""
-    return rate(None if value is None else 8.0 * value)
-
-
 def size(count: float | None) -> str:
     """Bytes."""
     return _scaled(count, (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)), "B")

@@ -11,7 +11,7 @@ import msgspec
 
 from ground.gcs.kinds import Kind, Numbering, Place, renumbered, sequence_of
 from ground.gcs.options import Options
-from mesh.bearer.budget import Bucket
+from mesh.bearer.shaper import Bucket
 from zmav.mavlink import Dialect, Frame, Splitter
 from zmav.mavlink.frame import MAGIC_V2
 

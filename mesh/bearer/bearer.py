@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from mesh.bearer.budget import Bucket
 from mesh.bearer.flows import Local
 from mesh.bearer.header import Data, Probe, host_tag, pack_data, pack_probe, unpack
 from mesh.bearer.peer import Peer, Route, RouteStatus
 from mesh.bearer.port import AT_ONCE, Address, RadioPort
+from mesh.bearer.shaper import Bucket
 from zmav.config import Radio
 
 TICK = 0.05

@@ -17,8 +17,8 @@ from dataclasses import replace
 import msgspec
 
 from mesh.bearer.bearer import Bearer, Far
-from mesh.bearer.budget import parse_budget
 from mesh.bearer.port import Address
+from mesh.bearer.shaper import parse_budget
 from mesh.endpoint import between, bound, host_port
 from mesh.neighbours import Neighbour, Way
 from mesh.plan import RouterPlan, Setting

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from mesh.bearer.budget import Bucket
 from mesh.bearer.flows import Local, Opened, Taken
 from mesh.bearer.header import DATA_HEAD
 from mesh.bearer.path import Choice, Health, Path
 from mesh.bearer.port import Address, RadioPort
+from mesh.bearer.shaper import Bucket
 
 ECHOES = 4000.0
 """bytes/s of echoes to one address: about a hundred, and no probe that is answered takes more from the budget"""

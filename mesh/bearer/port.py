@@ -12,9 +12,8 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mesh.bearer.budget import parse_budget
 from mesh.bearer.header import overhead
-from mesh.bearer.shaper import Shaper
+from mesh.bearer.shaper import Shaper, parse_budget
 from zmav.config import Radio
 
 Address = tuple[str, int]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import getpass
+import os
+import platform
 import secrets
-import socket
 from collections.abc import AsyncIterator
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class Bench:
         if client.fleet_name == "*":
             raise BadInput("measure in one fleet: name it", field="fleet", value="*", expected="a fleet's name")
         self.client, self._fleet = client, client.fleet_name
-        self._asker = _who()
+        self._asker = f"{os.environ.get('USER', 'somebody')}@{platform.node()}"  # for a person who is refused
 
     # Who is there.
 
@@ -199,14 +199,6 @@ class Bench:
         if refused is not None:
             raise refused
         raise TimedOut(f"{host} does not answer", host=host)
-
-
-def _who() -> str:
-    """For a person who is refused because of us."""
-    try:
-        return f"{getpass.getuser()}@{socket.gethostname()}"
-    except (KeyError, OSError):  # a user without a name
-        return socket.gethostname()
 
 
 def _pong(reply: zenoh.Reply) -> Pong | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Protocol
 
 import msgspec
 
@@ -56,7 +55,7 @@ class Flow(msgspec.Struct, kw_only=True):
     def total(self) -> BenchInterval:
         """The whole run; what was sent and never came is lost, the last datagrams too."""
         found = self.receiver.total or BenchInterval(
-            start=0.0, end=self.sender.send_seconds, bytes=0, received=0, expected=0, jitter=0.0, out_of_order=0
+            start=0.0, end=self.sender.send_seconds, bytes=0, received=0, expected=0, jitter=0.0
         )
         return msgspec.structs.replace(found, expected=max(self.sender.sent, found.received))
 
@@ -103,15 +102,9 @@ GIVE_UP = 10.0
 
 OnInterval = Callable[[Flow, BenchInterval], None]
 OnOutage = Callable[[Flow, BenchOutage], None]
+Ask = Callable[..., Awaitable[BenchReport]]
+"""of :meth:`mesh.bench.asker.Bench.report`"""
 Stop = Callable[[str, str], Awaitable[None]]
-
-
-class Ask(Protocol):
-    """:meth:`mesh.bench.asker.Bench.report`"""
-
-    async def __call__(
-        self, host: str, run: str, *, since: int = 0, outages: int = 0, tries: int = 1
-    ) -> BenchReport: ...
 
 
 class Follow:

@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Callable
 
 import zenoh
 
-from mesh.bearer.budget import parse_budget
+from mesh.bearer.shaper import parse_budget
 from mesh.bench.run import Run, check
 from mesh.plan import RouterPlan
 from zmav import keys, wire

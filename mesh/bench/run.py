@@ -218,7 +218,6 @@ class Run:
             role=order.role,
             state=self._state,
             why=self._why,
-            elapsed=(self._ended or time.monotonic()) - self._began,
             sent=sending.sent if sending else 0,
             send_seconds=sending.seconds if sending else 0.0,
             skipped=sending.skipped if sending else 0,

@@ -35,7 +35,7 @@ class _Count:
     """Of one interval, or of all."""
 
     def __init__(self) -> None:
-        self.bytes = self.received = self.out_of_order = 0
+        self.bytes = self.received = 0
         self.transit = Samples()
 
 
@@ -69,7 +69,6 @@ class Tally:
                 start, length = (self._last - self._first) / SECOND, (now_ns - self._last) / SECOND
                 self._outages.append(BenchOutage(start=start, length=length, lost=max(number - self._highest - 1, 0)))
             self._last = max(self._last, now_ns)
-            overtaken = number <= self._highest
             self._highest = max(number, self._highest)
             transit = now_ns - sent_ns
             if self._last_transit is not None:
@@ -78,7 +77,6 @@ class Tally:
             for count in (self._now, self._all):
                 count.received += 1
                 count.bytes += size
-                count.out_of_order += overtaken
                 count.transit.add(transit)
 
     def _roll(self, now: int) -> None:
@@ -98,7 +96,6 @@ class Tally:
             received=count.received,
             expected=max(expected, count.received),
             jitter=self._jitter / SECOND,
-            out_of_order=count.out_of_order,
             transit=count.transit.spread(),
         )
 

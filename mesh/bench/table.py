@@ -12,14 +12,11 @@ from mesh.bench.flow import Flow
 from mesh.units import duration, rate, size
 from zmav.wire.bench import BenchInterval, BenchOutage, BenchTrip
 
-HEAD = (
-    f"{'interval':>14} {'transfer':>11} {'bandwidth':>14} {'jitter':>10} {'lost/total':>16} {'':>8} "
-    f"{'order':>6} {'delay':>10}"
-)
+HEAD = f"{'interval':>14} {'transfer':>11} {'bandwidth':>14} {'jitter':>10} {'lost/total':>16} {'':>8} {'delay':>10}"
 
 
 def interval_line(flow: Flow, interval: BenchInterval) -> str:
-    """One line of the table; ``order`` counts datagrams out of order."""
+    """One line of the table."""
     span = max(interval.end - interval.start, 1e-9)
     share = interval.lost / interval.expected if interval.expected else 0.0
     delay = flow.delay(interval.transit)
@@ -27,7 +24,7 @@ def interval_line(flow: Flow, interval: BenchInterval) -> str:
         f"{f'{interval.start:.1f}-{interval.end:.1f} s':>14} {size(interval.bytes):>11} "
         f"{rate(8.0 * interval.bytes / span):>14} {duration(interval.jitter):>10} "
         f"{f'{interval.lost}/{interval.expected}':>16} {f'({100.0 * share:.2g} %)':>8} "
-        f"{interval.out_of_order:>6} {duration(delay[0] if delay else None):>10}"
+        f"{duration(delay[0] if delay else None):>10}"
     )
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
-from collections.abc import AsyncIterator
 from typing import Any
 
 import click
@@ -76,33 +74,22 @@ def command(fleet: str, settings: SessionSettings, **given: Any) -> None:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
-    Rates and transfers are of payload; order: datagrams out of order.
+    Rates and transfers are of payload.
     """
     run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions), fleet, settings))
 
 
 async def measure(options: BenchOptions, fleet: str, settings: SessionSettings) -> None:
     work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _rtt, "max": _max}[options.kind]
-    async with zmav.open(fleet=fleet, settings=settings) as z, _until_stopped() as until:
-        await work(Bench(z), options, until)
-
-
-@contextlib.asynccontextmanager
-async def _until_stopped() -> AsyncIterator[asyncio.Event]:
-    """Set by the first Ctrl-C, so that the hosts are told and what they saw is shown."""
-    stopped = asyncio.Event()
-
-    async def wait() -> None:
-        await until_stopped()
-        stopped.set()
-
-    task = asyncio.ensure_future(wait())
+    until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
+    stopped = asyncio.ensure_future(until_stopped())
+    stopped.add_done_callback(lambda _: until.set())
     try:
-        yield stopped
+        async with zmav.open(fleet=fleet, settings=settings) as z:
+            await work(Bench(z), options, until)
     finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task
+        stopped.cancel()
+        await asyncio.gather(stopped, return_exceptions=True)
 
 
 def wanted(options: BenchOptions, otherwise: Stream) -> Stream:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -20,14 +18,12 @@ from mesh.lab import kernel
 from mesh.lab.control import Control, Room
 from mesh.lab.lab import Lab
 from mesh.lab.network import LabError, check_able
-from mesh.lab.remote import Remote, claimed, running
+from mesh.lab.remote import Remote, claimed
 from mesh.lab.scenario import load_scenario
 from mesh.lab.status import tables
 from zmav.cli.common import assignments, console, dump, json_option, run
 from zmav.errors import BadInput
 from zmav.process import until_stopped
-
-lab_option = click.option("--lab", "name", metavar="NAME", help="Which lab.  [default: the only one that runs]")
 
 
 @click.group("lab")
@@ -42,14 +38,11 @@ def lab() -> None:
 
 @lab.command("up")
 @click.argument("file")
-@click.option("--name", help="The lab's name.  [default: the file's]")
 @click.option("--bare", is_flag=True, help="Namespaces and links alone: no routers, no vehicles.")
-def up(file: str, name: str | None, bare: bool) -> None:
-    """Make a lab and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
+def up(file: str, bare: bool) -> None:
+    """Make a lab, one at a time, and run it until Ctrl-C, SIGTERM or 'zmav lab down'. Nothing of it is left then."""
     check_able()
     scenario = load_scenario(file)
-    if name is not None:
-        scenario = msgspec.structs.replace(scenario, name=name)
     with claimed(scenario.name) as (directory, claim):
         run(_up(Lab(scenario, directory, programs=not bare, keep=(claim,))))
 
@@ -81,11 +74,10 @@ async def _up(made: Lab) -> None:
 
 
 @lab.command("status")
-@lab_option
 @json_option
-def status(name: str | None, as_json: bool) -> None:
+def status(as_json: bool) -> None:
     """Show hosts and links: state, loss, rate, and what has crossed."""
-    with Remote(name) as remote:
+    with Remote() as remote:
         found = remote.status()
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
@@ -93,33 +85,24 @@ def status(name: str | None, as_json: bool) -> None:
     console().print(tables(found))
 
 
-@lab.command("list")
-def list_labs() -> None:
-    """Show the labs that run."""
-    for name in running():
-        click.echo(name)
-
-
 @lab.command("set")
 @click.argument("link")
 @click.argument("conditions", nargs=-1, required=True)
-@lab_option
-def set_conditions(link: str, conditions: tuple[str, ...], name: str | None) -> None:
+def set_conditions(link: str, conditions: tuple[str, ...]) -> None:
     """Change a link: 'zmav lab set 2-3 loss=0.2 delay=100ms rate=1M'.
 
     Also jitter, ordered (true or false), burst (frames lost in a row, on average), queue (bytes that may wait)
     and up. rate=max: no limit.
     """
-    with Remote(name) as remote:
+    with Remote() as remote:
         remote.call("set", link=link, conditions=assignments(conditions))
 
 
 def _add_order(verb: str, about: str, text: str) -> None:
     @lab.command(verb, help=text)
     @click.argument(about)
-    @lab_option
-    def command(name: str | None, **which: Any) -> None:
-        with Remote(name) as remote:
+    def command(**which: Any) -> None:
+        with Remote() as remote:
             remote.call(verb, **which)
 
 
@@ -131,10 +114,9 @@ _add_order("kill", "host", "End a host's router as if its computer lost power.")
 
 
 @lab.command("down")
-@lab_option
-def down(name: str | None) -> None:
+def down() -> None:
     """End a lab; returns when it is gone."""
-    with Remote(name) as remote:
+    with Remote() as remote:
         remote.call("down")
         remote.wait()
         deadline = time.monotonic() + 30.0
@@ -145,26 +127,25 @@ def down(name: str | None) -> None:
 @lab.command("exec", context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
 @click.argument("host")
 @click.argument("command", nargs=-1, required=True, type=click.UNPROCESSED)
-@lab_option
-def execute(host: str, command: tuple[str, ...], name: str | None) -> None:
+def execute(host: str, command: tuple[str, ...]) -> None:
     """Run a program in a host: 'zmav lab exec ground zmav ls', 'zmav lab exec quad1 bash'.
 
-    It has this terminal, the host's network and credentials, and ends with the lab, but for what it left in the
-    background. Its exit code is ours.
+    It has this terminal, the host's network and credentials, and ends with the lab. Its exit code is ours.
     """
     check_able()
-    with Remote(name) as remote:
+    with Remote() as remote:
         room = msgspec.convert(remote.call("room", host=host), Room)
     try:
-        relay, namespace = os.pidfd_open(room.pid), os.open(room.namespace, os.O_RDONLY)
+        processes, namespace = (os.open(path, os.O_RDONLY) for path in (f"/proc/{room.pid}/ns/pid", room.namespace))
     except OSError as e:
         raise LabError(f"the lab has just ended: {e.strerror}") from e
+    kernel.setns(processes, kernel.CLONE_NEWPID)  # where everything ends with the relay
     kernel.setns(namespace, kernel.CLONE_NEWNET)
-    sys.exit(_run(command, relay, room.environment))
+    sys.exit(_run(command, room.environment))
 
 
-def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> int:
-    """The program's exit code, as a shell gives it; killed when the lab ends."""
+def _run(command: tuple[str, ...], environment: dict[str, str]) -> int:
+    """The program's exit code, as a shell gives it."""
     beside = str(Path(sys.executable).parent)  # where this zmav is
     environment = {**os.environ, **environment, "PATH": f"{beside}:{os.environ.get('PATH', os.defpath)}"}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells the program as well, and it decides
@@ -174,16 +155,6 @@ def _run(command: tuple[str, ...], relay: int, environment: dict[str, str]) -> i
         raise BadInput(f"cannot run {command[0]!r}: {e.strerror}", field="command", value=command[0]) from e
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: process.send_signal(number))
-    poll = select.poll()
-    for fd in (os.pidfd_open(process.pid), relay):
-        poll.register(fd, select.POLLIN)
-    poll.poll()
-    if process.poll() is None:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(0.1)  # both at once
-        if process.poll() is None:
-            click.echo("zmav: the lab has ended", err=True)
-            process.kill()
     code = process.wait()
     return code if code >= 0 else 128 - code
 

@@ -1,6 +1,6 @@
 """Talking to a lab that runs by its control socket: ``zmav lab cut 2-3`` and its like do, and so may scripts.
 
-with Remote("line5") as lab:
+with Remote() as lab:
     lab.call("cut", link="2-3")
 
 Each lab has a directory of its own in :func:`directory_of_labs`, and in it a Unix socket that only its owner may open.
@@ -53,11 +53,15 @@ def claimed(name: str) -> Iterator[tuple[Path, int]]:
     if len(os.fsencode(directory / SOCKET)) > LONGEST_PATH:
         text = f"the path {directory / SOCKET} is too long for a socket; take a shorter name"
         raise BadConfig(text, field="name", value=name, expected=f"a path of at most {LONGEST_PATH} bytes")
+    for other in running():
+        if other != name:
+            text = f"a lab {other!r} runs already, and there is one at a time: end it with 'zmav lab down'"
+            raise BadConfig(text, field="name", value=name, expected="no other lab")
     with socket.socket(socket.AF_UNIX) as claim:
         end = time.monotonic() + _ENDS_WITHIN_S
         while not _bound(claim, directory):
             if answers(directory / SOCKET) or time.monotonic() > end:
-                text = f"a lab {name!r} runs already: end it with 'zmav lab down', or give this one a --name"
+                text = f"a lab {name!r} runs already: end it with 'zmav lab down'"
                 raise BadConfig(text, field="name", value=name, expected="a name that no other lab has")
             time.sleep(0.05)  # it begins, or ends
         shutil.rmtree(directory, ignore_errors=True)  # of one that was killed together with its relay
@@ -74,29 +78,19 @@ def _bound(claim: socket.socket, directory: Path) -> bool:
     return True
 
 
-def _choose(name: str | None) -> Path:
+def _choose() -> Path:
     found = running()
-    if name is not None:
-        keys.check_name(name)
-        if name not in found:
-            raise LinkDown(f"no lab {name!r} runs; there are {', '.join(found) or 'none'}")
-        return directory_of_labs() / name
     if not found:
         whose = "" if os.getuid() == 0 else f" as user {os.getuid()} (with sudo, as it was started?)"
         raise LinkDown(f"no lab runs{whose}: start one with 'sudo zmav lab up FILE'")
-    if len(found) > 1:
-        names = ", ".join(found)
-        raise BadConfig(f"several labs run: say which with --lab ({names})", field="lab", value=None, expected=names)
     return directory_of_labs() / found[0]
 
 
 class Remote(ControlClient):
-    """A connection to the lab called ``name`` (None: the only one that runs). Raises :class:`LinkDown` where none runs,
-    :class:`BadConfig` where there are several to choose from, and what the lab says.
-    """
+    """A connection to the lab that runs. Raises :class:`LinkDown` where none does, and what the lab says."""
 
-    def __init__(self, name: str | None = None) -> None:
-        self.directory = _choose(name)
+    def __init__(self) -> None:
+        self.directory = _choose()
         what = f"the lab {self.directory.name}"
         try:
             super().__init__(self.directory / SOCKET, what, ANSWER_S)

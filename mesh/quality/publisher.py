@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 import msgspec
 import zenoh
 
-from mesh.bearer.budget import parse_budget
+from mesh.bearer.shaper import parse_budget
 from mesh.plan import RouterPlan
 from mesh.quality.interface import address_of, signal
 from mesh.quality.probe import Neighbour, Prober

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from zmav.errors import BadMessage
-from zmav.mavlink.event import Event
-from zmav.mavlink.event_words import LONGEST, MOST, MOST_PACKED, EventWords
+from zmav.mavlink.event import LONGEST, MOST, MOST_PACKED, Event, EventWords
 
 TYPES = ["uint8_t", "int16_t", "float", "px4::gait_t", "feet_t", "int64_t", "float"]
 ARGUMENTS = struct.pack("<BhfBHqf", 7, -42, 3.14159, 2, 5, -(1 << 40), 21.5)

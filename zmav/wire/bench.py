@@ -74,7 +74,6 @@ class BenchInterval(Wire, kw_only=True):
     """datagrams, by the numbers they carry"""
     jitter: float
     """s, at its end: the smoothed difference of transit times of RFC 3550, section 6.4.1"""
-    out_of_order: int
     transit: Spread | None = None
     """the receiver's clock less the sender's: :attr:`BenchClock.offset` makes it a delay"""
 
@@ -121,7 +120,6 @@ class BenchReport(Wire, kw_only=True):
     role: BenchRole
     state: BenchState
     why: str = ""
-    elapsed: float
     sent: int = 0
     send_seconds: float = 0.0
     """from the first datagram's time to the end of the last one's"""

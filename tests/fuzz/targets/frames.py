@@ -19,8 +19,7 @@ from zmav.errors import BadMessage
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, describe, encode, load_dialect, parse_frame
 from zmav.mavlink import ftp as ftp_packets
 from zmav.mavlink.checksum import checksum
-from zmav.mavlink.event import Event, read_event
-from zmav.mavlink.event_words import EventWords
+from zmav.mavlink.event import Event, EventWords, read_event
 from zmav.mavlink.ftp import Packet
 from zmav.mavlink.signing import Signing
 from zmav.mavlink.statustext import MSGID, TextJoiner

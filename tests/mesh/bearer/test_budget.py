@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mesh.bearer.budget import LARGEST, Bucket, parse_budget
+from mesh.bearer.shaper import LARGEST, Bucket, parse_budget
 from zmav.errors import BadConfig
 
 

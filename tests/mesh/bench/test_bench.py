@@ -362,19 +362,17 @@ def _flow(
         received=received,
         expected=100,
         jitter=0.0,
-        out_of_order=0,
     )
     report = BenchReport(
         run="r",
         host="quad1",
         role="send",
         state="done",
-        elapsed=1.0,
         sent=100,
         send_seconds=1.0,
         trips=[_trip(0.01), loaded or _trip(0.02)],
     )
-    receiver = BenchReport(run="r", host="quad2", role="receive", state="done", elapsed=1.0, total=total)
+    receiver = BenchReport(run="r", host="quad2", role="receive", state="done", total=total)
     stream = Stream(seconds=1.0, hz=100.0, size=10)
     return Flow(stream=stream, source="quad1", target="quad2", sender=report, receiver=receiver, faults=faults or [])
 

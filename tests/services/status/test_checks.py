@@ -9,8 +9,7 @@ import struct
 
 import pytest
 
-from zmav.mavlink.event import Event
-from zmav.mavlink.event_words import EventWords, Worded
+from zmav.mavlink.event import Event, EventWords, Worded
 from zmav.services.status.px4_events import Checks
 
 ARMING, HEALTH, CHECK = 1, 2, 3

@@ -18,7 +18,7 @@ from zmav import keys, wire
 from zmav.cli.log import _chosen
 from zmav.errors import BadInput, Refused
 from zmav.formats.plans import load
-from zmav.mavlink.event_words import MOST
+from zmav.mavlink.event import MOST
 from zmav.mavlink.ftp import Nak, Op
 from zmav.onboard import Onboard
 from zmav.process import free_udp_ports

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.sim.yardstick.reading import from_tlog
-from zmav.mavlink.event import Event
-from zmav.mavlink.event_words import EventWords
+from zmav.mavlink.event import Event, EventWords
 from zmav.sim.autopilots.px4 import event_words, events, health
 from zmav.sim.protocol.px4.node import Px4Node, px4_dialect
 

@@ -15,8 +15,17 @@ from typing import Any, NamedTuple
 from zmav.autopilots import Autopilot
 from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
 from zmav.mavlink import Frame
-from zmav.mavlink.event import Event, read_event
-from zmav.mavlink.event_words import APPENDS_CHECKS, CHECK_GROUPS, MOST_PACKED, SUMMARY, EventWords, Worded, whole
+from zmav.mavlink.event import (
+    APPENDS_CHECKS,
+    CHECK_GROUPS,
+    MOST_PACKED,
+    SUMMARY,
+    Event,
+    EventWords,
+    Worded,
+    read_event,
+    whole,
+)
 from zmav.services.companion import Companion
 from zmav.services.files.files import Files
 from zmav.services.orders.command import Commander
