@@ -242,10 +242,10 @@ class Leases:
         if not args.holder:
             raise BadInput.wrong("holder", args.holder, "a name")
         keys.check_name(args.holder, "holder")
-        if not 0.1 <= args.ttl <= MAX_TTL:
-            raise BadInput.wrong("ttl", args.ttl, f"0.1 to {MAX_TTL:.0f} s")
-        if not 0 <= args.priority <= MAX_PRIORITY:
-            raise BadInput.wrong("priority", args.priority, f"0 to {MAX_PRIORITY}")
+        for field, value, low, high in (("ttl", args.ttl, 0.1, MAX_TTL), ("priority", args.priority, 0, MAX_PRIORITY)):
+            if not low <= value <= high:
+                expected = f"{low:g} to {high:g}"
+                raise BadInput(f"a lease needs a {field} from {expected}", field=field, value=value, expected=expected)
         if args.instance and not INSTANCE.match(args.instance):
             raise BadInput.wrong("instance", args.instance, "the end of a liveliness token: letters, digits, '_', '-'")
 
