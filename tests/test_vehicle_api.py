@@ -330,7 +330,7 @@ async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net, monkeypatch
 
 async def test_an_answer_may_take_longer_than_the_next_attempt(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
     """Over bad hops every one does: what was asked before stays open."""
-    monkeypatch.setattr(zmav.vehicle.vehicle, "ASK_AGAIN", 0.05)
+    monkeypatch.setattr(zmav.vehicle.vehicle, "ASK_AGAIN", 0.3)
     session, endpoint = net.router()
     key, asked = keys.DO.key("demo", "quad1", verb="ping"), list[zenoh.Query]()
 
