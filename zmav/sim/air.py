@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from zmav.sim.arrays import Array, clamp, dot
-from zmav.sim.sensors.noise import NoiseRows
+from zmav.sim.noise import WhiteNoise
 
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048
@@ -73,22 +73,16 @@ class Air:
         self.mean: Array = np.repeat(np.array(wind, dtype=float)[:, None], n, axis=1)
         self.w20 = w20
         self._dt = dt
-        self._noise = NoiseRows(seed, "air", n, 5)
-        self._drawn = 0
+        self._noise = WhiteNoise(np.random.default_rng([*seed, *b"air"]), 5, n)
         self._steps = 0
         # Axes of the gusts: along the mean wind, across it, down.
         speed = math.hypot(wind[0], wind[1])
         self._cos, self._sin = (wind[0] / speed, wind[1] / speed) if speed > 0.0 else (1.0, 0.0)
         # Rows: along; across, its second stage; down, its second stage. As they are in the long run.
-        z = self._draw()
+        z = self._noise.draw()
         self._state: Array = z.copy()
         self._state[2::2] = 0.5 * (z[1::2] + z[2::2])
         self._wind: Array = self.mean.copy()
-
-    def _draw(self) -> Array:
-        """The next (5, N) standard normal numbers."""
-        self._drawn += 1
-        return self._noise.row(self._drawn)
 
     @property
     def dt(self) -> float:
@@ -112,7 +106,7 @@ class Air:
         if self._steps % SCALES_EVERY == 0:
             self._rescale(pos, vel)
         self._steps += 1
-        state, white = self._state, self._draw()
+        state, white = self._state, self._noise.draw()
         first = state[1::2].copy()
         state[:] = self._keep * state
         state[2::2] += self._pass * first
