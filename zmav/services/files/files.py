@@ -207,8 +207,8 @@ def _check_size(path: str, size: int, most: float) -> None:
 
 
 def generated(path: str) -> bool:
-    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``): its size is a guess, and as it is laid out for
-    reads of one size, its checksum is that of reads of another.
+    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``). Its size is a guess, and it is laid out for
+    reads of one size: its checksum is that of other reads than ours.
     """
     return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")
 
