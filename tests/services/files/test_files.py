@@ -181,6 +181,8 @@ async def test_what_is_too_large_is_not_written(net: Net, onboard: StartOnboard,
     async with disk(net, onboard, tmp_path) as d:
         with pytest.raises(BadInput, match="too many to be written at once"):
             await d.v.files.put_bytes(bytes(MOST_PUT + 1), "/APM/u")
+        with pytest.raises(BadInput, match="too many to be written at once"):
+            await d.v.order("file_put", wire.FilePut(path="/APM/u", data=bytes(MOST_PUT + 1)))
         assert "u" not in [entry.name for entry in await d.v.files.list("/APM")]
 
 

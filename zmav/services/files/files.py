@@ -23,7 +23,7 @@ from zmav.services.files.ftp import Ftp
 from zmav.services.files.store import Meta, Part, Store
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
-from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
+from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
 ATTEMPTS = 2
@@ -71,9 +71,7 @@ class Files:
 
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
-        if len(args.data) > MOST_PUT:
-            text = f"{len(args.data)} bytes are too many to be written at once; at most {MOST_PUT} are"
-            raise BadInput(text, field="data", value=len(args.data), expected=f"at most {MOST_PUT} bytes")
+        args.check()
         meter = await self.transfer(self.ftp.put(args.path, args.data, report))
         found, sent = await self._crc(args.path, report), crc32(args.data)
         if found not in (None, sent):
