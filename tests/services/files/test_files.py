@@ -244,3 +244,21 @@ async def test_a_small_file_that_is_too_large_is_not_read(net: Net, onboard: Sta
             await d.onboard.files.small("/APM/f", 2000, lambda news: None)
         assert not d.onboard.files.store.files
         assert d.idle
+
+
+async def test_an_order_with_a_file_in_it_has_no_place_in_the_class_of_orders(
+    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        ask, classes = d.z.ask, list[keys.Qos]()
+
+        async def noting(key: str, payload: bytes, timeout: float, channel: keys.Channel) -> Any:
+            classes.append(channel.qos)
+            return await ask(key, payload, timeout, channel)
+
+        monkeypatch.setattr(d.z, "ask", noting)
+        await d.v.hold()
+        assert {*classes} == {keys.Qos.MUST_ARRIVE}
+        classes.clear()
+        assert (await d.v.files.put_bytes(noise(60_000), "/APM/f"))["verified"]
+        assert {*classes} == {keys.Qos.BULK}
