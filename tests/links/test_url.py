@@ -104,6 +104,7 @@ BAD = [
     ("udpin:300.1.1.1:14550", "host", ""),
     ("udpin:two words:14550", "host", ""),
     ("udpout:0.0.0.0:14550", "host", "udpout:127.0.0.1:14550"),
+    ("tcp://:5760", "host", "tcp:127.0.0.1:5760"),
     ("udpout:127.0.0.1:14550?local=x", "local", ""),
     ("udpin:127.0.0.1:14550?local=14551", "option", ""),
     ("replay:", "file", ""),

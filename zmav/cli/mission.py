@@ -24,7 +24,7 @@ from zmav.vehicle import Vehicle
 from zmav.vehicle.missions import KINDS, plans_of
 from zmav.wire import MissionKind
 
-MAV_TYPES = {"copter": 2, "plane": 1, "rover": 10, "boat": 11, "sub": 12, "heli": 4, "vtol": 20}
+MAV_TYPES = {"copter": 2, "plane": 1, "rover": 10, "boat": 11, "heli": 4, "vtol": 20}
 FIRMWARE = {"ardupilot": 3, "px4": 12}
 Tell = Callable[[dict[str, Any]], None]
 

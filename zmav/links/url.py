@@ -90,6 +90,8 @@ def parse_url(url: str) -> LinkUrl:
     scheme, rest, slashes = _split_scheme(url, body)
     if scheme == "udp" and slashes and rest.rpartition(":")[0] not in ("", *_EVERYWHERE, "[::]"):
         scheme = "udpout"
+    if scheme == "tcp" and slashes and rest.startswith(":"):  # MAVSDK listens there; we would speak to ourselves
+        raise _bad(url, "host", "", "an address to send to", hint=f"tcp:{LOOPBACK}{rest}")
     kind = SCHEMES[scheme]
     _check_options(url, kind, options)
     if kind == "serial":

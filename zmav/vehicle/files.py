@@ -70,7 +70,9 @@ class Files:
 
     async def put_bytes(self, data: bytes, path: str, progress: Progress | None = None) -> dict[str, Any]:
         """As :meth:`put`, from memory."""
-        return await self._vehicle.order("file_put", wire.FilePut(path=path, data=data), _staged(progress, "autopilot"))
+        args = wire.FilePut(path=path, data=data)
+        args.check()  # here, too: nothing crosses the network in vain
+        return await self._vehicle.order("file_put", args, _staged(progress, "autopilot"))
 
     async def remove(self, path: str) -> None:
         """Remove a file of the autopilot."""

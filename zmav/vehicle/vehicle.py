@@ -30,6 +30,8 @@ ASK_AGAIN = 2.0
 """s without an answer after which a vehicle is asked once more; the order itself may last much longer"""
 GIVE_UP = 10.0
 """s without any answer from a vehicle that has been heard"""
+LARGE = 1 << 16
+"""bytes from which on an order is sent in the class of files, for it has one in it: others must not wait behind it"""
 APPEAR = 1.0
 """s for a vehicle that has not been heard to appear: the session may just have been opened"""
 
@@ -290,10 +292,11 @@ class Vehicle:
         What was asked before stays open: over bad hops every answer may take longer than :data:`ASK_AGAIN`.
         """
         start = time.monotonic()
+        channel = keys.DO if len(payload) < LARGE else keys.FILE_CHUNK
         asked: set[asyncio.Task[list[Answer | ZmavError]]] = set()
         try:
             while True:
-                asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP)))
+                asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP, channel)))
                 done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
                 answers = [answer for task in done for answer in task.result()]
                 for answer in reversed(answers):  # where two have one name, one may not be meant: the last is

@@ -8,6 +8,7 @@ network needs. The other way an order (``do/file_put``) has the file in it. Chec
 
 from __future__ import annotations
 
+from zmav.errors import BadInput
 from zmav.wire.base import Wire
 from zmav.wire.orders import Order
 
@@ -56,6 +57,13 @@ class FilePut(Order, kw_only=True):
 
     path: str
     data: bytes
+
+    def check(self) -> None:
+        """Raise :class:`BadInput` for more than an order can have in it."""
+        size = len(self.data)
+        if size > MOST_PUT:
+            text = f"{size} bytes are too many to be written at once; at most {MOST_PUT} are"
+            raise BadInput(text, field="data", value=size, expected=f"at most {MOST_PUT} bytes")
 
 
 class LogList(Order, kw_only=True):

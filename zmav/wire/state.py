@@ -142,7 +142,7 @@ class VehicleState(Wire, kw_only=True):
     """what a proof of origin for this vehicle answers (16 hexadecimal digits), new with each start of its agent; None:
     it asks for no proofs"""
     forbidden: dict[str, int] = {}
-    """orders, frames and uploads whose proof of origin was refused, by reason"""
+    """orders and frames whose proof of origin was refused, by reason"""
 
 
 Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"]

@@ -181,6 +181,8 @@ async def test_what_is_too_large_is_not_written(net: Net, onboard: StartOnboard,
     async with disk(net, onboard, tmp_path) as d:
         with pytest.raises(BadInput, match="too many to be written at once"):
             await d.v.files.put_bytes(bytes(MOST_PUT + 1), "/APM/u")
+        with pytest.raises(BadInput, match="too many to be written at once"):
+            await d.v.order("file_put", wire.FilePut(path="/APM/u", data=bytes(MOST_PUT + 1)))
         assert "u" not in [entry.name for entry in await d.v.files.list("/APM")]
 
 
@@ -233,3 +235,30 @@ def test_a_directory_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(Refused, match="cannot keep files"):
         Store(tmp_path / "file" / "sub").open("/f", "", 3)
+
+
+async def test_a_small_file_that_is_too_large_is_not_read(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        d.put("/APM/f", noise(3000))
+        with pytest.raises(Refused, match="larger than 2000 bytes"):
+            await d.onboard.files.small("/APM/f", 2000, lambda news: None)
+        assert not d.onboard.files.store.files
+        assert d.idle
+
+
+async def test_an_order_with_a_file_in_it_has_no_place_in_the_class_of_orders(
+    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with disk(net, onboard, tmp_path) as d:
+        ask, classes = d.z.ask, list[keys.Qos]()
+
+        async def noting(key: str, payload: bytes, timeout: float, channel: keys.Channel) -> Any:
+            classes.append(channel.qos)
+            return await ask(key, payload, timeout, channel)
+
+        monkeypatch.setattr(d.z, "ask", noting)
+        await d.v.hold()
+        assert {*classes} == {keys.Qos.MUST_ARRIVE}
+        classes.clear()
+        assert (await d.v.files.put_bytes(noise(60_000), "/APM/f"))["verified"]
+        assert {*classes} == {keys.Qos.BULK}

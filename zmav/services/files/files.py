@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections.abc import Coroutine, Iterator
 from typing import Any, TypeVar
 
@@ -22,10 +23,12 @@ from zmav.services.files.ftp import Ftp
 from zmav.services.files.store import Meta, Part, Store
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
-from zmav.wire.files import CHUNK, MOST_CHUNKS, MOST_PUT
+from zmav.wire.files import CHUNK, MOST_CHUNKS
 
 T = TypeVar("T")
 ATTEMPTS = 2
+GENERATED = 1 << 20
+"""bytes that are read at most of a file whose size the autopilot only guesses"""
 
 
 class Files:
@@ -68,9 +71,7 @@ class Files:
 
     async def put(self, args: wire.FilePut, report: Report) -> dict[str, Any]:
         """Write a file to the autopilot, and see by its checksum that it is there."""
-        if len(args.data) > MOST_PUT:
-            text = f"{len(args.data)} bytes are too many to be written at once; at most {MOST_PUT} are"
-            raise BadInput(text, field="data", value=len(args.data), expected=f"at most {MOST_PUT} bytes")
+        args.check()
         meter = await self.transfer(self.ftp.put(args.path, args.data, report))
         found, sent = await self._crc(args.path, report), crc32(args.data)
         if found not in (None, sent):
@@ -105,8 +106,10 @@ class Files:
             if self._under_way is task:
                 self._under_way = None
 
-    async def fetch(self, path: str, report: Report) -> wire.StoredFile:
-        """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with."""
+    async def fetch(self, path: str, report: Report, most: float = math.inf) -> wire.StoredFile:
+        """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with; raises
+        :class:`Refused`, before anything is read, for one of more than ``most`` bytes.
+        """
         for attempt in range(ATTEMPTS):
             expected = await self._crc(path, report)
             identity = "" if expected is None else f"{expected:08x}"
@@ -114,24 +117,25 @@ class Files:
             if kept is not None and not kept.missing and kept.verified:
                 return self.stored(kept, by="store", resumed=kept.size)
             resume = attempt == 0 and expected is not None
-            part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
+            part, rate, same = await self._fetch_once(path, identity, expected, resume, report, most)
             if same:
                 break  # else it came out of two versions, or it grows as it is read
         return self.stored(part.meta, by="ftp", rate=rate, resumed=part.resumed)
 
     async def small(self, path: str, most: int, report: Report) -> bytes:
         """A file of at most that many bytes: the one in the store, where the autopilot's has the same checksum."""
-        stored = await self.fetch(path, report)
-        if stored.size > most:
-            raise Refused(f"{path} is larger than {most} bytes", size=stored.size)
+        stored = await self.fetch(path, report, most)
+        _check_size(path, stored.size, most)  # it may be here from before
         return self.store.read(stored.file, 0, stored.size)
 
     async def _fetch_once(
-        self, path: str, identity: str, expected: int | None, resume: bool, report: Report
+        self, path: str, identity: str, expected: int | None, resume: bool, report: Report, most: float
     ) -> tuple[Part, float, bool]:
         async with contextlib.AsyncExitStack() as stack:
 
             def begin(size: int) -> Part:
+                _check_size(path, size, most)
+                size = max(size, GENERATED) if generated(path) else size
                 part = self.store.open(path, identity, size, resume=resume)
                 stack.push_async_exit(part)
                 return part
@@ -141,7 +145,9 @@ class Files:
         return part, meter.rate, same
 
     async def _crc(self, path: str, report: Report) -> int | None:
-        """The autopilot's checksum; None where it cannot give one."""
+        """The autopilot's checksum; None where it cannot give one, or none that fits what we read."""
+        if generated(path):
+            return None
         report({"checking": True})
         try:
             return await self.ftp.crc32(path, report)
@@ -191,6 +197,18 @@ class Files:
         if asked.offset < 0 or asked.length < 0:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
         return asked
+
+
+def _check_size(path: str, size: int, most: float) -> None:
+    if size > most:
+        raise Refused(f"{path} is larger than {most:.0f} bytes", size=size)
+
+
+def generated(path: str) -> bool:
+    """An ArduPilot file that is made as it is read (``@PARAM/param.pck``). Its size is a guess, and it is laid out for
+    reads of one size: its checksum is that of other reads than ours.
+    """
+    return path.lstrip("/").startswith("@") and not path.lstrip("/").startswith("@ROMFS")
 
 
 def _offset(text: str) -> int:

@@ -42,7 +42,7 @@ class TimeSync:
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
         self.restarts = 0
-        """times that the autopilot was seen to begin again"""
+        """times that the autopilot was seen to begin again, or may have"""
         self._wrong = False
         self._source: tuple[int, int] | None = None
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
@@ -95,8 +95,8 @@ class TimeSync:
         verdict = self.clock.sample(sent / 1e9, received / 1e9, now)
         if verdict in ("restarted", "behind"):
             self.gps_offset = None
+            self.restarts += 1
             if verdict == "restarted":
-                self.restarts += 1
                 text = f"the autopilot has restarted: its time went from {before:.1f} s to {now:.1f} s"
                 self._events.emit("autopilot", "warning", text, limit="restart")
             else:
