@@ -1,6 +1,6 @@
 """A controller with EV1's loops above it, so that it can be given a reference of any outer level.
 
-Whatever the reference's level, only the loops from there inwards run; what each gives is merge into the reference of
+Whatever the reference's level, only the loops from there inwards run; what each gives is merged into the reference of
 the next. Parameters and signals of the loops above are called ``position.kp``, ``velocity.error.x`` and so on; the
 controller's own have no prefix.
 """

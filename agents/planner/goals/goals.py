@@ -27,6 +27,8 @@ from zmav.wire import Vector
 
 ROUND = 49
 """points of a circle that are looked at, the last one the first"""
+SHORTEST = 0.5
+"""m that a patrol's route spans at least: nobody goes around less, and without end"""
 
 
 def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: StaticMap | None = None) -> list[Step]:
@@ -140,6 +142,9 @@ def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: flo
         text = f"patrol: {count} vehicles need as many corners, two at least, and the route has {corners}"
         raise BadInput(text, field="route", value=corners, expected=f"{max(count, 2)} corners or more")
     route = frames.enu_array(np.array(goal.route, dtype=np.float64))
+    if (span := float(np.ptp(route, axis=0).max())) < SHORTEST:
+        text = "patrol: all points of the route are at one place"
+        raise BadInput(text, field="route", value=round(span, 3), expected=f"corners {SHORTEST:.1f} m apart or more")
     names, radii = tuple(view.name for view in views), [view.body.radius for view in views]
     steps: list[Step] = []
     for k in range(corners + 1):

@@ -25,7 +25,7 @@ from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.run import Run
 from agents.planner.live.settings import Settings
 from agents.planner.live.solver import Solver
-from zmav import keys, wire
+from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -43,7 +43,6 @@ class Agent:
     """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop."""
 
     def __init__(self, z: zmav.Client, settings: Settings) -> None:
-        keys.check_name(settings.name)
         self.z = z
         instance = uuid.uuid4().hex
         patience = settings.patience * (2.0 if settings.standby else 1.0)

@@ -9,8 +9,9 @@ import msgspec
 from agents.planner.execute.executor import TRACKING
 from agents.planner.live.field import Field
 from agents.planner.live.leadership.election import PATIENCE
-from zmav import geo
+from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
+from zmav.errors import BadConfig
 from zmav.wire import Origin, swarm
 
 ROUND = 32
@@ -18,10 +19,12 @@ ROUND = 32
 FENCE = "fleet-file"
 NO_CEILING = 10_000.0
 """m"""
+BOUNDS = {"margin": (0.0, 20.0), "tracking": (0.05, 5.0), "downwash": (1.0, 10.0), "patience": (1.0, 600.0)}
+"""of the settings, each in its own unit"""
 
 
 class Settings(msgspec.Struct, kw_only=True, frozen=True):
-    """One planner; the command line says how much each may be."""
+    """One planner. Raises :class:`~zmav.errors.BadConfig` naming what cannot be, and :class:`~zmav.errors.BadKey`."""
 
     name: str = "planner"
     """the host's name, as it stands in keys"""
@@ -42,6 +45,15 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
     """the same as plans are held to it; None: none that they must be"""
+
+    def __post_init__(self) -> None:
+        keys.check_name(self.name, "name")
+        keys.check_name(self.fleet, "fleet")
+        for field, (least, most) in BOUNDS.items():
+            value = getattr(self, field)
+            if not least <= value <= most:  # nor a number that is none: nothing would be too near or too far off then
+                text = f"{field} is {value}; expected {least} to {most}"
+                raise BadConfig(text, field=field, value=value, expected=f"{least} to {most}")
 
 
 def fence_of(file: FleetConfig) -> swarm.Geofence | None:

@@ -61,6 +61,8 @@ class Worker:
     def _do(self, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | jobs.Judgement:
         if isinstance(job, jobs.Solve):
             plan = self.solve(job)
+            if plan.error is not None:  # the scene itself may be none that can be judged
+                return plan, jobs.Judgement(False, None, 0.0, (plan.error.message,))
             return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
         if isinstance(job, jobs.Judge):
             return judge(job)
@@ -84,6 +86,7 @@ class Worker:
 
 
 def judge(job: jobs.Judge) -> jobs.Judgement:
+    """No plan leaves unverified, and by how much it passes is told."""
     report = verify.verify(job.scene, job.trajectories, job.movers)
     clearance = report.clearance if math.isfinite(report.clearance) else None
     return jobs.Judgement(report.ok, clearance, report.makespan, tuple(str(fault) for fault in report.faults[:20]))

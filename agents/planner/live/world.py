@@ -96,7 +96,7 @@ class World:
         if what is None:
             return self._gone(name)
         if before is None and len(self._told) >= MOST_OBSTACLES:
-            text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; clear some"
+            text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; remove some"
             raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
         if isinstance(what, swarm.Geofence):
             for other in [

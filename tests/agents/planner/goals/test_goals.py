@@ -185,3 +185,5 @@ def test_a_patrol_goes_around_the_corners_spread_over_them() -> None:
     assert fly_all(steps, fleet, ground()) > 140.0 / 5.0
     with pytest.raises(BadInput, match="as many corners"):
         resolve(swarm.Patrol(vehicles=list(crew(5).vehicles), route=route), crew(5), ground())
+    with pytest.raises(BadInput, match="at one place"):
+        resolve(swarm.Patrol(vehicles=list(crew(1).vehicles), route=[route[0]] * 3), crew(1), ground())

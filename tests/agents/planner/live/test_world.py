@@ -15,12 +15,12 @@ from agents.planner.live import frames
 from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
-from agents.planner.live.settings import fence_of
+from agents.planner.live.settings import Settings, fence_of
 from agents.planner.live.world import Pieces, World
 from agents.planner.model import scene
 from zmav import wire
 from zmav.config import FleetConfig, Geofence, body_of
-from zmav.errors import BadInput
+from zmav.errors import BadConfig, BadInput
 from zmav.wire import swarm
 
 BOX = swarm.Box(low=(0.0, 10.0, 0.0), high=(5.0, 20.0, -30.0))
@@ -130,6 +130,15 @@ def test_the_fleet_file_s_fence_is_the_planner_s() -> None:
     assert {round(math.hypot(*corner), 6) for corner in round_one.polygon} == {80.0}
     assert fence_of(FleetConfig(origin=origin)) is None
     assert fence_of(FleetConfig(geofence=Geofence(radius=80.0))) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("margin", -1.0), ("margin", math.nan), ("tracking", math.nan), ("downwash", 0.5), ("patience", 0.0)],
+)
+def test_settings_that_cannot_be_are_named(field: str, value: float) -> None:
+    with pytest.raises(BadConfig, match=field):
+        msgspec.structs.replace(Settings(), **{field: value})
 
 
 # A scene of what is.
