@@ -133,6 +133,8 @@ class Client:
         """monotonic s; 0: never"""
         self.addressed: dict[Place, float] = {}
         """when it last spoke to a vehicle"""
+        self.told: set[str] = set()
+        """what it was told, and is not told again"""
         self.gone = False
         self.stays = stays
         """it is sent to whether it is there or not"""
@@ -183,6 +185,7 @@ class Client:
     def forget(self) -> None:
         """Anyone who was there is not any more; who comes next may be somebody else."""
         self.ids, self.systems, self.kind_of_station = frozenset(), frozenset(), ""
+        self.told = set()
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames in what came from it. On its endpoint's thread."""
