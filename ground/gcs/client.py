@@ -48,11 +48,8 @@ class Sink(Protocol):
 class Counters(msgspec.Struct):
     """Frames to and from one client."""
 
-    sent: int = 0
-    sent_bytes: int = 0
     dropped: int = 0
     """not sent for want of room on its way"""
-    received: int = 0
     refused: int = 0
     """said by it, and given to no vehicle"""
 
@@ -192,7 +189,6 @@ class Client:
         frames = self.splitter.feed(data)
         if frames:
             self.heard = time.monotonic()
-            self.counters.received += len(frames)
         return frames
 
     def close(self) -> None:
@@ -274,8 +270,6 @@ class Client:
                 return False
             self._rest = data[taken:]
             self._ready.notify()
-        counters.sent += 1
-        counters.sent_bytes += len(data)
         return True
 
     # The thread of a client that may have to wait.
