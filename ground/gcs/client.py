@@ -48,11 +48,8 @@ class Sink(Protocol):
 class Counters(msgspec.Struct):
     """Frames to and from one client."""
 
-    sent: int = 0
-    sent_bytes: int = 0
     dropped: int = 0
     """not sent for want of room on its way"""
-    received: int = 0
     refused: int = 0
     """said by it, and given to no vehicle"""
 
@@ -133,6 +130,8 @@ class Client:
         """monotonic s; 0: never"""
         self.addressed: dict[Place, float] = {}
         """when it last spoke to a vehicle"""
+        self.told: set[str] = set()
+        """what it was told, and is not told again"""
         self.gone = False
         self.stays = stays
         """it is sent to whether it is there or not"""
@@ -183,13 +182,13 @@ class Client:
     def forget(self) -> None:
         """Anyone who was there is not any more; who comes next may be somebody else."""
         self.ids, self.systems, self.kind_of_station = frozenset(), frozenset(), ""
+        self.told = set()
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames in what came from it. On its endpoint's thread."""
         frames = self.splitter.feed(data)
         if frames:
             self.heard = time.monotonic()
-            self.counters.received += len(frames)
         return frames
 
     def close(self) -> None:
@@ -271,8 +270,6 @@ class Client:
                 return False
             self._rest = data[taken:]
             self._ready.notify()
-        counters.sent += 1
-        counters.sent_bytes += len(data)
         return True
 
     # The thread of a client that may have to wait.

@@ -24,8 +24,6 @@ LATELY = 10.0
 class Counters(msgspec.Struct):
     """Frames of vehicles."""
 
-    frames: int = 0
-    bytes: int = 0
     torn: int = 0
     """no whole frame of the component that its key names"""
     withheld: int = 0
@@ -72,7 +70,7 @@ class Downlink:
         self.changed()
 
     def changed(self) -> None:
-        """Who gets what is to be worked out again: a client came, went or took another id, or a way is in use now."""
+        """Who gets what is to be worked out again: a client came, went or took another id."""
         with self._lock:
             self._version += 1
 
@@ -82,8 +80,6 @@ class Downlink:
         if not kind.is_whole(data):
             counters.torn += 1
             return
-        counters.frames += 1
-        counters.bytes += len(data)
         kind.track.heard = time.monotonic()
         if kind.version != self._version:
             self._aim(kind)

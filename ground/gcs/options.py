@@ -76,7 +76,7 @@ def parse_endpoint(kind: Kind, text: str, defaults: Options) -> Endpoint:
 
 
 def parse_options(query: str, defaults: Options, where: str) -> Options:
-    """``rate=4kB/s&hz=5`` on top of the defaults; raises :class:`BadConfig`."""
+    """``rate=4kB/s&vehicles=quad*`` on top of the defaults; raises :class:`BadConfig`."""
     given: dict[str, str] = {}
     for part in filter(None, query.split("&")):
         name, equals, value = part.partition("=")

@@ -190,7 +190,8 @@ class Uplink:
         """Count it, and tell the client and the terminal, once."""
         client.counters.refused += 1
         self.refused[reason] += 1
-        if text and self._once.take((client.name, client.ids, reason)) is not None:
+        if text and text not in client.told and len(client.told) < MOST_SAID:
+            client.told.add(text)
             self._bridge.tell(client, system, severity, text)
             self._bridge.news(f"{client.name}: {text}")
 

@@ -94,7 +94,7 @@ class Gateway:
     def add_listener(self, listener: OnFrame) -> Callable[[], None]:
         """Call ``listener(origin, frame)`` on a thread of Zenoh's for every frame; returns what ends that.
 
-        It must be quick and must not raise. :class:`ground.http.batches.Batches` brings frames to the event loop.
+        It must be quick and must not raise.
         """
         self._listeners = (*self._listeners, listener)
 

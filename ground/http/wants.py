@@ -68,9 +68,11 @@ class Wants:
         for token in self._tokens.values():
             token.undeclare()
         self._tokens.clear()
+        self._until.clear()
 
     def _sweep(self) -> None:
         now = time.monotonic()
         for place in [place for place in self._tokens if self._until[place] < now]:
+            del self._until[place]
             self._tokens.pop(place).undeclare()
         self._timer = asyncio.get_running_loop().call_later(1.0, self._sweep) if self._tokens else None

@@ -26,10 +26,9 @@ ROOM = 128 << 20
 MOST_KEYS = 20_000
 COST = 150
 """bytes that an entry takes besides its payload, about"""
-
 MOST_ENTRIES = 25_000
 """entries that may be told for one question: each is decoded on the thread on which samples come"""
-ROOM = 48 << 10
+LONGEST_ANSWER = 48 << 10
 """bytes of one answer: of what takes more than one of Zenoh's batches (64 kB), a part and so the whole can be lost"""
 END = (1 << 63) - 1
 
@@ -160,7 +159,7 @@ class Answers:
         size = 0
         for entry in reversed(entries[-most:]):
             size += len(msgspec.json.encode(entry))
-            if kept and size > ROOM:
+            if kept and size > LONGEST_ANSWER:
                 more = True
                 break
             kept.append(entry)

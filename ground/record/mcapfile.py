@@ -199,7 +199,7 @@ def repair(path: Path) -> Repaired:
     if is_whole(path):
         return Repaired(0, whole=True)
     new = path.with_name(f"{path.name}.new")
-    with path.open("rb") as file:
+    with path.open("r+b") as file:  # not "rb": NFS locks only what is open for writing
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as e:

@@ -209,7 +209,6 @@ class Watch:
             Vehicle(self._z, name, fleet),
             link=seen.link if seen.link is not None and now - seen.link_at < LINK_STALE else None,
             rtt=seen.rtt if now - seen.rtt_at < LINK_STALE else None,
-            rtt_age=now - seen.rtt_at if seen.rtt is not None else None,
             agents=tuple(agent for agent in agents if (agent.fleet, agent.host) == place),
             events=_happenings(seen, state, age),
             recent=seen.recent(now, state),

@@ -161,6 +161,16 @@ def test_a_rule_speaks_alone(rule: str, found: Facts, words: str) -> None:
     assert [reason.rule for reason in reasons(found)] == [rule]
 
 
+def test_advice_is_whole() -> None:
+    assert not [rule.name for rule in RULES if not rule.advice or "{" in rule.advice]
+
+
+@pytest.mark.parametrize(("loss", "grade"), [(0.5, "poor"), (0.1, "fair"), (0.0, "unknown")])
+def test_a_link_that_loses_is_no_good_whatever_it_costs(loss: float, grade: str) -> None:
+    said = wire.NeighbourQuality(t=NOW, name="b", router="1", peer="2", url="udp/b:1", state="up", loss_in=loss)
+    assert Link("a", "b", by_a=said).grade == grade
+
+
 def test_every_rule_has_its_case() -> None:
     assert {case[0] for case in CASES} == {rule.name for rule in RULES}
 

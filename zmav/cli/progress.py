@@ -67,9 +67,7 @@ class Progress:
             return
         self._lines[vehicle] = f"{vehicle}: {words(news)}"
         if sys.stderr.isatty():
-            print(
-                f"\r\x1b[K{self._what}: {'; '.join(self._lines.values())}"[:WIDTH], end="", file=sys.stderr, flush=True
-            )
+            self._rewrite(f"{self._what}: {'; '.join(self._lines.values())}"[:WIDTH])
             return
         now = time.monotonic()
         if now - self._last.get(vehicle, self._began) >= EVERY:

@@ -60,8 +60,7 @@ class Facts:
     link: wire.LinkQuality | None = None
     """None: never heard, or not for a while"""
     rtt: float | None = None
-    rtt_age: float | None = None
-    """s since a query was answered; None: none ever was"""
+    """s of the last query there and back; None: none was answered lately"""
     way: Way | None = None
     """from here to it"""
     agents: tuple[AgentReport, ...] = ()

@@ -278,12 +278,7 @@ RULES: tuple[Rule, ...] = (
     Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
     Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
     Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
-    Rule(
-        "agent-silent",
-        "warn",
-        _agent_silent,
-        "{LOG}; start it again",
-    ),
+    Rule("agent-silent", "warn", _agent_silent, f"{LOG}; start it again"),
     Rule("clock", "warn", _clock, "set its computer's clock: chrony"),
     Rule("error", "warn", _error, "zmav echo NAME/event shows what came before"),
     Rule("pilot", "note", _pilot, "the pilot's switch gives it back"),

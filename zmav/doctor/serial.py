@@ -6,7 +6,6 @@ Everything is read from /proc, /sys and the udev database: nothing is opened, so
 from __future__ import annotations
 
 import contextlib
-import getpass
 import grp
 import os
 import pwd
@@ -85,7 +84,7 @@ def _permission(path: str, mode: os.stat_result, user: str | None) -> list[Findi
         with contextlib.suppress(KeyError):
             user = pwd.getpwnam(SERVICE_USER).pw_name
     if user is None:
-        name, may = getpass.getuser(), os.access(path, os.R_OK | os.W_OK)
+        name, may = _own_name(), os.access(path, os.R_OK | os.W_OK)
     else:
         try:
             account = pwd.getpwnam(user)
@@ -109,6 +108,13 @@ def _may(mode: os.stat_result, uid: int, groups: list[int]) -> bool:
         return True
     bits = mode.st_mode >> (6 if uid == mode.st_uid else 3 if mode.st_gid in groups else 0)
     return bits & 0o6 == 0o6
+
+
+def _own_name() -> str:
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
 
 
 def _group_name(gid: int) -> str:

@@ -16,7 +16,7 @@ LINK_LOSS, LINK_POOR = 0.05, 0.20
 :func:`loss_level`
 """
 FAIR_COST, POOR_COST = 3_000, 15_000
-"""of :func:`mesh.quality.cost.cost`: 30 ms and 150 ms a kilobyte one way"""
+"""of :func:`mesh.quality.publisher.cost`: 30 ms and 150 ms a kilobyte one way"""
 LOSS_STEP, RTT_STEP = 0.02, 1e-3
 """losses and round trips that differ by less are taken for alike when the weakest hop is looked for"""
 _STATES = ("up", "silent", "down")
@@ -82,14 +82,14 @@ class Link:
     @property
     def grade(self) -> Grade:
         """In a word, for a colour."""
-        loss, cost = loss_level(self.worst_loss or 0.0), self.cost
+        loss, cost = loss_level(self.worst_loss or 0.0), self.cost or 0
         if self.state in ("down", "silent"):
             return "down"
-        if cost is None:
-            return "unknown"
         if loss == "bad" or cost >= POOR_COST:
             return "poor"
-        return "fair" if loss == "warn" or cost >= FAIR_COST else "good"
+        if loss == "warn" or cost >= FAIR_COST:
+            return "fair"
+        return "unknown" if self.cost is None else "good"
 
     def badness(self) -> tuple[float, ...]:
         """By which the weakest hop is found: first a link that is down, then loss, then round trip."""

@@ -86,7 +86,7 @@ class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", om
     signal: float | None = None
     """dBm at our end"""
     cost: Annotated[int, msgspec.Meta(ge=1)] | None = None
-    """:func:`mesh.quality.cost`: about 10 µs a kilobyte, one way"""
+    """:func:`mesh.quality.publisher.cost`: about 10 µs a kilobyte, one way"""
     interface: str | None = None
     since: float | None = None
     """UTC seconds since when the state is what it is"""

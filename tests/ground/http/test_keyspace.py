@@ -1,4 +1,4 @@
-"""The key space over HTTP: queries answered, the last frames, and puts that the registry allows."""
+"""The key space over HTTP: queries answered, and the last frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tests.ground.http.conftest import Serve, Served
 
 PARAM = {"name": "RTL_ALT", "value": 1500.0}
-ORIGIN = wire.Origin(lat_deg=-35.0, lon_deg=149.0, alt_amsl=584.0)
 
 
 @pytest.fixture(scope="module")

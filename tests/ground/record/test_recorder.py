@@ -212,6 +212,15 @@ async def test_a_time_later_than_any_there_is_finds_nothing(recording: Recording
     assert (await recording.ask("quad1/link", since=1e308)).entries == []
 
 
+async def test_memory_holds_more_than_one_answer_does(recording: Recording) -> None:
+    for number in range(20):
+        recording.put("quad1/link/x", json.dumps({"n": number, "x": "y" * 10_000}).encode())
+    await recording.taken(20)
+    assert (await recording.ask("quad1/link", until=time.time(), last=3)).entries[0].value["n"] == 17
+    kept = recording.recorder.storage.history.newest(Asked("demo", "quad1", "link"), 0, END, 100)[0]
+    assert len(kept) == 20
+
+
 async def test_an_answer_is_bounded(recording: Recording) -> None:
     for number in range(20):
         recording.put("quad1/link/x", json.dumps({"n": number, "x": "y" * 10_000}).encode())
