@@ -72,7 +72,7 @@ class Downlink:
         self.changed()
 
     def changed(self) -> None:
-        """Who gets what is to be worked out again: a client came, went or took another id, or a way is in use now."""
+        """Who gets what is to be worked out again: a client came, went or took another id."""
         with self._lock:
             self._version += 1
 
