@@ -4,7 +4,8 @@ function zmav_goto(z, vehicle, varargin)
 %   ZMAV_GOTO(Z, VEHICLE, 'lat_deg', LAT, 'lon_deg', LON, 'alt_rel', H): degrees WGS84 and metres above home; or
 %   'alt_amsl' above mean sea level.
 %   Options behind either: 'yaw' (radians clockwise from north), 'tolerance' (1 m), 'timeout' (300 s), 'arrive' (false:
-%   return as soon as the autopilot has the target).
+%   return as soon as the autopilot has the target), 'speed' (m/s over the ground), 'radius' (m of a plane's circle there,
+%   negative: counter-clockwise).
 %
 %   Example:
 %       zmav_goto(z, 'quad1', [20 0 -10], 'yaw', pi / 2);

@@ -102,7 +102,7 @@ NOT_RUN: dict[str, str] = {
     r"make conformance.*": "flies for minutes: tests/conformance, which 'make test' runs on the simulated autopilots",
     r"(sudo )?zmav lab .*": "needs root and a network of many hosts: tests/mesh/lab",
     r"sudo python tests/bench/.*|python tests/bench/.*": "a measurement of many minutes",
-    r"zmav sim (--(ardupilot|px4|stack) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)": (
+    r"zmav sim (--(ardupilot|px4) .*|.* --px4 ~.*|--copters 10 .*|--speed max.*)": (
         "real flight stacks, or as many vehicles as fill the machine: tests/sim"
     ),
     r"zmav sim --hil .*|zmav camera .*/dev/.*|.* --serial /dev/.*": "needs a device: tests/hil, tests/agents/camera",
@@ -137,7 +137,7 @@ NOT_RUN: dict[str, str] = {
         "terminals outside of the test's folder: tests/sim/test_endpoints.py"
     ),
     r"python -m tests.bench.scale .*": "minutes of many cores: tests/bench/scale",
-    r"zmav plan scenes/.*|zmav plan .* --save .*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
+    r"zmav plan scenes/.*": "minutes of planning: tests/agents/planner/test_plan_cli.py",
 }
 
 COMING = frozenset[str]()
