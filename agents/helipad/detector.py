@@ -76,8 +76,12 @@ class Detector:
         distortion: ArrayLike | None = None,
         trust_height: bool = False,
     ) -> None:
-        self._k = np.asarray(camera_matrix, dtype=float)
-        bent = np.zeros(0) if distortion is None else np.asarray(distortion, dtype=float).ravel()
+        self._k = k = _numbers("camera_matrix", camera_matrix)
+        if k.shape != (3, 3) or k[0, 0] <= 0.0 or k[1, 1] <= 0.0 or k[2].tolist() != [0, 0, 1]:
+            raise _bad("camera_matrix", camera_matrix, "(3, 3): fx 0 cx, 0 fy cy, 0 0 1, pixels")
+        bent = np.zeros(0) if distortion is None else _numbers("distortion", distortion).ravel()
+        if bent.size not in (0, 4, 5, 8, 12, 14):
+            raise _bad("distortion", distortion, "4, 5, 8, 12 or 14 numbers")
         self._distortion = bent if bent.any() else None
         self._trust_height = trust_height
         self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
@@ -216,6 +220,16 @@ def _number(field: str, value: object, low: float, high: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= float(value) <= high:
         raise _bad(field, value, f"a number from {low:g} to {high:g}")
     return float(value)
+
+
+def _numbers(field: str, value: ArrayLike) -> Array:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise _bad(field, value, "numbers") from None
+    if not np.isfinite(found).all():
+        raise _bad(field, value, "finite numbers")
+    return found
 
 
 def _bad(field: str, value: object, expected: str) -> BadInput:

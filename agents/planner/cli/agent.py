@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 import zmav
+from agents.planner.cli.asking import refuse_nan
 from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
@@ -21,7 +22,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _number(name: str, least: float, most: float, default: float, text: str) -> Callable[[F], F]:
-    return click.option(name, type=click.FloatRange(least, most), default=default, show_default=True, help=text)
+    within = click.FloatRange(least, most)
+    return click.option(name, type=within, callback=refuse_nan, default=default, show_default=True, help=text)
 
 
 @click.command("planner")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+from agents.planner.cli.asking import refuse_nan
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Plan, encode, read_plan, write_plan
 from agents.planner.model.scene import Scene, read_scene
@@ -54,12 +55,16 @@ class Request:
 )
 @click.option("--check", is_flag=True, help="Plan nothing: judge a plan, with SCENE.json PLAN.json.")
 @click.option(
-    "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="Search so long at most. [default: by N]"
+    "--seconds",
+    type=click.FloatRange(min=0.0, min_open=True),
+    callback=refuse_nan,
+    help="Search so long at most. [default: by N]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
 @click.option(
     "--margin",
     type=click.FloatRange(min=0.0),
+    callback=refuse_nan,
     default=0.0,
     show_default=True,
     help="Metres that two vehicles keep on top of their radii.",

@@ -236,10 +236,21 @@ def test_hints_that_are_none_are_refused(detector: Detector, field: str, hints: 
     assert caught.value.detail["field"] == field
 
 
-def test_a_symbol_without_a_size_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("field", "options"),
+    [
+        ("camera_matrix", {"camera_matrix": np.eye(2)}),
+        ("camera_matrix", {"camera_matrix": "K"}),
+        ("camera_matrix", {"camera_matrix": np.diag([0.0, 500.0, 1.0])}),
+        ("camera_matrix", {"camera_matrix": np.diag([math.nan, 500.0, 1.0])}),
+        ("symbol_height_m", {"symbol_height_m": 0.0}),
+        ("distortion", {"distortion": [0.1, 0.2]}),
+    ],
+)
+def test_a_detector_of_nonsense_is_refused(field: str, options: dict[str, Any]) -> None:
     with pytest.raises(BadInput) as caught:
-        Detector(CAMERA, 0.0)
-    assert caught.value.detail["field"] == "symbol_height_m"
+        Detector(**{"camera_matrix": CAMERA, **options})
+    assert caught.value.detail["field"] == field
 
 
 @pytest.mark.parametrize("size", [(16, 16), (17, 640), (480, 16), (33, 47)])

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from agents.planner.cli.agent import planner
 from agents.planner.cli.plan import command, targets_of
 from agents.planner.model import verify
 from agents.planner.model.plans import Plan
@@ -43,6 +44,18 @@ def scene(tmp_path: Path) -> Path:
 def write(path: Path, body: dict[str, Any]) -> Path:
     path.write_text(json.dumps(body), encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize("option", ["--margin", "--tracking", "--downwash", "--patience"])
+@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
+def test_a_planner_is_set_up_by_numbers_in_their_ranges(option: str, value: str) -> None:
+    done = CliRunner().invoke(planner, [option, value])
+    assert (done.exit_code, f"Invalid value for '{option}'" in done.output) == (2, True), done.output
+
+
+@pytest.mark.parametrize("option", ["--margin", "--seconds"])
+def test_a_plan_is_asked_for_by_numbers(scene: Path, option: str) -> None:
+    assert f"Invalid value for '{option}'" in zmav_plan(scene, option, "nan", ok=False).output
 
 
 def test_a_plan_is_written_shown_and_told(scene: Path, tmp_path: Path) -> None:

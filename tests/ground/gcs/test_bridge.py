@@ -140,11 +140,18 @@ async def test_read_only_lets_nothing_through_and_says_so_once(scene: Scene) -> 
     await station.until(lambda: len(acks(station)) == 4, "answers")
     assert acks(station) == [(1, ARM, 2)] * 3 + [(1, SET_INTERVAL, 2)]
     assert station.texts().count("read-only") == 1
+    # Nor may another component be asked for its parameters, which are not answered here.
+    gimbal = Packer(one.dialect, 1, 154).pack("HEARTBEAT")
+    one.puts(gimbal, compid=154)
+    await station.gets(gimbal)
+    station.send("PARAM_REQUEST_LIST", target_system=1, target_component=154)
+    station.send("COMMAND_LONG", **command(one, ARM))
+    await station.until(lambda: len(acks(station)) == 5, "what comes after the list")
     # An answer to its id is for a namesake at another bridge.
     one.says("COMMAND_ACK", command=ARM, target_system=255)
     one.says("ATTITUDE")
     await station.until(lambda: bool(station.named("ATTITUDE")), "what comes after the answer")
-    assert len(acks(station)) == 4 and station.lost() == 0
+    assert len(acks(station)) == 5 and station.lost() == 0
     assert not one.told
 
 

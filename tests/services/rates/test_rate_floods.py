@@ -31,6 +31,21 @@ async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: Sta
         held.undeclare()
 
 
+async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
+    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demand_module, "ASK_AGAIN", 0.4)
+    b = await on(bench, one)
+    slow = token(b.ground, "VFR_HUD", 7, "slow-1")
+    await flows(one, "VFR_HUD", 7.0)
+    fast = [token(b.ground, "VFR_HUD", 30, f"fast-{n}") for n in range(2 * FASTEST)]
+    await flows(one, "VFR_HUD", 30.0)
+    for held in fast:
+        held.undeclare()
+    await flows(one, "VFR_HUD", 7.0)
+    slow.undeclare()
+
+
 async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(
     bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

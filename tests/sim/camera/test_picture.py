@@ -65,9 +65,9 @@ class TestGround:
     def test_a_road_and_its_lines_at_their_places(self, make_studio: MakeStudio) -> None:
         scene = Scene(roads=(Road(points=((-50.0, 4.0), (49.0, 4.0)), width_m=4.0),))
         image = make_studio(DOWN, scene=scene).take((-4.0, 0.0, -10.4)).image  # 50 px a metre; a dash from -5 to -2
-        assert mean(image[200:280, 260:310]) == pytest.approx(GRASS, abs=20.0)
+        assert mean(image[200:280, 260:310]) == pytest.approx(GRASS, abs=15.0)
         road = image[100:400, 320 + 115 : 320 + 185]
-        assert mean(road) == pytest.approx(ASPHALT, abs=20.0)
+        assert mean(road) == pytest.approx(ASPHALT, abs=15.0)
         assert (np.ptp(road, axis=2) == 0).all()
         white = np.flatnonzero(image[240].min(1) > 200)
         lines = [part.mean() for part in np.split(white, np.flatnonzero(np.diff(white) > 1) + 1)]

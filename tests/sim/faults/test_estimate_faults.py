@@ -15,7 +15,6 @@ from zmav.sim import VehicleSpec
 
 GUIDED, LOITER, LAND, RTL = 4, 5, 9, 6
 GOOD, NOT_AIDED, CONST_POS, GLITCH = 0x33F, 0x25, 0xA7, 0x8000
-RATIOS = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
 
 
 def ekf(desk: Desk) -> dict[str, Any]:

@@ -197,9 +197,6 @@ def _heard(companion: Companion) -> list[Message]:
     return [(at - start, name, fields) for at, name, fields in heard]
 
 
-_SENSORS = tuple(f"onboard_control_sensors_{part}" for part in ("present", "enabled", "health"))
-
-
 class Yardstick(msgspec.Struct, frozen=True):
     """One recording, and the flight that is held against it. ``states``: fields whose changes must be the same."""
 

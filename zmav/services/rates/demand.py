@@ -44,6 +44,8 @@ UNKNOWNS = 64
 """messages without a name that anybody may ask for"""
 QUIET = 0.1
 """s between two times that changes are told: a flood of tokens is one change"""
+ASK_AGAIN = 5.0
+"""s between two times that all readers are asked for again, where some were left out and there is room now"""
 NOT_STREAMED = {
     "HEARTBEAT",
     "STATUSTEXT",
@@ -79,6 +81,9 @@ class Demands:
         self.junk = 0
         self._tokens: dict[str, dict[str, Demand]] = {}
         """by message, and by the token's key"""
+        self._left_out: set[str] = set()
+        """messages some of whose readers are not remembered"""
+        self._asked = -ASK_AGAIN
         self._telling: asyncio.TimerHandle | None = None
         self._told = -QUIET
         self._plain: list[Demand] = []
@@ -87,9 +92,15 @@ class Demands:
         self._probes: dict[str, zenoh.Publisher] = {}
 
     def start(self) -> None:
-        heard = on_loop(asyncio.get_running_loop(), self._on_token)
+        """Hear of all readers that are there and that come and go. Once more: of those that were left out, too."""
+        loop, before = asyncio.get_running_loop(), self._subscriber
+        self._asked = loop.time()
+        self._left_out.clear()
+        heard = on_loop(loop, self._on_token)
         key = keys.WANT.key(self._port.fleet, self._port.name, msg="*", hz="*", instance="*")
         self._subscriber = self._session.liveliness().declare_subscriber(key, heard, history=True)
+        if before is not None:
+            before.undeclare()
 
     def close(self) -> None:
         self._subscriber.undeclare()
@@ -128,6 +139,7 @@ class Demands:
             return
         if len(held) >= FASTEST:
             self.junk += 1
+            self._left_out.add(demand.name)
             slowest = min(held, key=lambda each: held[each].hz)
             if held[slowest].hz >= demand.hz:
                 return
@@ -154,6 +166,9 @@ class Demands:
     def poll(self, source: tuple[int, int]) -> None:
         """Look who subscribes to messages of this (system, component)."""
         try:
+            room = any(len(self._tokens.get(name, ())) < FASTEST for name in self._left_out)
+            if room and asyncio.get_running_loop().time() - self._asked > ASK_AGAIN:
+                self.start()
             if source != self._source:
                 self._declare(source)
             named = [name for name, probe in self._probes.items() if _subscribed(probe)]

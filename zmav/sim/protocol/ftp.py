@@ -51,13 +51,10 @@ class Burst:
 
 @dataclass
 class FtpFaults:
-    """What goes wrong on purpose: operations that are never answered, those that are refused, and ``largest``: answers
-    with more data than that are lost.
-    """
+    """What goes wrong on purpose: operations that are never answered, and those that are refused."""
 
     mute: set[Op] = field(default_factory=set)
     refuse: dict[Op, Nak] = field(default_factory=dict)
-    largest: int = MOST_DATA
 
 
 class FtpServer(Part):
@@ -172,8 +169,6 @@ class FtpServer(Part):
     def _send(self, request: Request, packet: Packet) -> None:
         self._used = self._now
         self._last = (request.sender, packet)
-        if len(packet.data) > self.faults.largest:
-            return
         system, component = request.sender
         request.channel.send(
             "FILE_TRANSFER_PROTOCOL", target_system=system, target_component=component, payload=pack(packet)
