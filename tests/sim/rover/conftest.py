@@ -68,10 +68,10 @@ MakeYard = Callable[..., Yard]
 
 @pytest.fixture
 def make_yard(make_desk: MakeDesk) -> MakeYard:
-    """A world with one rover; ``airframe`` and ``params`` are the vehicle's, the rest the world's."""
+    """A world with one rover; ``params`` are the vehicle's, the rest the world's."""
 
-    def make(airframe: str = "rover", params: dict[str, float] | None = None, **options: Any) -> Yard:
-        spec = VehicleSpec(autopilot="ardurover", airframe=airframe, params=params or {})
+    def make(params: dict[str, float] | None = None, **options: Any) -> Yard:
+        spec = VehicleSpec(autopilot="ardurover", params=params or {})
         return Yard(make_desk([spec], **options))
 
     return make

@@ -21,16 +21,14 @@ def rovers(frame: RoverFrame, yaws: tuple[float, ...] = (0.0,)) -> RoverDynamics
 
 
 def drive(dyn: RoverDynamics, seconds: float, throttle: float = 0.0, steering: float = 0.0) -> None:
-    """As a fleet passes them on: to the front wheels and the motor, or to two sides."""
     dyn.throttle[:], dyn.steering[:] = throttle, steering
-    dyn.left[:], dyn.right[:] = throttle + steering, throttle - steering
     for _ in range(round(seconds / DT)):
         dyn.step()
 
 
-@pytest.fixture(params=["rover", "rover-skid"])
-def frame(request: pytest.FixtureRequest) -> RoverFrame:
-    return rover_frame(request.param)
+@pytest.fixture
+def frame() -> RoverFrame:
+    return rover_frame("rover")
 
 
 @pytest.mark.parametrize("throttle", [1.0, 0.4, -0.5])
@@ -124,27 +122,9 @@ def test_lateral_limit() -> None:
     drive(dyn, 0.3, 0.6, 1.0)
     speed, lateral = dyn.speed[0], dyn.speed[0] * dyn.rate[2, 0]
     assert speed**2 / (frame.wheelbase_m / math.tan(frame.steering_max)) > 2.0 * frame.friction * GRAVITY
-    driven = dyn.drive.sum(0)[0]
+    driven = dyn.drive[0]
     assert math.hypot(lateral, driven) == pytest.approx(frame.friction * GRAVITY, rel=1e-6)
     assert dyn.accel[1, 0] ** 2 + dyn.accel[0, 0] ** 2 == pytest.approx(lateral**2, rel=0.05)
-
-
-def test_pivot_on_the_spot() -> None:
-    """Sides against each other: the turn rate that their speeds make over the effective track, and no way gone."""
-    frame = rover_frame("rover-skid")
-    dyn = rovers(frame)
-    drive(dyn, 10.0, 0.0, 0.5)
-    side = 0.5 * frame.free_speed - 2.0 * frame.scrub * GRAVITY * frame.free_speed / frame.stall_accel * 0.5
-    assert dyn.rate[2, 0] == pytest.approx(2.0 * side / frame.effective_track_m, rel=0.1)
-    assert np.abs(dyn.pos[:2]).max() < 1e-6
-
-
-def test_skid_turns_by_the_difference() -> None:
-    frame = msgspec.structs.replace(rover_frame("rover-skid"), scrub=0.0, rolling=0.0, drag_area_m2=0.0)
-    dyn = rovers(frame)
-    drive(dyn, 20.0, 0.4, 0.1)
-    assert dyn.speed[0] == pytest.approx(0.4 * frame.free_speed, rel=1e-3)
-    assert dyn.rate[2, 0] == pytest.approx(2.0 * 0.1 * frame.free_speed / frame.effective_track_m, rel=1e-3)
 
 
 def test_wind_pushes() -> None:
@@ -171,5 +151,5 @@ def test_columns_are_alone() -> None:
 
 
 def test_unknown_frame_names_the_known() -> None:
-    with pytest.raises(BadConfig, match="rover, rover-skid"):
+    with pytest.raises(BadConfig, match="known: rover"):
         rover_frame("hovercraft")
