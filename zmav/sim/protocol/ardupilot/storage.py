@@ -25,20 +25,14 @@ WEEK_S = 604800
 LEAP_S = 18
 """seconds that GPS time is ahead of UTC, since 2017"""
 LAYOUTS = (
-    Layout("PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
-    Layout("MSG", "QZ", "TimeUS,Message", "s-", "F-"),
-    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
-    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method", "s----", "F----"),
-    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
-    Layout(
-        "GPS",
-        "QBBIHBcLLeffffB",
-        "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
-        "s#-s-S-DUmnhnh-",
-        "F--C-0BGGB000--",
-    ),
-    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
-    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot", "s#vAa", "F-00C"),
+    Layout("PARM", "QNff", "TimeUS,Name,Value,Default"),
+    Layout("MSG", "QZ", "TimeUS,Message"),
+    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF"),
+    Layout("GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"),
+    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
+    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot"),
 )
 EKF3 = 3
 """the estimator that the attitude is from"""
@@ -62,7 +56,7 @@ class DataflashLog(FlightLog):
             self._write("MSG", text)
 
     def begin(self) -> bytearray:
-        self._writer = DataflashWriter(LAYOUTS, self.time_us, MOST_ONE)
+        self._writer = DataflashWriter(LAYOUTS, MOST_ONE)
         self._mode = -1
         self._write("MSG", f"{self._ardu.FIRMWARE} V4.7.0-dev")
         params = self._ardu.params
