@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -57,7 +58,9 @@ class Yard:
 
     @property
     def speed(self) -> float:
-        return self.rover.speed_ahead
+        """m/s over the ground, along the nose."""
+        s = self.rover.sense
+        return s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)
 
     def stands(self) -> bool:
         return abs(self.speed) < 0.02

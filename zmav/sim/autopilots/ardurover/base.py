@@ -73,12 +73,6 @@ class RoverBase(ArduVehicle, ABC):
     def here(self) -> Point:
         return self.sense.north, self.sense.east
 
-    @property
-    def speed_ahead(self) -> float:
-        """m/s over the ground, along the nose."""
-        s = self.sense
-        return s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)
-
     def sticks(self) -> Point:
         """Steering (positive: clockwise) and throttle, -1 to 1, past their dead zones."""
         if self.no_radio:
