@@ -250,8 +250,6 @@ def make_status() -> Callable[..., WorldStatus]:
             speed=4.0,
             speed_reached=3.9,
             behind=True,
-            cpu_share=0.42,
-            clients=5,
             vehicles=(
                 usual,
                 replace(usual, name="quad2", landed=True, faults=("gps-loss",)),

@@ -16,8 +16,8 @@ from zmav.sim.dynamics.body import Body
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.rover import RoverDynamics
-from zmav.sim.dynamics.roverframe import rover_frame
-from zmav.sim.dynamics.wing import wing
+from zmav.sim.dynamics.roverframe import CAR
+from zmav.sim.dynamics.wing import TRAINER
 from zmav.sim.fleets.base import Fleet
 
 PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # microseconds
@@ -64,11 +64,9 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     def make(self, start: Array, yaw: Array, dt: float) -> tuple[Body, Pack]:
         """Its body at ``start`` (3, 1) m NED with ``yaw`` (1,) rad, stepped every ``dt`` seconds; and its battery."""
         if self.program == ROVER:
-            frame = rover_frame(self.name)
-            return RoverDynamics(frame, start, yaw, dt), frame.pack
+            return RoverDynamics(CAR, start, yaw, dt), CAR.pack
         if self.program == PLANE:
-            plane = wing(self.name)
-            return PlaneDynamics(plane, start, yaw, dt), plane.pack
+            return PlaneDynamics(TRAINER, start, yaw, dt), TRAINER.pack
         copter = airframe(self.name)
         return CopterDynamics(copter, start, yaw, dt), copter.pack
 

@@ -8,10 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from zmav.errors import BadConfig
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.rover import RoverDynamics
-from zmav.sim.dynamics.roverframe import RoverFrame, rover_frame
+from zmav.sim.dynamics.roverframe import CAR, RoverFrame
 
 DT = 0.005
 
@@ -28,7 +27,7 @@ def drive(dyn: RoverDynamics, seconds: float, throttle: float = 0.0, steering: f
 
 @pytest.fixture
 def frame() -> RoverFrame:
-    return rover_frame("rover")
+    return CAR
 
 
 @pytest.mark.parametrize("throttle", [1.0, 0.4, -0.5])
@@ -57,7 +56,7 @@ def test_acceleration_from_rest(frame: RoverFrame) -> None:
 
 def test_tyres_limit_the_start() -> None:
     """A motor stronger than the tyres: the rover starts with mu g, less what rolls against it."""
-    frame = msgspec.structs.replace(rover_frame("rover"), stall_accel=50.0, motor_tau_s=1e-6)
+    frame = msgspec.structs.replace(CAR, stall_accel=50.0, motor_tau_s=1e-6)
     dyn = rovers(frame)
     drive(dyn, 0.5, 1.0)
     assert dyn.speed[0] == pytest.approx((frame.friction - frame.rolling) * GRAVITY * 0.5, rel=0.02)
@@ -65,7 +64,7 @@ def test_tyres_limit_the_start() -> None:
 
 def test_braking_distance() -> None:
     """Full brake at the tyres' limit: v^2 / (2 (mu + c) g)."""
-    frame = msgspec.structs.replace(rover_frame("rover"), drag_area_m2=0.0, stall_accel=100.0, motor_tau_s=1e-6)
+    frame = msgspec.structs.replace(CAR, drag_area_m2=0.0, stall_accel=100.0, motor_tau_s=1e-6)
     dyn = rovers(frame)
     dyn.speed[:] = 10.0
     for _ in range(2000):
@@ -89,7 +88,7 @@ def test_coasting_stops(frame: RoverFrame) -> None:
 @pytest.mark.parametrize("steering", [1.0, -0.5, 0.2])
 def test_turn_radius(steering: float) -> None:
     """L / tan(delta), driven as a whole circle that closes."""
-    frame = rover_frame("rover")
+    frame = CAR
     dyn = rovers(frame)
     drive(dyn, 5.0, 0.08, steering)
     radius = frame.wheelbase_m / math.tan(abs(steering) * frame.steering_max)
@@ -108,7 +107,7 @@ def test_turn_radius(steering: float) -> None:
 
 
 def test_forward_and_back_leave_the_same_track() -> None:
-    dyn = rovers(rover_frame("rover"))
+    dyn = rovers(CAR)
     drive(dyn, 6.0, -0.1, 0.5)
     assert dyn.speed[0] < -0.5
     assert dyn.rate[2, 0] < 0.0  # wheels to the right, backwards: the nose goes left
@@ -116,7 +115,7 @@ def test_forward_and_back_leave_the_same_track() -> None:
 
 def test_lateral_limit() -> None:
     """Too fast for the circle: the tyres give mu g and the turn is wider."""
-    frame = rover_frame("rover")
+    frame = CAR
     dyn = rovers(frame)
     drive(dyn, 8.0, 0.6)
     drive(dyn, 0.3, 0.6, 1.0)
@@ -131,7 +130,7 @@ def test_wind_pushes() -> None:
     """A tail wind saves drag."""
     speeds = []
     for wind in (0.0, 8.0, -8.0):
-        dyn = rovers(rover_frame("rover"))
+        dyn = rovers(CAR)
         dyn.wind[0] = wind
         drive(dyn, 10.0, 0.5)
         speeds.append(dyn.speed[0])
@@ -140,7 +139,7 @@ def test_wind_pushes() -> None:
 
 def test_columns_are_alone() -> None:
     """What one rover does changes nothing for its neighbours."""
-    frame = rover_frame("rover")
+    frame = CAR
     three, one = rovers(frame, (0.0, 1.0, 2.0)), rovers(frame, (1.0,))
     three.throttle, three.steering = np.array([0.9, 0.2, -0.4]), np.array([0.1, -0.3, 1.0])
     one.throttle, one.steering = np.array([0.2]), np.array([-0.3])
@@ -148,8 +147,3 @@ def test_columns_are_alone() -> None:
         three.step()
         one.step()
     assert three.pos[:, 1] == pytest.approx(one.pos[:, 0], abs=1e-12)
-
-
-def test_unknown_frame_names_the_known() -> None:
-    with pytest.raises(BadConfig, match="known: rover"):
-        rover_frame("hovercraft")

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import msgspec
 
-from zmav.errors import BadConfig
 from zmav.sim.dynamics.battery import Pack
 
 
@@ -39,34 +38,26 @@ class RoverFrame(msgspec.Struct, frozen=True, kw_only=True):
     pack: Pack
 
 
-def _car() -> RoverFrame:
-    # A 1/10 racing car: mass, wheelbase, steering, tyres, top speed and acceleration of the F1TENTH vehicle
-    # (O'Kelly et al., "F1TENTH: An Open-source Evaluation Environment for Continuous Control and Reinforcement
-    # Learning", PMLR 123, 2020: the simulation's default parameters); rolling resistance of rubber on asphalt.
-    return RoverFrame(
-        name="rover",
-        mass_kg=3.74,
-        length_m=0.58,
-        width_m=0.31,
-        height_m=0.20,
-        wheelbase_m=0.3302,
-        track_m=0.25,
-        steering_max=0.4189,
-        steering_rate=3.2,
-        free_speed=20.0,
-        stall_accel=9.51,
-        motor_tau_s=0.05,
-        friction=1.0489,
-        rolling=0.015,
-        drag_area_m2=0.03,
-        idle_current_a=0.5,
-        stall_current_a=60.0,
-        pack=Pack(cells=3, capacity_mah=3300.0, resistance_ohm=0.02, full_v=12.6),
-    )
-
-
-def rover_frame(name: str) -> RoverFrame:
-    """The frame of that name; :class:`BadConfig` names the known ones."""
-    if name != "rover":
-        raise BadConfig(f"no rover {name!r}; known: rover", field="airframe", value=name, expected="rover")
-    return _car()
+# A 1/10 racing car: mass, wheelbase, steering, tyres, top speed and acceleration of the F1TENTH vehicle
+# (O'Kelly et al., "F1TENTH: An Open-source Evaluation Environment for Continuous Control and Reinforcement
+# Learning", PMLR 123, 2020: the simulation's default parameters); rolling resistance of rubber on asphalt.
+CAR = RoverFrame(
+    name="rover",
+    mass_kg=3.74,
+    length_m=0.58,
+    width_m=0.31,
+    height_m=0.20,
+    wheelbase_m=0.3302,
+    track_m=0.25,
+    steering_max=0.4189,
+    steering_rate=3.2,
+    free_speed=20.0,
+    stall_accel=9.51,
+    motor_tau_s=0.05,
+    friction=1.0489,
+    rolling=0.015,
+    drag_area_m2=0.03,
+    idle_current_a=0.5,
+    stall_current_a=60.0,
+    pack=Pack(cells=3, capacity_mah=3300.0, resistance_ohm=0.02, full_v=12.6),
+)
