@@ -1,16 +1,13 @@
-"""``zmav fly``: a level from the shell, a stream from another program, and what is wrong said before anything flies."""
+"""``zmav fly``: a level from the shell, and what is wrong said before anything flies."""
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from typing import TYPE_CHECKING
 
 import pytest
-from click.testing import CliRunner
 
-from zmav import cli
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
 
@@ -30,10 +27,6 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     told = zmav("fly", "quad1", "--rpy", "0", "-0.1", "0", "--thrust", "0.5", "--for", "0.3", "--rate", "30")
     assert re.match(r"quad1: 9 setpoints in \d\.\d s \(", told.out)
     vehicle.until(lambda s: s.lease is None and s.mode == "GUIDED")
-    lines = "\n".join(json.dumps({"pos": [0.0, 0.0, -5.0]}) for _ in range(4))
-    piped = CliRunner().invoke(cli.zmav, ["fly", "quad1", "--stdin", "--json", "-e", vehicle.endpoint], input=lines)
-    assert (piped.exit_code, piped.exception) == (0, None)
-    assert json.loads(piped.stdout)["sent"] == 4
     failed = zmav.fails("fly", "quad1", "--torque", "0", "0", "0.1", "--thrust", "0.5", "--for", "0.3")
     assert isinstance(failed.error, Refused)
     assert "ArduPilot takes no torques" in str(failed.error)
@@ -46,7 +39,6 @@ def test_levels_from_the_shell(vehicle: Vehicle) -> None:
     "arguments",
     [
         (),
-        ("--vel", "1,0,0", "--stdin"),
         ("--vel", "1,0"),
         ("--pos", "1", "0", "-5"),
         ("--at", "1", "2"),
@@ -72,21 +64,6 @@ def test_faults_are_named_before_anything_is_done(here: type[Here], arguments: t
     error = here("-e", "tcp/127.0.0.1:1").fails("fly", "quad1", *arguments).error
     assert isinstance(error, BadInput)
     assert error.detail["field"] == field
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("nonsense", "line 2 is not JSON"),
-        ("[1]", "line 2 is no object"),
-        ('{"speed": 1}', "speed"),
-        ('{"lease": "mine", "vel": [0, 0, 0]}', "lease is put in"),
-    ],
-)
-def test_a_wrong_line_ends_the_stream(vehicle: Vehicle, line: str, words: str) -> None:
-    ran = CliRunner().invoke(cli.zmav, ["fly", "quad1", "--stdin", "-e", vehicle.endpoint], input=f"\n{line}\n")
-    assert ran.exit_code == 1
-    assert words in str(ran.exception)
 
 
 @pytest.mark.parametrize(

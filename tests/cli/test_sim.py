@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
-from rich.console import Console
 
 from tests.cli.conftest import Here
-from zmav.cli.sim.line import live_line, world_words
+from zmav.cli.sim.talk import clock_words
 from zmav.mavlink import Splitter, decode, load_dialect
 from zmav.mavlink.dialect import Dialect
 from zmav.sim import VehicleStatus, WorldStatus
@@ -215,40 +212,15 @@ def test_it_flies_on_when_nobody_reads_what_it_says(tmp_path: Path) -> None:
         assert (sim.returncode, said) == (0, "")
 
 
-# ---- the live line
+# ---- the clock in words
 
 
-def test_one_line_says_it_all(make_status: Callable[..., WorldStatus]) -> None:
-    words = world_words(make_status())
-    assert words.startswith(
-        "61 s simulated at ×3.9, BEHIND the ×4 asked for | 2 copter, 1 rover | 2 armed, 1 flying | "
-    )
-    assert "GUIDED 2, HOLD 1 | 5 clients | faults quad2: gps-loss | FAILED ugv | CPU 42 %, load " in words
-    assert "in lock step" in world_words(make_status(lockstep=True))
-    assert world_words(make_status(paused=True)).startswith("61.0 s simulated, paused | ")
-    assert world_words(make_status(speed=None, behind=False)).startswith("61 s simulated at ×3.9 (max) | ")
-    begun = make_status(speed=None, speed_reached=0.0, behind=False)
-    assert world_words(begun).startswith("61 s simulated (max) | ")
-
-
-@pytest.mark.parametrize("terminal", [True, False])
-def test_it_is_shown_while_the_world_runs(make_status: Callable[..., WorldStatus], terminal: bool) -> None:
-    shown = threading.Event()
-
-    class Screen(io.StringIO):
-        def write(self, text: str) -> int:
-            if "61 s simulated" in text:
-                shown.set()
-            return super().write(text)
-
-    screen = Screen()
-    console = Console(file=screen, force_terminal=terminal, width=400, markup=False, highlight=False)
-    with live_line(make_status, console):
-        assert not terminal or shown.wait(PATIENCE_S)
-        console.print("[copter1] has failed")
-    assert "[copter1] has failed" in screen.getvalue()
-    assert shown.is_set() == terminal
-    assert ("\x1b[" in screen.getvalue()) == terminal
+def test_the_clock_in_words(make_status: Callable[..., WorldStatus]) -> None:
+    assert clock_words(make_status()) == "61 s simulated at ×3.9, BEHIND the ×4 asked for"
+    assert "in lock step" in clock_words(make_status(lockstep=True))
+    assert clock_words(make_status(paused=True)) == "61.0 s simulated, paused"
+    assert clock_words(make_status(speed=None, behind=False)) == "61 s simulated at ×3.9 (max)"
+    assert clock_words(make_status(speed=None, speed_reached=0.0, behind=False)) == "61 s simulated (max)"
 
 
 @pytest.fixture
@@ -278,8 +250,6 @@ def make_status() -> Callable[..., WorldStatus]:
             speed=4.0,
             speed_reached=3.9,
             behind=True,
-            cpu_share=0.42,
-            clients=5,
             vehicles=(
                 usual,
                 replace(usual, name="quad2", landed=True, faults=("gps-loss",)),

@@ -217,16 +217,6 @@ def test_a_rover_steers_by_its_first_output_and_drives_by_its_third() -> None:
     assert ahead < -1.0
 
 
-def test_a_skid_steered_rover_has_a_throttle_for_each_side() -> None:
-    body = plant("rover-skid")
-    fdm = JsonFdm(body)
-    for i in range(400):
-        step(fdm, packet(i, [1600, 0, 1400, *[0] * 13], rate=400))
-    assert body.truth().rate[2] > 0.2  # the left side pushes ahead: to the right
-    params = craft("rover-skid").params
-    assert (params["SERVO1_FUNCTION"], params["SERVO3_FUNCTION"]) == (73, 74)
-
-
 @pytest.mark.parametrize(("output", "axis"), [(0, 0), (1, 1), (3, 2)])
 def test_a_planes_longer_pulses_roll_right_pitch_up_and_yaw_right(output: int, axis: int) -> None:
     def rates(width: int) -> list[float]:

@@ -12,7 +12,7 @@ from zmav.config import load_fleet
 from zmav.errors import BadConfig
 from zmav.sim import Home, World
 from zmav.sim.endpoints import addresses
-from zmav.sim.faults.table import describe
+from zmav.sim.faults import KINDS
 from zmav.sim.fleetfile import FleetFile, load_simulated, speed_of
 from zmav.sim.lineup import gather, line_up
 
@@ -174,9 +174,9 @@ class TestGuide:
         world.close()
 
     def test_it_lists_every_fault(self) -> None:
-        for fault in describe():
-            (row,) = [line for line in self.guide.splitlines() if line.startswith(f"| `{fault.kind}` |")]
-            assert fault.text in row
+        for kind, fault in KINDS.items():
+            (row,) = [line for line in self.guide.splitlines() if line.startswith(f"| `{kind}` |")]
+            assert " ".join((fault.__doc__ or "").split()) in row
 
     def test_its_endpoints_can_be_written_so(self) -> None:
         for text in ("ardupilot", "px4", "pty:/tmp/quad1+", "tcp", "serial1", "serial2"):

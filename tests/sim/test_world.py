@@ -465,7 +465,7 @@ class TestDefects:
         assert desk.frames == []  # a dead autopilot does not answer either
 
 
-def test_the_status_tells_what_a_live_line_shows(make_desk: MakeDesk) -> None:
+def test_the_status_tells_how_it_stands(make_desk: MakeDesk) -> None:
     desk = make_desk()
     desk.take_off(3.0)
     found = desk.world.status()

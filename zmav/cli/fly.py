@@ -1,13 +1,12 @@
-"""``zmav fly``: one constant setpoint of any level for some seconds, or a stream of them from stdin; then hold."""
+"""``zmav fly``: one constant setpoint of any level for some seconds; then hold."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import sys
 import time
-from collections.abc import AsyncIterator, Callable
-from typing import Any, TextIO
+from collections.abc import Callable
+from typing import Any
 
 import click
 
@@ -19,7 +18,7 @@ from zmav.client import Client
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
 from zmav.services.authority.targets import group_of
-from zmav.vehicle import Lease, Vehicle
+from zmav.vehicle import Vehicle
 
 OWN = ("lease", "seq", "deadline", "frame", "segment")
 SETTLE = 0.5
@@ -52,37 +51,36 @@ def _vector(name: str, metavar: str, text: str) -> Callable[[F], F]:
 @_vector("sticks", "PITCH ROLL THRUST YAW", "-1 to 1, thrust 0 to 1: MANUAL_CONTROL.")
 @click.option("--rc", metavar="PWM,PWM,..", help="µs from channel 1 up; an empty one is left to the pilot's radio.")
 @click.option("--servo", metavar="PWM,PWM,..", help="µs from output 1 up; an empty one is left alone.")
-@click.option("--stdin", "from_stdin", is_flag=True, help="Setpoints as lines of JSON, put as they come.")
 @click.option("--for", "seconds", type=click.FloatRange(min=0.1), default=5.0, show_default=True, help="Seconds.")
 @click.option("--rate", type=click.FloatRange(1.0, 200.0), default=20.0, show_default=True, help="Setpoints a second.")
 @click.option("--priority", type=click.IntRange(0, 100), default=0, show_default=True, help="Of the lease.")
 @json_option
 @connected
-def command(
-    vehicle: str, from_stdin: bool, seconds: float, rate: float, priority: int, as_json: bool, **given: Any
-) -> Work:
+def command(vehicle: str, seconds: float, rate: float, priority: int, as_json: bool, **given: Any) -> Work:
     """Stream setpoints under a lease, then hold: 'zmav fly quad1 --vel 1,0,0 --for 5'.
 
     PX4 flies sticks in POSCTL, and is put into HOLD when they end.
 
     Other levels: --to 10,0,5, --rpy 0 -0.1 0 --thrust 0.5, --rates 0 0 0.3 --thrust 0.5, --sticks 0 0.2 0.5 0,
-    --rc 1500,1500,1600,1500, --servo ,,1200. From another program: 'my_planner | zmav fly quad1 --stdin', with lines
-    as {"vel": [1, 0, 0]}.
+    --rc 1500,1500,1600,1500, --servo ,,1200.
     """
     fields = {name: value for name, value in _fields(given).items() if value is not None}
-    if from_stdin == bool(fields):
-        raise click.UsageError("give one setpoint by its options, or --stdin")
-    points = _read(sys.stdin) if from_stdin else _repeat(_of_one_level(fields), seconds, rate)
+    if not fields:
+        raise click.UsageError("give one setpoint by its options")
+    point = _point(fields)
+    setpoint = {name: getattr(point, name) for name in point.__struct_fields__ if name not in OWN}
 
     async def fly(z: Client) -> None:
         target = await one(z, vehicle)
         said: list[str] = []
         listener = asyncio.create_task(_listen(z, target, said, as_json))
-        before, start = dict(target.state.setpoints), time.monotonic()
+        before, start, count = dict(target.state.setpoints), time.monotonic(), 0
         try:
             async with target.lease("fly", priority=priority) as lease:
-                async for point in points:
-                    _put(lease, point)
+                while count / rate < seconds:  # kept by the clock and not by the pauses
+                    lease.setpoint(**setpoint)
+                    count += 1
+                    await asyncio.sleep(max(0.0, start + count / rate - time.monotonic()))
                 flown_for = time.monotonic() - start
                 await asyncio.sleep(SETTLE)
         finally:
@@ -119,57 +117,17 @@ def _pulses(name: str, text: str) -> list[int | None]:
         raise BadInput(f"--{name} {text!r}: expected {expected}", field=name, value=text, expected=expected) from None
 
 
-def point_of(fields: dict[str, Any]) -> wire.Setpoint:
-    """The setpoint with these fields, not yet under any lease; raises :class:`BadInput` naming the fault."""
-    for name in ("lease", "seq", "deadline"):
-        if name in fields:
-            raise BadInput(f"{name} is put in by zmav fly", field=name, value=fields[name], expected="absent")
+def _point(fields: dict[str, Any]) -> wire.Setpoint:
+    """The setpoint with these fields, not yet under any lease; raises :class:`BadInput` naming the fault, also for no
+    level of authority, and for two at a time.
+    """
     try:
         text = json.dumps({"lease": "", "seq": 0, "deadline": 0.0, **fields}, allow_nan=False)
     except ValueError:
         raise BadInput("a number is not finite", field="setpoint", value=str(fields), expected="finite") from None
-    return wire.decode(text.encode(), wire.Setpoint, "setpoint")
-
-
-def _of_one_level(fields: dict[str, Any]) -> wire.Setpoint:
-    """The same; raises :class:`BadInput` for no level of authority, and for two at a time."""
-    point = point_of(fields)
+    point = wire.decode(text.encode(), wire.Setpoint, "setpoint")
     group_of(point)
     return point
-
-
-async def _repeat(point: wire.Setpoint, seconds: float, rate: float) -> AsyncIterator[wire.Setpoint]:
-    """The same point at a rate, kept by the clock and not by the pauses."""
-    start, count = time.monotonic(), 0
-    while count / rate < seconds:
-        yield point
-        count += 1
-        await asyncio.sleep(max(0.0, start + count / rate - time.monotonic()))
-
-
-async def _read(lines: TextIO) -> AsyncIterator[wire.Setpoint]:
-    number = 0
-    while line := await asyncio.to_thread(lines.readline):
-        number += 1
-        if not line.strip():
-            continue
-        try:
-            fields = json.loads(line)
-        except ValueError as e:
-            why = f"line {number} is not JSON: {e}"
-            raise BadInput(why, field=f"line {number}", value=line[:80], expected='{"vel": [1, 0, 0]}') from None
-        if not isinstance(fields, dict):
-            raise BadInput(f"line {number} is no object", field=f"line {number}", expected='{"vel": [1, 0, 0]}')
-        yield point_of(fields)
-
-
-def _put(lease: Lease, point: wire.Setpoint) -> None:
-    if point.segment is not None:
-        group_of(point)
-        lease.segment(point.segment)
-        return
-    fields = {name: getattr(point, name) for name in point.__struct_fields__ if name not in OWN}
-    lease.setpoint(**fields)
 
 
 async def _listen(z: Client, vehicle: Vehicle, said: list[str], as_json: bool) -> None:

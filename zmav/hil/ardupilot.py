@@ -25,7 +25,7 @@ def json_port(instance: int) -> int:
 
 
 class JsonVehicle(External):
-    """Answers one ArduPilot at ``host``:``port`` (UDP; port 0: any free one).
+    """Answers one ArduPilot at ``port`` of loopback (UDP; port 0: any free one).
 
     The first that sends servo packets is answered; another, once that one has been silent for :data:`TAKEN_S`.
     """
@@ -40,12 +40,11 @@ class JsonVehicle(External):
         plant: Plant,
         say: Callable[[str], None],
         port: int,
-        host: str = "127.0.0.1",
     ) -> None:
         super().__init__(name, sysid, plant, say)
         self.protocol = JsonFdm(plant)
         self.bad = self.strangers = 0
-        self._at = (host, port)
+        self._at = ("127.0.0.1", port)
         self._peer: Any = None
         self._socket: socket.socket | None = None
         self._selector: selectors.BaseSelector | None = None
@@ -53,8 +52,7 @@ class JsonVehicle(External):
     def open(self, wiring: Wiring) -> None:
         host, port = self._at
         where = f"udp:{host}:{port}"
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        opened = socket.socket(family, socket.SOCK_DGRAM)
+        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             opened.setblocking(False)
             opened.bind(self._at)

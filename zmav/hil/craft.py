@@ -16,8 +16,8 @@ from zmav.sim.dynamics.body import Body
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.rover import RoverDynamics
-from zmav.sim.dynamics.roverframe import rover_frame
-from zmav.sim.dynamics.wing import wing
+from zmav.sim.dynamics.roverframe import CAR
+from zmav.sim.dynamics.wing import TRAINER
 from zmav.sim.fleets.base import Fleet
 
 PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # microseconds
@@ -64,11 +64,9 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     def make(self, start: Array, yaw: Array, dt: float) -> tuple[Body, Pack]:
         """Its body at ``start`` (3, 1) m NED with ``yaw`` (1,) rad, stepped every ``dt`` seconds; and its battery."""
         if self.program == ROVER:
-            frame = rover_frame(self.name)
-            return RoverDynamics(frame, start, yaw, dt), frame.pack
+            return RoverDynamics(CAR, start, yaw, dt), CAR.pack
         if self.program == PLANE:
-            plane = wing(self.name)
-            return PlaneDynamics(plane, start, yaw, dt), plane.pack
+            return PlaneDynamics(TRAINER, start, yaw, dt), TRAINER.pack
         copter = airframe(self.name)
         return CopterDynamics(copter, start, yaw, dt), copter.pack
 
@@ -93,18 +91,13 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def drive(body: Body, values: Sequence[float]) -> None:
-    """Set the actuators of a body for one: rotors; steering and throttle (skid: left and right); or aileron, elevator,
-    throttle and rudder.
-    """
+    """Set the actuators of a body for one: rotors; steering and throttle; or aileron, elevator, throttle and rudder."""
     columns = np.array(values)[:, None]
     if isinstance(body, PlaneDynamics):
         body.surface, body.throttle = columns[[0, 1, 3]], columns[2]
     elif not isinstance(body, RoverDynamics):
         assert isinstance(body, CopterDynamics)
         body.throttle = columns
-    elif body.frame.skid:
-        body.left, body.right = columns
-        body.throttle = columns.mean(0)
     else:
         body.steering, body.throttle = columns
 
@@ -130,7 +123,6 @@ def _rotors(*numbers: int) -> tuple[Channel, ...]:
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
 _DRIVE = (Channel(0, both_ways=True), Channel(2, both_ways=True))
-_ROVER_PARAMS = ("default_params/rover.parm",)
 # Steps a second where loops run at 50 Hz: a third of what ArduPilot asks for by itself, and as good.
 _SLOW = {"SIM_RATE_HZ": 400}
 _CRAFTS = (
@@ -143,14 +135,7 @@ _CRAFTS = (
         px4=_QUAD_X,
         px4_airframe=10016,
     ),
-    Craft(name="rover", program=ROVER, channels=_DRIVE, defaults=_ROVER_PARAMS, params=_SLOW),
-    Craft(
-        name="rover-skid",
-        program=ROVER,
-        channels=_DRIVE,
-        defaults=(*_ROVER_PARAMS, "default_params/rover-skid.parm"),
-        params={"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74, **_SLOW},
-    ),
+    Craft(name="rover", program=ROVER, channels=_DRIVE, defaults=("default_params/rover.parm",), params=_SLOW),
     Craft(
         name="plane",
         program=PLANE,

@@ -28,7 +28,7 @@ def px4_port(instance: int) -> int:
 
 
 class Px4Vehicle(External):
-    """Serves one PX4 at ``host``:``port`` (TCP; port 0: any free one).
+    """Serves one PX4 at ``port`` of loopback (TCP; port 0: any free one).
 
     Until the first HIL_ACTUATOR_CONTROLS time goes on with the world's, which gives PX4 the clock to boot by. From then
     on, where its lock-step flag is set, each reading waits for the controls that follow the one before: those stamped
@@ -49,12 +49,11 @@ class Px4Vehicle(External):
         dialect: Dialect,
         epoch_us: int,
         port: int,
-        host: str = "127.0.0.1",
     ) -> None:
         super().__init__(name, sysid, plant, say)
         self.stream = HilStream(plant, dialect, sysid, epoch_us)
         self.bad = self.stalls = 0
-        self._at = (host, port)
+        self._at = ("127.0.0.1", port)
         self._dialect = dialect
         self._splitter = Splitter(dialect)
         self._server: socket.socket | None = None
@@ -67,9 +66,8 @@ class Px4Vehicle(External):
     def open(self, wiring: Wiring) -> None:
         host, port = self._at
         where = f"tcp:{host}:{port}"
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
-            self._server = socket.create_server(self._at, family=family, backlog=4)
+            self._server = socket.create_server(self._at, backlog=4)
         except OSError as error:
             raise unopened(error, where, host, port) from error
         self._selector = wiring.selector

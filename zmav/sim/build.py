@@ -15,8 +15,8 @@ from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.tuning import rows_for
 from zmav.sim.dynamics.airframe import airframe
-from zmav.sim.dynamics.roverframe import rover_frame
-from zmav.sim.dynamics.wing import wing
+from zmav.sim.dynamics.roverframe import CAR
+from zmav.sim.dynamics.wing import TRAINER
 from zmav.sim.environment import Environment
 from zmav.sim.fleets.base import Seat, Sense, Surroundings
 from zmav.sim.fleets.copter import CopterFleet
@@ -94,9 +94,9 @@ def build(
 def _fleet(kind: str, autopilot: str, start: Array, yaw: Array, dt: float, around: Surroundings) -> AnyFleet:
     """The vehicles of one airframe under one autopilot."""
     if kind in ROVERS:
-        return RoverFleet(rover_frame(kind), start, yaw, dt, around)
+        return RoverFleet(CAR, start, yaw, dt, around)
     if kind in PLANES:
-        return PlaneFleet(wing(kind), start, yaw, dt, around)
+        return PlaneFleet(TRAINER, start, yaw, dt, around)
     return CopterFleet(airframe(kind), start, yaw, dt, around, px4=autopilot == PX4)
 
 

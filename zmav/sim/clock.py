@@ -9,14 +9,14 @@ from collections.abc import Callable
 from zmav.errors import BadConfig
 
 MOST_BEHIND_S = 0.25  # of wall time that is caught up with; what is more is given up
-MEASURED_S = 1.0  # of wall time over which the speed and the share of a core are told
+MEASURED_S = 1.0  # of wall time over which the speed is told
 SLOW = 0.95  # of the speed asked for: below it the world is behind
 SLOWEST, FASTEST = 1e-3, 1e6  # times real time; a slower world would hardly be seen to move
 
 
 class Pacer:
-    """Paces ticks of ``tick_s`` simulated seconds against ``clock`` (wall seconds); ``cpu`` gives the process's CPU
-    seconds. All of it is called in the world's thread, except what only reads.
+    """Paces ticks of ``tick_s`` simulated seconds against ``clock`` (wall seconds). All of it is called in the world's
+    thread, except what only reads.
     """
 
     def __init__(
@@ -24,19 +24,16 @@ class Pacer:
         tick_s: float,
         speed: float,
         clock: Callable[[], float] = time.monotonic,
-        cpu: Callable[[], float] = time.process_time,
     ) -> None:
         self.paused = False
         self.reached = 0.0
         """simulated seconds a second, lately"""
-        self.cpu_share = 0.0
-        """of one core, lately"""
         self.behind = False
         """slower than asked for, lately"""
         self.given_up_s = 0.0
         """wall seconds that were lost for good because the machine was too slow, or asleep"""
         self._tick_s = tick_s
-        self._clock, self._cpu = clock, cpu
+        self._clock = clock
         self._speed = check_speed(speed)
         self._ticks_left: int | None = None
         self.restart()
@@ -54,7 +51,6 @@ class Pacer:
     def restart(self) -> None:
         """Nothing is due from before now: the world begins, goes on after a pause, or changes its speed."""
         self._due = self._measured = self._clock()
-        self._measured_cpu = self._cpu()
         self._ticks = 0
         self.behind = False
 
@@ -98,11 +94,10 @@ class Pacer:
                 self.pause()
 
     def _measure(self, now: float) -> None:
-        passed, cpu = now - self._measured, self._cpu()
+        passed = now - self._measured
         self.reached = self._ticks * self._tick_s / passed
-        self.cpu_share = (cpu - self._measured_cpu) / passed
         self.behind = math.isfinite(self._speed) and self.reached < SLOW * self._speed
-        self._measured, self._measured_cpu, self._ticks = now, cpu, 0
+        self._measured, self._ticks = now, 0
 
 
 def check_speed(speed: float) -> float:

@@ -17,7 +17,7 @@ ARDUCOPTER, ARDUROVER, ARDUPLANE, PX4 = "arducopter", "ardurover", "arduplane", 
 AIRFRAMES = {
     ARDUCOPTER: ("quad", "hexa"),
     PX4: ("sih", "quad", "hexa"),
-    ARDUROVER: ("rover", "rover-skid"),
+    ARDUROVER: ("rover",),
     ARDUPLANE: ("plane",),
 }
 PX4_FIRMWARE = ("1.16", "1.13")

@@ -1,4 +1,4 @@
-"""What a world tells of itself and its vehicles at one moment: for a live line, ``zmav sim status`` and tests."""
+"""What a world tells of itself and its vehicles at one moment: for ``zmav sim status`` and tests."""
 
 from __future__ import annotations
 
@@ -55,8 +55,7 @@ class VehicleStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The world: simulated seconds; the speed asked for, times real time (None: as fast as it goes), and the one
-    reached lately; whether it stands still, or falls behind what was asked; the share of a core that the process takes;
-    and every vehicle.
+    reached lately; whether it stands still, or falls behind what was asked; and every vehicle.
     """
 
     time_s: float
@@ -64,7 +63,5 @@ class WorldStatus(msgspec.Struct, frozen=True, kw_only=True):
     speed_reached: float
     paused: bool = False
     behind: bool = False
-    cpu_share: float = 0.0
-    clients: int = 0
     lockstep: bool = False
     vehicles: tuple[VehicleStatus, ...]

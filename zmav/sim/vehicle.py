@@ -114,9 +114,8 @@ class SimVehicle:
         for channel, pwm in channels.items():
             pilot.flip(channel, pwm)
 
-    def pilot_mode(self, name: str, *, throttle: float = 0.5) -> None:
-        """The pilot turns the mode switch to ``name``, with a hand on the throttle stick (0..1; its middle holds the
-        height).
+    def pilot_mode(self, name: str) -> None:
+        """The pilot turns the mode switch to ``name``, with the throttle stick in its middle, which holds the height.
 
         Only the modes of FLTMODE1 to FLTMODE6 (MODE1 to 6, COM_FLTMODE1 to 6) are on the switch; BadInput names them.
         On a PX4 it turns the radio on.
@@ -136,7 +135,7 @@ class SimVehicle:
             raise BadInput(text, field="mode", value=name, expected=expected)
         if isinstance(brain, Px4Copter):
             brain.sticks.radio = True
-        pilot.sticks(throttle=throttle)
+        pilot.sticks(throttle=0.5)
         pilot.turn_switch(on_switch[name])
 
     def status(self) -> VehicleStatus:

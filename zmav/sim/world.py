@@ -413,8 +413,6 @@ class World:
             speed_reached=pacer.reached,
             paused=pacer.paused,
             behind=pacer.behind,
-            cpu_share=pacer.cpu_share,
-            clients=sum(endpoint.clients() for vehicle in self.vehicles for endpoint in vehicle.endpoints),
             lockstep=self.lockstep is not None,
             vehicles=self._faults.noted((*(vehicle.status() for vehicle in self.vehicles), *self.externals.status())),
         )

@@ -43,13 +43,13 @@ def test_the_fleet_file_says_where_everybody_is_and_what_was_said_besides(tmp_pa
             {"kind": "link", "between": ["ground", "q"], "interface": "wlan0"},
             {"kind": "radio", "name": "lte", "radio": "lte", "network": "10.8.0.0/16", "budget": "60 kB/s", "cost": 7},
         ],
-        fleet={"fleet": "alpha", "mesh": {"lease": 0.5}, "vehicles": {"q": {"sim": {"airframe": "rover-skid"}}}},
+        fleet={"fleet": "alpha", "mesh": {"lease": 0.5}, "vehicles": {"q": {"sim": {"airframe": "rover"}}}},
         profile="multi",
     )
     fleet = write_fleet(found, wire(found), tmp_path)
     assert (fleet.fleet, fleet.mesh.lease, fleet.mesh.profile) == ("alpha", 0.5, "multi")
     vehicle = fleet.vehicles["q"]
-    assert vehicle.sim == {"autopilot": "ardurover", "airframe": "rover-skid", "start_ned_m": [3.0, 4.0, 0.0]}
+    assert vehicle.sim == {"autopilot": "ardurover", "airframe": "rover", "start_ned_m": [3.0, 4.0, 0.0]}
     assert [(r.interface, r.address, r.kind) for r in vehicle.mesh.radios] == [
         ("wlan0", "10.77.0.2/24", "wifi"),
         ("wwan1", "10.8.0.2/16", "lte"),

@@ -12,7 +12,7 @@ import pytest
 from zmav.sim.arrays import Array
 from zmav.sim.control.planetargets import GAINS, PlaneHandle, Stage
 from zmav.sim.dynamics.airframe import GRAVITY
-from zmav.sim.dynamics.wing import Wing, wing
+from zmav.sim.dynamics.wing import TRAINER, Wing
 from zmav.sim.environment import Environment, Vector
 from zmav.sim.fleets.base import Surroundings
 from zmav.sim.fleets.plane import PlaneFleet
@@ -32,7 +32,7 @@ class Flight:
         start = np.zeros((3, n))
         start[2] = -100.0
         around = Surroundings(environment=Environment(winds[0] if gusts != "none" else (0.0, 0.0, 0.0), gusts=gusts))
-        self.fleet = PlaneFleet(frame or wing("plane"), start, np.zeros(n), 1 / 200, around)
+        self.fleet = PlaneFleet(frame or TRAINER, start, np.zeros(n), 1 / 200, around)
         self.handles: list[PlaneHandle] = [self.fleet.handle(i) for i in range(n)]
         params = ParamStore(defaults("arduplane"))
         for handle in self.handles:
@@ -118,14 +118,14 @@ def turn_rates(frame: Wing) -> tuple[Array, Array]:
 def test_a_turn_without_sideslip_is_coordinated() -> None:
     # Nothing that a turn must overcome with sideslip.
     flown, coordinated = turn_rates(
-        msgspec.structs.replace(wing("plane"), yaw_r=-0.02, yaw_p=0.0, yaw_rudder=0.0, side_rudder=0.0)
+        msgspec.structs.replace(TRAINER, yaw_r=-0.02, yaw_p=0.0, yaw_rudder=0.0, side_rudder=0.0)
     )
     assert flown == pytest.approx(coordinated, rel=0.03)
 
 
 def test_the_trainer_turns_somewhat_wider_as_it_slips() -> None:
     # Recorded: 23.5 m/s over the ground at 37.9 degrees round a circle of 96 m, where 72 m would be coordinated.
-    flown, coordinated = turn_rates(wing("plane"))
+    flown, coordinated = turn_rates(TRAINER)
     assert flown[1] / coordinated[1] == pytest.approx(72.0 / 96.0, abs=0.06)
 
 

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 from tests.sim.physics.closed_forms import energy, glide, stall_speed
-from zmav.errors import BadConfig
 from zmav.sim.arrays import Array, quat_from_euler
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.plane import ROLLING, PlaneDynamics
-from zmav.sim.dynamics.wing import Wing, wing
+from zmav.sim.dynamics.wing import TRAINER, Wing
 
 DT = 1 / 200
-TRAINER = wing("plane")
 
 
 def flying(
@@ -381,12 +379,6 @@ def test_a_throw_puts_it_in_the_air() -> None:
     assert not dyn.contact[1]
     assert dyn.airspeed[1] == pytest.approx(12.0, abs=1.0)
     assert dyn.vel[2, 1] < -2.0
-
-
-def test_an_unknown_wing_is_refused_by_name() -> None:
-    with pytest.raises(BadConfig, match="plane") as caught:
-        wing("glider")
-    assert caught.value.detail["value"] == "glider"
 
 
 def test_arrays_stay_columns() -> None:

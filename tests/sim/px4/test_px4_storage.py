@@ -7,7 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.px4.storage import LOGS, TOPICS
+from zmav.sim.protocol.px4.storage import LOGS
 from zmav.sim.ulog import MAGIC
 
 if TYPE_CHECKING:
@@ -40,13 +40,7 @@ def test_a_flight_is_a_ulog(companion: Companion) -> None:
     found = messages(bytes(log.data))
     kinds = Counter(kind for kind, _ in found)
     assert kinds["P"] == len(companion.vehicle.px4.params)
-    assert kinds["F"] == kinds["A"] == len(TOPICS)
     assert b"Takeoff detected\t" in [body[9:] for kind, body in found if kind == "L"]
-    data = [body for kind, body in found if kind == "D"]
-    assert Counter(body[0] for body in data)[0] > 5 * Counter(body[0] for body in data)[1] / 3 > 50
-    status = [tuple(body[10:]) for body in data if body[0] == 2]
-    assert [nav for nav, _, _ in status] == [17, 4, 18, 4]
-    assert [arming for _, arming, _ in status] == [2, 2, 2, 1]
 
 
 def listed(companion: Companion, start: int = 0, end: int = 0xFFFF) -> list[tuple[int, int, int, int]]:

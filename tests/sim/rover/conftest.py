@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -57,7 +58,9 @@ class Yard:
 
     @property
     def speed(self) -> float:
-        return self.rover.speed_ahead
+        """m/s over the ground, along the nose."""
+        s = self.rover.sense
+        return s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)
 
     def stands(self) -> bool:
         return abs(self.speed) < 0.02
@@ -68,10 +71,10 @@ MakeYard = Callable[..., Yard]
 
 @pytest.fixture
 def make_yard(make_desk: MakeDesk) -> MakeYard:
-    """A world with one rover; ``airframe`` and ``params`` are the vehicle's, the rest the world's."""
+    """A world with one rover; ``params`` are the vehicle's, the rest the world's."""
 
-    def make(airframe: str = "rover", params: dict[str, float] | None = None, **options: Any) -> Yard:
-        spec = VehicleSpec(autopilot="ardurover", airframe=airframe, params=params or {})
+    def make(params: dict[str, float] | None = None, **options: Any) -> Yard:
+        spec = VehicleSpec(autopilot="ardurover", params=params or {})
         return Yard(make_desk([spec], **options))
 
     return make

@@ -10,7 +10,7 @@ import pytest
 from tests.sim.conftest import VELOCITY
 
 if TYPE_CHECKING:
-    from tests.sim.rover.conftest import MakeYard, Yard
+    from tests.sim.rover.conftest import Yard
 
 VELOCITY_AND_TURN, VELOCITY_AND_YAW, TURN_ONLY, YAW_ONLY = 0x5C7, 0x9C7, 0x5FF, 0x9FF
 BODY, BODY_OFFSET, OFFSET = 8, 9, 7
@@ -114,17 +114,6 @@ def test_front_wheels_turn_nothing_on_the_spot(yard: Yard) -> None:
     yard.keep(2.0, lambda: yard.goto(0.0, 0.0, 1, TURN_ONLY, yaw_rate=0.5))
     assert abs(yard.rover.sense.yaw) < 0.02
     assert yard.desk.last("SERVO_OUTPUT_RAW")["servo1_raw"] > 1600
-
-
-def test_two_sides_do(make_yard: MakeYard) -> None:
-    yard = make_yard("rover-skid")
-    yard.ready()
-    yard.keep(4.0, lambda: yard.goto(0.0, 0.0, 1, TURN_ONLY, yaw_rate=0.5))
-    assert yard.rover.sense.r == pytest.approx(0.5, rel=0.15)
-    yard.keep(6.0, lambda: yard.goto(0.0, 0.0, 1, YAW_ONLY, yaw=-1.0))
-    assert yard.rover.sense.yaw == pytest.approx(-1.0, abs=0.1)
-    assert math.hypot(*yard.place) < 0.3
-    assert [yard.rover.params[f"SERVO{i}_FUNCTION"] for i in (1, 3)] == [73, 74]
 
 
 def test_attitude_is_a_heading_and_a_share_of_the_speed(yard: Yard) -> None:

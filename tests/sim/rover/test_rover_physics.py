@@ -8,10 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from zmav.errors import BadConfig
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.rover import RoverDynamics
-from zmav.sim.dynamics.roverframe import RoverFrame, rover_frame
+from zmav.sim.dynamics.roverframe import CAR, RoverFrame
 
 DT = 0.005
 
@@ -21,16 +20,14 @@ def rovers(frame: RoverFrame, yaws: tuple[float, ...] = (0.0,)) -> RoverDynamics
 
 
 def drive(dyn: RoverDynamics, seconds: float, throttle: float = 0.0, steering: float = 0.0) -> None:
-    """As a fleet passes them on: to the front wheels and the motor, or to two sides."""
     dyn.throttle[:], dyn.steering[:] = throttle, steering
-    dyn.left[:], dyn.right[:] = throttle + steering, throttle - steering
     for _ in range(round(seconds / DT)):
         dyn.step()
 
 
-@pytest.fixture(params=["rover", "rover-skid"])
-def frame(request: pytest.FixtureRequest) -> RoverFrame:
-    return rover_frame(request.param)
+@pytest.fixture
+def frame() -> RoverFrame:
+    return CAR
 
 
 @pytest.mark.parametrize("throttle", [1.0, 0.4, -0.5])
@@ -59,7 +56,7 @@ def test_acceleration_from_rest(frame: RoverFrame) -> None:
 
 def test_tyres_limit_the_start() -> None:
     """A motor stronger than the tyres: the rover starts with mu g, less what rolls against it."""
-    frame = msgspec.structs.replace(rover_frame("rover"), stall_accel=50.0, motor_tau_s=1e-6)
+    frame = msgspec.structs.replace(CAR, stall_accel=50.0, motor_tau_s=1e-6)
     dyn = rovers(frame)
     drive(dyn, 0.5, 1.0)
     assert dyn.speed[0] == pytest.approx((frame.friction - frame.rolling) * GRAVITY * 0.5, rel=0.02)
@@ -67,7 +64,7 @@ def test_tyres_limit_the_start() -> None:
 
 def test_braking_distance() -> None:
     """Full brake at the tyres' limit: v^2 / (2 (mu + c) g)."""
-    frame = msgspec.structs.replace(rover_frame("rover"), drag_area_m2=0.0, stall_accel=100.0, motor_tau_s=1e-6)
+    frame = msgspec.structs.replace(CAR, drag_area_m2=0.0, stall_accel=100.0, motor_tau_s=1e-6)
     dyn = rovers(frame)
     dyn.speed[:] = 10.0
     for _ in range(2000):
@@ -91,7 +88,7 @@ def test_coasting_stops(frame: RoverFrame) -> None:
 @pytest.mark.parametrize("steering", [1.0, -0.5, 0.2])
 def test_turn_radius(steering: float) -> None:
     """L / tan(delta), driven as a whole circle that closes."""
-    frame = rover_frame("rover")
+    frame = CAR
     dyn = rovers(frame)
     drive(dyn, 5.0, 0.08, steering)
     radius = frame.wheelbase_m / math.tan(abs(steering) * frame.steering_max)
@@ -110,7 +107,7 @@ def test_turn_radius(steering: float) -> None:
 
 
 def test_forward_and_back_leave_the_same_track() -> None:
-    dyn = rovers(rover_frame("rover"))
+    dyn = rovers(CAR)
     drive(dyn, 6.0, -0.1, 0.5)
     assert dyn.speed[0] < -0.5
     assert dyn.rate[2, 0] < 0.0  # wheels to the right, backwards: the nose goes left
@@ -118,40 +115,22 @@ def test_forward_and_back_leave_the_same_track() -> None:
 
 def test_lateral_limit() -> None:
     """Too fast for the circle: the tyres give mu g and the turn is wider."""
-    frame = rover_frame("rover")
+    frame = CAR
     dyn = rovers(frame)
     drive(dyn, 8.0, 0.6)
     drive(dyn, 0.3, 0.6, 1.0)
     speed, lateral = dyn.speed[0], dyn.speed[0] * dyn.rate[2, 0]
     assert speed**2 / (frame.wheelbase_m / math.tan(frame.steering_max)) > 2.0 * frame.friction * GRAVITY
-    driven = dyn.drive.sum(0)[0]
+    driven = dyn.drive[0]
     assert math.hypot(lateral, driven) == pytest.approx(frame.friction * GRAVITY, rel=1e-6)
     assert dyn.accel[1, 0] ** 2 + dyn.accel[0, 0] ** 2 == pytest.approx(lateral**2, rel=0.05)
-
-
-def test_pivot_on_the_spot() -> None:
-    """Sides against each other: the turn rate that their speeds make over the effective track, and no way gone."""
-    frame = rover_frame("rover-skid")
-    dyn = rovers(frame)
-    drive(dyn, 10.0, 0.0, 0.5)
-    side = 0.5 * frame.free_speed - 2.0 * frame.scrub * GRAVITY * frame.free_speed / frame.stall_accel * 0.5
-    assert dyn.rate[2, 0] == pytest.approx(2.0 * side / frame.effective_track_m, rel=0.1)
-    assert np.abs(dyn.pos[:2]).max() < 1e-6
-
-
-def test_skid_turns_by_the_difference() -> None:
-    frame = msgspec.structs.replace(rover_frame("rover-skid"), scrub=0.0, rolling=0.0, drag_area_m2=0.0)
-    dyn = rovers(frame)
-    drive(dyn, 20.0, 0.4, 0.1)
-    assert dyn.speed[0] == pytest.approx(0.4 * frame.free_speed, rel=1e-3)
-    assert dyn.rate[2, 0] == pytest.approx(2.0 * 0.1 * frame.free_speed / frame.effective_track_m, rel=1e-3)
 
 
 def test_wind_pushes() -> None:
     """A tail wind saves drag."""
     speeds = []
     for wind in (0.0, 8.0, -8.0):
-        dyn = rovers(rover_frame("rover"))
+        dyn = rovers(CAR)
         dyn.wind[0] = wind
         drive(dyn, 10.0, 0.5)
         speeds.append(dyn.speed[0])
@@ -160,7 +139,7 @@ def test_wind_pushes() -> None:
 
 def test_columns_are_alone() -> None:
     """What one rover does changes nothing for its neighbours."""
-    frame = rover_frame("rover")
+    frame = CAR
     three, one = rovers(frame, (0.0, 1.0, 2.0)), rovers(frame, (1.0,))
     three.throttle, three.steering = np.array([0.9, 0.2, -0.4]), np.array([0.1, -0.3, 1.0])
     one.throttle, one.steering = np.array([0.2]), np.array([-0.3])
@@ -168,8 +147,3 @@ def test_columns_are_alone() -> None:
         three.step()
         one.step()
     assert three.pos[:, 1] == pytest.approx(one.pos[:, 0], abs=1e-12)
-
-
-def test_unknown_frame_names_the_known() -> None:
-    with pytest.raises(BadConfig, match="rover, rover-skid"):
-        rover_frame("hovercraft")

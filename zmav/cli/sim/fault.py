@@ -7,11 +7,11 @@ import sys
 import click
 import msgspec
 
-from zmav.cli.common import console, dump, json_option
+from zmav.cli.common import dump, json_option
 from zmav.cli.sim.talk import control_option, remote
 from zmav.errors import BadInput
 from zmav.sim.faults import FaultStatus
-from zmav.sim.faults.table import describe, make_fault, values_from_words
+from zmav.sim.faults.table import KINDS, make_fault, values_from_words
 
 
 @click.command("fault")
@@ -20,7 +20,6 @@ from zmav.sim.faults.table import describe, make_fault, values_from_words
 @click.argument("parameters", nargs=-1)
 @click.option("--for", "for_s", type=float, metavar="SECONDS", help="Simulated seconds.  [default: until cleared]")
 @click.option("--clear", is_flag=True, help="End it; without KIND all of the vehicle's, without VEHICLE all there are.")
-@click.option("--list", "kinds", is_flag=True, help="Show the kinds, with their parameters.")
 @control_option
 @json_option
 def fault(
@@ -29,16 +28,12 @@ def fault(
     parameters: tuple[str, ...],
     for_s: float | None,
     clear: bool,
-    kinds: bool,
     control: str | None,
     as_json: bool,
 ) -> None:
     """Let something go wrong: 'zmav sim fault copter1 gps-glitch north=30 --for 20'. VEHICLE is a name or 'all'.
     Without any, show the faults that are on.
     """
-    if kinds:
-        _show_kinds(as_json)
-        return
     if clear:
         if parameters or for_s is not None:
             raise BadInput("--clear takes no parameters and no --for", field="clear", value=parameters, expected="none")
@@ -51,7 +46,8 @@ def fault(
             _show(sim.faults(), as_json)
         return
     if kind is None:
-        raise BadInput("which fault? see 'zmav sim fault --list'", field="kind", value=None, expected="a kind")
+        expected = ", ".join(KINDS)
+        raise BadInput(f"which fault? There are {expected}", field="kind", value=None, expected=expected)
     values = values_from_words(parameters)
     make_fault(kind, values)  # what is wrong with the words is said before anybody is asked
     with remote(control) as sim:
@@ -68,15 +64,3 @@ def _show(found: list[FaultStatus], as_json: bool) -> None:
         words = " ".join(f"{name}={value}" for name, value in each.parameters.items())
         until = "" if each.until_s is None else f" until {each.until_s:.1f} s"
         click.echo(f"{each.vehicle}: {' '.join(filter(None, [each.kind, words]))}, since {each.since_s:.1f} s{until}")
-
-
-def _show_kinds(as_json: bool) -> None:
-    found = describe()
-    if as_json:
-        click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
-        return
-    out = console()
-    for kind in found:
-        out.print(f"[bold]{kind.kind}[/]: {kind.text}", highlight=False)
-        for p in kind.parameters:
-            out.print(f"    {p.name}={p.default} ({p.expected})", highlight=False)

@@ -14,7 +14,6 @@ import click
 import msgspec
 from rich.console import Console
 
-from zmav.cli.sim.line import live_line
 from zmav.cli.sim.stacks import STACK_OPTIONS, flown_by, stack_vehicles
 from zmav.errors import BadInput
 from zmav.hil.externals import Externals
@@ -113,8 +112,7 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         world.say = console.print
         world.externals.listen(console.print)
         world.on_failure = lambda vehicle, error: console.print(_obituary(vehicle, error))
-        with live_line(world.status, console):
-            world.run()
+        world.run()
         if world.failures:
             world.failures.clear()
             sys.exit(1)

@@ -11,13 +11,31 @@ import msgspec
 from rich.table import Table
 
 from zmav.cli.common import console, dump, json_option
-from zmav.cli.sim.line import clock_words
 from zmav.errors import BadInput
 from zmav.sim.remote import Remote
-from zmav.sim.status import VehicleStatus
+from zmav.sim.status import VehicleStatus, WorldStatus
 from zmav.sim.values import parse_speed
 
 COLUMNS = ("vehicle", "sysid", "autopilot", "mode", "armed", "height", "speed", "battery", "faults", "reached at")
+
+
+def clock_words(status: WorldStatus) -> str:
+    """The clock, for a person: where it is, how fast it goes, and whether that is what was asked for."""
+    asked = "max" if status.speed is None else f"×{status.speed:g}"
+    if status.paused:
+        return f"{status.time_s:.1f} s simulated, paused"
+    words = f"{status.time_s:.0f} s simulated"
+    if status.speed_reached:
+        words += f" at ×{status.speed_reached:.1f}"
+    elif status.speed is not None:
+        words += f" at {asked}"
+    if status.lockstep:
+        words += ", in lock step"
+    if status.behind:
+        words += f", BEHIND the {asked} asked for"
+    elif status.speed is None:
+        words += " (max)"
+    return words
 
 
 def control_option(command: Any) -> Any:

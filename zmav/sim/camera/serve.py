@@ -20,13 +20,15 @@ import cv2
 from zmav.errors import BadInput, PortInUse
 from zmav.sim.camera.cameras import Cameras, Poses, SimCamera
 
+HOST = "127.0.0.1"
 BOUNDARY = "zmav-frame"
 JPEG_QUALITY = 85
 STALLED_S = 10.0  # a client that takes nothing for so long is given up
 
 
-def serve_cameras(cameras: Cameras, port: int, host: str = "127.0.0.1") -> dict[str, str]:
-    """Serve every camera by HTTP until the world is closed; gives the URL of each one's pictures. Port 0: any free one.
+def serve_cameras(cameras: Cameras, port: int) -> dict[str, str]:
+    """Serve every camera by HTTP on loopback until the world is closed; gives the URL of each one's pictures. Port 0:
+    any free one.
 
     Raises :class:`PortInUse`, and :class:`BadInput` where they are served already.
     """
@@ -34,7 +36,7 @@ def serve_cameras(cameras: Cameras, port: int, host: str = "127.0.0.1") -> dict[
         raise BadInput("the cameras are served already", field="port", value=port, expected="one server")
     for camera in cameras.all:
         camera.prepare()
-    cameras.server = server = CameraServer(cameras, host, port)
+    cameras.server = server = CameraServer(cameras, port)
     return {camera.name: f"{server.url}/{camera.name}.mjpeg" for camera in cameras.all}
 
 
@@ -123,24 +125,24 @@ class Feed:
 
 
 class CameraServer:
-    """Listens at ``host``:``port`` until :meth:`close`. Raises :class:`PortInUse`, :class:`BadInput`."""
+    """Listens at ``port`` of loopback until :meth:`close`. Raises :class:`PortInUse`, :class:`BadInput`."""
 
-    def __init__(self, cameras: Cameras, host: str, port: int) -> None:
+    def __init__(self, cameras: Cameras, port: int) -> None:
         if not 0 <= port <= 65535:
             raise BadInput(f"port {port}; expected 0 to 65535", field="port", value=port, expected="0 to 65535")
         cv2.setNumThreads(1)  # pictures are many and small: further threads would only take turns with the vehicles
         try:
-            self._server = _Server((host, port), _Handler)
+            self._server = _Server((HOST, port), _Handler)
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 text = f"port {port}, for the cameras, is in use by another program; choose another, or 0 for any"
                 raise PortInUse(text, port=port) from error
-            text = f"cameras at {host}:{port}: {error}"
+            text = f"cameras at {HOST}:{port}: {error}"
             raise BadInput(text, field="port", value=port, expected="a free port") from error
         now = cameras.look().time_s
         self.feeds = self._server.feeds = {camera.name: Feed(camera, now) for camera in cameras.all}
         self.port = int(self._server.server_address[1])
-        self.url = f"http://{host}:{self.port}"
+        self.url = f"http://{HOST}:{self.port}"
         self._thread = threading.Thread(target=self._server.serve_forever, name="zmav-cameras", daemon=True)
         self._thread.start()
 
@@ -182,7 +184,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = STALLED_S
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing is logged: the simulator's own line is on the terminal."""
+        """Nothing is logged."""
 
     def do_GET(self) -> None:
         name, _, kind = self.path.partition("?")[0].strip("/").rpartition(".")

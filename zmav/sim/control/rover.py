@@ -65,10 +65,9 @@ class RoverControl:
     ``speed`` and ``turn`` (N,) are what is asked for now, after all limits; ``point`` (2, N) is the moving point.
     """
 
-    def __init__(self, setpoints: RoverSetpoints, start: Array, *, skid: bool) -> None:
+    def __init__(self, setpoints: RoverSetpoints, start: Array) -> None:
         n = start.shape[1]
         self.setpoints = setpoints
-        self.skid = skid
         self.steering: Array = np.zeros(n)
         self.throttle: Array = np.zeros(n)
         self.speed: Array = np.zeros(n)
@@ -114,7 +113,7 @@ class RoverControl:
         steering = self._steer(steered, turn, est.rate[2], ahead, dt)
         by_hand = task == DIRECT
         self.throttle = self._slew(np.where(by_hand, sp.throttle, throttle))
-        self.steering = self._scale(np.where(by_hand, sp.steering, steering), driven, by_hand, ahead)
+        self.steering = self._scale(np.where(by_hand, sp.steering, steering), driven, ahead)
 
     def _tune(self, dt: float) -> None:
         """Reckon what follows from the tuning alone; a limit of zero is none."""
@@ -183,7 +182,7 @@ class RoverControl:
         astern = (forward < 0.0) & (np.abs(lateral) < ASTERN)
         lateral = np.where(stopping, 0.0, np.where(astern, ASTERN, lateral))
         # In a turn it goes no slower than it can take with half the lateral acceleration it may.
-        least = np.sqrt(np.maximum(0.5 * k["lateral"] * k["turn_radius"], 0.0)) * (not self.skid)
+        least = np.sqrt(np.maximum(0.5 * k["lateral"] * k["turn_radius"], 0.0))
         least = np.minimum(np.sqrt((wanted * wanted).sum(0)), least) * ~stopping
         pace = np.where(stopping, forward, np.maximum(least, forward))
         pace = self._limited(pace, self._begun(ahead), dt)
@@ -197,9 +196,8 @@ class RoverControl:
         sp, k = self.setpoints, self.setpoints.tuning
         error = wrap(sp.heading - yaw)
         rate = error * k["angle_p"]
-        most = np.where(sp.heading_rate > 0.0, sp.heading_rate, np.inf)
         brake = np.where(k["turn_decel"] > 0.0, k["turn_decel"], k["turn_accel"])
-        most = np.where(brake > 0.0, np.minimum(most, np.sqrt(2.0 * np.abs(error) * np.maximum(brake, 0.0))), most)
+        most = np.where(brake > 0.0, np.sqrt(2.0 * np.abs(error) * np.maximum(brake, 0.0)), np.inf)
         return clamp(rate, -most, most)
 
     def _steer(self, steered: Flags, turn: Array, actual: Array, ahead: Array, dt: float) -> Array:
@@ -214,17 +212,15 @@ class RoverControl:
         most = np.minimum(self._turn_most, by_grip)
         self.turn = clamp(turn, -most, most) * steered
         # Front wheels give no turn without speed: nothing is to be learnt then.
-        saturated = self._full_lock if self.skid else self._full_lock | (np.abs(ahead) <= k["steer_base"])
+        saturated = self._full_lock | (np.abs(ahead) <= k["steer_base"])
         return self._turn_loop.run(self.turn, actual, saturated, dt) * steered
 
-    def _scale(self, steering: Array, driven: Flags, by_hand: Flags, ahead: Array) -> Array:
+    def _scale(self, steering: Array, driven: Flags, ahead: Array) -> Array:
         """The wheels turn less the faster it goes, and the other way where it goes back."""
-        sp, base = self.setpoints, self.setpoints.tuning["steer_base"]
-        if not self.skid:
-            scaled = driven | (by_hand & sp.scaled)
-            fast = scaled & (base > 0.0) & (np.abs(ahead) > base)
-            steering = steering * np.where(fast, base / np.maximum(np.abs(ahead), 1e-3), 1.0)
-            steering = np.where(scaled & (ahead < 0.0), -steering, steering)
+        base = self.setpoints.tuning["steer_base"]
+        fast = driven & (base > 0.0) & (np.abs(ahead) > base)
+        steering = steering * np.where(fast, base / np.maximum(np.abs(ahead), 1e-3), 1.0)
+        steering = np.where(driven & (ahead < 0.0), -steering, steering)
         self._full_lock = np.abs(steering) >= 1.0
         return clamp(steering, -1.0, 1.0)
 

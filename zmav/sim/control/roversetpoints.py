@@ -78,14 +78,12 @@ class RoverSetpoints:
     def __init__(self, n: int) -> None:
         self.armed = np.zeros(n, dtype=bool)
         self.task = np.zeros(n, dtype=np.int8)
-        self.scaled = np.ones(n, dtype=bool)  # the steering goes back with speed
         self.pos: Array = np.zeros((2, n))
         self.vel: Array = np.zeros((2, n))
         self.acc: Array = np.zeros((2, n))
         self.speed: Array = np.zeros(n)
         self.turn: Array = np.zeros(n)
         self.heading: Array = np.zeros(n)
-        self.heading_rate: Array = np.zeros(n)  # the highest on the way to it; 0: as the tuning says
         self.steering: Array = np.zeros(n)
         self.throttle: Array = np.zeros(n)
         self.speed_limit: Array = np.full(n, 5.0)
@@ -115,10 +113,10 @@ class RoverHandle:
     def coast(self) -> None:
         self._t.task[self._i] = Task.COAST
 
-    def direct(self, steering: float, throttle: float, *, scaled: bool = False) -> None:
-        """Outputs, -1 to 1; ``scaled``: with less steering the faster it goes."""
+    def direct(self, steering: float, throttle: float) -> None:
+        """Outputs, -1 to 1."""
         t, i = self._t, self._i
-        t.task[i], t.steering[i], t.throttle[i], t.scaled[i] = Task.DIRECT, steering, throttle, scaled
+        t.task[i], t.steering[i], t.throttle[i] = Task.DIRECT, steering, throttle
 
     def stop(self) -> None:
         self._t.task[self._i] = Task.STOP
@@ -128,10 +126,10 @@ class RoverHandle:
         t, i = self._t, self._i
         t.task[i], t.turn[i], t.speed[i] = Task.TURN, rate, speed
 
-    def head(self, yaw: float, speed: float, rate: float = 0.0) -> None:
-        """A heading, radians, and a speed, m/s; turning at ``rate`` rad/s at most (0: as the tuning says)."""
+    def head(self, yaw: float, speed: float) -> None:
+        """A heading, radians, and a speed, m/s."""
         t, i = self._t, self._i
-        t.task[i], t.heading[i], t.speed[i], t.heading_rate[i] = Task.HEADING, yaw, speed, rate
+        t.task[i], t.heading[i], t.speed[i] = Task.HEADING, yaw, speed
 
     def follow(self, pos: Point, vel: Point, acc: Point) -> None:
         """A moving point."""

@@ -1,12 +1,10 @@
-"""Driving of N wheeled rovers of one frame, at a fixed step: a kinematic bicycle, or two sides that skid, on tyres with
-a friction limit.
+"""Driving of N wheeled rovers of one frame, at a fixed step: a kinematic bicycle on tyres with a friction
+limit.
 
 The bicycle turns at ``u tan(delta) / L``: Rajamani, "Vehicle Dynamics and Control", 2nd ed., section 2.2; good up to
 the tyres' limit, as Kong et al. show in "Kinematic and dynamic vehicle models for autonomous driving control design",
-IEEE IV 2015. A skid-steered rover turns at ``(v_left - v_right) / B_eff``, where the effective track is wider than the
-real one because the wheels scrub: Mandow et al., "Experimental kinematics for wheeled skid-steer mobile robots", IROS
-2007. What drives is a brushed or field-oriented motor, whose force falls linearly to nothing at the free speed (and
-brakes beyond it), with a lag. The tyres give at most ``mu N`` in all directions together (the friction circle:
+IEEE IV 2015. What drives is a brushed or field-oriented motor, whose force falls linearly to nothing at the free speed
+(and brakes beyond it), with a lag. The tyres give at most ``mu N`` in all directions together (the friction circle:
 Rajamani, section 13.5): what driving leaves is there for turning, and a turn that asks for more is wider. Rolling
 resistance is Coulomb's, air drag quadratic. There is no side-slip: who slides, ploughs straight on.
 """
@@ -27,8 +25,8 @@ class RoverDynamics:
     """State of N rovers: ``pos`` and ``vel`` (3, N) NED metres, ``q`` (4, N), ``rate`` (3, N) rad/s body, ``yaw`` (N,)
     rad about the ground's normal, ``speed`` (N,) m/s forward, ``wheel`` (N,): rad of the front wheels, right positive.
 
-    The inputs, -1 to 1: ``steering`` and ``throttle`` (N,) for Ackermann steering, ``left`` and ``right`` (N,) for a
-    skid-steered frame; and ``wind`` (3, N) m/s NED. :meth:`step` advances by ``dt``.
+    The inputs: ``steering`` and ``throttle`` (N,), -1 to 1, and ``wind`` (3, N) m/s NED. :meth:`step` advances by
+    ``dt``.
     """
 
     def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float) -> None:
@@ -46,10 +44,8 @@ class RoverDynamics:
         self.wheel: Array = np.zeros(n)
         self.steering: Array = np.zeros(n)
         self.throttle: Array = np.zeros(n)
-        self.left: Array = np.zeros(n)
-        self.right: Array = np.zeros(n)
-        self.efficiency: Array = np.ones((2, n))  # of the motors of either side: 1 whole, 0 failed
-        self.drive: Array = np.zeros((2, n))  # of the left and the right motors, m/s^2 of the whole rover
+        self.efficiency: Array = np.ones((1, n))  # 1 a whole motor, 0 one that has failed
+        self.drive: Array = np.zeros(n)  # of the motor, m/s^2
         self.contact: Flags = np.ones(n, dtype=bool)
         self.impact: Array = np.zeros(n)
         self._spin: Array = np.zeros(n)  # yaw rate about the normal
@@ -76,10 +72,10 @@ class RoverDynamics:
         """Advance every rover by ``dt`` seconds."""
         before, spin = self.speed, self._spin
         self._push()
-        asked = self._turn_skid() if self.frame.skid else self._turn_wheels()
+        asked = self._turn()
         # Of the friction circle: what the drive leaves.
         grip = self._grip
-        driven = clamp(self.drive[0] + self.drive[1], -grip, grip)
+        driven = clamp(self.drive, -grip, grip)
         side = np.sqrt(grip * grip - driven * driven)
         wanted = asked * self.speed
         held = clamp(wanted, -side, side)
@@ -92,38 +88,29 @@ class RoverDynamics:
         self._move(before, spin)
 
     def current(self) -> Array:
-        """What the motors draw, A: a motor's goes with its force, and the battery gives it for that share of the time
-        that the throttle says.
+        """What the motor draws, A: it goes with its force, and the battery gives it for that share of the time that
+        the throttle says.
         """
         frame = self.frame
-        if frame.skid:
-            force = np.abs(self.drive) * np.abs(np.array([self.left, self.right]))
-            share = (force[0] + force[1]) / frame.stall_accel
-        else:
-            share = np.abs(self.drive[0] * self.throttle) * (2.0 / frame.stall_accel)
+        share = np.abs(self.drive * self.throttle) / frame.stall_accel
         result: Array = frame.idle_current_a + frame.stall_current_a * np.minimum(share, 1.0)
         return result
 
     def _push(self) -> None:
         """Forward acceleration: motors, air, and what resists."""
         frame, dt, grip = self.frame, self.dt, self._grip
-        if frame.skid:
-            turning = 0.5 * frame.effective_track_m * self._spin
-            order = clamp(np.array([self.left, self.right]), -1.0, 1.0)
-            sides = np.array([self.speed + turning, self.speed - turning])
-        else:
-            order, sides = clamp(self.throttle, -1.0, 1.0), self.speed
-        wanted = self.efficiency * ((order - sides * (1.0 / frame.free_speed)) * (0.5 * frame.stall_accel))
+        order = clamp(self.throttle, -1.0, 1.0)
+        wanted = self.efficiency[0] * ((order - self.speed * (1.0 / frame.free_speed)) * frame.stall_accel)
         self.drive = self.drive + (wanted - self.drive) * self._lag
         forward = self._forward
         air = self.speed - (forward[0] * self.wind[0] + forward[1] * self.wind[1])
-        push = clamp(self.drive[0] + self.drive[1], -grip, grip) - self._drag * np.abs(air) * air
+        push = clamp(self.drive, -grip, grip) - self._drag * np.abs(air) * air
         moved = self.speed + push * dt
         # Coulomb's: it takes away speed and never gives any, so that who stands stays.
         resist = frame.rolling * GRAVITY * dt
         self.speed = np.copysign(np.maximum(np.abs(moved) - resist, 0.0), moved)
 
-    def _turn_wheels(self) -> Array:
+    def _turn(self) -> Array:
         """Yaw rate that the front wheels ask for; they turn at a limited rate."""
         frame = self.frame
         most = frame.steering_rate * self.dt
@@ -131,16 +118,6 @@ class RoverDynamics:
         self.wheel = self.wheel + clamp(target - self.wheel, -most, most)
         asked: Array = self.speed * np.tan(self.wheel) * (1.0 / frame.wheelbase_m)
         return asked
-
-    def _turn_skid(self) -> Array:
-        """Yaw rate of two sides that go at different speeds; the scrubbing wheels resist."""
-        frame, dt = self.frame, self.dt
-        half = 0.5 * frame.effective_track_m
-        # Each side has half the mass to move; the wheels of both scrub while it turns.
-        moved: Array = half * self._spin + (self.drive[0] - self.drive[1]) * dt
-        scrub = frame.scrub * GRAVITY * dt
-        moved = np.copysign(np.maximum(np.abs(moved) - scrub, 0.0), moved)
-        return moved / half
 
     def _move(self, before: Array, spin: Array) -> None:
         dt = self.dt

@@ -9,7 +9,6 @@ import math
 import msgspec
 import numpy as np
 
-from zmav.errors import BadConfig
 from zmav.sim.arrays import Array, clamp
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.dynamics.battery import Pack
@@ -107,61 +106,51 @@ class Wing(msgspec.Struct, frozen=True, kw_only=True):
         return result
 
 
-def _trainer() -> Wing:
-    # A Skywalker-class trainer of 2 kg, as ArduPilot's simulation flies: planform, lift, drag, damping and weathercock
-    # coefficients are the ones of the Skywalker 2013 that G. Zogopoulos-Papaliakos identified for "last_letter"
-    # (github.com/Georacer/last_letter), sideslip's moments with the lever of a centre of mass 15 cm ahead of the side
-    # force and 5 cm over it. Ours: a stall at 12 degrees, a balance that needs no elevator at 22 m/s, a propeller with
-    # a top speed, and wheels. Moments of inertia are the ones that the stock gains are tuned to.
-    return Wing(
-        name="plane",
-        mass_kg=2.0,
-        inertia_kgm2=(1.0, 1.0, 1.0),
-        area_m2=0.45,
-        span_m=1.88,
-        chord_m=0.24,
-        oswald=0.9,
-        lift_0=0.56,
-        lift_alpha=6.9,
-        stall_rad=0.21,
-        stall_sharpness=50.0,
-        drag_0=0.10,
-        side_beta=-0.98,
-        side_rudder=-0.16,
-        roll_beta=-0.146,
-        roll_p=-1.0,
-        roll_r=0.14,
-        roll_aileron=0.20,
-        roll_rudder=-0.03,
-        pitch_0=-0.168,
-        pitch_alpha=-2.8,
-        pitch_q=-20.0,
-        pitch_elevator=0.8,
-        yaw_beta=0.33,
-        yaw_p=0.022,
-        yaw_r=-1.0,
-        yaw_rudder=0.08,
-        thrust_max_n=35.2,
-        thrust_speed_mps=50.0,
-        servo_rate=9.5,
-        wheels=(
-            Wheel(0.25, 0.0, 0.10, rolls=True, steered=True),
-            Wheel(-0.10, 0.20, 0.10, rolls=True),
-            Wheel(-0.10, -0.20, 0.10, rolls=True),
-            Wheel(-0.75, 0.0, -0.02),  # tail
-            Wheel(0.0, 0.94, -0.05),  # wing tips
-            Wheel(0.0, -0.94, -0.05),
-            Wheel(-0.70, 0.0, -0.25),  # fin
-        ),
-        full_current_a=50.0,
-        pack=Pack(cells=3, full_v=12.6),
-    )
-
-
-def wing(name: str) -> Wing:
-    """The wing of that name; :class:`BadConfig` names the known ones."""
-    makers = {"plane": _trainer}
-    if name not in makers:
-        expected = ", ".join(makers)
-        raise BadConfig(f"no wing {name!r}; known: {expected}", field="airframe", value=name, expected=expected)
-    return makers[name]()
+# A Skywalker-class trainer of 2 kg, as ArduPilot's simulation flies: planform, lift, drag, damping and weathercock
+# coefficients are the ones of the Skywalker 2013 that G. Zogopoulos-Papaliakos identified for "last_letter"
+# (github.com/Georacer/last_letter), sideslip's moments with the lever of a centre of mass 15 cm ahead of the side
+# force and 5 cm over it. Ours: a stall at 12 degrees, a balance that needs no elevator at 22 m/s, a propeller with
+# a top speed, and wheels. Moments of inertia are the ones that the stock gains are tuned to.
+TRAINER = Wing(
+    name="plane",
+    mass_kg=2.0,
+    inertia_kgm2=(1.0, 1.0, 1.0),
+    area_m2=0.45,
+    span_m=1.88,
+    chord_m=0.24,
+    oswald=0.9,
+    lift_0=0.56,
+    lift_alpha=6.9,
+    stall_rad=0.21,
+    stall_sharpness=50.0,
+    drag_0=0.10,
+    side_beta=-0.98,
+    side_rudder=-0.16,
+    roll_beta=-0.146,
+    roll_p=-1.0,
+    roll_r=0.14,
+    roll_aileron=0.20,
+    roll_rudder=-0.03,
+    pitch_0=-0.168,
+    pitch_alpha=-2.8,
+    pitch_q=-20.0,
+    pitch_elevator=0.8,
+    yaw_beta=0.33,
+    yaw_p=0.022,
+    yaw_r=-1.0,
+    yaw_rudder=0.08,
+    thrust_max_n=35.2,
+    thrust_speed_mps=50.0,
+    servo_rate=9.5,
+    wheels=(
+        Wheel(0.25, 0.0, 0.10, rolls=True, steered=True),
+        Wheel(-0.10, 0.20, 0.10, rolls=True),
+        Wheel(-0.10, -0.20, 0.10, rolls=True),
+        Wheel(-0.75, 0.0, -0.02),  # tail
+        Wheel(0.0, 0.94, -0.05),  # wing tips
+        Wheel(0.0, -0.94, -0.05),
+        Wheel(-0.70, 0.0, -0.25),  # fin
+    ),
+    full_current_a=50.0,
+    pack=Pack(cells=3, full_v=12.6),
+)

@@ -9,6 +9,6 @@ from __future__ import annotations
 
 from zmav.sim.faults.base import Fault, FaultStatus
 from zmav.sim.faults.injector import Faults
-from zmav.sim.faults.table import KINDS, describe, fault_from_words, make_fault
+from zmav.sim.faults.table import KINDS, make_fault
 
-__all__ = ["KINDS", "Fault", "FaultStatus", "Faults", "describe", "fault_from_words", "make_fault"]
+__all__ = ["KINDS", "Fault", "FaultStatus", "Faults", "make_fault"]

@@ -35,35 +35,11 @@ KINDS: Mapping[str, type[Fault]] = {
 _WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
-class Parameter(msgspec.Struct, frozen=True):
-    """One parameter of a kind: what it is without being given, and what it may be."""
-
-    name: str
-    default: Any
-    expected: str
-
-
-class Description(msgspec.Struct, frozen=True):
-    """One kind of fault."""
-
-    kind: str
-    text: str
-    parameters: tuple[Parameter, ...]
-
-
-def describe() -> list[Description]:
-    """All kinds, for a list."""
-    return [
-        Description(kind, " ".join((fault.__doc__ or "").split()), tuple(parameters(fault)))
-        for kind, fault in KINDS.items()
-    ]
-
-
-def parameters(fault: type[Fault]) -> list[Parameter]:
-    """What a kind can be given."""
+def parameters(fault: type[Fault]) -> dict[str, str]:
+    """What a kind can be given, by name, and what each may be."""
     found = msgspec.inspect.type_info(fault)
     assert isinstance(found, msgspec.inspect.StructType)
-    return [Parameter(field.encode_name, field.default, _expected(field.type)) for field in found.fields]
+    return {field.encode_name: _expected(field.type) for field in found.fields}
 
 
 def _expected(kind: msgspec.inspect.Type) -> str:
@@ -81,7 +57,7 @@ def make_fault(kind: str, values: Mapping[str, Any]) -> Fault:
     if kind not in KINDS:
         expected = ", ".join(KINDS)
         raise BadInput(f"no fault {kind!r}; there are {expected}", field="kind", value=kind, expected=expected)
-    known = {parameter.name: parameter for parameter in parameters(KINDS[kind])}
+    known = parameters(KINDS[kind])
     for name, value in values.items():
         if name not in known:
             expected = ", ".join(known) or "none"
@@ -94,14 +70,8 @@ def make_fault(kind: str, values: Mapping[str, Any]) -> Fault:
                 raise msgspec.ValidationError
             msgspec.convert({name: value}, KINDS[kind])
         except msgspec.ValidationError:
-            expected = known[name].expected
-            raise BadInput.wrong(name, value, expected, f"{kind}: {name} is {value!r}") from None
+            raise BadInput.wrong(name, value, known[name], f"{kind}: {name} is {value!r}") from None
     return msgspec.convert(dict(values), KINDS[kind])
-
-
-def fault_from_words(kind: str, words: Sequence[str]) -> Fault:
-    """As :func:`make_fault`, from words like ``north=20``."""
-    return make_fault(kind, values_from_words(words))
 
 
 def values_from_words(words: Sequence[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ class RoverFleet(Fleet):
     whatever their start's height.
     """
 
-    ACTUATORS: ClassVar[tuple[str, ...]] = ("steering", "throttle", "left", "right")
+    ACTUATORS: ClassVar[tuple[str, ...]] = ("steering", "throttle")
     dynamics: RoverDynamics
 
     def __init__(self, frame: RoverFrame, start: Array, yaw: Array, dt: float, around: Surroundings) -> None:
@@ -29,7 +29,7 @@ class RoverFleet(Fleet):
         super().__init__(RoverDynamics(frame, start, yaw, dt), around, frame.pack)
         n = start.shape[1]
         self.setpoints = RoverSetpoints(n)
-        self.control = RoverControl(self.setpoints, start, skid=frame.skid)
+        self.control = RoverControl(self.setpoints, start)
 
     def handle(self, index: int) -> RoverHandle:
         handle = self.setpoints.handle(index)
@@ -37,22 +37,13 @@ class RoverFleet(Fleet):
         return handle
 
     def control_tick(self, number: int, tick_s: float) -> None:
-        """The controllers' outputs to steering and motors; two sides share what does not fit in proportion."""
+        """The controllers' outputs to steering and motor."""
         self.control.update(self.estimate, tick_s)
-        dyn, steering, throttle = self.dynamics, self.control.steering, self.control.throttle
-        if not self.airframe.skid:
-            dyn.steering, dyn.throttle = steering, throttle
-            return
-        steering = steering * self.setpoints.armed
-        over = np.maximum(np.abs(steering) + np.abs(throttle), 1.0)
-        dyn.left, dyn.right = (throttle + steering) / over, (throttle - steering) / over
-        dyn.throttle = throttle / over
+        self.dynamics.steering, self.dynamics.throttle = self.control.steering, self.control.throttle
 
     def outputs(self, index: int) -> list[float]:
-        """Steering and throttle, or the throttles of the left and the right side; all from -1 to 1."""
-        dyn = self.dynamics
-        pair = (dyn.left, dyn.right) if self.airframe.skid else (dyn.steering, dyn.throttle)
-        return [float(row[index]) for row in pair]
+        """Steering and throttle, -1 to 1."""
+        return [float(row[index]) for row in (self.dynamics.steering, self.dynamics.throttle)]
 
     def point(self, index: int) -> tuple[float, float]:
         """The moving point that a rover on a path keeps to, m north and east of the world's origin."""

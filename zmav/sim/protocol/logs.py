@@ -21,13 +21,12 @@ PER_TICK = 160
 """LOG_DATA in one tick: 40 in each of ArduPilot's loops, of which there are four"""
 DATA = 90
 ALL = 0xFFFF
-ATTITUDE_S, POSITION_S = 0.1, 0.2
 ERROR, INFO = 3, 6
 
 
 @dataclass
 class Log:
-    """One flight's log; ``end_s``: UTC when it was last written to."""
+    """One flight's log; ``end_s``: UTC when it ended, or began where it has not."""
 
     number: int
     data: bytearray
@@ -73,7 +72,6 @@ class FlightLog(Part, ABC):
     def __init__(self, vehicle: Autopilot, store: LogStore, unix_us: Callable[[], int]) -> None:
         self._vehicle, self._store, self.unix_us = vehicle, store, unix_us
         self._log: Log | None = None
-        self._next_attitude = self._next_position = 0.0
 
     @property
     def time_us(self) -> int:
@@ -92,16 +90,8 @@ class FlightLog(Part, ABC):
             return
         if self._log is None:
             self._log = self._store.begin(self.begin(), self.unix_us() / 1e6)
-            self._next_attitude = self._next_position = now
             self.begun(self._log)
-        self.write_status()
-        if now >= self._next_attitude:
-            self._next_attitude += ATTITUDE_S
-            self.write_attitude()
-        if now >= self._next_position:
-            self._next_position += POSITION_S
-            self.write_position()
-            self._log.end_s = self.unix_us() / 1e6
+        self.write(now)
 
     @abstractmethod
     def begin(self) -> bytearray:
@@ -110,21 +100,11 @@ class FlightLog(Part, ABC):
     def begun(self, log: Log) -> None:
         """There is a log now."""
 
-    @abstractmethod
+    def write(self, now: float) -> None:
+        """What is due, in every tick that it is armed."""
+
     def end(self) -> None:
         """Write what comes last."""
-
-    @abstractmethod
-    def write_status(self) -> None:
-        """Note a mode that has changed."""
-
-    @abstractmethod
-    def write_attitude(self) -> None:
-        """Every :data:`ATTITUDE_S` seconds."""
-
-    @abstractmethod
-    def write_position(self) -> None:
-        """Every :data:`POSITION_S` seconds."""
 
 
 @dataclass

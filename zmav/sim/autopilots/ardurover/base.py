@@ -13,19 +13,9 @@ from zmav.sim.control.roversetpoints import BY_PARAM, Point, RoverHandle
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore, defaults
+from zmav.sim.protocol.params import ParamStore
 
 MAV_TYPE_GROUND_ROVER = 10
-# How who builds a skid-steered rover sets it up: throttle left and right, its speeds, and the turn rate's feed-forward.
-SKID = {
-    "SERVO1_FUNCTION": 73.0,
-    "SERVO3_FUNCTION": 74.0,
-    "CRUISE_SPEED": 2.0,
-    "CRUISE_THROTTLE": 46.0,
-    "WP_SPEED": 2.0,
-    "ATC_STR_RAT_FF": 0.2,
-}
-
 _TEXTS: dict[str, tuple[str, ...]] = {
     "initialised": ("Beginning INS calibration. Do not move vehicle", "ArduPilot Ready", "AHRS: DCM active"),
     "ekf_started": ("EKF3 IMU0 initialised", "EKF3 IMU1 initialised"),
@@ -68,11 +58,6 @@ class RoverBase(ArduVehicle, ABC):
         self.MAV_TYPE = MAV_TYPE_GROUND_ROVER
         self.FRAME = ""
         self.sp = setpoint
-        if frame.skid:
-            stock = {name: value for name, value, _ in defaults("ardurover")}
-            for name, value in SKID.items():
-                if abs(params[name] - stock[name]) < 1e-6:  # nobody chose another
-                    params.set(name, value)
         super().__init__(params, sense, world, ready_s)
         for name in BY_PARAM:
             self.param_changed(name, params[name])
@@ -87,12 +72,6 @@ class RoverBase(ArduVehicle, ABC):
     @property
     def here(self) -> Point:
         return self.sense.north, self.sense.east
-
-    @property
-    def speed_ahead(self) -> float:
-        """m/s over the ground, along the nose."""
-        s = self.sense
-        return s.vn * math.cos(s.yaw) + s.ve * math.sin(s.yaw)
 
     def sticks(self) -> Point:
         """Steering (positive: clockwise) and throttle, -1 to 1, past their dead zones."""

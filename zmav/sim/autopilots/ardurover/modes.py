@@ -94,7 +94,7 @@ class Manual(RoverMode):
     def update(self) -> None:
         steering, throttle = self.rover.sticks()
         # The wheels go where the stick does, backwards too.
-        turned = -steering if throttle < 0.0 and not self.rover.frame.skid else steering
+        turned = -steering if throttle < 0.0 else steering
         self.rover.sp.direct(turned, throttle)
 
 

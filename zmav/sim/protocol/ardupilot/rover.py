@@ -195,7 +195,7 @@ def position_target_global_int(node: MavNode[ArduRover]) -> Fields | None:
 
 
 def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
-    """Steering on the first output and throttle on the third, or the sides' throttles there."""
+    """Steering on the first output and throttle on the third."""
     first, third = node.seat.outputs()
     outputs = list(node.vehicle.servos)
     outputs[0], outputs[2] = common.centred_pulse(node, 1, first), common.centred_pulse(node, 3, third)

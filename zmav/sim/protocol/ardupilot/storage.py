@@ -25,21 +25,16 @@ WEEK_S = 604800
 LEAP_S = 18
 """seconds that GPS time is ahead of UTC, since 2017"""
 LAYOUTS = (
-    Layout("PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
-    Layout("MSG", "QZ", "TimeUS,Message", "s-", "F-"),
-    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
-    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method", "s----", "F----"),
-    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
-    Layout(
-        "GPS",
-        "QBBIHBcLLeffffB",
-        "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U",
-        "s#-s-S-DUmnhnh-",
-        "F--C-0BGGB000--",
-    ),
-    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
-    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot", "s#vAa", "F-00C"),
+    Layout("PARM", "QNff", "TimeUS,Name,Value,Default"),
+    Layout("MSG", "QZ", "TimeUS,Message"),
+    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF"),
+    Layout("GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"),
+    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
+    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot"),
 )
+ATTITUDE_S, POSITION_S = 0.1, 0.2
 EKF3 = 3
 """the estimator that the attitude is from"""
 
@@ -51,6 +46,7 @@ class DataflashLog(FlightLog):
         super().__init__(vehicle, store, unix_us)
         self._ardu = vehicle
         self._mode = -1
+        self._next_attitude = self._next_position = 0.0
         self._writer: DataflashWriter
 
     def _write(self, name: str, *values: float | str) -> None:
@@ -62,8 +58,9 @@ class DataflashLog(FlightLog):
             self._write("MSG", text)
 
     def begin(self) -> bytearray:
-        self._writer = DataflashWriter(LAYOUTS, self.time_us, MOST_ONE)
+        self._writer = DataflashWriter(LAYOUTS, MOST_ONE)
         self._mode = -1
+        self._next_attitude = self._next_position = self._ardu.now
         self._write("MSG", f"{self._ardu.FIRMWARE} V4.7.0-dev")
         params = self._ardu.params
         for name in params.names:
@@ -74,18 +71,24 @@ class DataflashLog(FlightLog):
     def end(self) -> None:
         self._write("ARM", 0, 0, 0, 0)
 
-    def write_status(self) -> None:
+    def write(self, now: float) -> None:
         if self._ardu.mode.number != self._mode:
             self._mode = self._ardu.mode.number
             self._write("MODE", self._mode, self._mode, 0)
+        if now >= self._next_attitude:
+            self._next_attitude += ATTITUDE_S
+            self._write_attitude()
+        if now >= self._next_position:
+            self._next_position += POSITION_S
+            self._write_position()
 
-    def write_attitude(self) -> None:
+    def _write_attitude(self) -> None:
         s = self._ardu.sense
         want_roll, want_pitch, _ = rotation.euler((s.want_qw, s.want_qx, s.want_qy, s.want_qz))
         tilt = map(math.degrees, (want_roll, s.roll, want_pitch, s.pitch))
         self._write("ATT", *tilt, *(math.degrees(yaw) % 360.0 for yaw in (s.want_yaw, s.yaw)), EKF3)
 
-    def write_position(self) -> None:
+    def _write_position(self) -> None:
         vehicle, s = self._ardu, self._ardu.sense
         here, home = vehicle.position, vehicle.place(vehicle.home_world)
         gps_s = max(self.unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did

@@ -1,4 +1,4 @@
-"""The storage of a simulated PX4: its files, and a ULog of every flight."""
+"""The storage of a simulated PX4: its files, and a ULog of every flight with its parameters and texts."""
 
 from __future__ import annotations
 
@@ -11,17 +11,11 @@ from zmav.sim.protocol.channel import Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileSystem
 from zmav.sim.protocol.ftp import FtpServer
 from zmav.sim.protocol.logs import ALL, MOST_ONE, FlightLog, Listing, Log, LogProtocol, LogStore
-from zmav.sim.ulog import Topic, UlogWriter
+from zmav.sim.ulog import UlogWriter
 
 LOGS = "/log/sess001"
 EXTRAS, WORDS = "/etc/extras", "all_events.json.xz"
 _REAL32 = 9  # MAV_PARAM_TYPE
-TOPICS = (
-    Topic("vehicle_attitude", tuple(("float", f"q{i}") for i in range(4))),
-    Topic("vehicle_local_position", tuple(("float", name) for name in ("x", "y", "z", "vx", "vy", "vz"))),
-    Topic("vehicle_status", (("uint8_t", "nav_state"), ("uint8_t", "arming_state"), ("uint8_t", "failsafe"))),
-)
-_DISARMED, _ARMED = 1, 2  # arming_state
 
 
 class UlogFlight(FlightLog):
@@ -30,7 +24,6 @@ class UlogFlight(FlightLog):
     def __init__(self, copter: Px4Copter, store: LogStore, unix_us: Callable[[], int]) -> None:
         super().__init__(copter, store, unix_us)
         self._copter = copter
-        self._status = (-1, -1, -1)
         self._writer: UlogWriter
 
     def say(self, severity: int, text: str) -> None:
@@ -42,30 +35,11 @@ class UlogFlight(FlightLog):
         params = self._copter.params
         values = {name: params[name] if params.type_of(name) == _REAL32 else int(params[name]) for name in params.names}
         info = {"sys_name": "PX4", "ver_hw": "PX4_SITL", "ver_sw": "zmav-sim"}
-        self._writer = UlogWriter(TOPICS, self.time_us, MOST_ONE, info=info, params=values)
-        self._status = (-1, -1, -1)
+        self._writer = UlogWriter(self.time_us, MOST_ONE, info=info, params=values)
         return self._writer.data
 
     def begun(self, log: Log) -> None:
         self._copter.say(6, f"[logger] .{LOGS}/{_name(log)}\t")
-
-    def end(self) -> None:
-        self.write_status()
-
-    def write_status(self) -> None:
-        copter = self._copter
-        status = (copter.mode.number, _ARMED if copter.armed else _DISARMED, int(copter.failsafe.active))
-        if status != self._status:
-            self._status = status
-            self._writer.write("vehicle_status", self.time_us, *status)
-
-    def write_attitude(self) -> None:
-        s = self._copter.sense
-        self._writer.write("vehicle_attitude", self.time_us, s.qw, s.qx, s.qy, s.qz)
-
-    def write_position(self) -> None:
-        s = self._copter.sense
-        self._writer.write("vehicle_local_position", self.time_us, *self._copter.local, s.vn, s.ve, s.vd)
 
 
 class Px4LogProtocol(LogProtocol):
