@@ -1,15 +1,13 @@
-"""The table's columns: what each shows, how wide it is, what it is sorted by, and which give way on a narrow screen."""
+"""The table's columns: what each shows, how wide it is, and which give way on a narrow screen."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from rich.cells import cell_len, set_cell_size
 
 from ground.top.report import VehicleReport, condition
-from zmav.doctor.rules import LEVELS
 from zmav.doctor.words import clean, duration
 
 ELLIPSIS = "~"
@@ -60,23 +58,18 @@ NARROW_WHY, WIDE_WHY = 20, 24
 
 @dataclass(frozen=True)
 class Column:
-    """``rank``: the lower, the sooner it is shown; ``key``: what rows are sorted by (None sorts last)."""
+    """``rank``: the lower, the sooner it is shown."""
 
     name: str
     width: int
     rank: int
     text: Callable[[VehicleReport], str]
-    key: Callable[[VehicleReport], Any]
     right: bool = False
 
 
 def _place(v: VehicleReport) -> str:
     p = v.position
     return "-" if p is None else f"{p.lat_deg:.5f} {p.lon_deg:.5f}"
-
-
-def _height(v: VehicleReport) -> float | None:
-    return v.position.alt_rel if v.position else None
 
 
 def _gps(v: VehicleReport) -> str:
@@ -127,49 +120,36 @@ def why_or_event(v: VehicleReport) -> str:
     return why(v) or event(v)
 
 
-def _badness(v: VehicleReport) -> int:
-    return -LEVELS.index(v.level)
-
-
 def _link(v: VehicleReport, what: str) -> float | None:
     return getattr(v.link, what) if v.link else None
 
 
 COLUMNS = (
-    Column(NAME, 8, 0, lambda v: v.name, lambda v: v.name),
-    Column(FLEET, 8, 0, lambda v: v.fleet, lambda v: v.fleet),
-    Column("is", 6, 0, condition, _badness),
-    Column("kind", 6, 14, lambda v: v.kind or "-", lambda v: v.kind),
-    Column("autopilot", 9, 17, lambda v: v.autopilot or "-", lambda v: v.autopilot),
-    Column("id", 3, 16, lambda v: str(v.sysid or "-"), lambda v: v.sysid, right=True),
-    Column(MODE, 8, 2, lambda v: v.mode or "-", lambda v: v.mode),
-    Column("armed", 5, 3, _armed, lambda v: v.armed),
-    Column("latitude longitude", 19, 11, _place, lambda v: v.position and v.position.lat_deg, right=True),
-    Column("alt", 6, 5, lambda v: number(_height(v)), _height, right=True),
-    Column("m/s", 4, 6, lambda v: number(v.speed), lambda v: v.speed, right=True),
-    Column("batt", 5, 4, _battery, lambda v: v.battery, right=True),
-    Column("gps", 7, 8, _gps, lambda v: v.gps and v.gps.satellites),
-    Column("age", 5, 1, lambda v: duration(v.age), lambda v: v.age, right=True),
-    Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), lambda v: _link(v, "rate"), right=True),
-    Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), lambda v: _link(v, "loss"), right=True),
-    Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), lambda v: v.network.rtt, right=True),
-    Column(
-        "hops",
-        4,
-        12,
-        lambda v: "-" if v.network.hops is None else str(v.network.hops),
-        lambda v: v.network.hops,
-        right=True,
-    ),
-    Column("weakest hop", 20, 18, _hop, lambda v: v.network.weakest and v.network.weakest.loss),
-    Column("lease", 13, 7, _lease, lambda v: v.lease and v.lease.holder),
-    Column("agents", 12, 15, lambda v: " ".join(v.agents), lambda v: v.agents or None),
-    Column(EVENT, 34, 13, event, lambda v: v.events[0].age if v.events else None),
+    Column(NAME, 8, 0, lambda v: v.name),
+    Column(FLEET, 8, 0, lambda v: v.fleet),
+    Column("is", 6, 0, condition),
+    Column("kind", 6, 14, lambda v: v.kind or "-"),
+    Column("autopilot", 9, 17, lambda v: v.autopilot or "-"),
+    Column("id", 3, 16, lambda v: str(v.sysid or "-"), right=True),
+    Column(MODE, 8, 2, lambda v: v.mode or "-"),
+    Column("armed", 5, 3, _armed),
+    Column("latitude longitude", 19, 11, _place, right=True),
+    Column("alt", 6, 5, lambda v: number(v.position.alt_rel if v.position else None), right=True),
+    Column("m/s", 4, 6, lambda v: number(v.speed), right=True),
+    Column("batt", 5, 4, _battery, right=True),
+    Column("gps", 7, 8, _gps),
+    Column("age", 5, 1, lambda v: duration(v.age), right=True),
+    Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), right=True),
+    Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), right=True),
+    Column("rtt ms", 6, 10, lambda v: milliseconds(v.network.rtt), right=True),
+    Column("hops", 4, 12, lambda v: "-" if v.network.hops is None else str(v.network.hops), right=True),
+    Column("weakest hop", 20, 18, _hop),
+    Column("lease", 13, 7, _lease),
+    Column("agents", 12, 15, lambda v: " ".join(v.agents)),
+    Column(EVENT, 34, 13, event),
 )
 """in the order in which they are shown, but for the reasons, which take what is left"""
-REASONS = Column(WHY, NARROW_WHY, 0, why, _badness)
-NAMES = tuple(column.name for column in COLUMNS)
-"""what can be sorted by"""
+REASONS = Column(WHY, NARROW_WHY, 0, why)
 
 
 def choose(width: int, vehicles: list[VehicleReport]) -> list[Column]:

@@ -6,7 +6,7 @@ import textwrap
 import time
 from dataclasses import dataclass
 
-from ground.top.columns import COLUMNS, NAME, NAMES, WHY, Column, cells, choose, fit
+from ground.top.columns import NAME, WHY, Column, cells, choose, fit
 from ground.top.report import Report, VehicleReport, condition
 from zmav.doctor.words import clean, duration
 
@@ -62,32 +62,21 @@ FILTER_MOST = 40
 class Ui:
     """``press(key)`` takes names like ``up``, ``enter`` and ``esc``, and characters as they are."""
 
-    sort: str = NAME
-    reverse: bool = False
     filter: str = ""
     typing: bool = False
     """keys go into the filter"""
     details: bool = False
     selected: tuple[str, str] | None = None
-    """fleet and name of the vehicle; it stays chosen wherever it is sorted to"""
+    """fleet and name of the vehicle"""
     over: bool = False
     page: int = 10
     """rows that the last screen showed"""
 
     def rows(self, report: Report) -> list[VehicleReport]:
-        """The vehicles that match the filter, sorted; what is not known comes last either way."""
+        """The vehicles that match the filter, by name."""
         words = self.filter.lower().split()
         found = [v for v in report.vehicles if all(word in _text(v) for word in words)]
-        key = self.column.key
-        known = [v for v in found if key(v) is not None]
-        unknown = [v for v in found if key(v) is None]
-        return sorted(known, key=key, reverse=self.reverse) + unknown
-
-    @property
-    def column(self) -> Column:
-        """What is sorted by."""
-        index = NAMES.index(self.sort) if self.sort in NAMES else 0
-        return COLUMNS[index]
+        return sorted(found, key=lambda v: v.name)
 
     def press(self, key: str, report: Report) -> None:
         if self.typing:
@@ -96,9 +85,6 @@ class Ui:
             self.over = True
         elif key in ("up", "k", "down", "j", "pageup", "pagedown", "home", "end"):
             self._move(key, self.rows(report))
-        elif key in ("left", "right", "<", ">"):
-            step = 1 if key in ("right", ">") else -1
-            self.sort = NAMES[(NAMES.index(self.sort) + step) % len(NAMES)]
         elif key == "esc":
             if self.details:
                 self.details = False
@@ -110,8 +96,6 @@ class Ui:
             self.details = not self.details
         elif key == "/":
             self.typing = True
-        elif key == "r":
-            self.reverse = not self.reverse
 
     def _type(self, key: str) -> None:
         if key == "enter":
@@ -155,7 +139,7 @@ def _text(v: VehicleReport) -> str:
 
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
 BAD = "bold red"
-HELP = ("q quit", "/ filter", "<> sort", "r reverse", "enter details")
+HELP = ("q quit", "/ filter", "enter details")
 LEAST_TABLE = 4
 """rows of the table that details leave"""
 
@@ -189,19 +173,14 @@ def table(rows: list[VehicleReport], ui: Ui, width: int, room: int | None = None
         above = min(max((index or 0) - room // 2, 0), len(rows) - room)
         end = above + room
         more = f"  {above} more above, {len(rows) - end} below (up, down, page keys)"
-    lines = [_head(shown, ui), *(_row(v, shown, selected=above + i == index) for i, v in enumerate(rows[above:end]))]
+    lines = [_head(shown), *(_row(v, shown, selected=above + i == index) for i, v in enumerate(rows[above:end]))]
     if not rows:
         lines.append([("  no vehicle matches the filter" if ui.filter else "  no vehicle is heard", "yellow")])
     return [*lines, [(more, "dim")]] if more else lines
 
 
-def _head(shown: list[Column], ui: Ui) -> Line:
-    line: Line = []
-    for column in shown:
-        mark = ("v" if ui.reverse else "^") if column.name == ui.sort or column.name == ui.column.name else ""
-        name = fit(column.name, max(column.width - len(mark), 0)).rstrip() + mark
-        line += [(fit(name, column.width, right=column.right), "bold underline" if mark else "bold"), (" ", "")]
-    return line[:-1]
+def _head(shown: list[Column]) -> Line:
+    return [(" ".join(fit(column.name, column.width, right=column.right) for column in shown), "bold")]
 
 
 def _row(v: VehicleReport, shown: list[Column], *, selected: bool) -> Line:

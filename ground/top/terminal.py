@@ -19,12 +19,8 @@ LEAVE = "\x1b[0m\x1b[?25h\x1b[?1049l"
 SEQUENCES = {
     "[A": "up",
     "[B": "down",
-    "[C": "right",
-    "[D": "left",
     "OA": "up",
     "OB": "down",
-    "OC": "right",
-    "OD": "left",
     "[H": "home",
     "[F": "end",
     "OH": "home",

@@ -189,7 +189,7 @@ def test_without_a_terminal_it_is_printed_once_and_says_what_to_do(voice: Voice)
     voice.state("quad1", connected=False, link="down", mode="\x1b[2J")
     result = once(voice, "--wait", "1")
     head, row, *below = result.stdout.splitlines()
-    assert head.split()[:2] == ["vehicle^", "is"]
+    assert head.split()[:2] == ["vehicle", "is"]
     assert row.split()[:2] == ["quad1", "BAD"]
     assert below == ["quad1: autopilot silent (link down)"]
     assert "\x1b" not in result.stdout

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import pytest
 from rich.cells import cell_len
 
-from ground.top.columns import NAMES
 from ground.top.live import Painter
 from ground.top.report import NetworkReport, Report
 from ground.top.screen import Ui, draw
@@ -54,7 +53,7 @@ def test_any_size_is_filled_and_not_left(make: Make, report: MakeReport, width: 
 def test_eighty_columns_have_the_essential_ones(make: Make, report: MakeReport) -> None:
     found = report(make(why=(("bad", "battery 12%"),)))
     _, head, row, *_ = drawn(Ui(), found, 80)
-    assert head.split() == ["vehicle^", "is", "mode", "armed", "alt", "m/s", "batt", "age", "why"]
+    assert head.split() == ["vehicle", "is", "mode", "armed", "alt", "m/s", "batt", "age", "why"]
     assert row.split() == ["quad1", "BAD", "GUIDED", "ARMED", "10.0", "1.5", "90%", "0.2s", "battery", "12%"]
 
 
@@ -80,7 +79,7 @@ def test_a_lost_vehicle_is_unmistakable_without_colours(make: Make, report: Make
 def test_several_fleets_are_told_apart(make: Make, report: MakeReport) -> None:
     ui, found = Ui(), report(make("quad1", fleet="alpha"), make("quad1", fleet="beta"))
     _, head, one, two, *_ = drawn(ui, found, 80)
-    assert head.split()[:3] == ["vehicle^", "fleet", "is"]
+    assert head.split()[:3] == ["vehicle", "fleet", "is"]
     assert (one.split()[:2], two.split()[:2]) == (["quad1", "alpha"], ["quad1", "beta"])
     press(ui, found, "end")
     assert ui.selected == ("beta", "quad1")
@@ -107,31 +106,12 @@ def test_fifty_vehicles_scroll_with_the_selection(make: Make, report: MakeReport
     assert any(line.startswith(f">{name}") for line in drawn(ui, found, 80, 24))
 
 
-def test_keys_sort_and_turn_round(make: Make, report: MakeReport) -> None:
-    found = report(
-        make("a", battery=0.5), make("b", battery=None), make("c", battery=0.1, why=(("bad", "battery 10%"),))
-    )
-    ui = Ui()
-    press(ui, found, "right", "right")
-    assert [v.name for v in ui.rows(found)] == ["c", "a", "b"]  # by "is": the worst first
-    while ui.sort != "batt":
-        press(ui, found, ">")
-    assert [v.name for v in ui.rows(found)] == ["c", "a", "b"]
-    press(ui, found, "r")
-    assert [v.name for v in ui.rows(found)] == ["a", "c", "b"]  # what is not known stays last
-    assert "battv" in drawn(ui, found)[1]
-    for _ in range(len(NAMES)):
-        press(ui, found, "<")
-        ui.rows(found)
-    assert ui.sort == "batt"
-
-
 def test_a_filter_is_typed_kept_and_cleared(make: Make, report: MakeReport) -> None:
     found = report(make("quad1"), make("quad2", presence="stale"), make("rover1", kind="rover"))
     ui = Ui()
     press(ui, found, "/", *"stalex", "backspace")
     assert "filter: stale_" in drawn(ui, found)[-1]
-    press(ui, found, "enter", "r")
+    press(ui, found, "enter")
     assert [v.name for v in ui.rows(found)] == ["quad2"]
     assert "1 shown" in drawn(ui, found)[0]
     press(ui, found, "/", "esc")
@@ -171,10 +151,10 @@ def test_details_tell_in_full_what_the_table_cuts(make: Make, report: MakeReport
 def test_the_selection_follows_its_vehicle(make: Make, report: MakeReport) -> None:
     ui, found = Ui(), fleet(make, report, 5)
     press(ui, found, "down", "down")
-    press(ui, found, "r")
-    assert selected(ui, found) == "quad01"
-    press(ui, found, "down")
-    assert selected(ui, found) == "quad00"
+    more = report(make("copter1"), *found.vehicles)
+    assert selected(ui, more) == "quad01"
+    press(ui, more, "up", "up")
+    assert selected(ui, more) == "copter1"
 
 
 def test_agents_of_no_vehicle_and_silent_ones_are_above(make: Make, report: MakeReport) -> None:
