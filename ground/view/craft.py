@@ -44,8 +44,9 @@ class Craft:
         self.complained = False
         """its position could not be drawn, and that was said"""
         self._fresh = False
-        self._kind: str | None = ""
-        self._drawn: tuple[str, bool] = ("", True)
+        self._looks: tuple[str | None, bool] = ("", True)
+        """the kind of vehicle that is drawn, and whether as one that is silent"""
+        self._name = ""
         self._tail: collections.deque[Vector] = collections.deque()
         self._trail: collections.deque[Vector] = collections.deque(maxlen=TRAIL)
         self._series: set[str] = set()
@@ -94,21 +95,13 @@ class Craft:
             self._plot_slow(canvas)
 
     def _paint_model(self, canvas: Canvas, crowded: bool) -> None:
-        kind = self.state.kind if self.state else None
-        if kind != self._kind:
-            self._kind = kind
-            model = models.model(kind, self._size)
-            canvas.fixed(
-                (*self.path, "pose", "model"),
-                rr.Mesh3D(vertex_positions=model.corners, vertex_normals=model.normals, vertex_colors=model.tints),
-            )
-        text = self._text(crowded)
-        if (text, self.silent) != self._drawn:
-            shade = style.GREY if self.silent else self.colour
-            if self.silent != self._drawn[1] or not self._drawn[0]:
-                canvas.put((*self.path, "pose", "model"), rr.Mesh3D.from_fields(albedo_factor=shade))
-                self._redraw_trail(canvas, shade)
-            self._drawn = (text, self.silent)
+        looks, text = (self.state.kind if self.state else None, self.silent), self._text(crowded)
+        shade = style.GREY if self.silent else self.colour
+        if looks != self._looks:
+            canvas.put((*self.path, "pose", "model"), models.model(looks[0], self._size, shade))
+            self._redraw_trail(canvas, shade)
+        if (looks, text) != (self._looks, self._name):
+            self._looks, self._name = looks, text
             name = rr.Points3D(
                 [(0.0, 0.0, -1.5 * self._size)], radii=style.points(1.5), colors=shade, labels=text, show_labels=True
             )

@@ -52,7 +52,6 @@ class Scene:
         """values left out because they were not what they should be"""
         self._graph: Graph | None = None
         self._mesh_at = -math.inf
-        self._topics: dict[str, Item] = {}
         self._signals = Signals()
         self._lines: list[tuple[str, str, str]] = []
         self._take: dict[str, Callable[[Item], None]] = {
@@ -166,8 +165,7 @@ class Scene:
             if self.datum.declare(wire.decode(item.payload, wire.Origin, "origin")):
                 self._replace("@fleet/origin")
             return
-        self._topics[topic] = item
-        if unknown := topics.paint(self._canvas, topic, item.payload, self.datum):
+        if unknown := topics.paint(self._canvas, topic, item.payload):
             self.say("fleet", "info", unknown)
 
     def _on_signals(self, item: Item) -> None:
@@ -195,8 +193,6 @@ class Scene:
         for craft in self.crafts.values():
             craft.forget_trail()
             craft.place(self.datum)
-        for topic, item in self._topics.items():
-            topics.paint(self._canvas, topic, item.payload, self.datum)
 
 
 BEGIN, END = b"\xff\xd8\xff", b"\xff\xd9"

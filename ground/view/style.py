@@ -45,10 +45,10 @@ def colour(name: str) -> Colour:
     return round(255 * r), round(255 * g), round(255 * b), 255
 
 
-def darkened(shade: Colour) -> Colour:
+def darkened(shade: Colour, share: float = 0.5) -> Colour:
     """Lines of plots have no transparency, and the viewer's ground is black or white."""
     r, g, b, alpha = shade
-    return r // 2, g // 2, b // 2, alpha
+    return int(share * r), int(share * g), int(share * b), alpha
 
 
 def turned(shade: Colour, number: int) -> Colour:

@@ -19,20 +19,20 @@ import rerun as rr
 
 from ground.view import style
 from ground.view.canvas import NED, Canvas, Path
-from ground.view.frames import FAR, Datum
+from ground.view.frames import FAR
 from zmav.wire import Vector
 
 SAID = 200
 """characters of a document that are shown in a line of the log where it cannot be drawn"""
 
 
-def paint(canvas: Canvas, topic: str, payload: bytes, datum: Datum) -> str | None:
+def paint(canvas: Canvas, topic: str, payload: bytes) -> str | None:
     """Draw one topic's newest document; what there is to say where nothing of it can be drawn."""
     try:
         document = json.loads(payload) if payload else None
     except (ValueError, RecursionError):
         return f"{topic}: {len(payload)} bytes that are no JSON"
-    found = find(document, datum)
+    found = find(document)
     shade = style.TOPICS.get(topic, style.OTHER_TOPIC)
     path = (*NED, "topics", topic)
     _marks(canvas, (*path, "points"), found.marks, shade)
@@ -135,17 +135,17 @@ class Shapes:
         return any((self.marks, self.lines, self.boxes, self.prisms))
 
 
-def find(document: Any, datum: Datum, label: str = "") -> Shapes:
+def find(document: Any) -> Shapes:
     """The shapes in a decoded JSON document; empty where there is nothing of a known form."""
-    finder = _Finder(datum)
-    finder.look(document, label, deep=0)
+    finder = _Finder()
+    finder.look(document, "", deep=0)
     return finder.found
 
 
 class _Finder:
-    def __init__(self, datum: Datum) -> None:
+    def __init__(self) -> None:
         self.found = Shapes()
-        self._datum, self._left = datum, MANY
+        self._left = MANY
 
     def look(self, value: Any, label: str, deep: int) -> None:
         self._left -= 1
@@ -185,14 +185,7 @@ class _Finder:
         if not isinstance(value, dict):
             return None
         held = (vector(value.get(key)) for key in PLACES)
-        found = next((point for point in held if point is not None), None)
-        if found is None and (place := numbers(value, "lat_deg", "lon_deg")):
-            origin = self._datum.origin
-            alt = number(value.get("alt_amsl"))
-            if alt is None and origin is not None:
-                alt = origin.alt_amsl + (number(value.get("alt_rel")) or 0.0)
-            found = self._datum.place(place[0], place[1], alt) if alt is not None else None
-        return found
+        return next((point for point in held if point is not None), None)
 
     def _body(self, value: dict[str, Any]) -> bool:
         low, high = vector(value.get("min")), vector(value.get("max"))
@@ -202,7 +195,7 @@ class _Finder:
             return True
         radius, bottom, top = number(value.get("radius")), _down(value, "floor"), _down(value, "ceiling")
         if "polygon" in value:
-            corners = [pair(each) for each in value["polygon"][:MANY]] if _is_list(value["polygon"]) else []
+            corners = [pair(each) for each in value["polygon"][:MANY]] if isinstance(value["polygon"], list) else []
             outline = [corner for corner in corners if corner is not None]
             if len(outline) < 3:
                 return False
@@ -225,11 +218,6 @@ def number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     return float(value) if math.isfinite(value) and abs(value) <= FAR else None
-
-
-def numbers(value: dict[str, Any], *names: str) -> list[float] | None:
-    found = [number(value.get(name)) for name in names]
-    return [each for each in found if each is not None] if None not in found else None
 
 
 def vector(value: Any) -> Vector | None:
@@ -269,7 +257,3 @@ def edges(outline: Sequence[tuple[float, float]], top: float, bottom: float) -> 
 def _down(value: dict[str, Any], name: str) -> float | None:
     up = number(value.get(name))
     return None if up is None else -up
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground.view import table, topics
-from ground.view.frames import FAR, Datum, usable
+from ground.view.frames import FAR, usable
 from zmav import wire
 
 Q1 = ("demo", "quad1")
@@ -91,7 +91,7 @@ json_values = st.recursive(
 
 @given(json_values)
 def test_whatever_a_topic_holds_only_places_that_can_be_drawn_are_found(document: Any) -> None:
-    found = topics.find(document, Datum())
+    found = topics.find(document)
     places = [mark.pos for mark in found.marks] + [point for line in found.lines for point in line.points]
     places += [box.low for box in found.boxes] + [box.high for box in found.boxes]
     assert all(usable(place) for place in places)

@@ -137,7 +137,7 @@ def test_the_trail_is_bounded_and_stays_when_the_vehicle_falls_silent(paint: Mak
     assert max(len(row.values["LineStrips3D:strips"][0]) for row in old) <= 401
     assert rgba(old[-1].values["LineStrips3D:colors"][0])[:3] == style.GREY[:3]
     assert rows[f"{BODY}/pose/name"][-1].values["Points3D:labels"] == ["quad1 · silent"]
-    assert rgba(rows[f"{BODY}/pose/model"][-1].values["Mesh3D:albedo_factor"][0]) == style.GREY
+    assert rgba(rows[f"{BODY}/pose/model"][-1].values["Boxes3D:colors"][0]) == style.GREY
     assert rows["/plots/age/quad1"][-1].values["Scalars:scalars"][0] == pytest.approx(10.0, abs=0.2)
 
 
