@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import click
 
-import zmav
 from ground.gcs.bridge import Bridge, Settings
 from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_rate, read_vehicles
 from zmav import keys
-from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.cli.common import Work, connected, dialect_option
+from zmav.client import Client
 from zmav.errors import Forbidden
 from zmav.links.sockets import is_loopback
 from zmav.process import say, until_stopped
-from zmav.session import SessionSettings
 
 DEFAULT = "14550"
 """where QGroundControl and Mission Planner wait"""
@@ -29,9 +28,8 @@ DEFAULT = "14550"
 @click.option("--rate", help="Bytes a second to each station: '4kB/s'.")
 @click.option("--read-only", is_flag=True, help="Nothing a station says reaches a vehicle.")
 @click.option("--streams/--no-streams", default=True, show_default=True, help="Ask vehicles for what stations need.")
-@click.option("--dialect", default="ardupilotmega", show_default=True)
-@fleet_option
-@zenoh_options
+@dialect_option
+@connected
 def command(
     udp: tuple[str, ...],
     udpin: tuple[str, ...],
@@ -41,10 +39,7 @@ def command(
     rate: str | None,
     read_only: bool,
     streams: bool,
-    dialect: str,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Connect QGroundControl, Mission Planner, MAVProxy or any MAVLink program to the whole fleet.
 
     Without an endpoint, vehicles appear in a QGroundControl on this machine by themselves. An endpoint may have options
@@ -57,7 +52,7 @@ def command(
     )
     given = {"udp": udp, "udpin": udpin, "tcp": tcp, "serial": serial}
     bridge = Settings(endpoints=endpoints(given, defaults), vehicles=read_vehicles(vehicles), streams=streams)
-    run(_bridge(bridge, fleet, dialect, settings))
+    return lambda z: _bridge(z, bridge)
 
 
 def endpoints(given: dict[str, tuple[str, ...]], defaults: Options) -> tuple[Endpoint, ...]:
@@ -67,16 +62,15 @@ def endpoints(given: dict[str, tuple[str, ...]], defaults: Options) -> tuple[End
     return tuple(found) or (parse_endpoint("udp", DEFAULT, defaults),)
 
 
-async def _bridge(settings: Settings, fleet: str, dialect: str, session: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=session, dialect=dialect) as z:
-        settings = allowed(z, settings)
-        async with Bridge(z, settings, say):
-            for endpoint in settings.endpoints:
-                say(_words(endpoint))
-            await until_stopped()
+async def _bridge(z: Client, settings: Settings) -> None:
+    settings = allowed(z, settings)
+    async with Bridge(z, settings, say):
+        for endpoint in settings.endpoints:
+            say(_words(endpoint))
+        await until_stopped()
 
 
-def allowed(z: zmav.Client, settings: Settings) -> Settings:
+def allowed(z: Client, settings: Settings) -> Settings:
     """The settings, read-only where our credentials are a viewer's: routers would drop what stations send, unsaid."""
     if keys.is_replay(z.fleet_name):
         say(f"read-only: {z.fleet_name} is of recordings, which take no orders")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-import zmav
-from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.cli.common import Work, connected, dialect_option
 from zmav.errors import BadConfig, missing_extra
 from zmav.links.sockets import is_loopback
 from zmav.process import leave, say, until_stopped
-from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
     from ground.http.guard import Rules
+    from zmav.client import Client
 
 VARIABLE = "ZMAV_HTTP_TOKEN"
 
@@ -34,11 +34,8 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
-@click.option(
-    "--dialect", default="ardupilotmega", show_default=True, help="common, development, or another of pymavlink."
-)
-@fleet_option
-@zenoh_options
+@dialect_option
+@connected
 def command(
     host: str,
     port: int,
@@ -47,10 +44,7 @@ def command(
     read_only: bool,
     allow_host: tuple[str, ...],
     allow_origin: tuple[str, ...],
-    dialect: str,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
 
     'curl localhost:8088/vehicles' says who is there, 'curl localhost:8088/last/1/1/ATTITUDE' a message,
@@ -70,27 +64,27 @@ def command(
     except ImportError as e:
         raise missing_extra("'zmav http'", e.name, "ground") from e
     from ground.http.guard import LOOPBACK, Rules
+    from ground.http.server import bound
 
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
     rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
-    run(_serve(host, port, rules, dialect, fleet, settings))
+    sock = bound(host, port)
+    return lambda z: _serve(z, host, sock, rules)
 
 
-async def _serve(host: str, port: int, rules: Rules, dialect: str, fleet: str, settings: SessionSettings) -> None:
+async def _serve(z: Client, host: str, sock: socket.socket, rules: Rules) -> None:
     from ground.http.app import make_app
     from ground.http.gateway import Gateway
-    from ground.http.server import bound, serving
+    from ground.http.server import serving
 
-    sock = bound(host, port)
     async with (
-        zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
         Gateway(z, rules.read_only) as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host
         how = "".join((", with a token" if rules.token else "", ", only reading" if rules.read_only else ""))
-        say(f"fleet {fleet} at http://{shown}:{port}/{how}")
+        say(f"fleet {z.fleet_name} at http://{shown}:{port}/{how}")
         await until_stopped()
     leave()
 

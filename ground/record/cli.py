@@ -14,7 +14,7 @@ import click
 import zmav
 from ground.record.folder import Folder
 from zmav import keys
-from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.cli.common import dialect_option, fleet_option, run, size, zenoh_options
 from zmav.errors import BadConfig, BadInput, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
@@ -55,7 +55,6 @@ def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
     "--keep-free", callback=amount, default="1GB", show_default=True, help="Write nothing while less is free."
 )
 @click.option("--name", help="Name under which questions are answered. [default: the credentials', or this machine's]")
-@click.option("--dialect", default="ardupilotmega", show_default=True)
 @click.option(
     "--repair",
     multiple=True,
@@ -63,6 +62,7 @@ def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Do nothing but complete an .mcap that was cut short (repeatable).",
 )
+@dialect_option
 @fleet_option
 @zenoh_options
 def command(
@@ -106,7 +106,6 @@ async def _record(
     folder: Folder, how: Settings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
 ) -> None:
     from ground.record.recorder import Recorder
-    from ground.record.storage import size_words
 
     start = time.monotonic()
     unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.mcap else None
@@ -122,7 +121,7 @@ async def _record(
     rest = {"dropped": counts.dropped, "without room": counts.unwritten, "refused": counts.refused}
     lost = "".join(f", {number} {what}" for what, number in rest.items() if number)
     minutes = (time.monotonic() - start) / 60
-    say(f"{counts.written} samples in {size_words(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
+    say(f"{counts.written} samples in {size(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
 
 
 def _complete(folder: Folder) -> None:

@@ -17,8 +17,9 @@ import zenoh
 from ground.feed import apart, patterns
 from ground.record.folder import Folder
 from ground.record.history import Answers
-from ground.record.storage import Settings, Storage, size_words
+from ground.record.storage import Settings, Storage
 from zmav import keys, wire
+from zmav.cli.common import size
 from zmav.client import Client
 from zmav.errors import BadConfig
 from zmav.trust.certificate import Role
@@ -147,7 +148,7 @@ class Recorder:
     def status(self) -> wire.AgentStatus:
         storage, counts = self.storage, self.storage.counts
         paused = storage.paused
-        text = paused or f"{counts.written} samples in {size_words(counts.bytes)}"
+        text = paused or f"{counts.written} samples in {size(counts.bytes)}"
         if counts.dropped:
             text += f"; {counts.dropped} dropped: this machine is too slow"
         detail = {**msgspec.structs.asdict(counts), "session": str(storage.session)}

@@ -20,7 +20,7 @@ import zmav
 from ground.record.player import Deliver, FedLink, Player
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
-from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
 from zmav.client import Client
 from zmav.errors import BadConfig, BadInput, Clash
 from zmav.onboard import Onboard, OnboardSettings
@@ -40,7 +40,7 @@ SETTLE_S = 1.0
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
 @click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Seconds after the beginning to start at.")
 @click.option("--sysid", type=click.IntRange(1, 255), help="Which system is the vehicle, where a .tlog has several.")
-@click.option("--dialect", default="ardupilotmega", show_default=True)
+@dialect_option
 @fleet_option
 @zenoh_options
 def command(

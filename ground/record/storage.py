@@ -22,6 +22,7 @@ from ground.record.decoder import Decoder, is_frame
 from ground.record.folder import Folder
 from ground.record.history import History
 from ground.record.part import Part, Route
+from zmav.cli.common import size
 from zmav.errors import BadKey
 from zmav.mavlink import Dialect
 
@@ -208,8 +209,8 @@ class Storage:
         free = self._folder.free()
         if free >= floor:
             return False
-        kept = size_words(self._settings.keep_free)
-        self._pause(f"{size_words(free)} free on the disk, and {kept} are to be kept: nothing is recorded")
+        kept = size(self._settings.keep_free)
+        self._pause(f"{size(free)} free on the disk, and {kept} are to be kept: nothing is recorded")
         return True
 
     def _pause(self, why: str) -> None:
@@ -266,12 +267,3 @@ class Storage:
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")
-
-
-def size_words(size: float) -> str:
-    """Bytes, for a person."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000 or unit == "GB":
-            return f"{size:.0f} {unit}" if unit == "B" or size >= 100 else f"{size:.1f} {unit}"
-        size /= 1000
-    raise AssertionError

@@ -6,20 +6,18 @@ import asyncio
 import json
 import shutil
 import sys
-from collections.abc import Callable
 
 import click
 import msgspec
 from rich.style import Style
 
-import zmav
 from ground.top.live import Live, usable
 from ground.top.report import Report
 from ground.top.screen import Ui, table
 from ground.top.watch import Watch
-from zmav.cli.common import console, fleet_option, run, zenoh_options
+from zmav.cli.common import Work, connected, console
+from zmav.client import Client
 from zmav.doctor.words import clean
-from zmav.session import SessionSettings
 
 
 @click.command("top")
@@ -32,48 +30,41 @@ from zmav.session import SessionSettings
     show_default=True,
     help="Seconds at most to listen before something is printed.",
 )
-@fleet_option
-@zenoh_options
-def command(once: bool, as_json: bool, wait: float, fleet: str, settings: SessionSettings) -> None:
+@connected
+def command(once: bool, as_json: bool, wait: float) -> Work:
     """Watch the fleet in the terminal: who is well, who is not, and why, in words.
 
-    Keys: q quits, up and down select a vehicle, enter shows it in full, < and > choose the column to sort by, r turns
-    the order round, / filters by words (names, modes, STALE, reasons).
+    Keys: q quits, up and down select a vehicle, enter shows it in full, / filters by words (names, modes, STALE,
+    reasons).
 
     For scripts: 'zmav top --json | jq ".vehicles[] | select(.level != \\"ok\\") | .name, .reasons[].text"'. It only
     listens and asks; any number of them may run.
     """
-    if once or as_json or not (usable(0) and usable(1)):
-        run(_show(_print_json if as_json else _print, wait, fleet, settings))
-        if not (once or as_json):
-            click.echo("no terminal to draw on: shown once; 'zmav top --json' is for scripts", err=True)
-    else:
-        run(_live(fleet, settings))
 
-
-async def _live(fleet: str, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        await Live(Watch(z), 0).run()
-
-
-async def _show(show: Callable[[Report], None], wait: float, fleet: str, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def show(z: Client) -> None:
         watch = Watch(z)
+        if not (once or as_json) and usable(0) and usable(1):
+            await Live(watch, 0).run()
+            return
         watching = asyncio.create_task(watch.run())
         try:
             await watch.settle(wait)
-            show(watch.report())
+            report = watch.report()
         finally:
             watching.cancel()
+        if as_json:
+            click.echo(text(report))
+        else:
+            _print(report)
+            if not once:
+                click.echo("no terminal to draw on: shown once; 'zmav top --json' is for scripts", err=True)
+
+    return show
 
 
 def text(report: Report) -> str:
     """One line of JSON in ASCII: whatever a vehicle says, no terminal that it is printed on takes it for a command."""
     return json.dumps(msgspec.to_builtins(report), allow_nan=False)
-
-
-def _print_json(report: Report) -> None:
-    click.echo(text(report))
 
 
 def _print(report: Report) -> None:

@@ -8,15 +8,14 @@ from pathlib import Path
 
 import click
 
-import zmav
 from ground.view import viewer
 from ground.view.screen import LOST, PainterSettings, Screen, Sink
 from ground.view.table import Table
 from ground.view.watch import Watch
-from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.cli.common import Work, connected
+from zmav.client import Client
 from zmav.errors import BadConfig, ZmavError
 from zmav.process import say, until_stopped
-from zmav.session import SessionSettings
 
 
 @click.command("view")
@@ -39,19 +38,10 @@ from zmav.session import SessionSettings
 )
 @click.option("--cameras/--no-cameras", default=True, show_default=True, help="Fetch pictures over the network.")
 @click.option("--signals/--no-signals", default=True, show_default=True, help="And what controllers stream.")
-@fleet_option
-@zenoh_options
+@connected
 def command(
-    save: str | None,
-    web: bool,
-    port: int,
-    vehicles: tuple[str, ...],
-    size: float,
-    cameras: bool,
-    signals: bool,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+    save: str | None, web: bool, port: int, vehicles: tuple[str, ...], size: float, cameras: bool, signals: bool
+) -> Work:
     """Show the fleet in three dimensions, over time and in words, in Rerun's viewer.
 
     Without an option a window opens; --web serves a page instead, --save writes a file (beside either, or alone). It
@@ -59,7 +49,13 @@ def command(
     """
     viewer.check_extra()
     sinks = sinks_of(save, web, port)
-    run(_view(sinks, vehicles or ("*",), size, cameras, signals, fleet, settings))
+
+    async def view(z: Client) -> None:
+        table = Table()
+        watch = Watch(z, table, vehicles or ("*",), cameras, signals)
+        await _paint(watch, [Screen(table, PainterSettings(sink, z.fleet_name == "*", size), say) for sink in sinks])
+
+    return view
 
 
 def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
@@ -83,42 +79,33 @@ def sinks_of(save: str | None, web: bool, port: int) -> list[Sink]:
     return found
 
 
-async def _view(
-    sinks: list[Sink],
-    vehicles: tuple[str, ...],
-    size: float,
-    cameras: bool,
-    signals: bool,
-    fleet: str,
-    settings: SessionSettings,
-) -> None:
+async def _paint(watch: Watch, screens: list[Screen]) -> None:
     """Until a signal, or until a painter ends: its window was closed, or its sink is of no use."""
     async with contextlib.AsyncExitStack() as stack:
-        z = await stack.enter_async_context(zmav.open(fleet=fleet, settings=settings))
-        table = Table()
-        watching = asyncio.create_task(Watch(z, table, vehicles, cameras, signals).run())
+        watching = asyncio.create_task(watch.run())
         stack.callback(watching.cancel)
-        screens = [Screen(table, PainterSettings(sink, fleet == "*", size), say) for sink in sinks]
         for screen in screens:
             await stack.enter_async_context(screen)
         serving = [asyncio.create_task(screen.serve()) for screen in screens]
-        telling = asyncio.create_task(_tell(screens, sinks))
+        telling = asyncio.create_task(_tell(screens))
         stopped = asyncio.create_task(until_stopped())
         done, _ = await asyncio.wait([stopped, watching, *serving], return_when=asyncio.FIRST_COMPLETED)
         for task in (telling, stopped, *serving):
             task.cancel()
         if watching in done:
             watching.result()
-        for task, sink in zip(serving, sinks, strict=True):
+        for task, screen in zip(serving, screens, strict=True):
+            sink = screen.sink
             if task in done and (code := task.result()) != 0:
                 if code == LOST:
                     raise ZmavError(f"{sink.path} does not grow any more: is its disk full, or has it been deleted?")
                 raise ZmavError(f"{sink.words} could not be kept up: its painter ended with {code}")
 
 
-async def _tell(screens: list[Screen], sinks: list[Sink]) -> None:
+async def _tell(screens: list[Screen]) -> None:
     """Say where to look, once there is something."""
-    for screen, sink in zip(screens, sinks, strict=True):
+    for screen in screens:
+        sink = screen.sink
         await screen.started.wait()
         if sink.kind == "web":
             say(f"open {viewer.page(sink)}")

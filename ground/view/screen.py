@@ -65,6 +65,7 @@ class Screen:
 
     def __init__(self, table: Table, settings: PainterSettings, say: Callable[[str], None]) -> None:
         self._table, self._settings, self._say = table, settings, say
+        self.sink = settings.sink
         self._process: asyncio.subprocess.Process | None = None
         self.batches = 0
         self.asked = time.monotonic()
@@ -126,7 +127,7 @@ class Screen:
     async def _watch(self) -> None:
         """Say when the painter is stuck, and when it goes on; nothing else need be done about it."""
         await self.started.wait()
-        words, stuck = self._settings.sink.words, False
+        words, stuck = self.sink.words, False
         while True:
             await asyncio.sleep(0.5)
             late = time.monotonic() - self.asked > PATIENCE

@@ -9,17 +9,16 @@ from typing import Any
 import click
 import msgspec
 
-import zmav
 from mesh.bench import table
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
 from mesh.bench.search import Limits, Trial, search
 from mesh.units import bits_per_second, duration, rate
 from zmav import keys
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Work, connected, dump, json_option
+from zmav.client import Client
 from zmav.errors import BadInput, TimedOut
 from zmav.process import until_stopped
-from zmav.session import SessionSettings
 from zmav.wire.bench import BenchInterval, BenchOutage
 
 RATE = 1e6
@@ -67,26 +66,25 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
 @click.option("--cuts", type=click.IntRange(1), help="With --recover: stop after so many outages.")
 @click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
-@fleet_option
 @json_option
-@zenoh_options
-def command(fleet: str, settings: SessionSettings, **given: Any) -> None:
+@connected
+def command(**given: Any) -> Work:
     """Measure between two hosts: 'zmav mesh bench quad1 ground', 'zmav mesh bench here quad3 --rtt'.
 
     A sends to B, over the routers that run and in the class of service asked for; 'here' is our own host's router.
     Rates and transfers are of payload.
     """
-    run(measure(msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions), fleet, settings))
+    options = msgspec.convert({**given, "kind": given["kind"] or "stream"}, BenchOptions)
+    return lambda z: measure(z, options)
 
 
-async def measure(options: BenchOptions, fleet: str, settings: SessionSettings) -> None:
+async def measure(z: Client, options: BenchOptions) -> None:
     work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _rtt, "max": _max}[options.kind]
     until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
     stopped = asyncio.ensure_future(until_stopped())
     stopped.add_done_callback(lambda _: until.set())
     try:
-        async with zmav.open(fleet=fleet, settings=settings) as z:
-            await work(Bench(z), options, until)
+        await work(Bench(z), options, until)
     finally:
         stopped.cancel()
         await asyncio.gather(stopped, return_exceptions=True)

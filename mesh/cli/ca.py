@@ -10,14 +10,13 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.table import Table
 
 import zmav
 from mesh.credentials import files
 from mesh.credentials.ca import DAYS, Authority
 from mesh.credentials.certify import day
 from mesh.credentials.ledger import LEDGER, read_ledger
-from zmav.cli.common import console, dump, json_option, run, zenoh_options
+from zmav.cli.common import dump, json_option, run, show_table, tell, zenoh_options
 from zmav.doctor.credentials import rosters
 from zmav.errors import BadConfig, BadInput, ZmavError
 from zmav.session import SessionSettings
@@ -126,20 +125,20 @@ def list_members(as_json: bool, folder: str) -> None:
         for entry in ledger.entries:
             click.echo(dump(msgspec.to_builtins(entry), pretty=False))
         return
-    table = Table("name", "role", "valid until", "", "fingerprint", box=None)
+    rows = []
     for entry in ledger.entries:
         state = "revoked" if entry.revoked is not None else ("ended" if now > entry.not_after else "")
-        table.add_row(entry.name, entry.role, day(entry.not_after), state, entry.fingerprint)
-    console().print(table)
+        rows.append((entry.name, entry.role, day(entry.not_after), state, entry.fingerprint))
+    show_table(("name", "role", "valid until", "", "fingerprint"), rows)
 
 
 @command.command("roster")
-@click.option("--publish", "tell", is_flag=True, help="Tell the running fleet, through the router of -e.")
+@click.option("--publish", is_flag=True, help="Tell the running fleet, through the router of -e.")
 @click.option("--fetch", is_flag=True, help="Bring the fleet's newer one into the folder of --credentials.")
 @json_option
 @ca_option
 @zenoh_options
-def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: SessionSettings) -> None:
+def roster(publish: bool, fetch: bool, as_json: bool, folder: str, settings: SessionSettings) -> None:
     """Show the roster, or bring it to the running fleet: every router keeps it, passes it on and acts by it.
 
     Where there is no authority's folder, it is that of the member's folder of --credentials.
@@ -156,13 +155,11 @@ def roster(tell: bool, fetch: bool, as_json: bool, folder: str, settings: Sessio
     else:
         ledger = read_ledger(here)
         fleet, found = ledger.fleet, ledger.roster(time.time())
-    if tell:
+    if publish:
         run(_publish(settings, fleet, (here / ROSTER).read_bytes(), found.number))
         return
-    if as_json:
-        click.echo(dump(msgspec.to_builtins(found), pretty=False))
-        return
-    click.echo(f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked")
+    text = f"{found.fleet}, number {found.number}: {len(found.members)} members, {len(found.revoked)} revoked"
+    tell(as_json, msgspec.to_builtins(found), text)
 
 
 async def _publish(settings: SessionSettings, fleet: str, signed: bytes, number: int) -> None:

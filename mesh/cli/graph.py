@@ -12,12 +12,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-import zmav
 from mesh.graph import Graph, Link, Way, gather
 from mesh.units import duration, milliseconds, percent
-from zmav.cli.common import console, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Work, connected, console, dump, json_option, table
 from zmav.client import Client
-from zmav.session import SessionSettings
 
 STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", "unknown": "dim"}
 PERIOD = 2.0
@@ -29,32 +27,30 @@ PERIOD = 2.0
 @click.option(
     "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
 )
-@fleet_option
 @json_option
-@zenoh_options
-def command(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def command(watch: bool, timeout: float, as_json: bool) -> Work:
     """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
 
     Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
     first host to the second, and back. The weakest hop is one that is down; else that of most loss, the longest round
     trip, in this order.
     """
-    run(_show(watch, timeout, fleet, as_json, settings))
 
-
-async def _show(watch: bool, timeout: float, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+    async def show(z: Client) -> None:
         if watch and not as_json:
             await _watch(z, timeout)
         while True:
             graph = await gather(z, timeout)
             if as_json:
-                click.echo(dump(document(graph), pretty=False))
+                click.echo(dump(document(graph)))
             else:
                 console().print(view(graph))
             if not watch:
                 return
             await asyncio.sleep(PERIOD)
+
+    return show
 
 
 async def _watch(z: Client, timeout: float) -> None:
@@ -91,10 +87,11 @@ def notes(graph: Graph) -> list[str]:
 
 
 def _links(graph: Graph) -> Table:
-    table = _table(("link", "state", "RTT ms", "loss", "signal", "cost", "heard", "over"), right=(2, 5, 6))
+    columns = ("link", "state", "RTT ms", "loss", "signal", "cost", "heard", "over")
+    found = table(columns, right=("RTT ms", "cost", "heard"))
     for link in graph.links:
         said = link.by_a or link.by_b
-        table.add_row(
+        found.add_row(
             f"{link.a} - {link.b}",
             link.state,
             milliseconds(link.rtt),
@@ -105,7 +102,7 @@ def _links(graph: Graph) -> Table:
             said.url.partition("?")[0] if said else "",
             style=STYLES[link.grade],
         )
-    return table
+    return found
 
 
 def _ways(graph: Graph) -> Table | None:
@@ -114,10 +111,10 @@ def _ways(graph: Graph) -> Table | None:
     shown = sorted(vehicles & graph.ways.keys())
     if not shown:
         return None
-    table = _table(("to", "way", "weakest hop", "RTT ms", "delivery"), right=(3,))
+    found = table(("to", "way", "weakest hop", "RTT ms", "delivery"), right=("RTT ms",))
     for name in shown:
         way = graph.ways[name]
-        table.add_row(
+        found.add_row(
             name,
             way_words(way) + ("" if way.traced else " *"),
             _weakest(way.weakest) if len(way.links) else "-",
@@ -125,7 +122,7 @@ def _ways(graph: Graph) -> Table | None:
             _both(percent(way.delivery()), percent(way.delivery(back=True))),
             style=STYLES[way.weakest.grade] if way.weakest else STYLES["down"],
         )
-    return table
+    return found
 
 
 def way_words(way: Way) -> str:
@@ -146,13 +143,6 @@ def _weakest(link: Link | None) -> str:
 
 def _both(there: str, back: str) -> str:
     return there if there == back else f"{there} / {back}"
-
-
-def _table(columns: tuple[str, ...], right: tuple[int, ...]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for number, name in enumerate(columns):
-        table.add_column(name, justify="right" if number in right else "left", no_wrap=True)
-    return table
 
 
 # For a script.

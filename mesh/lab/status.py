@@ -10,6 +10,7 @@ from rich.text import Text
 from mesh.lab.channel import Conditions, Counters
 from mesh.lab.lab import Lab
 from mesh.units import rate
+from zmav.cli.common import table
 
 
 class HostStatus(msgspec.Struct, frozen=True):
@@ -81,28 +82,21 @@ def tables(status: LabStatus) -> Group:
 
 
 def _hosts(status: LabStatus) -> Table:
-    table = _table("host", "router", "addresses", "vehicle")
+    found = table(("host", "router", "addresses", "vehicle"))
     for host in status.hosts:
         router = "-" if host.running is None else "up" if host.running else "[red]DOWN[/]"
         addresses = " ".join(f"{name} {address}" for name, address in host.addresses.items())
-        table.add_row(host.name, router, addresses, host.vehicle or "-")
-    return table
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for column in columns:
-        table.add_column(column, no_wrap=True)
-    return table
+        found.add_row(host.name, router, addresses, host.vehicle or "-")
+    return found
 
 
 def _links(status: LabStatus) -> Table:
-    table = _table("link", "state", "delay", "loss", "rate", "frames", "arrived", "lost", "full", "down")
+    found = table(("link", "state", "delay", "loss", "rate", "frames", "arrived", "lost", "full", "down"))
     for link in status.links:
         medium = f"{link.medium}:" if ":" in link.name else ""
         for way in link.ways:
-            table.add_row(f"{medium}{way.sender}>{way.receiver}", *_way(way))
-    return table
+            found.add_row(f"{medium}{way.sender}>{way.receiver}", *_way(way))
+    return found
 
 
 def _way(way: WayStatus) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from zmav.trust.credentials import VARIABLE
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from zmav.client import Client
 
@@ -159,16 +160,22 @@ def console() -> Console:
     return Console(width=None if sys.stdout.isatty() else 120)
 
 
-def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
-    """Print a table; the columns named in ``right`` are numbers."""
+def table(columns: Sequence[str], right: Sequence[str] = ()) -> Table:
+    """An empty table; the columns named in ``right`` are numbers."""
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    found = Table(box=None, pad_edge=False, header_style="bold")
     for column in columns:
-        table.add_column(column, justify="right" if column in right else "left", no_wrap=column != "")
+        found.add_column(column, justify="right" if column in right else "left", no_wrap=column != "")
+    return found
+
+
+def show_table(columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
+    """Print a :func:`table` of these rows."""
+    drawn = table(columns, right)
     for row in rows:
-        table.add_row(*row)
-    console().print(table, markup=False)
+        drawn.add_row(*row)
+    console().print(drawn, markup=False)
 
 
 def tell(as_json: bool, document: dict[str, Any], text: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+import zmav
 from mesh.bench import table
 from mesh.bench.flow import Flow, Stream
 from mesh.cli import bench as verb
@@ -40,7 +41,8 @@ async def test_each_kind_is_told_in_words(line: Start, capsys: pytest.CaptureFix
     made, _ = await line("quad1", "quad2")
     settings = SessionSettings(connect=[made.endpoints["quad1"]])
     for kind, more, said in KINDS:
-        await verb.measure(options("quad1", "quad2", kind, **more), "demo", settings)
+        async with zmav.open(fleet="demo", settings=settings) as z:
+            await verb.measure(z, options("quad1", "quad2", kind, **more))
         printed = capsys.readouterr().out
         for words in said:
             assert words in printed, printed
@@ -67,7 +69,8 @@ async def test_ctrl_c_shows_the_totals_and_ends_it_on_the_hosts(line: Start) -> 
 async def test_json_holds_each_second_and_the_whole(line: Start, capsys: pytest.CaptureFixture[str]) -> None:
     made, _ = await line("quad1", "quad2")
     given = options("quad1", "quad2", "stream", seconds=1.0, hz=50.0, size=100, as_json=True)
-    await verb.measure(given, "demo", SessionSettings(connect=[made.endpoints["quad1"]]))
+    async with zmav.open(fleet="demo", connect=[made.endpoints["quad1"]]) as z:
+        await verb.measure(z, given)
     *intervals, flow = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
     assert [each["interval"]["received"] for each in intervals] == [each["received"] for each in flow["intervals"]]
     assert flow["total"]["received"] == flow["sender"]["sent"]
