@@ -48,8 +48,8 @@ class _Ring(NamedTuple):
 class History:
     """Thread-safe. :meth:`add_all` is called by the writer, a batch at a time."""
 
-    def __init__(self, decoder: Decoder, ring: int = RING, room: int = ROOM) -> None:
-        self._decoder, self._ring, self._room = decoder, ring, room
+    def __init__(self, decoder: Decoder) -> None:
+        self._decoder = decoder
         self._rings: dict[str, _Ring] = {}
         self._known: dict[Asked, list[str]] = {}
         self._size = 0
@@ -75,7 +75,7 @@ class History:
         entries = ring.entries
         entries.append(held)
         self._size += len(held.data) + COST
-        while len(entries) > 1 and (len(entries) > self._ring or self._size > self._room):
+        while len(entries) > 1 and (len(entries) > RING or self._size > ROOM):
             gone = entries.popleft()
             self._size -= len(gone.data) + COST
             ring.cut["at"] = gone.at + 1

@@ -9,9 +9,9 @@ import rerun as rr
 
 from ground.view import models, style
 from ground.view.canvas import VEHICLES, Canvas, Path
-from ground.view.frames import Datum, quaternion, usable
+from ground.view.frames import Datum, usable
 from ground.view.setpoints import Setpoints
-from zmav import geo, keys, wire
+from zmav import geo, keys, rotation, wire
 from zmav.wire import Vector
 
 SILENT = 2.0 * (keys.STATE.stale_after or 2.0)
@@ -123,7 +123,8 @@ class Craft:
             return
         turned = state.attitude
         if turned is not None and all(map(math.isfinite, (turned.roll, turned.pitch, turned.yaw))):
-            pose = rr.Transform3D(translation=self.position, quaternion=rr.Quaternion(xyzw=quaternion(turned)))
+            w, x, y, z = rotation.from_euler(turned.roll, turned.pitch, turned.yaw)
+            pose = rr.Transform3D(translation=self.position, quaternion=rr.Quaternion(xyzw=(x, y, z, w)))
         else:
             pose = rr.Transform3D(translation=self.position)
         canvas.put((*self.path, "pose"), pose)

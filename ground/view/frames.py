@@ -22,18 +22,6 @@ def usable(vector: Vector | None) -> bool:
     return vector is not None and all(math.isfinite(x) and abs(x) <= FAR for x in vector)
 
 
-def quaternion(attitude: wire.Attitude) -> tuple[float, float, float, float]:
-    """x, y, z, w of the rotation from body (FRD) to NED of Euler angles yaw, then pitch, then roll."""
-    r, p, y = attitude.roll / 2, attitude.pitch / 2, attitude.yaw / 2
-    sr, cr, sp, cp, sy, cy = math.sin(r), math.cos(r), math.sin(p), math.cos(p), math.sin(y), math.cos(y)
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
-
-
 def origin_behind(position: wire.GlobalPosition, local: Vector) -> wire.Origin:
     """The origin about which ``local`` is the place of ``position``: what a vehicle with a declared one betrays."""
     here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)
