@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -98,16 +99,15 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
     assert [(row["vehicle"], row["relays"]) for row in told["vehicles"]] == [("quad1", 0), ("quad2", 1), ("quad3", 2)]
     for row in told["vehicles"]:
         assert row["flown_m"] > 20.0
-        assert row["setpoints"] > 20
+        assert row["setpoints"] >= 3  # segments, some seconds each, and no stream
         assert row["dropped"] == {}
         assert row["mavlink_lost"] <= 0.02 * row["mavlink_frames"]
         assert row["rtt_s"] > 0.0
         assert row["end"] == "disarmed in LAND"
     assert told["closest"]["m"] > 1.5
     assert told["marks"][0]["text"] == "ready"
-    for name in ("quad1", "quad2", "quad3"):
-        (away,) = re.findall(rf"{name}: arrived, ([\d.]+) m from its goal", out)
-        assert float(away) < 1.0
+    for place, goal in zip(told["tracks"][-1][1], ((0.0, 15.0), (0.0, 30.0), (0.0, 0.0)), strict=True):
+        assert math.dist(place[:2], goal) < 1.0  # landed below where it was sent
     assert (tmp_path / "tracks.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in tmp_path.glob("recording/*/*")) == [
         "quad1.001.tlog",
