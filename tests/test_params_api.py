@@ -49,8 +49,8 @@ async def make_scene(net: Net, onboard: StartOnboard, monkeypatch: pytest.Monkey
             replies: list[int] = []
             ask = z.ask
 
-            async def counted(key: str, payload: bytes = b"", timeout: float = 2.0) -> Any:
-                answers = await ask(key, payload, timeout)
+            async def counted(key: str, *how: Any) -> Any:
+                answers = await ask(key, *how)
                 if key.endswith("/param"):
                     replies.extend(len(a.payload) for a in answers if isinstance(a, zmav.client.Answer))
                 return answers

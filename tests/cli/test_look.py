@@ -36,7 +36,7 @@ def test_ls_shows_who_is_there(vehicle: Vehicle) -> None:
     told = vehicle.zmav("ls")
     for word in ("quad1", "copter", "ardupilot", "STABILIZE"):
         assert word in told.out
-    assert re.search(r"[+-]\d\.\dN [+-]\d\.\dE", told.out), "where it stands"
+    assert re.search(r"[+-]\d+\.\dN [+-]\d+\.\dE", told.out), "where it stands"
     (row,) = vehicle.zmav("ls", "--json").lines
     assert (row["name"], row["kind"], row["mode"], row["armed"], row["present"]) == (
         "quad1",

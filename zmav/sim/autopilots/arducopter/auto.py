@@ -18,6 +18,7 @@ from zmav.sim.control.setpoints import Axis, Spool, Vector
 
 PASSING = (16, 17, 19)  # commands that a waypoint before them is passed to without a stop
 LEAST_CLIMB_M = 1.0
+ALLOW_ARMING, ALLOW_TAKEOFF_WITHOUT_THROTTLE = 1, 2  # AUTO_OPTIONS
 SPEEDS = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}  # SPEED_TYPE
 
 
@@ -35,6 +36,9 @@ class Auto(AutoMode):
         self.waiting = False
 
     # ---- the mode
+
+    def allows_arming(self) -> bool:
+        return bool(int(self.copter.params["AUTO_OPTIONS"]) & ALLOW_ARMING)
 
     def refusal(self) -> str:
         copter = self.copter
@@ -68,6 +72,8 @@ class Auto(AutoMode):
         self._run_mission()
         if not copter.armed or copter.mode is not self:
             return
+        if int(copter.params["AUTO_OPTIONS"]) & ALLOW_TAKEOFF_WITHOUT_THROTTLE and isinstance(self.leg, Takeoff):
+            copter.auto_armed = True
         if self.leg is None:
             copter.spool()
             self.travel.update()

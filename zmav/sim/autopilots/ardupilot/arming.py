@@ -66,7 +66,7 @@ class ArmingChecks(VehicleState, ABC):
         faults = self.mandatory_faults() if forced else self.prearm_faults()
         if faults or forced:
             return faults
-        if not self.mode.armable:
+        if not self.mode.allows_arming():
             return [f"{self.mode.name} mode not armable"]
         with_throttle = self.mode in (self.guided, self.auto)
         if not with_throttle and self.rc.throttle > self.mode.throttle_to_arm:

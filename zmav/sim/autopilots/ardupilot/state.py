@@ -171,6 +171,10 @@ class Mode(ABC):
     def __init__(self, vehicle: VehicleState) -> None:
         self.vehicle = vehicle
 
+    def allows_arming(self) -> bool:
+        """It may be armed in it, by its parameters now."""
+        return self.armable
+
     @property
     def is_landing(self) -> bool:
         """On its way down to the ground."""
