@@ -96,21 +96,25 @@ class FakePlanner:
         self.wanted: list[str] = []
         """whom it was asked to bring home"""
         self.silent = False
+        self._unanswered: list[zenoh.Query] = []
         self._news = asyncio.Event()
         heard = on_loop(asyncio.get_running_loop(), self._on_query)
         self._queryable = session.declare_queryable(keys.SWARM.key("demo", "fake", verb="*"), heard)
         self._task = asyncio.create_task(self._speak())
 
     def _on_query(self, query: zenoh.Query) -> None:
+        verb = str(query.key_expr).rpartition("/")[2]
+        self.asked.append(verb)
+        if verb == "submit" and query.payload is not None:
+            self.wanted = wire.decode(query.payload.to_bytes(), swarm.Submit, verb).goal.vehicles
+        self._news.set()
+        if self._answers is None:
+            self._unanswered.append(query)  # one that is dropped is over at once for who asks
+            return
         with query:
-            verb = str(query.key_expr).rpartition("/")[2]
-            self.asked.append(verb)
-            if verb == "submit" and query.payload is not None:
-                self.wanted = wire.decode(query.payload.to_bytes(), swarm.Submit, verb).goal.vehicles
-            self._news.set()
             if isinstance(self._answers, ZmavError):
                 query.reply_err(wire.error_body(self._answers))
-            elif isinstance(self._answers, bytes):
+            else:
                 query.reply(str(query.key_expr), self._answers)
 
     async def told(self, verb: str) -> None:
@@ -137,3 +141,5 @@ class FakePlanner:
     def close(self) -> None:
         self._task.cancel()
         self._queryable.undeclare()
+        for query in self._unanswered:
+            query.drop()
