@@ -131,6 +131,7 @@ async def must_arrive(lab: Lab, z: zmav.Client, name: str, count: int) -> MustAr
     Not :meth:`zmav.Vehicle.lease`: it waits two seconds for its release and leaves the rest to the holder's token.
     """
     vehicle, events = z.vehicle(name), Events(z.session, lab.fleet, name)
+    await events.until("autopilot", "system id", 30.0)  # what was before is here: from now on it hears
     given, failed, start = [], [], time.monotonic()
     for i in range(count):
         agent = f"agent{i}"
