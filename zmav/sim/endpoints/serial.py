@@ -69,21 +69,22 @@ class PtyEndpoint:
                 if not self._hangup.poll(0):
                     self._attach()
         if not self._attached:
-            self._backlog = bytearray()
+            self._backlog.clear()
             return False
         try:
+            # A copy: one that a failed write's traceback still holds could not be cut.
             sent = os.write(self._master, bytes(self._backlog)) if self._backlog else 0
         except BlockingIOError:
             sent = 0
         except OSError:
             self._detach()
             return False
-        self._backlog = self._backlog[sent:]
+        del self._backlog[:sent]
         return not self._backlog
 
     def _attach(self) -> None:
         self._attached = True
-        self._backlog = bytearray()  # said before anybody could hear it
+        self._backlog.clear()  # said before anybody could hear it
         self._wiring.selector.register(self._master, selectors.EVENT_READ, self._read)
 
     def _detach(self) -> None:
@@ -92,7 +93,7 @@ class PtyEndpoint:
             return
         self._attached = False
         self._wiring.selector.unregister(self._master)
-        self._backlog = bytearray()
+        self._backlog.clear()
         with contextlib.suppress(OSError, termios.error):
             slave = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             try:
