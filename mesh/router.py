@@ -33,8 +33,9 @@ from zmav.rundir import is_held, path_of
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions
 from zmav.services.status.answers import HostService
-from zmav.session import SessionSettings, open_session
+from zmav.session import SessionSettings, open_in_thread
 from zmav.trust.gate import anybody
+from zmav.waiting import in_thread
 
 
 @contextlib.asynccontextmanager
@@ -172,8 +173,8 @@ class Router:
         async with contextlib.AsyncExitStack() as stack:
             await stack.enter_async_context(self.bearers)
             settings, sockets = _with_sockets(self.plan, self.bearers.session(self._settings))
-            session = self._session = await asyncio.to_thread(open_session, settings)
-            stack.push_async_callback(asyncio.to_thread, _close, session)
+            session = self._session = await open_in_thread(settings)
+            stack.push_async_callback(in_thread, _close, session)
             for path in sockets:
                 if path.exists():  # where Zenoh tries listeners again it may come later, for its owner alone
                     path.chmod(0o660)  # who may enter the folder may use it

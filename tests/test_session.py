@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,15 @@ import zenoh
 from tests.conftest import Net, endpoint_of
 from zmav import keys
 from zmav.errors import BadConfig, SessionError
-from zmav.session import DEFAULT_ROUTER, LARGEST_MESSAGE, LARGEST_PAYLOAD, SessionSettings, config, open_session
+from zmav.session import (
+    DEFAULT_ROUTER,
+    LARGEST_MESSAGE,
+    LARGEST_PAYLOAD,
+    SessionSettings,
+    config,
+    open_in_thread,
+    open_session,
+)
 
 
 def value(built: zenoh.Config, path: str) -> Any:
@@ -136,6 +145,27 @@ def test_a_router_that_is_just_starting_is_waited_for() -> None:
         opening = pool.submit(open_session, SessionSettings(connect=[endpoint]))
         with open_session(SessionSettings(mode="router", listen=[endpoint])) as router, opening.result() as session:
             assert session.info.routers_zid() == [router.info.zid()]
+
+
+async def test_a_session_that_is_cancelled_as_it_opens_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, free, opened = threading.Event(), threading.Event(), list[zenoh.Session]()
+
+    def slowly(built: zenoh.Config) -> zenoh.Session:
+        begun.set()
+        free.wait()
+        opened.append(open_at_once(built))
+        return opened[-1]
+
+    open_at_once = zenoh.open
+    monkeypatch.setattr(zenoh, "open", slowly)
+    opening = asyncio.ensure_future(open_in_thread(SessionSettings(mode="peer")))
+    await asyncio.to_thread(begun.wait)
+    opening.cancel()
+    await asyncio.sleep(0)
+    free.set()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    assert opened[0].is_closed()
 
 
 def test_a_port_in_use_is_said() -> None:

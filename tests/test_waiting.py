@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from zmav.waiting import together, within
+from zmav.waiting import in_thread, together, within
 
 
 async def test_a_result_an_error_and_a_timeout() -> None:
@@ -96,3 +98,18 @@ async def test_together_ends_together() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     assert sorted(ended) == ["a", "b", "c", "d"]
+
+
+async def test_what_is_closed_in_a_thread_is_closed_though_we_are_cancelled_before_one_is_free() -> None:
+    free, closed = threading.Event(), threading.Event()
+    loop = asyncio.get_running_loop()
+    loop.set_default_executor(ThreadPoolExecutor(1))
+    loop.run_in_executor(None, free.wait)
+    closing = asyncio.ensure_future(in_thread(closed.set))
+    await asyncio.sleep(0)
+    closing.cancel()
+    await asyncio.sleep(0)
+    free.set()
+    with pytest.raises(asyncio.CancelledError):
+        await closing
+    assert closed.is_set()

@@ -28,14 +28,14 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.everybody import ask_everybody, challenge_vehicle
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached, proof_of_error
-from zmav.session import SessionSettings, check_size, open_session, reason
+from zmav.session import SessionSettings, check_size, open_in_thread, reason
 from zmav.subscription import Subscription
 from zmav.tokens import TokenTable
 from zmav.trust.credentials import VARIABLE, Credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
-from zmav.waiting import within
+from zmav.waiting import in_thread, within
 
 T = TypeVar("T")
 OVER = b"Timeout"
@@ -97,7 +97,7 @@ class Client:
     async def __aenter__(self) -> Client:
         if self._settings.credentials:
             self.member = Member(_own(self._settings.credentials, self.fleet_name))
-        self._session = session = await asyncio.to_thread(open_session, self._settings)
+        self._session = session = await open_in_thread(self._settings)
         loop = asyncio.get_running_loop()
         if self.member is not None:
             roster = keys.FLEET.key(self.member.credentials.fleet, topic=keys.ROSTER)
@@ -114,7 +114,7 @@ class Client:
         if self._rosters is not None:
             self._rosters.close()
         if self._session is not None:
-            await asyncio.to_thread(self._session.close)
+            await in_thread(self._session.close)
 
     @property
     def session(self) -> zenoh.Session:

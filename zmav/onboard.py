@@ -63,6 +63,7 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
+from zmav.waiting import in_thread
 
 TICK = 0.2
 
@@ -385,7 +386,7 @@ class Onboard:
 
 async def _close(service: Service) -> None:
     if isinstance(service, (Adapter, FrameForwarder)):  # these wait for threads
-        await asyncio.to_thread(service.close)
+        await in_thread(service.close)
     elif (ending := service.close()) is not None:
         await ending
 

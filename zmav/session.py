@@ -7,6 +7,8 @@ everything stays on loopback unless told otherwise. Zenoh's own settings can be 
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 import os
 import re
@@ -180,6 +182,17 @@ def open_session(settings: SessionSettings | None = None) -> zenoh.Session:
             if time.monotonic() > give_up:
                 raise _unopened(built, reason(e)) from e
         time.sleep(0.1)
+
+
+async def open_in_thread(settings: SessionSettings) -> zenoh.Session:
+    """As :func:`open_session`, from the event loop; a cancellation waits for its end, and leaves nothing open."""
+    opening = asyncio.get_running_loop().run_in_executor(None, open_session, settings)
+    try:
+        return await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        with contextlib.suppress(SessionError):
+            (await opening).close()
+        raise
 
 
 def reason(error: zenoh.ZError) -> str:

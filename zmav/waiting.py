@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -24,6 +24,19 @@ async def within(seconds: float, coroutine: Coroutine[Any, Any, T]) -> T:
         return task.result()
     finally:
         task.cancel()
+
+
+async def in_thread(work: Callable[..., T], *args: Any) -> T:
+    """What ``work`` returns, from a thread of the loop's executor; a cancellation is raised once it has ended.
+
+    For what has to be closed. ``asyncio.to_thread`` does not even begin it where a cancellation comes before a thread
+    is free: a session of Zenoh then stays open, and the process never ends.
+    """
+    working = asyncio.get_running_loop().run_in_executor(None, work, *args)
+    try:
+        return await asyncio.shield(working)
+    finally:
+        await asyncio.wait({working})
 
 
 async def together(*coroutines: Coroutine[Any, Any, Any]) -> None:

@@ -22,12 +22,12 @@ from zmav.errors import BadInput
 from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
-from zmav.session import SessionSettings, open_session
+from zmav.session import SessionSettings, open_in_thread
 from zmav.trust.gate import anybody
 from zmav.vision.chunks import MOST_JPEG, count_of, split
 from zmav.vision.opencv import decode, encode, opencv
 from zmav.vision.parity import needed
-from zmav.waiting import within
+from zmav.waiting import in_thread, within
 from zmav.wire import CameraInfo
 
 EARLY = 0.2
@@ -87,7 +87,7 @@ class CameraAgent:
     async def __aenter__(self) -> CameraAgent:
         loop, own, fleet = asyncio.get_running_loop(), self.settings, self._z.fleet_name
         key = {"fleet": keys.check_name(fleet, "fleet"), "vehicle": own.vehicle, "camera": own.camera}
-        self._session = await asyncio.to_thread(open_session, self._bulk)
+        self._session = await open_in_thread(self._bulk)
         publisher = self._session.declare_publisher(keys.FRAME.key(**key), **keys.FRAME.publishing())
         on_match: Any = on_loop(loop, self._on_match)
         info, reports = keys.CAMERA.key(**key), keys.FRAME_REPORT.key(**key, reader="*")
@@ -115,9 +115,9 @@ class CameraAgent:
             with contextlib.suppress(zenoh.ZError):  # the session has gone
                 each.undeclare()
         if self._capture is not None:
-            await asyncio.to_thread(self._capture.close)
+            await in_thread(self._capture.close)
         if self._session is not None:
-            await asyncio.to_thread(self._session.close)
+            await in_thread(self._session.close)
 
     @property
     def watched(self) -> bool:

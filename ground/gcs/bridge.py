@@ -33,6 +33,7 @@ from zmav.errors import BadInput
 from zmav.mavlink import Dialect, Frame, decode
 from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
+from zmav.waiting import in_thread
 
 TOLD = frozenset({"refused", "lease", "pilot", "failsafe", "clash", "certificate", "fault", "mission"})
 """kinds of events that somebody at a station must see, and the autopilot does not say"""
@@ -109,9 +110,9 @@ class Bridge:
         for task in self._tasks:
             task.cancel()
         if self._feed is not None:
-            await asyncio.to_thread(self._feed.close)
+            await in_thread(self._feed.close)
         for endpoint in self.endpoints:
-            await asyncio.to_thread(endpoint.close)
+            await in_thread(endpoint.close)
         for answerer in self._answerers:
             answerer.close()
         self._by_client.close()

@@ -24,6 +24,7 @@ from zmav.client import Client
 from zmav.errors import BadConfig
 from zmav.trust.certificate import Role
 from zmav.vehicle.rates import want_key
+from zmav.waiting import in_thread
 
 AGENT = "recorder"
 STATUS_S = 1.0
@@ -88,11 +89,11 @@ class Recorder:
         await asyncio.gather(*tasks, return_exceptions=True)
         answers, self._answers = self._answers, None
         if answers is not None:
-            await asyncio.to_thread(answers.close)
+            await in_thread(answers.close)
         while self._held:
             with contextlib.suppress(zenoh.ZError):
                 self._held.pop().undeclare()
-        await asyncio.to_thread(self.storage.close)
+        await in_thread(self.storage.close)
 
     def _subscribe(self, vehicles: list[str]) -> None:
         """To all that is recorded of these vehicles, once each where two patterns name one."""

@@ -26,6 +26,7 @@ from zmav.errors import BadConfig, BadInput, Clash
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
+from zmav.waiting import in_thread
 
 PATIENT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop:1000000"
 """1 s instead of 1 ms until a sample is dropped: at full speed the router is to be waited for"""
@@ -113,7 +114,7 @@ async def _replay(
             finally:
                 for link in links:
                     link.close()  # what is still fed is nobody's: anyone who feeds waits no more
-                await asyncio.to_thread(player.close)
+                await in_thread(player.close)
         _say_end(player, onboards, putter.held_back, time.monotonic() - begun)
 
 

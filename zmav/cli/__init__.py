@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 import click
@@ -49,13 +50,29 @@ def zmav() -> None:
 def main() -> None:
     """The ``zmav`` program: 0 done, 1 an error that is said, 2 wrong usage, 130 interrupted."""
     try:
+        code = _code()
+        _end_at_once()
+    except KeyboardInterrupt:  # while an error is said
+        _end_at_once()
+        code = 130
+    sys.exit(code)
+
+
+def _end_at_once() -> None:
+    """From now on Ctrl-C ends the process without a word: the verb has ended, and Python would print where it is."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else who started us had it ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _code() -> int:
+    try:
         code = zmav(standalone_mode=False)
     except click.ClickException as e:
         e.show()
-        sys.exit(e.exit_code)
+        return e.exit_code
     except ZmavError as e:
         click.echo(f"zmav: {e}", err=True)
-        sys.exit(1)
+        return 1
     except (click.Abort, KeyboardInterrupt):
-        sys.exit(130)
-    sys.exit(code if isinstance(code, int) else 0)
+        return 130
+    return code if isinstance(code, int) else 0
