@@ -15,6 +15,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, describe, parse_frame
+from zmav.services.orders.orders import UNKNOWN
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
@@ -238,7 +239,9 @@ class Vehicle:
         args = msgspec.structs.replace(
             args, id=uuid.uuid4().hex, lease=args.lease or self._lease, given=args.given or time.time()
         )
-        return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), wire.encode(args), progress)
+        payload = wire.encode(args)
+        again = wire.encode(wire.Again(again=args.id)) if len(payload) >= LARGE else payload
+        return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), payload, again, progress)
 
     async def tell(
         self, agent: str, verb: str, progress: Progress | None = None, /, **arguments: Any
@@ -248,16 +251,20 @@ class Vehicle:
         """
         key = keys.AGENT_DO.key(self.fleet, self.name, agent=keys.check_name(agent, "agent"), verb=verb)
         try:
-            return await self._see_through(key, msgspec.json.encode({**arguments, "id": uuid.uuid4().hex}), progress)
+            payload = msgspec.json.encode({**arguments, "id": uuid.uuid4().hex})
+            return await self._see_through(key, payload, payload, progress)
         except TimedOut as e:
             text = f"no agent {agent} answers for {self.name}: start 'zmav agent run {agent} --vehicle {self.name}'"
             raise TimedOut(text, vehicle=self.name, agent=agent) from e
 
-    async def _see_through(self, key: str, payload: bytes, progress: Progress | None) -> dict[str, Any]:
+    async def _see_through(self, key: str, payload: bytes, again: bytes, progress: Progress | None) -> dict[str, Any]:
+        """``again``: what is asked instead of ``payload`` once that was sent."""
         if keys.is_replay(self.fleet):
             raise Refused(f"{self.name} is a recording: it takes no orders", vehicle=self.name, fleet=self.fleet)
+        come = False
         while True:
-            outcome = wire.decode(await self._ask(key, payload), wire.Outcome, f"reply to {key}")
+            outcome = wire.decode(await self._ask(key, payload, again, come), wire.Outcome, f"reply to {key}")
+            come = True
             if outcome.status == "done":
                 return outcome.result
             if progress is not None:
@@ -286,20 +293,27 @@ class Vehicle:
         ended = await self.order("revoke", wire.RevokeLease(reason=reason))
         return ended["holder"] and str(ended["holder"])
 
-    async def _ask(self, key: str, payload: bytes = b"") -> bytes:
+    async def _ask(self, key: str, payload: bytes = b"", again: bytes | None = None, come: bool = False) -> bytes:
         """One answer from this vehicle; asked again for a while where none comes: the network may have a hole.
 
-        What was asked before stays open: over bad hops every answer may take longer than :data:`ASK_AGAIN`.
+        What was asked before stays open: over bad hops every answer may take longer than :data:`ASK_AGAIN`. ``again``
+        is sent instead of ``payload`` where that was sent already, or has ``come`` there: it travels behind it.
         """
+        again = payload if again is None else again
+        send = again if come else payload
         start = time.monotonic()
         channel = keys.DO if len(payload) < LARGE else keys.FILE_CHUNK
         asked: set[asyncio.Task[list[Answer | ZmavError]]] = set()
         try:
             while True:
-                asked.add(asyncio.ensure_future(self._client.ask(key, payload, GIVE_UP, channel)))
+                asked.add(asyncio.ensure_future(self._client.ask(key, send, GIVE_UP, channel)))
+                send = again
                 done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
                 answers = [answer for task in done for answer in task.result()]
                 for answer in reversed(answers):  # where two have one name, one may not be meant: the last is
+                    if again != payload and isinstance(answer, Refused) and answer.detail.get("reason") == UNKNOWN:
+                        send = payload  # it was lost on the way
+                        continue
                     if isinstance(answer, ZmavError):
                         raise answer
                     return answer.payload

@@ -23,6 +23,16 @@ class Order(Wire, kw_only=True):
     """UTC seconds by its giver's clock: sent again, it is no newer than it was; 0: given when it was signed"""
 
 
+class Again(Wire, kw_only=True):
+    """In place of the arguments of an order too large to be sent twice: what became of the one with the id ``again``.
+
+    Refused, with the reason "unknown", where that has not come.
+    """
+
+    again: str
+    wait: float = 0.5
+
+
 class Forced(Order, kw_only=True):
     """Base of the orders that lead a vehicle somewhere."""
 

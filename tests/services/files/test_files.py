@@ -262,3 +262,26 @@ async def test_an_order_with_a_file_in_it_has_no_place_in_the_class_of_orders(
         classes.clear()
         assert (await d.v.files.put_bytes(noise(60_000), "/APM/f"))["verified"]
         assert {*classes} == {keys.Qos.BULK}
+
+
+@pytest.mark.parametrize("lost", [0, 1], ids=["slow", "lost on the way"])
+async def test_a_file_is_sent_again_only_where_the_vehicle_does_not_know_of_it(
+    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: int
+) -> None:
+    async with disk(net, onboard, tmp_path / "cache") as d:
+        ask, sizes, unknown = d.z.ask, list[int](), list[Any]()
+
+        async def noting(key: str, payload: bytes, timeout: float, channel: keys.Channel) -> Any:
+            sizes.append(len(payload))
+            if len(sizes) <= lost:
+                return await asyncio.sleep(timeout, [])
+            answers = await ask(key, payload, timeout, channel)
+            unknown.extend(answer for answer in answers if "no order file_put has come" in str(answer))
+            return answers
+
+        monkeypatch.setattr(d.z, "ask", noting)
+        data = noise(MOST_PUT)
+        assert (await d.v.files.put_bytes(data, "/APM/f"))["verified"]
+        assert len(sizes) >= 2 + lost and len(unknown) >= lost
+        assert sum(size > len(data) for size in sizes) <= 1 + len(unknown)
+        assert all(size < 100 or size > len(data) for size in sizes)

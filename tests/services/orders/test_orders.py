@@ -222,3 +222,15 @@ async def test_orders_without_end_take_no_memory_without_end(
     assert len(kept._ended) <= 11
     with pytest.raises(BadInput, match="id"):
         await b.ground.do("ping", id="x" * 65)
+
+
+async def test_what_became_of_an_order_is_asked_by_its_id_alone(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    with pytest.raises(Refused, match="no order arm has come with that id") as e:
+        await b.ground.do("arm", json.dumps({"again": "x"}).encode())
+    assert e.value.detail["reason"] == "unknown"
+    assert (await b.ground.do("arm", id="x", ready_timeout=0, wait=5)).status == "done"
+    assert (await b.ground.do("arm", json.dumps({"again": "x"}).encode())).result == {"armed": True}
+    with pytest.raises(Refused, match="no order disarm has come"):
+        await b.ground.do("disarm", json.dumps({"again": "x"}).encode())
+    assert len(b.peer.commands(ARM)) == 1

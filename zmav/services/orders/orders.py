@@ -1,7 +1,8 @@
 """``do/{verb}`` and ``swarm/{verb}``: queries that make something happen, once each however often they are sent.
 
 An order with an id is answered within its ``wait`` with status "running" while it lasts; the caller asks again with the
-same id, so that a lost answer costs one retry and no second takeoff.
+same id, so that a lost answer costs one retry and no second takeoff. Of an order that is large, the id alone is sent
+again (:class:`zmav.wire.Again`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from zmav.services.queries.proven import Answers, attached
 from zmav.services.queries.questions import Questions, Reply, Steps
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
+from zmav.waiting import in_thread
 
 logger = logging.getLogger(__name__)
 MEMORY = 60.0
@@ -43,6 +45,8 @@ MOST_BYTES = 4_000_000
 """of an order: a mission of 15,000 items"""
 MOST_ID = 64
 """characters of an id"""
+UNKNOWN = "unknown"
+"""the reason of a refusal to tell what became of an order that has not come"""
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
@@ -146,6 +150,13 @@ class Operations:
         task.add_done_callback(operation.end)
         self._operations[name or f"#{id(task)}"] = operation
         return operation
+
+    def find(self, verb: str, name: str, origin: Origin | None) -> Operation:
+        """The order of that id; :class:`Refused` where none of that giver has come, or it is long over."""
+        known = self._operations.get(name)
+        if known is None or (known.verb, known.origin) != (verb, origin):
+            raise Refused(f"no order {verb} has come with that id: send all of it", reason=UNKNOWN, verb=verb)
+        return known
 
     def _forget(self) -> None:
         old = time.monotonic() - MEMORY
@@ -255,7 +266,7 @@ class Orders:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
-        await asyncio.to_thread(self._outcomes.close)
+        await in_thread(self._outcomes.close)
 
     def _proven(self, query: zenoh.Query, asked: str) -> ProvenOrder:
         """An order and who gives it. On the intake's thread, so that no flood reaches the event loop."""
@@ -315,7 +326,14 @@ class Orders:
         if len(payload) > self._most:
             text = f"{verb}: {len(payload)} bytes are too much for an order; at most {self._most} are read"
             raise BadInput(text, field="payload", value=len(payload), expected=f"at most {self._most} bytes")
-        args = wire.decode(payload, arguments, what := f"{self._channel.name}/{verb}")
+        try:
+            args = wire.decode(payload, arguments, what := f"{self._channel.name}/{verb}")
+        except BadInput as e:
+            try:
+                question = wire.decode(payload, wire.Again, what)
+            except BadInput:
+                raise e from None
+            return await _outcome_of(self._operations.find(verb, question.again, origin), question.wait)
         wire.refuse_repeated(payload, what)
         if repeated is not None and not self._operations.knows(args.id):
             raise repeated
@@ -326,11 +344,7 @@ class Orders:
             return _run(handler, args, report, origin)
 
         operation = self._operations.once(verb, args.id, payload, origin, begin)
-        wait = min(max(args.wait, 0.0), 5.0) if args.id else None
-        await asyncio.wait({operation.task}, timeout=wait)
-        if not operation.task.done():
-            return wire.Outcome(verb=verb, status="running", took=operation.took, result=operation.progress)
-        return wire.Outcome(verb=verb, status="done", took=operation.took, result=_result(operation))
+        return await _outcome_of(operation, args.wait if args.id else None)
 
     def _only_looks(self, verb: str) -> bool:
         """A viewer may give it."""
@@ -349,6 +363,14 @@ def _verb(key: str) -> str:
 
 async def _run(handler: Guarded, args: wire.Order, report: Report, origin: Origin | None) -> dict[str, Any]:
     return await handler(args, report, origin)
+
+
+async def _outcome_of(operation: Operation, wait: float | None) -> wire.Outcome:
+    """Its outcome within so many seconds, 5 at most; None: however long it takes."""
+    await asyncio.wait({operation.task}, timeout=None if wait is None else min(max(wait, 0.0), 5.0))
+    done = operation.task.done()
+    result = _result(operation) if done else operation.progress
+    return wire.Outcome(verb=operation.verb, status="done" if done else "running", took=operation.took, result=result)
 
 
 def _result(operation: Operation) -> dict[str, Any]:
