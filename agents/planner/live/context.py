@@ -127,7 +127,8 @@ class Context:
     def fence(self) -> None:
         """The fleet file's geofence, where there is one."""
         if self.settings.geofence is not None:
-            self.world.give(swarm.Obstacle(name=FENCE, t=0.0, what=self.settings.geofence), time.monotonic())
+            self.world.fence = swarm.Obstacle(name=FENCE, t=0.0, what=self.settings.geofence)
+            self.world.give(self.world.fence, time.monotonic())
 
     def take_obstacle(self, obstacle: swarm.Obstacle, by: str = "") -> str:
         """Something is there, moved or gone: what became of it, in words; empty: no news. Raises :class:`BadInput`."""

@@ -77,6 +77,8 @@ class World:
 
     def __init__(self) -> None:
         self._told: dict[str, KnownObstacle] = {}
+        self.fence: swarm.Obstacle | None = None
+        """the fleet file's geofence: it holds again where another one is gone"""
         self.revision = 0
         """counts the changes"""
 
@@ -103,6 +105,8 @@ class World:
                 n for n, told in self._told.items() if n != name and isinstance(told.obstacle.what, type(what))
             ]:
                 del self._told[other]
+        elif before is not None and isinstance(before.obstacle.what, swarm.Geofence):
+            self._gone(name)
         self._told[name] = KnownObstacle(obstacle, None if obstacle.ttl is None else now + obstacle.ttl)
         if before is not None and before.obstacle.what == what:
             return False
@@ -119,7 +123,8 @@ class World:
     def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
         """Know what another planner knows: no more, and what is to be forgotten as late as it does."""
         for name in set(self._told) - {each.name for each in obstacles}:
-            self._gone(name)
+            del self._told[name]
+            self.revision += 1
         for obstacle in obstacles:
             left = None if obstacle.ttl is None else max(0.1, obstacle.t + obstacle.ttl - t)
             if self._told.get(obstacle.name) is None or self._told[obstacle.name].obstacle != obstacle:
@@ -127,9 +132,12 @@ class World:
                 self.revision += 1
 
     def _gone(self, name: str) -> bool:
-        if self._told.pop(name, None) is None:
+        gone = self._told.pop(name, None)
+        if gone is None:
             return False
         self.revision += 1
+        if isinstance(gone.obstacle.what, swarm.Geofence) and self.fence is not None and name != self.fence.name:
+            self._told[self.fence.name] = KnownObstacle(self.fence, None)
         return True
 
     def find(self, name: str) -> swarm.Obstacle | None:

@@ -118,6 +118,32 @@ def test_too_many_obstacles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None
     assert world.give(told("a", None, t=1.0), 0.0)
 
 
+def test_the_fleet_file_s_fence_holds_again_when_another_is_gone() -> None:
+    square = [(0.0, 0.0), (50.0, 0.0), (50.0, 40.0)]
+    own = told("fleet-file", swarm.Geofence(polygon=square, floor=0.0, ceiling=20.0))
+    world = World()
+    world.fence = own
+    world.give(own, 0.0)
+    other = swarm.Geofence(polygon=square, floor=1.0, ceiling=30.0)
+    for number, end in enumerate((told("field", None, t=9.0), told("field", BOX, t=9.0), None)):
+        name = f"field{number}"
+        world.give(told(name, other, ttl=5.0), 0.0)
+        assert [each.what for each in world.obstacles] == [other] or number == 2
+        if end is not None:
+            world.give(msgspec.structs.replace(end, name=name), 1.0)
+        else:
+            world.expire(6.0)
+        assert own in world.obstacles
+        world.give(told(name, None, t=10.0), 7.0)
+    world.give(told("field", other), 8.0)
+    world.follow([told("field", other)], 9.0, 9.0)
+    world.follow([told("leaders", other)], 9.0, 9.0)
+    assert [each.name for each in world.obstacles] == ["leaders"], "a standby knows what its leader knows, and no more"
+    world.give(told("fleet-file", other, t=1.0), 10.0)
+    world.give(told("fleet-file", None, t=2.0), 11.0)
+    assert world.obstacles == [], "who takes it away by its name means it"
+
+
 def test_the_fleet_file_s_fence_is_the_planner_s() -> None:
     origin = wire.Origin(lat_deg=50.0, lon_deg=8.0, alt_amsl=100.0)
     corners = [(50.001, 8.0), (50.0, 8.001), (49.999, 8.0)]
