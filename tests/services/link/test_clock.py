@@ -276,6 +276,16 @@ async def test_a_restart_is_said_and_everything_is_asked_for_again(bench: StartB
     await b.state(lambda s: s["clock"] and s["clock"]["boot_t"] > time.time() - 60.0, "the new boot")
 
 
+async def test_a_restart_before_the_first_answer_is_seen(bench: StartBench, one: StreamPeer) -> None:
+    one.answers_timesync = False
+    b = await streaming(bench, one)
+    await one.count("TIMESYNC", 2)
+    one.reboot()
+    one.answers_timesync = True
+    said = await b.event("the autopilot has restarted")
+    assert said["severity"] == "warning"
+
+
 async def test_a_time_that_went_forward_is_no_restart(
     bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

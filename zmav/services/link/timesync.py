@@ -43,6 +43,8 @@ class TimeSync:
         """s by which GPS time is ahead of the companion's UTC"""
         self.restarts = 0
         """times that the autopilot was seen to begin again, or may have"""
+        self._there = 0.0
+        """monotonic seconds at which the autopilot was heard: first, and then at its last answer"""
         self._wrong = False
         self._source: tuple[int, int] | None = None
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
@@ -67,6 +69,7 @@ class TimeSync:
         if self._identity.source != self._source:
             self._source = self._identity.source
             self.clock.forget()
+            self._there = now / 1e9
             self.gps_offset = None
         settling = bool(self._rtts) and not self.clock.settled
         if settling or not self._asked or now - self._asked[-1] >= (SETTLED_EVERY - 0.1) * 1e9:
@@ -93,6 +96,9 @@ class TimeSync:
         self._rtts.append((received - sent) / 1e9)
         before, now = self.clock.boot, fields["tc1"] / 1e9
         verdict = self.clock.sample(sent / 1e9, received / 1e9, now)
+        if sent / 1e9 - now > self._there and not self.clock.simulated:
+            verdict = "restarted"  # it began after it was heard: no answer before is needed to see that
+        self._there = received / 1e9
         if verdict in ("restarted", "behind"):
             self.gps_offset = None
             self.restarts += 1
