@@ -19,6 +19,7 @@ from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
 from zmav.services.rates import rates as rate_module
 from zmav.services.rates.demand import PLAIN_HZ
+from zmav.services.rates.meter import WINDOW
 from zmav.services.rates.rates import OWN
 from zmav.vehicle.rates import want_key
 
@@ -172,6 +173,23 @@ async def test_the_fastest_reader_decides(bench: StartBench, one: StreamPeer) ->
     slower.undeclare()
     await rounds(b)
     assert rounded(one)["ATTITUDE"] == FLOOR["ATTITUDE"]
+
+
+async def test_what_another_station_has_faster_is_not_slowed(bench: StartBench, one: StreamPeer) -> None:
+    b = await on(bench, one)
+    first = token(b.ground, "VFR_HUD", 5, "a")
+    await flows(one, "VFR_HUD", 5.0)
+    one.rates["VFR_HUD"] = 40.0
+    await asyncio.sleep(WINDOW + 1.5)
+    while (found := await row(b, "VFR_HUD")) is None or found.hz < 30.0:
+        await rounds(b, 1)
+    second = token(b.ground, "VFR_HUD", 10, "b")
+    await rounds(b)
+    first.undeclare()
+    second.undeclare()
+    await rounds(b)
+    assert one.rates["VFR_HUD"] == 40.0
+    assert one.asked("VFR_HUD") == [200_000.0]
 
 
 async def test_a_session_that_dies_takes_its_wishes_along(bench: StartBench, one: StreamPeer, net: Net) -> None:

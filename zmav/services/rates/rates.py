@@ -1,7 +1,8 @@
 """Rates by demand: the autopilot sends what somebody reads, as fast as the fastest reader wants, and no longer.
 
 A floor of messages (position, attitude, system status...) always flows. What flows fast enough by itself is left alone;
-what was asked for is left to the autopilot again when its last reader leaves. Where a serial link is full, the least
+what was asked for is left to the autopilot again when its last reader leaves. What comes faster than it was asked for
+was asked for by another station on the same link: no reader of ours slows it. Where a serial link is full, the least
 wanted is slowed first (:mod:`zmav.services.rates.plan`). A rebooted autopilot has forgotten everything and is asked
 again. SET_MESSAGE_INTERVAL is sent one at a time: an acknowledgement does not say for which message.
 https://mavlink.io/en/mavgen_python/howto_requestmessages.html
@@ -39,6 +40,8 @@ LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
 UNANSWERED_PAUSE = 3.0
 """... while it does not even answer: it may be starting"""
+FASTER = 1.25
+"""of the rate asked for, from which on somebody else has asked for more"""
 SLOWER_FROM = 20.0
 """Hz; a denied rate above it is tried at half: autopilots deny what is faster than their own loop"""
 
@@ -77,6 +80,8 @@ class Rates:
             self._worker.cancel()
         floor = {target.name: target.floor for target in self._targets}
         for name, standing in self._standing.items():
+            if self._others_want_more(name):
+                continue
             if self._of is not None and standing.asked is not None and standing.asked > floor.get(name, 0.0):
                 self._send_interval(self._of, name, 1e6 / floor[name] if floor.get(name) else DEFAULT)
         self.demands.close()
@@ -183,12 +188,19 @@ class Rates:
         if standing.forgotten:
             return True
         if abs(rate - standing.asked) > 0.01 * standing.asked:
-            return True
+            return target.shed or flow is None or rate > flow.hz or not self._others_want_more(target.name)
         fresh = heard is not None and heard.age < 3.0 / rate
         if fresh and (time.monotonic() - standing.since < WINDOW + 1 or _enough(flow, rate / 2)):
             standing.pause = 1.0
             return False
         return time.monotonic() >= standing.not_before
+
+    def _others_want_more(self, name: str) -> bool:
+        """It comes faster than we asked for, by what was measured since then."""
+        flow, standing = self._flows().get(name), self._standing[name]
+        if flow is None or standing.asked is None or time.monotonic() - standing.since < WINDOW + 1:
+            return False
+        return flow.hz > FASTER * standing.asked
 
     async def _ask(self, source: tuple[int, int], target: Target) -> None:
         standing = self._standing.setdefault(target.name, RequestedRate())
@@ -231,11 +243,12 @@ class Rates:
             return
         if time.monotonic() < standing.not_before and standing.tries:
             return
-        result = await self._set_interval(source, name, DEFAULT)
-        standing.tries += 1
-        standing.not_before = time.monotonic() + 1.0
-        if result is None and standing.tries < 5:
-            return
+        if not self._others_want_more(name):
+            result = await self._set_interval(source, name, DEFAULT)
+            standing.tries += 1
+            standing.not_before = time.monotonic() + 1.0
+            if result is None and standing.tries < 5:
+                return
         self._standing[name] = RequestedRate(since=time.monotonic())
         self._wake.set()  # somebody may have come meanwhile
 
