@@ -28,8 +28,8 @@ SLICES = 400
 """of the polygon, for the share of it that lies below a cut"""
 ROUNDS = 6
 """in which the parts' sizes follow the times that their lanes take"""
-LONGER = 1.05
-"""times its endurance that a part may take: what takes longer is nobody's"""
+SHRINK = 0.97
+"""times as much at least is dealt in the next round to who would not be back in time: a cut moves whole lanes"""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Dealer:
         order = np.argsort(self._starts[:, axis], kind="stable").tolist()
         endurance = np.array([self._sweepers[i].endurance for i in order])
         paces = 1.0 / np.array([self._sweepers[i].width * self._sweepers[i].speed for i in order])
-        shares = _shares(paces, np.ones(len(order)))
+        shares, most = _shares(paces, np.ones(len(order))), endurance
         best: list[Part] | None = None
         for _ in range(ROUNDS):
             cuts = np.interp(np.concatenate(([0.0], np.cumsum(shares))) * below[-1], below, places).tolist()
@@ -124,8 +124,9 @@ class Dealer:
                 best = parts
             taken = np.array([parts[i].seconds for i in order])
             paces = np.where(taken > 0.0, taken / np.maximum(shares, 1e-9), paces)
-            shares = _shares(paces, endurance / paces)
-        return best and [part if part.seconds <= LONGER * part.sweeper.endurance else part.nothing for part in best]
+            most = most * np.clip(endurance / np.maximum(taken, 1e-9), SHRINK, 1.0)
+            shares = _shares(paces, most / paces)
+        return best and [part if part.seconds <= part.sweeper.endurance else part.nothing for part in best]
 
     def _profile(self, axis: int) -> tuple[Floats, Floats]:
         """Cuts, and the area below each."""
