@@ -68,6 +68,13 @@ class Ready:
 
 
 @dataclass(frozen=True)
+class Solved:
+    """There is a plan for the job; now it is judged."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class Done:
     number: int
     result: JudgedPlan | list[Step] | Judgement

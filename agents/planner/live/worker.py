@@ -48,7 +48,7 @@ class Worker:
 
     def serve(self, number: int, job: jobs.Job) -> None:
         try:
-            jobs.write(self._out, jobs.Done(number, self._do(job)))
+            jobs.write(self._out, jobs.Done(number, self._do(number, job)))
         except PlanError as e:
             jobs.write(self._out, jobs.Failed(number, e.code, e.message, {"kind": e.kind, "ids": e.ids}))
         except ZmavError as e:
@@ -58,11 +58,12 @@ class Worker:
             self._static = None
             jobs.write(self._out, jobs.Failed(number, ZmavError.code, f"the solver's own fault: {e!r}"))
 
-    def _do(self, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | jobs.Judgement:
+    def _do(self, number: int, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | jobs.Judgement:
         if isinstance(job, jobs.Solve):
             plan = self.solve(job)
             if plan.error is not None:  # the scene itself may be none that can be judged
                 return plan, jobs.Judgement(False, None, 0.0, (plan.error.message,))
+            jobs.write(self._out, jobs.Solved(number))
             return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
         if isinstance(job, jobs.Judge):
             return judge(job)

@@ -6,6 +6,7 @@ import asyncio
 import io
 import os
 import signal
+import sys
 from pathlib import Path
 
 import msgspec
@@ -90,6 +91,32 @@ async def test_it_plans_dies_and_plans_again() -> None:
         with pytest.raises(TimedOut, match="given up"):
             await solver.do(jobs.Solve(over, seconds=0.2 - GRACE))
         assert not solver.ready
+
+
+SLOW_JUDGE = """
+import sys, time
+from agents.planner.live import jobs
+out = sys.stdout.buffer
+jobs.write(out, jobs.Ready())
+number, job = jobs.read(sys.stdin.buffer)
+jobs.write(out, jobs.Solved(number))
+time.sleep(3.0)
+jobs.write(out, jobs.Done(number, ("plan", "judged")))
+time.sleep(60.0)
+"""
+
+
+async def test_a_plan_that_is_solved_late_has_its_own_time_to_be_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instead = tmp_path / "python"
+    instead.write_text(f"#!/bin/sh\nexec {sys.executable} -c '{SLOW_JUDGE}'\n")
+    instead.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(instead))
+    async with Solver(print) as solver:
+        await solver.until_ready(PATIENCE_S)
+        late = jobs.Solve(scene((0.0, 30.0, 10.0)), seconds=2.0 - GRACE)
+        assert await solver.do(late) == ("plan", "judged")  # type: ignore[comparison-overlap]
 
 
 async def test_uncompiled_it_is_ready_at_once_and_plans_for_three_in_the_open(monkeypatch: pytest.MonkeyPatch) -> None:
