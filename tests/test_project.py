@@ -375,3 +375,10 @@ def test_what_is_installed_is_this_tree(project: dict[str, Any]) -> None:
 def test_the_packages_are_regular_ones(package: str) -> None:
     """A folder without ``__init__.py`` gives way to any other package of its (common) name that is installed."""
     assert (ROOT / package / "__init__.py").is_file()
+
+
+def test_every_benchmark_is_run_by_make() -> None:
+    """Scripts are found; a package is run by what the Makefile says."""
+    packages = [path.parent.name for path in (ROOT / "tests" / "bench").glob("*/__main__.py")]
+    assert packages
+    assert [name for name in packages if f'"-m tests.bench.{name}' not in (ROOT / "Makefile").read_text()] == []

@@ -19,7 +19,7 @@ function result = zmav_do(z, vehicle, verb, varargin)
     end
     vehicle = zmav_vehicle_name(vehicle);
     params = zmav_arguments(varargin);
-    moving = {'arm', 'takeoff', 'goto', 'set_mode', 'mission_start', 'mission_current'};
+    moving = {'arm', 'takeoff', 'goto', 'set_mode', 'command', 'mission_start', 'mission_current'};
     if any(strcmp(verb, moving)) && isKey(z.held, ['lease ' vehicle]) && ~any(strcmp(params(1:2:end), 'lease'))
         zmav_release(z, vehicle);  % it would be refused while our own stream has the vehicle
     end

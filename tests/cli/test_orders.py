@@ -32,6 +32,7 @@ def test_a_flight_from_the_shell(vehicle: Vehicle) -> None:
     do("goto", "quad1", "--at", "-35.363261", "149.165230", "--alt", "4", "--tolerance", "0.5")
     assert sim.status().ned_m == pytest.approx((0.0, 0.0, -4.0), abs=0.8)
     do("goto", "quad1", "--at", "-35.363261", "149.165330", "--amsl", "590", "--no-wait")
+    do("goto", "quad1", "--to", "3,0,6", "--speed", "2.5", "--radius", "10", "--no-wait")
     assert do("do", "quad?", "hold").code == 0
     do("do", "quad1", "set_mode", "mode=loiter")
     assert sim.status().mode == "LOITER"

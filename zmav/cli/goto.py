@@ -19,6 +19,12 @@ from zmav.wire import Vector
 @click.option("--alt", type=float, help="With --at: metres above home.")
 @click.option("--amsl", type=float, help="With --at: metres above mean sea level.")
 @click.option("--tolerance", type=float, default=1.0, show_default=True, help="Metres: this close is there.")
+@click.option("--speed", type=float, help="m/s over the ground.  [default: the autopilot's own]")
+@click.option(
+    "--radius",
+    type=float,
+    help="Metres of a plane's circle there; negative: counter-clockwise.  [default: the autopilot's own]",
+)
 @click.option("--no-wait", is_flag=True, help="Do not wait for the arrival.")
 @force_option
 @json_option
@@ -30,6 +36,8 @@ def command(
     alt: float | None,
     amsl: float | None,
     tolerance: float,
+    speed: float | None,
+    radius: float | None,
     no_wait: bool,
     force: bool,
     as_json: bool,
@@ -40,6 +48,7 @@ def command(
     if at is not None and (alt is None) == (amsl is None):
         raise click.UsageError("with --at, give one of --alt and --amsl")
     args: dict[str, Any] = {"tolerance": tolerance, "arrive": not no_wait, "force": force}
+    args |= {"speed": speed, "radius": radius}
     if to is not None:
         args |= {"frame": "ned", "pos": to}
     elif at is not None:

@@ -181,9 +181,13 @@ class Vehicle:
         tolerance: float = 1.0,
         timeout: float = 300.0,
         arrive: bool = True,
+        speed: float | None = None,
+        radius: float | None = None,
         progress: Progress | None = None,
     ) -> None:
-        """Fly to ``pos`` (m, NED about the fleet's origin) or to a WGS84 place; returns on arrival."""
+        """Fly to ``pos`` (m, NED about the fleet's origin) or to a WGS84 place; returns on arrival. ``speed`` (m/s) and
+        ``radius`` (m of a plane's circle there, negative: counter-clockwise) as in :class:`zmav.wire.GoTo`.
+        """
         frame: Literal["ned", "global"] = "ned" if pos is not None else "global"
         args = wire.GoTo(
             frame=frame,
@@ -196,6 +200,8 @@ class Vehicle:
             tolerance=tolerance,
             timeout=timeout,
             arrive=arrive,
+            speed=speed,
+            radius=radius,
         )
         await self.order("goto", args, progress)
 

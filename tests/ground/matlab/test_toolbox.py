@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
+import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 from tests.ground.matlab.conftest import TOKEN, TOOLBOX, Fleet, Octave
 from zmav.mavlink import decode, encode, load_dialect, parse_frame
+from zmav.verbs import VERBS, Access
 from zmav.wire import VehicleState
 
 DIALECT = load_dialect("ardupilotmega")
@@ -145,3 +147,8 @@ def test_the_table_of_messages_is_the_dialects() -> None:
     spec.loader.exec_module(module)
     text = (TOOLBOX / "private" / "messages.txt").read_text()
     assert text == module.table(), "make it again: python ground/matlab/messages.py"
+
+
+def test_orders_that_move_end_its_own_stream() -> None:
+    (listed,) = re.findall(r"moving = \{(.*?)\};", (TOOLBOX / "zmav_do.m").read_text())
+    assert set(re.findall(r"'(\w+)'", listed)) == {verb.name for verb in VERBS.values() if verb.access is Access.MOVE}
