@@ -146,7 +146,7 @@ class Onboard:
         ftp = Ftp(companion)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(companion, ftp, Store(cache / fleet / name))
-        self.event_texts = EventTexts(companion, commander, self.files)
+        self.event_texts = EventTexts(companion, commander)
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
         self.logs = Logs(companion, ftp, self.files)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from zmav.sim.autopilots.px4 import event_words
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.protocol.channel import Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileSystem
@@ -14,7 +13,6 @@ from zmav.sim.protocol.logs import ALL, MOST_ONE, FlightLog, Listing, Log, LogPr
 from zmav.sim.ulog import UlogWriter
 
 LOGS = "/log/sess001"
-EXTRAS, WORDS = "/etc/extras", "all_events.json.xz"
 _REAL32 = 9  # MAV_PARAM_TYPE
 
 
@@ -85,9 +83,8 @@ class Px4Storage:
     def __init__(self, copter: Px4Copter, unix_us: Callable[[], int]) -> None:
         self.logs = LogStore()
         self.flight_log = UlogFlight(copter, self.logs, unix_us)
-        self.files = FileSystem(LOGS, EXTRAS)
+        self.files = FileSystem(LOGS)
         self.files.attach(LOGS, self._files, self._remove)
-        self.files.attach(EXTRAS, lambda: {WORDS: event_words.packed()}, lambda name: False)
         self.ftp = FtpServer(self.files, session=0)
         self.protocol = Px4LogProtocol(self.logs)
 
