@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 import zmav
+from tests.ports import free_udp_ports
 from tests.services.files.disk import noise
 from zmav import keys, wire
 from zmav.cli.log import _chosen
 from zmav.errors import BadInput, Refused
 from zmav.formats.plans import load
 from zmav.onboard import Onboard
-from zmav.process import free_udp_ports
 from zmav.sim import VehicleSpec, World
 from zmav.sim.protocol.px4.node import Px4Node
 

@@ -8,8 +8,7 @@ import pytest
 
 from tests.sim.physics.closed_forms import energy
 from zmav.sim.dynamics.airframe import GRAVITY, airframe
-from zmav.sim.dynamics.copter import CopterDynamics
-from zmav.sim.dynamics.ground import FRICTION, SINK_M, Ground
+from zmav.sim.dynamics.copter import FRICTION, SINK_M, CopterDynamics, Ground
 
 DT = 1 / 200
 
