@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from zmav.errors import BadMessage, BadUrl
-from zmav.hil.line import BACKLOG_BYTES, Line
+from zmav.hil.line import BACKLOG_BYTES, HilLine
 from zmav.hil.plant import Plant
 from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.hil.vehicle import External
@@ -122,7 +122,7 @@ class HardwareVehicle(External):
         self._endpoints: list[Endpoint] = []
         self._selector: selectors.BaseSelector | None = None
         self._metronome: Metronome | None = None
-        self._line: Line | None = None
+        self._line: HilLine | None = None
         self._next_try = self._next_beat = 0.0  # wall time
         self._asked = 0
         self._heartbeat = dialect.message("HEARTBEAT").id
@@ -180,7 +180,7 @@ class HardwareVehicle(External):
             descriptor = open_device(self.path, self.baud)
         except OSError:
             return
-        self._line = Line(descriptor, self._selector, self._hear, self._leave)
+        self._line = HilLine(descriptor, self._selector, self._hear, self._leave)
         self._splitter = Splitter(self._dialect)
         self.say(f"{self.name}: {self.path} is open, {self.stream.sensor_hz:.0f} readings a second")
 

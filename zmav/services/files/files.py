@@ -19,7 +19,7 @@ from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
 from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
-from zmav.services.files.store import Meta, Part, Store
+from zmav.services.files.store import Meta, PartialFile, Store
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
 from zmav.wire.files import CHUNK, MOST_CHUNKS
@@ -121,10 +121,10 @@ class Files:
 
     async def _fetch_once(
         self, path: str, identity: str, expected: int | None, resume: bool, report: Report
-    ) -> tuple[Part, float, bool]:
+    ) -> tuple[PartialFile, float, bool]:
         async with contextlib.AsyncExitStack() as stack:
 
-            def begin(size: int) -> Part:
+            def begin(size: int) -> PartialFile:
                 size = max(size, GENERATED) if generated(path) else size
                 part = self.store.open(path, identity, size, resume=resume)
                 stack.push_async_exit(part)

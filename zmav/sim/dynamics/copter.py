@@ -52,7 +52,7 @@ class CopterDynamics(RigidBodies):
         leg = airframe.leg_m
         feet = np.array([[leg, leg, -leg, -leg], [leg, -leg, leg, -leg], [0.0, 0.0, 0.0, 0.0]])
         rotor_m = (airframe.rotor_radius_m, airframe.rotor_height_m)
-        self.ground = Ground(feet, airframe.weight_n, rotor_m)
+        self.ground = GroundContact(feet, airframe.weight_n, rotor_m)
         self.rotor: Array = np.zeros((m, n))
         self.throttle: Array = np.zeros((m, n))
         self.efficiency: Array = np.ones((m, n))
@@ -173,7 +173,7 @@ class CopterDynamics(RigidBodies):
         self.hold(accel)
 
 
-class Ground:
+class GroundContact:
     """The level ground under bodies of one kind: a spring, a damper and Coulomb friction under each foot, and the
     cushion of air under rotors close to it. ``feet`` (3, F) m in body axes, ``weight_n``; ``rotor_m``: radius of the
     rotors and their height over the feet.
