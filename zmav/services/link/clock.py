@@ -2,9 +2,9 @@
 
 Every answer proves something: the autopilot stamped it (``tc1``) between our question and its arrival, so that the
 offset between its clock and ours lies in an interval as long as the round trip. :class:`AutopilotClock` keeps the
-intersection of all those intervals, each widened by how far the clocks may have drifted apart since; the narrowest round trips
-decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which prefers samples
-of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
+intersection of all those intervals, each widened by how far the clocks may have drifted apart since; the narrowest
+round trips decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which
+prefers samples of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
 https://mavlink.io/en/services/timesync.html
 
 A simulation may run at four times real time, or at a half: answers that contradict the last ones, but keep step with
