@@ -23,7 +23,7 @@ from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Dialect, Frame, load_dialect
-from zmav.mavlink.signing import Clock, Signing, read_key
+from zmav.mavlink.signing import Signing, SigningClock, read_key
 from zmav.services.authority.authority import Authority
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
@@ -147,7 +147,7 @@ class Onboard:
         ftp = Ftp(companion)
         cache = Path(settings.cache) if settings.cache else default_directory()
         self.files = Files(companion, ftp, Store(cache / fleet / name))
-        self.event_texts = EventTexts(companion, commander, self.files)
+        self.event_texts = EventTexts(companion, commander)
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
         self.logs = Logs(companion, ftp, self.files)
@@ -404,7 +404,7 @@ def _signing(settings: config.Signing, dialect: Dialect) -> Signing:
     """Raises :class:`BadConfig` where the key cannot be used; the last timestamp is kept beside it, or in the service's
     state directory."""
     file = Path(settings.key_file).with_suffix(".time")
-    clock = Clock((state_directory() or file.parent) / file.name)
+    clock = SigningClock((state_directory() or file.parent) / file.name)
     key = read_key(settings.key_file)
     return Signing(key, dialect, link_id=settings.link_id, clock=clock, unsigned=settings.unsigned)
 

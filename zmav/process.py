@@ -120,13 +120,3 @@ def free_port(kind: int = socket.SOCK_STREAM, host: str = "127.0.0.1") -> int:
         s.bind((host, 0))
         port: int = s.getsockname()[1]
         return port
-
-
-def free_udp_ports(count: int) -> int:
-    """The first of ``count`` neighbouring UDP ports nobody uses now on loopback."""
-    while True:
-        first = free_port(socket.SOCK_DGRAM)
-        with contextlib.ExitStack() as held, contextlib.suppress(OSError, OverflowError):
-            for port in range(first, first + count):
-                held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(("127.0.0.1", port))
-            return first

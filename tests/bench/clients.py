@@ -24,8 +24,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zmav
+from tests.ports import free_udp_ports
 from zmav.mavlink import Packer, load_dialect
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 
 WRAP = 1 << 32
 SIDES = ("pymavlink", "MAVSDK", "zmav")

@@ -27,9 +27,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from fastcrc import crc16
 
 from tests.bench._load import _STAMP, MIX, Run, Sink, _cpu_ns, end
+from tests.ports import free_udp_ports
 from zmav.bus import Bus
 from zmav.mavlink import load_dialect
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 
 HERE = str(Path(__file__).resolve())
 PEERS = str(Path(HERE).parent / "_peers.py")

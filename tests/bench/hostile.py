@@ -31,7 +31,8 @@ from typing import Any
 
 import zenoh
 
-from zmav.process import free_port, free_udp_ports
+from tests.ports import free_udp_ports
+from zmav.process import free_port
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -20,8 +20,8 @@ from typing import Any
 
 from mesh.bearer.bearer import Bearer, Far
 from mesh.bearer.bearers import BATCH
+from tests.ports import free_udp_ports
 from zmav.config import Radio
-from zmav.process import free_udp_ports
 
 PROCESSES = Path(__file__).with_name("_qos.py")
 RATE = 125_000.0

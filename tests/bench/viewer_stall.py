@@ -30,9 +30,10 @@ import zenoh
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import zmav
+from tests.ports import free_udp_ports
 from zmav import keys, wire
 from zmav.errors import ZmavError
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 from zmav.vehicle.rates import want_key
 
 ZMAV = [sys.executable, "-m", "zmav"]

@@ -21,11 +21,12 @@ import zmav
 from mesh.credentials.ca import Authority
 from tests.cli.conftest import PATIENCE_S, Process, zmav_here
 from tests.mesh.quality.relay import Relay, nothing
+from tests.ports import free_udp_ports
 from zmav import keys, wire
 from zmav.cli import doctor
 from zmav.client import Client
 from zmav.doctor import survey
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 

@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import zmav
 from tests.cli.conftest import PLACE, Process
+from tests.ports import free_udp_ports
 from zmav.mavlink import Packer, load_dialect
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 from zmav.services.authority import leader
 from zmav.sim import SimVehicle, VehicleSpec, VehicleStatus, World
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import pytest
 import pytest_asyncio
 
-from zmav.process import free_udp_ports
+from tests.ports import free_udp_ports
 from zmav.sim import SimVehicle, VehicleSpec, World
 
 pytest.importorskip("mavsdk", reason="MAVSDK has no wheel for this machine")

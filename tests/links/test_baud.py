@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v10 import ardupilotmega as v1
 from pymavlink.dialects.v20 import ardupilotmega as v2
 
-from zmav.links.baud import CANDIDATES, NOISE, Ear, is_mavlink
+from zmav.links.baud import CANDIDATES, NOISE, MavlinkDetector, is_mavlink
 
 
 def stream(dialect: object, count: int, sysid: int = 1, signed: bool = False) -> list[bytes]:
@@ -74,14 +74,14 @@ def test_one_byte_repeated_is_noise(byte: int, count: int) -> None:
     assert not is_mavlink(bytes([byte]) * count)
 
 
-def test_ear_makes_up_its_mind() -> None:
-    ear = Ear()
+def test_a_detector_makes_up_its_mind() -> None:
+    detector = MavlinkDetector()
     frame = heartbeat(v2)
-    assert ear.hear(b"") is None
-    assert ear.hear(frame[:10]) is None
-    assert ear.hear(frame[10:]) is True
-    assert bytes(ear.heard) == frame
-    deaf = Ear()
+    assert detector.hear(b"") is None
+    assert detector.hear(frame[:10]) is None
+    assert detector.hear(frame[10:]) is True
+    assert bytes(detector.heard) == frame
+    deaf = MavlinkDetector()
     assert deaf.hear(bytes(NOISE - 1)) is None
     assert deaf.hear(b"\x00") is False
 
@@ -92,7 +92,7 @@ def on_the_wire(data: bytes, sent: int, heard: int) -> bytes:
     step = sent / heard
     out = bytearray()
     at = 0.0
-    while at + 10 * step < len(line) and len(out) < 3 * NOISE:  # more than an ear listens to
+    while at + 10 * step < len(line) and len(out) < 3 * NOISE:  # more than a detector listens to
         if line[int(at)] != 0:  # idle or a stop bit: wait for the next start bit
             at = int(at) + 1.0
             continue

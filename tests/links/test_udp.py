@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.ports import free_udp_ports
 from zmav.links import Link, LinkState, UdpInLink, UdpOutLink, open_link, udp
-from zmav.process import free_udp_ports
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch, Watched

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from zmav.errors import BadConfig, BadMessage
 from zmav.mavlink import Packer, Splitter, encode, load_dialect, parse_frame
-from zmav.mavlink.signing import KEEP_EVERY, TICKS, Clock, Signing, new_key, read_key, write_key
+from zmav.mavlink.signing import KEEP_EVERY, TICKS, Signing, SigningClock, new_key, read_key, write_key
 
 DIALECT = load_dialect()
 KEY = bytes(range(32))
@@ -22,7 +22,7 @@ NOW = 1_800_000_000.0
 
 
 def signing(key: bytes = KEY, now: float = NOW, **more: Any) -> Signing:
-    return Signing(key, DIALECT, clock=Clock(now=lambda: now), **more)
+    return Signing(key, DIALECT, clock=SigningClock(now=lambda: now), **more)
 
 
 def theirs(key: bytes = KEY, timestamp: int = 0, link_id: int = 3) -> Any:
@@ -109,19 +109,19 @@ def test_timestamps_grow_through_restarts_and_broken_clocks(tmp_path: Path) -> N
     used: list[int] = []
     for start in (NOW, NOW - 86_400.0, 0.0):  # the clock was set back, then the battery of the clock was empty
         now[0] = start
-        clock = Clock(state, now=lambda: now[0])
+        clock = SigningClock(state, now=lambda: now[0])
         for _ in range(50):
             now[0] += 1.0
             used.append(clock.next())
         clock.close()
     assert used == sorted(set(used))
     state.write_text("torn")
-    assert Clock(state, now=lambda: NOW).next() == int((NOW - 1_420_070_400) * TICKS)
+    assert SigningClock(state, now=lambda: NOW).next() == int((NOW - 1_420_070_400) * TICKS)
 
 
 def test_a_timestamp_beyond_all_that_fit_costs_no_frame() -> None:
     """A peer may hold such a one, by SETUP_SIGNING or in a frame with the key."""
-    clock = Clock(now=lambda: NOW)
+    clock = SigningClock(now=lambda: NOW)
     clock.heard((1 << 64) - 1)
     assert [clock.next(), clock.next()] == [(1 << 48) - 1] * 2
     signing = Signing(bytes(32), DIALECT, clock=clock)
@@ -130,12 +130,12 @@ def test_a_timestamp_beyond_all_that_fit_costs_no_frame() -> None:
 
 def test_what_is_kept_covers_what_may_have_been_used(tmp_path: Path) -> None:
     state = tmp_path / "signing"
-    clock = Clock(state, now=lambda: NOW)
+    clock = SigningClock(state, now=lambda: NOW)
     first = clock.next()
     last = [clock.next() for _ in range(100)][-1]
     assert last - first < KEEP_EVERY
     clock.close()
-    assert Clock(state, now=lambda: 0.0).next() > last  # killed before it could write again
+    assert SigningClock(state, now=lambda: 0.0).next() > last  # killed before it could write again
 
 
 @pytest.mark.parametrize(

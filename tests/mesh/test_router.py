@@ -20,9 +20,9 @@ from click.testing import CliRunner
 
 from mesh.cli.options import plan_host
 from mesh.cli.router import router
+from tests.ports import free_udp_ports
 from zmav import keys
 from zmav.errors import ZmavError
-from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 PATIENCE_S = 30.0

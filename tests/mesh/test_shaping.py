@@ -12,10 +12,10 @@ from mesh.plan import plan_router
 from mesh.router import Router
 from mesh.shaping import MARGIN, RAW_HZ, downsampling, thinned
 from tests.conftest import Ground, Net
+from tests.ports import free_udp_ports
 from zmav import keys
 from zmav.config import FleetConfig, Radio, load_fleet
 from zmav.errors import BadConfig
-from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 LTE = Radio(address="10.8.0.11", kind="lte", budget="60 kB/s")

@@ -9,7 +9,7 @@ import pytest
 from pymavlink import mavftp, mavutil
 
 from tests.packed_params import unpack_params
-from zmav.mavlink.ftp import MOST_DATA, Entry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
+from zmav.mavlink.ftp import MOST_DATA, DirectoryEntry, Nak, Op, Packet, crc32, pack, unpack, unpack_entries
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim import World
 from zmav.sim.protocol.ardupilot.node import MavNode
@@ -182,7 +182,7 @@ def test_the_card_is_full_one_day() -> None:
     with pytest.raises(FileError):
         for i in range(3_000):
             files.create(f"/a/{i}")
-    assert files.list("/") == [Entry("a", None)]
+    assert files.list("/") == [DirectoryEntry("a", None)]
 
 
 def test_the_checksum_is_the_protocols() -> None:
@@ -204,4 +204,10 @@ def test_a_packet_there_and_back() -> None:
     assert unpack(pack(packet)) == packet
     assert unpack(pack(packet).rstrip(b"\0")) == packet
     assert unpack(b"") == Packet(0, 0, 0)
-    assert unpack_entries(b"Da\0Fb\t12\0S\0Fc\0\0X\0") == [Entry("a", None), Entry("b", 12), None, Entry("c", 0), None]
+    assert unpack_entries(b"Da\0Fb\t12\0S\0Fc\0\0X\0") == [
+        DirectoryEntry("a", None),
+        DirectoryEntry("b", 12),
+        None,
+        DirectoryEntry("c", 0),
+        None,
+    ]

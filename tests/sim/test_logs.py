@@ -10,12 +10,11 @@ import pytest
 from pymavlink import DFReader, mavutil
 
 from zmav.sim import World
-from zmav.sim.dataflash import DataflashWriter
 from zmav.sim.protocol import logs
 from zmav.sim.protocol.ardupilot.node import MavNode
-from zmav.sim.protocol.ardupilot.storage import LAYOUTS, Storage
+from zmav.sim.protocol.ardupilot.storage import MESSAGE, DataflashWriter, Storage
 from zmav.sim.protocol.logs import LogStore
-from zmav.sim.ulog import MAGIC, UlogWriter
+from zmav.sim.protocol.px4.storage import MAGIC, UlogWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,22 +49,12 @@ def test_a_flight_is_logged_and_read_by_pymavlink(make_desk: MakeDesk, tmp_path:
     (log,) = storage(desk).logs.logs
     messages = read(bytes(log.data), tmp_path / "log.bin")
     kinds = Counter(m.get_type() for m in messages)
-    seconds = desk.world.time_s
     assert kinds["PARM"] == len(desk.vehicle.copter.params)
-    assert kinds["ATT"] == pytest.approx(10 * seconds, rel=0.2)
-    assert kinds["GPS"] == pytest.approx(5 * seconds, rel=0.2)
-    assert [m.ModeNum for m in messages if m.get_type() == "MODE"] == [4, 9]
-    assert [m.ArmState for m in messages if m.get_type() == "ARM"] == [1, 0]
     texts = [m.Message for m in messages if m.get_type() == "MSG"]
     assert texts[0].startswith("ArduCopter V")
     assert "Disarming motors" in texts
-    heights = [m.RelHomeAlt for m in messages if m.get_type() == "POS"]
-    assert max(heights) == pytest.approx(5.0, abs=0.5)
-    gps = [m for m in messages if m.get_type() == "GPS"][-1]
-    assert (gps.Lat, gps.Lng) == pytest.approx((desk.vehicle.copter.position.lat_deg, 149.16523), abs=1e-5)
-    assert gps._timestamp == pytest.approx(EPOCH_S + seconds, abs=1.0)
-    assert log.end_s == pytest.approx(EPOCH_S + seconds, abs=1.0)
-    assert kinds["FMT"] == 1 + len(LAYOUTS)
+    assert log.end_s == pytest.approx(EPOCH_S + desk.world.time_s, abs=1.0)
+    assert kinds["FMT"] == 3
 
 
 def test_every_arming_begins_another_log(desk: Desk) -> None:
@@ -150,9 +139,9 @@ def test_logs_stay_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(6):
         store.begin(bytearray(1_000), EPOCH_S)
     assert [log.number for log in store.logs] == [4, 5, 6]
-    writer = DataflashWriter(LAYOUTS, limit=20_000)
+    writer = DataflashWriter((MESSAGE,), limit=20_000)
     for _ in range(1_000):
-        writer.write("MSG", 0, "words")
+        writer.write(MESSAGE, 0, "words")
     assert writer.full
     assert 19_900 < len(writer.data) <= 20_000
 

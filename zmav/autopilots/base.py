@@ -200,8 +200,6 @@ class Autopilot(ABC):
     """whether it gives out logs while armed"""
     log_ids_are_places: ClassVar[bool] = False
     """a log's id is its place in a directory, from 0: no order of time, and LOG_ENTRY's last_log_num is no id"""
-    events_file: ClassVar[str] = ""
-    """where MAVFTP has the words of its events (EVENT), compressed by xz; empty: it has none"""
     report_checks: ClassVar[Command | None] = None
     """what makes it report its arming checks as events, where it does not so by itself"""
     command_frame: ClassVar[str] = "MAV_FRAME_GLOBAL_RELATIVE_ALT"

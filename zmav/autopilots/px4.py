@@ -95,7 +95,6 @@ class Px4(Autopilot):
     command_frame: ClassVar[str] = "MAV_FRAME_GLOBAL"
     ignores_frames: ClassVar[bool] = True
     log_ids_are_places: ClassVar[bool] = True
-    events_file: ClassVar[str] = "/etc/extras/all_events.json.xz"
     report_checks: ClassVar[Command | None] = Command("MAV_CMD_RUN_PREARM_CHECKS")
     # PX4 sends all others by itself on its onboard link. It grants this one, and no rate of the two below: a HEARTBEAT
     # comes once a second, and shows a mode up to a second late.

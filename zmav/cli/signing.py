@@ -10,7 +10,7 @@ import click
 from zmav.errors import LinkDown, Refused
 from zmav.links import Link, LinkState, open_link
 from zmav.mavlink import Frame, Packer, Splitter, load_dialect
-from zmav.mavlink.signing import Clock, Signing, new_key, read_key, write_key
+from zmav.mavlink.signing import Signing, SigningClock, new_key, read_key, write_key
 
 HEARTBEAT = 0
 PATIENCE = 10.0
@@ -50,7 +50,7 @@ class Setup:
         self._dialect = load_dialect()
         self._splitter = Splitter(self._dialect)
         self._packer = Packer(self._dialect, 255, 190)
-        self._clock = Clock()
+        self._clock = SigningClock()
         self._signing = Signing(key, self._dialect, clock=self._clock, unsigned="accept")
         self._news = threading.Condition()
         self._target: tuple[int, int] | None = None

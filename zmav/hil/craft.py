@@ -24,7 +24,7 @@ PWM_LOW, PWM_MIDDLE, PWM_SPAN, PWM_HALF = 1000.0, 1500.0, 1000.0, 500.0  # micro
 COPTER, ROVER, PLANE = "arducopter", "ardurover", "arduplane"
 
 
-class Channel(msgspec.Struct, frozen=True):
+class OutputChannel(msgspec.Struct, frozen=True):
     """One actuator on an ArduPilot servo output (0, 1, ...): ``both_ways`` -1 to 1 about 1500 us, else 0 to 1 from
     1000 us.
     """
@@ -54,7 +54,7 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     program: str = COPTER
-    channels: tuple[Channel, ...]
+    channels: tuple[OutputChannel, ...]
     defaults: tuple[str, ...] = ("default_params/copter.parm",)
     params: Mapping[str, float]
     px4: tuple[int, ...] = ()
@@ -115,14 +115,14 @@ def settle(fleet: Fleet) -> None:
         fleet.sensors.throttle[:] = np.abs(body.throttle)
 
 
-def _rotors(*numbers: int) -> tuple[Channel, ...]:
-    return tuple(Channel(number) for number in numbers)
+def _rotors(*numbers: int) -> tuple[OutputChannel, ...]:
+    return tuple(OutputChannel(number) for number in numbers)
 
 
 # Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
 _QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
-_DRIVE = (Channel(0, both_ways=True), Channel(2, both_ways=True))
+_DRIVE = (OutputChannel(0, both_ways=True), OutputChannel(2, both_ways=True))
 # Steps a second where loops run at 50 Hz: a third of what ArduPilot asks for by itself, and as good.
 _SLOW = {"SIM_RATE_HZ": 400}
 _CRAFTS = (
@@ -139,7 +139,12 @@ _CRAFTS = (
     Craft(
         name="plane",
         program=PLANE,
-        channels=(Channel(0, both_ways=True), Channel(1, both_ways=True), Channel(2), Channel(3, both_ways=True)),
+        channels=(
+            OutputChannel(0, both_ways=True),
+            OutputChannel(1, both_ways=True),
+            OutputChannel(2),
+            OutputChannel(3, both_ways=True),
+        ),
         defaults=("models/plane.parm",),
         # The elevator up, and the rudder to the right, by longer pulses.
         params={"SERVO2_REVERSED": 0, "SERVO4_REVERSED": 0, **_SLOW},

@@ -11,14 +11,14 @@ from __future__ import annotations
 import os
 import selectors
 import termios
+import threading
 import time
 from collections.abc import Callable, Sequence
 
 import msgspec
 
 from zmav.errors import BadMessage, BadUrl
-from zmav.hil.line import BACKLOG_BYTES, Line
-from zmav.hil.metronome import Metronome
+from zmav.hil.line import BACKLOG_BYTES, HilLine
 from zmav.hil.plant import Plant
 from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.hil.vehicle import External
@@ -28,6 +28,9 @@ from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.status import HilLoop, VehicleStatus
+
+MOST_LATE = 5  # beats that are made up for after a delay
+
 
 READING_BYTES = 76  # a HIL_SENSOR frame
 SHARE = 0.6  # of the line for readings; the rest is for everything else
@@ -119,7 +122,7 @@ class HardwareVehicle(External):
         self._endpoints: list[Endpoint] = []
         self._selector: selectors.BaseSelector | None = None
         self._metronome: Metronome | None = None
-        self._line: Line | None = None
+        self._line: HilLine | None = None
         self._next_try = self._next_beat = 0.0  # wall time
         self._asked = 0
         self._heartbeat = dialect.message("HEARTBEAT").id
@@ -177,7 +180,7 @@ class HardwareVehicle(External):
             descriptor = open_device(self.path, self.baud)
         except OSError:
             return
-        self._line = Line(descriptor, self._selector, self._hear, self._leave)
+        self._line = HilLine(descriptor, self._selector, self._hear, self._leave)
         self._splitter = Splitter(self._dialect)
         self.say(f"{self.name}: {self.path} is open, {self.stream.sensor_hz:.0f} readings a second")
 
@@ -314,3 +317,50 @@ class HardwareVehicle(External):
     def status(self) -> VehicleStatus:
         loop = HilLoop(self.readings, self.controls, self.dropped, self.bad, self._longest_s)
         return msgspec.structs.replace(super().status(), loop=loop)
+
+
+class Metronome:
+    """Calls ``beat`` in the selector's thread, ``hz`` times a second of wall time, while it is open: steadier than the
+    loop's own ticks. Late beats come together, but never more than :data:`MOST_LATE`.
+    """
+
+    def __init__(self, hz: float, selector: selectors.BaseSelector, beat: Callable[[], None]) -> None:
+        self._period = 1.0 / hz
+        self._selector = selector
+        self._beat = beat
+        self._over = threading.Event()
+        self._ear, self._bell = os.pipe()
+        os.set_blocking(self._ear, False)
+        os.set_blocking(self._bell, False)
+        selector.register(self._ear, selectors.EVENT_READ, self._hear)
+        self._thread = threading.Thread(target=self._run, name="zmav-sim-beat", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while True:
+            due += self._period
+            late = time.monotonic() - due
+            if late > MOST_LATE * self._period:
+                due += late
+            if self._over.wait(max(due - time.monotonic(), 0.0)):
+                return
+            try:
+                os.write(self._bell, b"\0")
+            except BlockingIOError:
+                continue  # nobody has listened for thousands of beats
+
+    def _hear(self) -> None:
+        try:
+            beats = len(os.read(self._ear, 4096))
+        except BlockingIOError:
+            return
+        for _ in range(min(beats, MOST_LATE)):
+            self._beat()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self._selector.unregister(self._ear)
+        os.close(self._ear)
+        os.close(self._bell)

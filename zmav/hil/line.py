@@ -11,7 +11,7 @@ READS_PER_TURN = 16
 BACKLOG_BYTES = 64 * 1024  # what an autopilot that does not read may leave standing
 
 
-class Line:
+class HilLine:
     """Bytes in by ``heard``, bytes out by :meth:`put` and :meth:`flush`. ``gone`` is called once, when the other end
     has left or the device was unplugged; the descriptor is closed then.
 

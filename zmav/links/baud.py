@@ -17,7 +17,7 @@ _HEARTBEAT_ID, _HEARTBEAT_EXTRA, _HEARTBEAT_LENGTH = 0, 50, 9
 _SIGNED = 0x01
 
 
-class Ear:
+class MavlinkDetector:
     """Listens to a piece of a stream: ``hear`` says True (MAVLink), False (enough heard: noise) or None (not yet)."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ import time
 
 from zmav.errors import LinkDown
 from zmav.links.base import LinkState
-from zmav.links.baud import CANDIDATES, Ear, is_mavlink
+from zmav.links.baud import CANDIDATES, MavlinkDetector, is_mavlink
 from zmav.links.stream import StreamLink
 from zmav.links.ttyport import Port, open_port
 from zmav.links.url import SerialUrl
@@ -92,14 +92,14 @@ class SerialLink(StreamLink):
             )
 
     def _hears(self, port: Port) -> bool:
-        ear, end = Ear(), time.monotonic() + LISTEN_S
+        detector, end = MavlinkDetector(), time.monotonic() + LISTEN_S
         while time.monotonic() < end:
             if self._closing.is_set():
                 raise LinkDown("closing", url=self.url)
-            verdict = ear.hear(port.read())
+            verdict = detector.hear(port.read())
             self._flush()
             if verdict is not None:
-                self._early = bytes(ear.heard) if verdict else b""
+                self._early = bytes(detector.heard) if verdict else b""
                 return verdict
         return False
 

@@ -123,31 +123,31 @@ def unpack(payload: bytes | Sequence[int]) -> Packet:
     return Packet(seq, session, opcode, size, req_opcode, bool(burst_complete), offset, data)
 
 
-class Entry(NamedTuple):
+class DirectoryEntry(NamedTuple):
     """A line of a directory; ``size`` is None for a directory."""
 
     name: str
     size: int | None
 
 
-def pack_entry(entry: Entry) -> bytes:
+def pack_entry(entry: DirectoryEntry) -> bytes:
     """As a LIST_DIRECTORY answer holds it, with its end mark."""
     text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
     return text.encode("utf-8", "replace") + b"\0"
 
 
-def unpack_entries(data: bytes) -> list[Entry | None]:
+def unpack_entries(data: bytes) -> list[DirectoryEntry | None]:
     """The entries of a LIST_DIRECTORY answer; None stands for one that the server skipped, or that nobody can read."""
     return [_entry(part.decode("utf-8", "replace")) for part in data.split(b"\0") if part]
 
 
-def _entry(text: str) -> Entry | None:
+def _entry(text: str) -> DirectoryEntry | None:
     kind, rest = text[:1], text[1:]
     name, _, size = rest.partition("\t")
     if kind == "D":
-        return Entry(name, None)
+        return DirectoryEntry(name, None)
     known = size.isdecimal() and len(size) < LONGEST_SIZE
-    return Entry(name, int(size) if known else 0) if kind == "F" else None
+    return DirectoryEntry(name, int(size) if known else 0) if kind == "F" else None
 
 
 def crc32(data: bytes, crc: int = 0) -> int:

@@ -100,7 +100,7 @@ def _key_of(raw: bytes) -> bytes | None:
     return bytes.fromhex(text.decode()) if re.fullmatch(rb"[0-9a-fA-F]{64}", text) else None
 
 
-class Clock:
+class SigningClock:
     """Timestamps that only grow, also from one start of the program to the next. Any thread may ask."""
 
     def __init__(self, state: Path | None = None, now: Callable[[], float] = time.time) -> None:
@@ -170,10 +170,16 @@ class Signing:
     """
 
     def __init__(
-        self, key: bytes, dialect: Dialect, *, link_id: int = 0, clock: Clock | None = None, unsigned: str = "refuse"
+        self,
+        key: bytes,
+        dialect: Dialect,
+        *,
+        link_id: int = 0,
+        clock: SigningClock | None = None,
+        unsigned: str = "refuse",
     ) -> None:
         self._key, self._dialect, self._link_id = key, dialect, link_id
-        self._clock = clock or Clock()
+        self._clock = clock or SigningClock()
         self._accept_unsigned = unsigned == "accept"
         self._streams: dict[tuple[int, int, int], int] = {}
         self.counters = SigningCounters()

@@ -24,7 +24,9 @@ import math
 import numpy as np
 
 from zmav.sim.arrays import Array, clamp, dot
-from zmav.sim.noise import WhiteNoise
+
+BLOCK = 256  # draws of a vehicle at a time
+
 
 KNOT = 1852.0 / 3600.0
 FOOT = 0.3048
@@ -147,3 +149,28 @@ class Air:
         # Rows 0, 2, 4: along (its own noise), and the second stages' own share.
         own = np.sqrt(np.maximum(q22 - self._mixed**2, 0.0))
         self._kick0: Array = np.concatenate([np.sqrt(1.0 - keep[:1] ** 2), own])
+
+
+class WhiteNoise:
+    """``rows`` independent standard normal numbers a vehicle and draw. Every vehicle has a generator of its own: one
+    more vehicle in a fleet leaves the noise of the others as it was.
+
+    ``rng``: what the vehicles' generators are derived from; nothing else is taken from it.
+    """
+
+    def __init__(self, rng: np.random.Generator, rows: int, n: int) -> None:
+        # First a child for this purpose, then one a vehicle: what was spawned before for others does not matter.
+        self._generators = rng.spawn(1)[0].spawn(n)
+        self._block: Array = np.zeros((BLOCK, rows, n))
+        self._next = BLOCK
+
+    def draw(self) -> Array:
+        """The next (rows, N); a view that is good until the next draw."""
+        if self._next == BLOCK:
+            self._next = 0
+            shape = self._block.shape[:2]
+            for i, generator in enumerate(self._generators):
+                self._block[:, :, i] = generator.standard_normal(shape)
+        row: Array = self._block[self._next]
+        self._next += 1
+        return row

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import free_udp_ports
 from zmav.children import Children
 from zmav.errors import ZmavError
-from zmav.process import free_port, free_udp_ports
+from zmav.process import free_port
 
 PATIENCE_S = 60.0
 Demo = subprocess.Popen[str]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import lzma
 import random
 import struct
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from zmav.errors import BadMessage
 from zmav.mavlink import Dialect, Frame, Packer, Splitter, describe, encode, load_dialect, parse_frame
 from zmav.mavlink import ftp as ftp_packets
 from zmav.mavlink.checksum import checksum
-from zmav.mavlink.event import Event, EventWords, read_event
+from zmav.mavlink.event import read_event
 from zmav.mavlink.ftp import Packet
 from zmav.mavlink.signing import Signing
 from zmav.mavlink.statustext import MSGID, TextJoiner
@@ -196,35 +195,6 @@ def ftp_payloads() -> list[bytes]:
     return [ftp_packets.pack(each) for each in (*answers, Packet(3, 1, 15, 239, offset=1 << 31))] + [listed]
 
 
-def event_words(data: bytes) -> None:
-    """A file as it comes: packed."""
-    EventWords.unpack(data)
-
-
-def event_json(data: bytes) -> None:
-    """What is in it, and what it makes of events."""
-    words = EventWords.unpack(lzma.compress(data, preset=0))
-    for number in list(words._templates)[:20]:
-        for arguments in (b"", b"\xff" * 40, struct.pack("<fi", 1e38, -1) + bytes(32)):
-            words.of(Event(number, 0, 0, 3, 3, arguments))
-    words.mode_bit(1)
-
-
-def event_files() -> list[bytes]:
-    enum = {"type": "uint16_t", "is_bitfield": True, "separator": "|", "entries": {"1": {"description": "left"}}}
-    said = 'Now {1}, {2:.2m/s}: <profile name="dev">{3}</profile> <a href="https://px4.io">there</a> \\{'
-    types = ["px4::side_t", "float", "int32_t", "uint64_t"]
-    event = {"name": "an_event", "message": said, "type": "x", "arguments": [{"type": each} for each in types]}
-    groups = {"default": {"events": {"5": event}}, "health": {"events": {"6": event}}}
-    modes = {"groups": {"0": [1, 2], "3": [7]}}
-    px4 = {"namespace": "px4", "enums": {"side_t": enum}, "event_groups": groups, "navigation_mode_groups": modes}
-    return [json.dumps({"version": 2, "components": {"1": px4}}).encode()]
-
-
-def packed_event_files() -> list[bytes]:
-    return [lzma.compress(each) for each in event_files()]
-
-
 def fields(data: bytes) -> None:
     """A frame made of its fields in JSON, as zenoh's own command line gives them; and anything shown."""
     for key in (TX, "zmav/demo/quad1/state", "@/x/router", ""):
@@ -244,7 +214,5 @@ TARGETS = (
     Target("signed_frames", pure(signatures), signed_frames, 1000, stream),
     Target("statustext", pure(texts), text_pieces),
     Target("ftp", pure(ftp), ftp_payloads, 3000),
-    Target("event_words", pure(event_words), packed_event_files, 300),
-    Target("event_json", pure(event_json), event_files, 300),
     Target("frame_fields", pure(fields), field_objects),
 )

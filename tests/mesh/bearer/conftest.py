@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from mesh.bearer.bearer import Bearer, Far
+from tests.ports import free_udp_ports
 from zmav.config import Radio
-from zmav.process import free_udp_ports
 
 FLEET = "demo"
 PATIENCE_S = 30.0

@@ -19,9 +19,9 @@ from mesh.bearer.path import Health
 from mesh.bearer.peer import LEARNED
 from mesh.bearer.port import RadioPort
 from tests.mesh.bearer.conftest import FLEET, Pair, udp
+from tests.ports import free_udp_ports
 from tests.waiting import wait_until
 from zmav.config import Radio
-from zmav.process import free_udp_ports
 from zmav.session import SessionSettings, open_session
 
 LEFT, RIGHT = 0, 1

@@ -237,15 +237,6 @@ def test_a_directory_that_cannot_be_written_is_said(tmp_path: Path) -> None:
         Store(tmp_path / "file" / "sub").open("/f", "", 3)
 
 
-async def test_a_small_file_that_is_too_large_is_not_read(net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
-    async with disk(net, onboard, tmp_path) as d:
-        d.put("/APM/f", noise(3000))
-        with pytest.raises(Refused, match="larger than 2000 bytes"):
-            await d.onboard.files.small("/APM/f", 2000, lambda news: None)
-        assert not d.onboard.files.store.files
-        assert d.idle
-
-
 async def test_an_order_with_a_file_in_it_has_no_place_in_the_class_of_orders(
     net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,7 +16,7 @@ from zmav import onboard as onboard_module
 from zmav import wire
 from zmav.mavlink import Packer
 from zmav.services.link import clock, timesync
-from zmav.services.link.clock import SETTLED, WRAP_MS, Clock
+from zmav.services.link.clock import SETTLED, WRAP_MS, AutopilotClock
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
@@ -29,7 +29,7 @@ class Twin:
 
     def __init__(self, drift: float = 0.0, boot: float = 1000.0, start: float = 1100.0) -> None:
         self.drift, self.boot, self.now = drift, boot, start
-        self.clock = Clock(lambda: UTC_AHEAD, lambda: self.now)
+        self.clock = AutopilotClock(lambda: UTC_AHEAD, lambda: self.now)
 
     def theirs(self, ours: float) -> float:
         return (ours - self.boot) * (1.0 + self.drift)

@@ -1,46 +1,53 @@
-"""Reports of health and arming checks, of autopilots whose file of events says what it likes."""
+"""Reports of health and arming checks, as events that come one after another."""
 
 from __future__ import annotations
 
-import json
-import lzma
-import math
 import struct
 
-import pytest
+from zmav.autopilots.px4_events import ARMING_SUMMARY, HEALTH_SUMMARY
+from zmav.mavlink.event import Event, event_id
+from zmav.services.status.px4_events import MOST_CHECKS, Checks
 
-from zmav.mavlink.event import Event, EventWords, Worded
-from zmav.services.status.px4_events import Checks
-
-ARMING, HEALTH, CHECK = 1, 2, 3
-
-
-def words() -> EventWords:
-    """Of a file whose summaries and checks are all floats."""
-
-    def template(name: str, kind: str, floats: int) -> dict[str, object]:
-        return {"name": name, "message": name, "type": kind, "arguments": [{"type": "float"}] * floats}
-
-    groups = {
-        "arming_check": {"events": {str(ARMING): template("arming", "summary", 5), str(CHECK): template("bad", "", 1)}},
-        "health": {"events": {str(HEALTH): template("health", "summary", 1)}},
-    }
-    component = {"namespace": "px4", "event_groups": groups}
-    return EventWords.unpack(lzma.compress(json.dumps({"version": 2, "components": {"1": component}}).encode()))
+GPS, UNKNOWN = event_id("check_estimator_gps_fix_too_low"), event_id("check_of_another_firmware")
+HOLD = 1 << 4
 
 
-def heard(number: int, *values: float) -> Worded:
-    worded = words().of(Event(1 << 24 | number, 0, 0, 3, 3, struct.pack(f"<{len(values)}f", *values)))
-    assert worded is not None
-    return worded
+def event(number: int, arguments: bytes, level: int = 3) -> Event:
+    return Event(number, 0, 0, level, level, arguments.ljust(40, b"\0"))
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_report_of_no_numbers_is_whole_and_stands_against_nothing(value: float) -> None:
+def report(checks: Checks, can_arm: int, *failing: Event, chunk: int = 0) -> list[bool]:
+    assert not checks.hear(event(ARMING_SUMMARY, struct.pack("<BIIII", chunk, 0, 0, can_arm, 0), 8))
+    new = [checks.hear(each) for each in failing]
+    assert not checks.hear(event(HEALTH_SUMMARY, struct.pack("<BIII", chunk, 0, 0, 0), 8))
+    return new
+
+
+def test_what_stands_against_a_mode_is_told_and_each_check_is_new_once() -> None:
     checks = Checks()
-    checks.hear(heard(ARMING, *[value] * 5))
-    assert checks.hear(heard(CHECK, value))
-    checks.hear(heard(HEALTH, value))
+    failing = event(GPS, struct.pack("<IB", HOLD, 3)), event(UNKNOWN, struct.pack("<IB", HOLD << 1, 3))
+    assert report(checks, 0, *failing) == [True, True]
+    assert report(checks, 0, *failing) == [False, False]
     assert checks.known
-    assert checks.against(1) == []
-    assert checks.against(None) == ["bad"]
+    assert checks.against("HOLD") == ["GPS fix too low"]
+    assert checks.against("RTL") == [str(failing[1])]
+    assert checks.against("MODE_4/99") == ["GPS fix too low", str(failing[1])]
+    report(checks, HOLD, *failing)
+    assert checks.against("HOLD") == []
+
+
+def test_a_report_that_is_not_whole_is_none() -> None:
+    checks = Checks()
+    checks.hear(event(ARMING_SUMMARY, struct.pack("<BIIII", 0, 0, 0, 0, 0), 8))
+    assert checks.coming
+    checks.lose()
+    checks.hear(event(HEALTH_SUMMARY, bytes(13), 8))
+    assert not checks.known
+    assert checks.against(None) == []
+
+
+def test_a_report_without_end_is_bounded() -> None:
+    checks = Checks()
+    report(checks, 0, *(event(number, b"\xff" * 5) for number in range(3 * MOST_CHECKS)))
+    assert len(checks._heard) <= MOST_CHECKS
+    assert len(checks.against(None)) == 5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import lzma
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -13,15 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 import zmav
+from tests.ports import free_udp_ports
 from tests.services.files.disk import noise
 from zmav import keys, wire
 from zmav.cli.log import _chosen
 from zmav.errors import BadInput, Refused
 from zmav.formats.plans import load
-from zmav.mavlink.event import MOST
-from zmav.mavlink.ftp import Nak, Op
 from zmav.onboard import Onboard
-from zmav.process import free_udp_ports
 from zmav.sim import VehicleSpec, World
 from zmav.sim.protocol.px4.node import Px4Node
 
@@ -54,8 +51,8 @@ class Px4(NamedTuple):
     async def said(self, text: str) -> dict[str, Any]:
         return await self.events.object(lambda e: text in e["text"], text)
 
-    async def worded(self) -> None:
-        """The words of its events are here, and a report of its checks has come."""
+    async def reported(self) -> None:
+        """A report of its checks has come."""
         while not self.onboard.event_texts.checks.known:
             await asyncio.sleep(0.05)
 
@@ -66,21 +63,13 @@ async def px4(
     onboard: StartOnboard,
     cache: Path,
     speed: float = 1.0,
-    opens: bool = True,
-    armed: bool = False,
     **params: float,
 ) -> AsyncIterator[Px4]:
-    """``opens``: MAVFTP opens files. ``armed``: it is so before it is heard."""
     port = free_udp_ports(1)
     spec = VehicleSpec(autopilot="px4", sysid=1, endpoints=(f"onboard:0:{port}",), params=params)
     with World([spec], ready_s=0.5, speed=speed) as world:
         node = world.vehicles[0].node
         assert isinstance(node, Px4Node)
-        if not opens:
-            node.storage.ftp.faults.refuse[Op.OPEN_FILE_RO] = Nak.FILE_NOT_FOUND
-        if armed:
-            world.wait_for(lambda: node.copter.booted)
-            assert world.call(lambda: node.copter.arm(forced=True))
         session, endpoint = net.router()
         events = net.ground(endpoint).samples(keys.EVENT)
         await net.linked(session, keys.EVENT.key("demo", "quad1"))
@@ -148,7 +137,7 @@ class TestMissions:
                 await p.v.missions.upload([landing])
 
 
-class TestWords:
+class TestChecks:
     async def test_what_stands_against_arming_is_said(self, net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
         async with px4(net, onboard, tmp_path, NAV_DLL_ACT=2.0) as p:
             why = "No ground station is heard (NAV_DLL_ACT)"
@@ -163,47 +152,11 @@ class TestWords:
 
     async def test_a_check_is_said_once(self, net: Net, onboard: StartOnboard, tmp_path: Path) -> None:
         async with px4(net, onboard, tmp_path) as p:
-            await p.worded()
+            await p.reported()
             for _ in range(3):
                 await p.v.order("command", wire.RunCommand(command="MAV_CMD_RUN_PREARM_CHECKS"))
             await p.v.arm()
-            await p.said("Armed, by a command")
+            await p.said("Armed")
             texts = [e["text"] for e in p.events.objects() if "name" in e["detail"]]
             assert texts.count("No mission to fly") == 1
             assert "Arming checks" not in texts
-
-    async def test_the_file_is_fetched_once_and_then_kept(
-        self, net: Net, onboard: StartOnboard, tmp_path: Path
-    ) -> None:
-        async with px4(net, onboard, tmp_path) as p:
-            await p.worded()
-        async with px4(net, onboard, tmp_path, opens=False) as p:  # its checksum is all that it gives
-            await p.worded()
-
-    async def test_the_file_is_not_fetched_while_armed(
-        self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """A restarted companion leaves the line to the flight: the words come when it is over."""
-        monkeypatch.setattr("zmav.services.status.px4_events.EVERY", 0.02)
-        async with px4(net, onboard, tmp_path, opens=False, armed=True, COM_DISARM_PRFLT=-1.0) as p:
-            state = await p.v.wait_until(lambda s: bool(s.armed and s.uid), PATIENCE_S)
-            for _ in range(10):
-                state = await p.v.wait_until(lambda s, after=state.t: s.t > after, PATIENCE_S)  # type: ignore[misc]
-            assert not [e for e in p.events.objects() if "come by number" in e["text"]]
-            await p.v.disarm()
-            await p.said("px4's events come by number, without words")
-
-    @pytest.mark.parametrize(
-        "data",
-        [b"", b"no xz", lzma.compress(b" " * (MOST + 1), preset=9), bytes(2 << 20)],
-        ids=["none", "junk", "bomb", "large"],
-    )
-    async def test_without_the_file_the_numbers_stay(
-        self, net: Net, onboard: StartOnboard, tmp_path: Path, data: bytes, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr("zmav.sim.autopilots.px4.event_words.packed", lambda: data)
-        async with px4(net, onboard, tmp_path) as p:
-            await p.said("px4's events come by number, without words")
-            await p.v.arm()
-            await p.said("PX4 event 0x0190caf3 (04)")
-            await p.v.disarm()

@@ -13,7 +13,7 @@ from zmav.errors import BadConfig
 from zmav.sim import VehicleSpec, World
 from zmav.sim.arrays import Array
 from zmav.sim.camera import CameraSpec, PadSpec, PlacedPad, Road, Roof, Scene
-from zmav.sim.camera.ground import COLOURS, PERIOD_M, SIDE, Ground
+from zmav.sim.camera.ground import COLOURS, PERIOD_M, SIDE, GroundTexture
 
 if TYPE_CHECKING:
     from tests.sim.camera.conftest import MakeStudio
@@ -35,19 +35,19 @@ def correlation(one: object, other: object) -> float:
 class TestGround:
     @pytest.mark.parametrize("kind", list(COLOURS))
     def test_a_coarser_texture_is_the_finer_one_from_afar(self, kind: str) -> None:
-        levels = Ground(Scene(ground=kind), 1).levels  # type: ignore[arg-type]
+        levels = GroundTexture(Scene(ground=kind), 1).levels  # type: ignore[arg-type]
         assert [len(level) for level in levels] == [SIDE >> i for i in range(len(levels))]
         for level in levels:
             assert mean(level[..., :3]) == pytest.approx(COLOURS[kind][0], abs=6.0)
 
     def test_it_hangs_on_the_seed(self) -> None:
-        one, same, other = (Ground(Scene(), seed).levels[0][..., 1] for seed in (1, 1, 2))
+        one, same, other = (GroundTexture(Scene(), seed).levels[0][..., 1] for seed in (1, 1, 2))
         assert (one == same).all()
         assert abs(correlation(one, other)) < 0.1
 
     def test_it_repeats_without_a_seam(self) -> None:
         """The step from the last column to the first is as any within."""
-        level = Ground(Scene(), 1).levels[0][..., 1].astype(float)
+        level = GroundTexture(Scene(), 1).levels[0][..., 1].astype(float)
         steps = np.abs(np.diff(level, axis=1, append=level[:, :1])).mean(0)
         assert steps[-1] < np.quantile(steps, 0.99) * 1.2
 

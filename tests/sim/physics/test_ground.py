@@ -8,8 +8,7 @@ import pytest
 
 from tests.sim.physics.closed_forms import energy
 from zmav.sim.dynamics.airframe import GRAVITY, airframe
-from zmav.sim.dynamics.copter import CopterDynamics
-from zmav.sim.dynamics.ground import FRICTION, SINK_M, Ground
+from zmav.sim.dynamics.copter import FRICTION, SINK_M, CopterDynamics, GroundContact
 
 DT = 1 / 200
 
@@ -60,7 +59,7 @@ def test_the_ground_takes_energy_and_gives_none() -> None:
 
 
 def test_rotors_near_the_ground_carry_more_as_cheeseman_and_bennett_found() -> None:
-    ground = Ground(np.zeros((3, 4)), 10.0, (0.127, 0.15))
+    ground = GroundContact(np.zeros((3, 4)), 10.0, (0.127, 0.15))
     for height in (0.0, 0.1, 0.4):
         expected = 1.0 / (1.0 - (0.127 / (4.0 * (height + 0.15))) ** 2)
         assert ground.cushion(np.array([height]))[0] == pytest.approx(expected)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plane.conftest import ARM, AUTO, AUTOLAND, CIRCLE, CRUISE, FBWA, GUIDED, LOITER, MANUAL, RTL, TAKEOFF
+from tests.sim.plane.conftest import ARM, AUTO, AUTOLAND, CIRCLE, FBWA, GUIDED, LOITER, MANUAL, RTL, TAKEOFF
 from tests.sim.plans import at, degrees, upload
 from zmav.errors import BadInput
 from zmav.sim import REALISTIC_READY_S
@@ -101,7 +101,7 @@ def test_in_the_air_it_does_not_disarm_unless_forced(flying: Field) -> None:
 
 
 def test_modes_and_what_it_says_of_those_it_has_not(flying: Field) -> None:
-    known = {MANUAL: 209, CIRCLE: 217, FBWA: 209, CRUISE: 209, RTL: 217, LOITER: 217, TAKEOFF: 217, GUIDED: 217}
+    known = {MANUAL: 209, CIRCLE: 217, FBWA: 209, RTL: 217, LOITER: 217, TAKEOFF: 217, GUIDED: 217}
     for number, flags in known.items():
         assert flying.mode(number) == ACCEPTED
         beat = flying.desk.all("HEARTBEAT")[-1]
@@ -156,32 +156,6 @@ def test_fly_by_wire_a_banks_and_pitches_as_the_sticks_ask(flying: Field) -> Non
     flying.plane.pilot.sticks(roll=0.0, pitch=0.0)
     flying.wait(3.0)
     assert abs(math.degrees(flying.plane.sense.roll)) < 2.0
-
-
-def test_cruise_climbs_by_the_stick_and_flies_the_speed_of_the_throttle(flying: Field) -> None:
-    flying.plane.pilot.sticks(throttle=0.5)
-    assert flying.mode(CRUISE) == ACCEPTED
-    flying.wait(6.0)
-    before = flying.plane.height
-    flying.plane.pilot.sticks(pitch=-1.0)
-    flying.wait(6.0)
-    flying.plane.pilot.sticks(pitch=0.0)
-    flying.wait(6.0)
-    assert flying.plane.height - before == pytest.approx(7.0, abs=3.0)  # FBWB_CLIMB_RATE 2 m/s, less the lag
-    assert flying.plane.eas == pytest.approx(20.0, abs=1.6)  # half way from AIRSPEED_MIN to _MAX
-
-
-def test_cruise_holds_its_course_until_a_stick_moves(flying: Field) -> None:
-    flying.plane.pilot.sticks(throttle=0.6)
-    assert flying.mode(CRUISE) == ACCEPTED
-    flying.wait(5.0)
-    course = flying.plane.sense.yaw
-    flying.wait(6.0)
-    assert flying.plane.sense.yaw == pytest.approx(course, abs=0.03)
-    assert flying.desk.last("NAV_CONTROLLER_OUTPUT")["wp_dist"] == pytest.approx(1000, abs=15)
-    flying.plane.pilot.sticks(roll=0.5)
-    flying.wait(3.0)
-    assert math.degrees(flying.plane.sense.roll) == pytest.approx(32.5, abs=4.0)
 
 
 def test_circle_banks_by_a_third_and_keeps_its_height(flying: Field) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.sim.plane.conftest import CIRCLE, CRUISE, FBWA, GUIDED, LOITER, MANUAL, RTL
+from tests.sim.plane.conftest import CIRCLE, FBWA, GUIDED, LOITER, MANUAL, RTL
 
 if TYPE_CHECKING:
     from tests.sim.plane.conftest import Field
@@ -41,15 +41,15 @@ def test_losing_the_radio_has_a_short_and_a_long_step(flying: Field) -> None:
 
 def test_a_radio_that_comes_back_soon_gives_the_mode_back(flying: Field) -> None:
     flying.plane.pilot.sticks(throttle=0.5)
-    assert flying.mode(CRUISE) == 0
+    assert flying.mode(FBWA) == 0
     flying.plane.pilot.lose()
     flying.wait(2.5)
     assert flying.plane.mode.number == CIRCLE
     flying.plane.pilot.regain()
     flying.wait(0.5)
-    assert flying.plane.mode.number == CRUISE
+    assert flying.plane.mode.number == FBWA
     assert warnings(flying)[-2:] == ["Throttle failsafe off", "Short Failsafe Cleared"]
-    assert "Flight mode CRUISE restored" in flying.desk.texts()
+    assert "Flight mode FBWA restored" in flying.desk.texts()
 
 
 @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL), (2, FBWA)])
@@ -116,12 +116,12 @@ def test_a_low_battery(flying: Field) -> None:
     assert warnings(flying)[0].startswith("Battery 1 is low 12.")
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0, CRUISE), (1, RTL)])
+@pytest.mark.parametrize(("action", "mode"), [(0, FBWA), (1, RTL)])
 def test_a_fence_is_kept(flying: Field, action: int, mode: int) -> None:
     for name, value in {"FENCE_TYPE": 2, "FENCE_RADIUS": 130, "FENCE_ACTION": action, "FENCE_ENABLE": 1}.items():
         flying.set(name, value)
     flying.plane.pilot.sticks(throttle=0.6)
-    assert flying.mode(CRUISE) == 0
+    assert flying.mode(FBWA) == 0
     flying.desk.until(lambda: flying.away() > 130.0)
     flying.wait(0.5)
     assert flying.plane.mode.number == mode

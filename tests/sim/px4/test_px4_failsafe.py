@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.sim.autopilots.px4.events import event_id
+from zmav.mavlink.event import event_id
 from zmav.sim.sensors.troubles import FINE, Trouble
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from tests.ports import free_udp_ports
 from zmav.errors import BadUrl, PortInUse
 from zmav.mavlink.codec import Packer
-from zmav.process import free_udp_ports
 from zmav.sim import VehicleSpec, World
 from zmav.sim.endpoints import Address, expand, parse_endpoint
 from zmav.sim.protocol.px4.node import px4_dialect

@@ -129,13 +129,6 @@ class TestMessages:
         assert event is not None and event.for_people
         assert (event.id, event.level, event.log_level, event.sequence) == (0x0102089D, 2, 6, 1)
 
-    def test_a_missed_event_is_sent_again(self, companion: Companion) -> None:
-        companion.arm()
-        companion.clear()
-        companion.send("REQUEST_EVENT", first_sequence=1, last_sequence=2)
-        assert [m["sequence"] for m in companion.all("EVENT")] == [1]
-        assert [m["sequence"] for m in companion.all("RESPONSE_EVENT_ERROR")] == [2]
-
     def test_the_clock_is_its_own(self, companion: Companion) -> None:
         companion.world.step(2.0)
         companion.clear()

@@ -7,8 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.px4.storage import LOGS
-from zmav.sim.ulog import MAGIC
+from zmav.sim.protocol.px4.storage import LOGS, MAGIC
 
 if TYPE_CHECKING:
     from tests.sim.px4.conftest import Companion

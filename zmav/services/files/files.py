@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 from collections.abc import Coroutine, Iterator
 from typing import Any, TypeVar
 
@@ -20,7 +19,7 @@ from zmav.errors import BadInput, Refused
 from zmav.mavlink.ftp import Nak, Op, crc32
 from zmav.services.companion import Companion
 from zmav.services.files.ftp import Ftp
-from zmav.services.files.store import Meta, Part, Store
+from zmav.services.files.store import Meta, PartialFile, Store
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
 from zmav.wire.files import CHUNK, MOST_CHUNKS
@@ -106,10 +105,8 @@ class Files:
             if self._under_way is task:
                 self._under_way = None
 
-    async def fetch(self, path: str, report: Report, most: float = math.inf) -> wire.StoredFile:
-        """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with; raises
-        :class:`Refused`, before anything is read, for one of more than ``most`` bytes.
-        """
+    async def fetch(self, path: str, report: Report) -> wire.StoredFile:
+        """Bring a file of the autopilot into the store. Only one whose checksum is known is gone on with."""
         for attempt in range(ATTEMPTS):
             expected = await self._crc(path, report)
             identity = "" if expected is None else f"{expected:08x}"
@@ -117,24 +114,17 @@ class Files:
             if kept is not None and not kept.missing and kept.verified:
                 return self.stored(kept, by="store", resumed=kept.size)
             resume = attempt == 0 and expected is not None
-            part, rate, same = await self._fetch_once(path, identity, expected, resume, report, most)
+            part, rate, same = await self._fetch_once(path, identity, expected, resume, report)
             if same:
                 break  # else it came out of two versions, or it grows as it is read
         return self.stored(part.meta, by="ftp", rate=rate, resumed=part.resumed)
 
-    async def small(self, path: str, most: int, report: Report) -> bytes:
-        """A file of at most that many bytes: the one in the store, where the autopilot's has the same checksum."""
-        stored = await self.fetch(path, report, most)
-        _check_size(path, stored.size, most)  # it may be here from before
-        return self.store.read(stored.file, 0, stored.size)
-
     async def _fetch_once(
-        self, path: str, identity: str, expected: int | None, resume: bool, report: Report, most: float
-    ) -> tuple[Part, float, bool]:
+        self, path: str, identity: str, expected: int | None, resume: bool, report: Report
+    ) -> tuple[PartialFile, float, bool]:
         async with contextlib.AsyncExitStack() as stack:
 
-            def begin(size: int) -> Part:
-                _check_size(path, size, most)
+            def begin(size: int) -> PartialFile:
                 size = max(size, GENERATED) if generated(path) else size
                 part = self.store.open(path, identity, size, resume=resume)
                 stack.push_async_exit(part)
@@ -197,11 +187,6 @@ class Files:
         if asked.offset < 0 or asked.length < 0:
             raise BadInput("offset and length are 0 or more", field="offset", value=asked.offset, expected="0 or more")
         return asked
-
-
-def _check_size(path: str, size: int, most: float) -> None:
-    if size > most:
-        raise Refused(f"{path} is larger than {most:.0f} bytes", size=size)
 
 
 def generated(path: str) -> bool:

@@ -16,9 +16,9 @@ from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet, unpack_entries
 from zmav.services.companion import Companion
-from zmav.services.files.ftp_read import Reader
+from zmav.services.files.ftp_read import FtpReader
 from zmav.services.files.ftp_requests import GIVE_UP, Job, Talk
-from zmav.services.files.sink import Meter, Sink
+from zmav.services.files.sink import Sink, TransferMeter
 from zmav.services.orders.orders import Report
 
 S = TypeVar("S", bound=Sink)
@@ -104,7 +104,7 @@ class Ftp:
 
     # Transfers.
 
-    async def fetch(self, path: str, begin: Callable[[int], S], report: Report) -> tuple[S, Meter]:
+    async def fetch(self, path: str, begin: Callable[[int], S], report: Report) -> tuple[S, TransferMeter]:
         """Read a file into the sink that ``begin(size)`` gives; only the sink's gaps are asked for. ``size`` is the
         server's word, and more than there is of a file that is made as it is read.
         """
@@ -114,18 +114,18 @@ class Ftp:
             try:
                 size = int.from_bytes(answer.data[:4], "little")
                 sink = begin(size)
-                meter = Meter(report, size, max(size - sink.gaps.total, 0))
-                await Reader(talk, sink, meter).run()
+                meter = TransferMeter(report, size, max(size - sink.gaps.total, 0))
+                await FtpReader(talk, sink, meter).run()
                 return sink, meter
             finally:
                 await self._terminate(talk)
 
-    async def put(self, path: str, data: bytes, report: Report) -> Meter:
+    async def put(self, path: str, data: bytes, report: Report) -> TransferMeter:
         """Write a whole file; an existing one is replaced. What is written in part is removed again."""
         raw = check_path(path)
         async with self._talk(f"putting {path}", report) as talk:
             await self._open(talk, Op.CREATE_FILE, raw, f"cannot write {path}", path)
-            meter, whole = Meter(report, len(data)), False
+            meter, whole = TransferMeter(report, len(data)), False
             try:
                 await talk.pipeline(Op.WRITE_FILE, _parts(data), _written(path, meter))
                 whole = True
@@ -213,7 +213,7 @@ def _parts(data: bytes) -> Iterator[Job]:
         yield Job(offset, len(part), part)
 
 
-def _written(path: str, meter: Meter) -> Callable[[Job, Packet], None]:
+def _written(path: str, meter: TransferMeter) -> Callable[[Job, Packet], None]:
     def written(job: Job, answer: Packet) -> None:
         _check(answer, f"cannot write {path} at byte {job.offset}", path)
         meter.add(job.size)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from zmav.errors import Refused, TimedOut
 from zmav.mavlink.ftp import MOST_DATA, Nak, Op, Packet
 from zmav.services.files.ftp_requests import AFTER_BURST, Job, Talk
-from zmav.services.files.sink import Meter, Sink
+from zmav.services.files.sink import Sink, TransferMeter
 
 QUIET = 0.5
 """s without a packet after which a burst is over; longer where the link's answers take longer"""
@@ -20,13 +20,13 @@ MOST_BARREN = 6
 """bursts or rounds of reads without a new byte after which there is no hope"""
 
 
-class Reader:
+class FtpReader:
     """Fills a sink's gaps from the file that is open in ``talk``'s session; where the server says that it ends, it is
     cut. Every read asks for a whole packet, though less may be missing: ArduPilot's generated files
     (``@PARAM/param.pck``) are laid out for reads of one size.
     """
 
-    def __init__(self, talk: Talk, sink: Sink, meter: Meter) -> None:
+    def __init__(self, talk: Talk, sink: Sink, meter: TransferMeter) -> None:
         self._talk, self._sink, self._meter = talk, sink, meter
         self._bursts = True
         self._barren = 0

@@ -20,7 +20,7 @@ from zmav.mavlink import Frame
 from zmav.services.companion import Companion
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
-from zmav.services.files.sink import Meter, Sink
+from zmav.services.files.sink import Sink, TransferMeter
 from zmav.services.link.port import Inbox, Port
 from zmav.services.orders.orders import Handler, Report
 
@@ -167,7 +167,7 @@ class Logs:
             return self._files.stored(kept, by="store", resumed=kept.size)
         async with store.open(origin, identity, entry.size, resume=dated) as part:
             async with self._turn(f"getting log {entry.id}", report) as source:
-                meter = Meter(report, entry.size, part.resumed)
+                meter = TransferMeter(report, entry.size, part.resumed)
                 await LogReader(self._port, source, entry.id, part, meter).run()
             await part.finish(None)
         return self._files.stored(part.meta, by="log", rate=meter.rate, resumed=part.resumed)
@@ -180,7 +180,7 @@ class LogReader:
     together, because to ask takes a round trip, in which much can be sent.
     """
 
-    def __init__(self, port: Port, target: tuple[int, int], number: int, sink: Sink, meter: Meter) -> None:
+    def __init__(self, port: Port, target: tuple[int, int], number: int, sink: Sink, meter: TransferMeter) -> None:
         self._port, self._target, self._number = port, target, number
         self._sink, self._meter = sink, meter
         self._rate = 0.0

@@ -69,7 +69,7 @@ class Sink(Protocol):
         """The file ends here."""
 
 
-class Meter:
+class TransferMeter:
     """Counts bytes into a report of ``bytes``, ``size`` and ``rate`` in bytes/s.
 
     ``have``: what was there already, and is no merit of this transfer's rate.

@@ -48,7 +48,7 @@ class Meta(msgspec.Struct, kw_only=True):
     verified: bool = False
 
 
-class Part:
+class PartialFile:
     """A file on its way into the store (a ``Sink``). Use it with ``async with``: what has come is noted at the end.
 
     Bytes are handed to the system at once, which is quick. Waiting for the disk is left to a thread: the event loop has
@@ -61,7 +61,7 @@ class Part:
         self.resumed = meta.size - self.gaps.total
         self._file = os.open(store.directory / name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
 
-    async def __aenter__(self) -> Part:
+    async def __aenter__(self) -> PartialFile:
         return self
 
     async def __aexit__(
@@ -146,7 +146,7 @@ class Store:
         meta = self.files.get(self.name_of(origin))
         return meta if meta is not None and meta.identity == identity else None
 
-    def open(self, origin: str, identity: str, size: int, *, resume: bool = True) -> Part:
+    def open(self, origin: str, identity: str, size: int, *, resume: bool = True) -> PartialFile:
         """Begin to keep a file, or go on where the same one was left.
 
         Makes room by removing what is oldest. Raises :class:`Refused` where there cannot be enough.
@@ -159,7 +159,7 @@ class Store:
         self._make_room(name, size)
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            part = Part(self, name, meta)
+            part = PartialFile(self, name, meta)
             self.note(name, meta)
         except OSError as e:
             raise Refused(f"cannot keep files in {self.directory}: {e.strerror}", path=str(self.directory)) from e

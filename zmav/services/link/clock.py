@@ -1,10 +1,10 @@
 """When the autopilot's boot time was, in UTC: what TIMESYNC answers say, and how sure that is.
 
 Every answer proves something: the autopilot stamped it (``tc1``) between our question and its arrival, so that the
-offset between its clock and ours lies in an interval as long as the round trip. :class:`Clock` keeps the intersection
-of all those intervals, each widened by how far the clocks may have drifted apart since; the narrowest round trips
-decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which prefers samples
-of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
+offset between its clock and ours lies in an interval as long as the round trip. :class:`AutopilotClock` keeps the
+intersection of all those intervals, each widened by how far the clocks may have drifted apart since; the narrowest
+round trips decide, and a delay that is all on one way cannot mislead, only say less. As NTP's clock filter, which
+prefers samples of least delay (RFC 5905, section 10), but with bounds instead of weights. Protocol:
 https://mavlink.io/en/services/timesync.html
 
 A simulation may run at four times real time, or at a half: answers that contradict the last ones, but keep step with
@@ -65,7 +65,7 @@ class Offset(msgspec.Struct, frozen=True):
         return self.low + change - spread, self.high + change + spread
 
 
-class Clock:
+class AutopilotClock:
     """The autopilot's clock against ours. Fed on one thread; asked on any.
 
     Our time is ``time.monotonic()``, so that a step of the companion's UTC disturbs nothing; ``utc_ahead()`` says how

@@ -16,7 +16,7 @@ from zmav import wire
 from zmav.autopilots.base import Fields
 from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
-from zmav.services.link.clock import Clock
+from zmav.services.link.clock import AutopilotClock
 from zmav.services.link.heard import AutopilotMessages
 from zmav.services.link.port import on_loop
 
@@ -38,7 +38,7 @@ class TimeSync:
 
     def __init__(self, companion: Companion) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
-        self.clock = Clock()
+        self.clock = AutopilotClock()
         self.gps_offset: float | None = None
         """s by which GPS time is ahead of the companion's UTC"""
         self.restarts = 0

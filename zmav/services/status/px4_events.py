@@ -1,4 +1,4 @@
-"""PX4's events in words: their file is fetched while disarmed, and the health and arming checks among them are kept.
+"""PX4's events in words, and the health and arming checks among them.
 
 https://mavlink.io/en/services/events.html. A report of the checks is a summary, an event for each check that fails, and
 another summary; PX4 sends one when something has changed, or when it is asked for.
@@ -8,38 +8,28 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import struct
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from zmav.autopilots import Autopilot
-from zmav.errors import Refused, Stale, TimedOut, VehicleError, ZmavError
+from zmav.autopilots.px4_events import ARMING_SUMMARY, CHECKS, EVENTS, HEALTH_SUMMARY, MODE_BITS, WITH_CHECKS
+from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Frame
-from zmav.mavlink.event import (
-    APPENDS_CHECKS,
-    CHECK_GROUPS,
-    MOST_PACKED,
-    SUMMARY,
-    Event,
-    EventWords,
-    Worded,
-    read_event,
-    whole,
-)
+from zmav.mavlink.event import Event, read_event
 from zmav.services.companion import Companion
-from zmav.services.files.files import Files
 from zmav.services.orders.command import Commander
 from zmav.services.status.events import SEVERITIES
 
 EVERY = 1.0
-AGAIN, ATTEMPTS = 30.0, 3
-"""s until the file is asked for again where no answer came, and how often"""
 ASK_EVERY, ASKS = 5.0, 3
 """s between requests for a report of the checks, and how many while none comes"""
 ERROR = 3
 """the mildest log level of a check that stands against something; those beyond it warn"""
 EVERY_MODE = 0xFFFFFFFF
-MOST_CHECKS, MOST_SAID = 64, 5
+MOST_CHECKS, MOST_REASONS = 64, 5
+_SUMMARY, _CHECK, _MODE = struct.Struct("<BIII"), struct.Struct("<I"), struct.Struct("<I")
+"""what the arguments begin with: chunk, components in error and in warning, modes to arm in; modes; the custom mode"""
 
 
 class Checks:
@@ -48,71 +38,62 @@ class Checks:
     def __init__(self) -> None:
         self.known = False
         """a report has come, and nothing was lost since"""
-        self._chunks: dict[int, tuple[int, list[Worded]]] = {}
-        self._coming: tuple[int, int, list[Worded]] | None = None
-        self._told: set[tuple[int, int, bytes]] = set()
+        self._chunks: dict[int, tuple[int, list[Event]]] = {}
+        self._coming: tuple[int, int, list[Event]] | None = None
+        self._heard: set[tuple[int, int, bytes]] = set()
 
-    def lost(self) -> None:
+    @property
+    def coming(self) -> bool:
+        """A report has begun and not ended: what comes now and is nothing else is a check."""
+        return self._coming is not None
+
+    def lose(self) -> None:
         """Some events did not come: the report under way is not whole, and one may have been missed."""
         self.known, self._coming = False, None
 
-    def hear(self, worded: Worded) -> bool:
-        """Take in an event of the groups of checks; True: a check that did not fail before."""
-        values = worded.values
-        if worded.type == SUMMARY:
-            if worded.group == "arming_check" and len(values) >= 5:
-                self._coming = whole(values[0]), whole(values[3]), []
-            elif worded.group == "health" and self._coming and values and whole(values[0]) == self._coming[0]:
+    def hear(self, event: Event) -> bool:
+        """Take in a summary or a check; True: a check that did not fail before."""
+        if event.id == ARMING_SUMMARY:
+            chunk, _, _, can_arm = _SUMMARY.unpack_from(event.arguments)
+            self._coming = chunk, can_arm, []
+            return False
+        if event.id == HEALTH_SUMMARY:
+            if self._coming and event.arguments[0] == self._coming[0]:
                 self._chunks[self._coming[0]] = self._coming[1:]
-                self._told = {_key(each) for _, failing in self._chunks.values() for each in failing}
+                self._heard = {_key(each) for _, failing in self._chunks.values() for each in failing}
                 self.known, self._coming = True, None
             return False
-        if self._coming and values and len(self._coming[2]) < MOST_CHECKS:
-            self._coming[2].append(worded)
-        new = _key(worded) not in self._told
-        if len(self._told) < MOST_CHECKS:
-            self._told.add(_key(worded))
+        if self._coming and len(self._coming[2]) < MOST_CHECKS:
+            self._coming[2].append(event)
+        new = _key(event) not in self._heard
+        if len(self._heard) < MOST_CHECKS:
+            self._heard.add(_key(event))
         return new
 
-    def against(self, mode: int | None) -> list[str]:
-        """What stands against arming in the mode of that bit (None: in any), the gravest alone; empty: nothing."""
-        if mode is not None and self._chunks and all(can_arm & mode for can_arm, _ in self._chunks.values()):
+    def against(self, mode: str | None) -> list[str]:
+        """What stands against arming in that mode (None or not known: in any), the gravest alone; empty: nothing."""
+        bit = 1 << MODE_BITS[mode] if mode is not None and mode in MODE_BITS else None
+        if bit is not None and self._chunks and all(can_arm & bit for can_arm, _ in self._chunks.values()):
             return []
-        failing = [check for _, checks in self._chunks.values() for check in checks]
-        found = [check for check in failing if mode is None or whole(check.values[0]) & mode]
-        # A check that stands against nothing, and only informs, is told for every mode.
-        grave = [check for check in found if check.event.level <= ERROR]
-        grave = grave or [check for check in found if check.values[0] != EVERY_MODE] or found
-        return list(dict.fromkeys(check.text for check in grave))[:MOST_SAID]
-
-
-class EventText(NamedTuple):
-    """What an EVENT comes to."""
-
-    text: str
-    name: str = ""
-    reason: bool = True
-    """it may be why an order is refused"""
+        modes = [(check, _CHECK.unpack_from(check.arguments)[0]) for _, each in self._chunks.values() for check in each]
+        found = [(check, of) for check, of in modes if bit is None or of & bit]
+        # A check that stands against nothing, and only informs, names every mode.
+        grave = [check for check, _ in found if check.level <= ERROR]
+        grave = grave or [check for check, of in found if of != EVERY_MODE] or [check for check, _ in found]
+        return list(dict.fromkeys(_words(check)[1] for check in grave))[:MOST_REASONS]
 
 
 class EventTexts:
-    """Passes EVENTs (410) on, in words once their file has come. Lives on the event loop."""
+    """Passes EVENTs (410) on, in words where there are some for them. Lives on the event loop."""
 
-    def __init__(self, companion: Companion, commander: Commander, files: Files) -> None:
-        self._identity, self._do, self._events, self._files = companion.identity, commander, companion.events, files
-        self.words: EventWords | None = None
+    def __init__(self, companion: Companion, commander: Commander) -> None:
+        self._identity, self._do, self._events = companion.identity, commander, companion.events
         self.checks = Checks()
-        self._of: tuple[Any, ...] | None = None
-        """the autopilot whose words they are, or that has none"""
-        self._sure = False
-        """it was not silent since: it has the firmware that it had"""
-        self._attempts, self._again = 0, 0.0
-        self._asks, self._asked = 0, 0.0
         self._task: asyncio.Task[None] | None = None
         self._sequences: dict[tuple[int, int], int] = {}
 
     def start(self) -> None:
-        self._task = asyncio.get_running_loop().create_task(self._work())
+        self._task = asyncio.get_running_loop().create_task(self._ask_for_reports())
 
     async def close(self) -> None:
         if self._task is not None:
@@ -121,12 +102,7 @@ class EventTexts:
 
     def against_arming(self) -> list[str]:
         """What the last report has against arming in the present mode; empty: nothing, or none came."""
-        heartbeat = self._identity.heartbeat
-        if self.words is None or heartbeat is None:
-            return []
-        return self.checks.against(self.words.mode_bit(heartbeat["custom_mode"]))
-
-    # What is heard.
+        return self.checks.against(self._identity.mode)
 
     def numbered(self, frame: Frame) -> None:
         """Pass on an EVENT, each once."""
@@ -137,79 +113,45 @@ class EventTexts:
         self._sequences[source] = event.sequence
         missed = (event.sequence - before - 1) & 0xFFFF if before is not None else 0
         missed = missed if missed < 0x8000 else 0
-        said = self._text(event, missed)
-        if said is None or not event.for_people:
-            return
-        if said.reason:
-            self._events.remember(said.text)
-        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
-        detail |= ({"missed": missed} if missed else {}) | ({"name": said.name} if said.name else {})
-        self._events.emit("numbered", SEVERITIES[event.level], said.text, **detail, arguments=event.arguments.hex())
-
-    def _text(self, event: Event, missed: int) -> EventText | None:
-        """What to say of it, given how many before it were lost; None: nothing."""
         if missed:
-            self.checks.lost()
-        worded = self.words.of(event) if self.words else None
-        if worded is None:
-            return EventText(str(event))
-        if worded.group in CHECK_GROUPS:
-            new = self.checks.hear(worded)
-            return EventText(worded.text, worded.name, reason=False) if new else None
-        text = worded.text
-        if worded.type == APPENDS_CHECKS and self.words and worded.values:
-            reasons = self.checks.against(self.words.mode_bit(whole(worded.values[0])))
-            text = ": ".join([text.rstrip(": "), *(["; ".join(reasons)] if reasons else [])])
-        return EventText(text, worded.name)
-
-    # What is asked for.
-
-    async def _work(self) -> None:
-        while True:
-            try:
-                await self._step()
-            except Exception as e:  # what a damaged file brings must not end this
-                self._events.emit("fault", "error", f"words of events: {e!r}", limit="event words")
-                self._again = time.monotonic() + AGAIN
-            await asyncio.sleep(EVERY)
-
-    async def _step(self) -> None:
-        who = self._identity
-        of = who.source, who.uid, who.firmware
-        if not who.connected or who.autopilot is None or not who.autopilot.events_file or of[1:] == (None, None):
-            self._attempts, self._sure = 0, False
-            return
-        now = time.monotonic()
-        if self._of not in (None, of):
-            self.words, self.checks, self._of = None, Checks(), None
-        if self._of is None or not self._sure:
-            if not who.armed and (now >= self._again or not self._attempts):  # the line is the flight's
-                await self._fetch(who.autopilot, of)
-        elif self.words and not self.checks.known and not who.armed and now - self._asked > ASK_EVERY:
-            await self._ask(who.autopilot)
-
-    async def _fetch(self, autopilot: Autopilot, of: tuple[Any, ...]) -> None:
-        self.words, self.checks = None, Checks()
-        self._attempts, self._asks = self._attempts + 1, 0
-        try:
-            data = await self._files.small(autopilot.events_file, MOST_PACKED, lambda news: None)
-            self.words = await asyncio.to_thread(EventWords.unpack, data)
-        except ZmavError as e:
-            self._again = time.monotonic() + AGAIN
-            if isinstance(e, TimedOut | Stale) and self._attempts < ATTEMPTS:
+            self.checks.lose()
+        name, text = _words(event)
+        if event.id in (ARMING_SUMMARY, HEALTH_SUMMARY) or self._is_check(event):
+            if not self.checks.hear(event) or not event.for_people:
                 return
-            text = f"{autopilot.name}'s events come by number, without words: {e.message}"
-            self._events.emit("autopilot", "notice", text, path=autopilot.events_file)
-        self._of, self._sure = of, True
-
-    async def _ask(self, autopilot: Autopilot) -> None:
-        """Have it report its checks: it did so before we were here, or some of it was lost."""
-        self._asked = time.monotonic()
-        if autopilot.report_checks is None or self._asks >= ASKS:
+        elif not event.for_people:
             return
-        self._asks += 1
-        with contextlib.suppress(VehicleError):
-            await self._do.command(autopilot.report_checks)
+        else:
+            text = self._with_checks(event, text)
+            self._events.remember(text)  # it may be why an order is refused
+        detail: dict[str, Any] = {"component": frame.compid, "id": event.id, "sequence": event.sequence}
+        detail |= ({"missed": missed} if missed else {}) | ({"name": name} if name else {})
+        self._events.emit("numbered", SEVERITIES[event.level], text, **detail, arguments=event.arguments.hex())
+
+    def _is_check(self, event: Event) -> bool:
+        return event.id in CHECKS or (self.checks.coming and event.id not in EVENTS)
+
+    def _with_checks(self, event: Event, text: str) -> str:
+        autopilot = self._identity.autopilot
+        if event.id not in WITH_CHECKS or autopilot is None:
+            return text
+        reasons = self.checks.against(autopilot.mode_name(0, _MODE.unpack_from(event.arguments)[0]))
+        return f"{text}: {'; '.join(reasons)}" if reasons else text
+
+    async def _ask_for_reports(self) -> None:
+        """While none has come: it reported before we were here, or some of it was lost. Not in flight."""
+        asks, asked = 0, 0.0
+        while True:
+            await asyncio.sleep(EVERY)
+            who, now = self._identity, time.monotonic()
+            if not who.connected or who.autopilot is None:
+                self.checks, asks = Checks(), 0  # it may come back as another
+            elif self.checks.known or who.armed or asks >= ASKS or now - asked < ASK_EVERY:
+                continue
+            elif who.autopilot.report_checks is not None:
+                asks, asked = asks + 1, now
+                with contextlib.suppress(ZmavError):
+                    await self._do.command(who.autopilot.report_checks)
 
 
 def with_reasons(refusal: Refused, checks: Sequence[str]) -> Refused:
@@ -221,5 +163,10 @@ def with_reasons(refusal: Refused, checks: Sequence[str]) -> Refused:
     return Refused(f"{refusal.message}: {'; '.join(more)}", **{**refusal.detail, "reasons": reasons})
 
 
-def _key(check: Worded) -> tuple[int, int, bytes]:
-    return check.event.id, check.event.level, check.event.arguments
+def _words(event: Event) -> tuple[str, str]:
+    """Its name and its text; without a name where there are no words for it."""
+    return EVENTS.get(event.id) or CHECKS.get(event.id) or ("", str(event))
+
+
+def _key(check: Event) -> tuple[int, int, bytes]:
+    return check.id, check.level, check.arguments

@@ -22,7 +22,7 @@ from zmav.sim.vehicle import SimVehicle
 
 if TYPE_CHECKING:
     from zmav.sim.camera.figures import Figure
-    from zmav.sim.camera.ground import Ground
+    from zmav.sim.camera.ground import GroundTexture
     from zmav.sim.camera.render import Renderer
 
 Image = NDArray[np.uint8]
@@ -164,7 +164,7 @@ class Cameras:
         self._place = scene, seed
         self._inside = inside
         self._lock = threading.Lock()
-        self._surroundings: tuple[Ground, list[Figure]] | None = None
+        self._surroundings: tuple[GroundTexture, list[Figure]] | None = None
         self._now = 0.0
 
     def get(self, name: str) -> SimCamera:
@@ -201,13 +201,13 @@ class Cameras:
         if server is not None:
             server.close()
 
-    def surroundings(self) -> tuple[Ground, list[Figure]]:
+    def surroundings(self) -> tuple[GroundTexture, list[Figure]]:
         """The ground, and what each vehicle looks like; the same for all cameras."""
         from zmav.sim.camera.figures import figure
-        from zmav.sim.camera.ground import Ground
+        from zmav.sim.camera.ground import GroundTexture
 
         with self._lock:
             if self._surroundings is None:
                 figures = [figure(actor.fleet.dynamics, actor.pad) for actor in self._actors]
-                self._surroundings = Ground(*self._place), figures
+                self._surroundings = GroundTexture(*self._place), figures
             return self._surroundings

@@ -41,7 +41,7 @@ COLOURS = {
 }
 
 
-class Ground:
+class GroundTexture:
     """The textures of one scene, for any number of cameras."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
@@ -74,7 +74,7 @@ def _texture(name: str, seed: int) -> list[Image]:
 class Backdrop:
     """Draws the ground of one scene for one camera."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: GroundTexture) -> None:
         self._ground = ground
 
     def draw(self, image: Image, view: View, plane: Array) -> None:

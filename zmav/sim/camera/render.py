@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from zmav.sim.arrays import Array
 from zmav.sim.camera.figures import Box, Figure, pad_sprite
-from zmav.sim.camera.ground import Backdrop, Ground
+from zmav.sim.camera.ground import Backdrop, GroundTexture
 from zmav.sim.camera.projection import View, quat_matrix
 from zmav.sim.camera.scene import Roof
 from zmav.sim.camera.sprites import draw, fill
@@ -36,7 +36,7 @@ FACES = (
 class Renderer:
     """Pictures of one scene for one camera. ``figures``: what each vehicle of the world looks like, in order."""
 
-    def __init__(self, ground: Ground, figures: Sequence[Figure]) -> None:
+    def __init__(self, ground: GroundTexture, figures: Sequence[Figure]) -> None:
         self.figures = figures
         self.backdrop = Backdrop(ground)
         self._reach = np.array([figure.reach for figure in figures])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 
-from zmav.mavlink.ftp import Entry, Nak
+from zmav.mavlink.ftp import DirectoryEntry, Nak
 
 MOST = 8 << 20
 """bytes that clients can write; beyond them the card is full"""
@@ -49,15 +49,15 @@ class FileSystem:
 
     # ---- looking
 
-    def list(self, path: str) -> list[Entry]:
+    def list(self, path: str) -> list[DirectoryEntry]:
         path = normal(path)
         if path not in self._directories:
             raise NOT_FOUND
         inside = "/" if path == "/" else path + "/"
-        names = [Entry(name, None) for p in self._directories if (name := _child(p, inside))]
-        names += [Entry(name, len(data)) for p, data in self._files.items() if (name := _child(p, inside))]
+        names = [DirectoryEntry(name, None) for p in self._directories if (name := _child(p, inside))]
+        names += [DirectoryEntry(name, len(data)) for p, data in self._files.items() if (name := _child(p, inside))]
         if path in self._stored:
-            names += [Entry(name, len(data)) for name, data in self._stored[path][0]().items()]
+            names += [DirectoryEntry(name, len(data)) for name, data in self._stored[path][0]().items()]
         return sorted(names, key=lambda entry: entry.name)
 
     def size(self, path: str) -> int:

@@ -84,14 +84,12 @@ class FlightLog(Part, ABC):
     def tick(self, now: float) -> None:
         if not self._vehicle.armed:
             if self._log is not None:
-                self.end()
                 self._log.end_s = self.unix_us() / 1e6
                 self._log = None
             return
         if self._log is None:
             self._log = self._store.begin(self.begin(), self.unix_us() / 1e6)
             self.begun(self._log)
-        self.write(now)
 
     @abstractmethod
     def begin(self) -> bytearray:
@@ -100,11 +98,9 @@ class FlightLog(Part, ABC):
     def begun(self, log: Log) -> None:
         """There is a log now."""
 
-    def write(self, now: float) -> None:
-        """What is due, in every tick that it is armed."""
-
-    def end(self) -> None:
-        """Write what comes last."""
+    @abstractmethod
+    def say(self, severity: int, text: str) -> None:
+        """Log a text that the vehicle said."""
 
 
 @dataclass

@@ -60,6 +60,7 @@ class PlaneBase(ArduVehicle, ABC):
         3: "TRAINING",
         4: "ACRO",
         6: "FBWB",
+        7: "CRUISE",
         8: "AUTOTUNE",
         14: "AVOID_ADSB",
         24: "THERMAL",

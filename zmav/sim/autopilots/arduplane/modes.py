@@ -15,9 +15,7 @@ from zmav.sim.autopilots.arduplane.landing import Landing
 from zmav.sim.autopilots.arduplane.launch import Launch
 from zmav.sim.autopilots.arduplane.way import Way
 
-LOCK_S = 0.5  # of quiet sticks, before CRUISE holds its course
 COURSE_SPEED = 5.0  # m/s: from there on the course over the ground is known
-CRUISE_AHEAD_M = 1000.0
 FLYING_S = 10.0
 TAKEOFF_DONE_M = 2.0
 GLIDE = 2  # FS_SHORT_ACTN: fly by wire without power
@@ -115,54 +113,6 @@ class FlyByWireA(PlaneMode):
 
     def rest(self) -> None:
         self.fly()
-
-
-class Cruise(PlaneMode):
-    """The stick's pitch climbs, its throttle asks for an airspeed, and a course is held where the sticks let it."""
-
-    number, name, by_pilot, auto_throttle = 7, "CRUISE", True, True
-    captures_direction = True
-
-    def enter(self) -> None:
-        self._down = self.plane.sense.down
-        self._pushed = 0.0
-        self._since: float | None = None
-        self._course: float | None = None
-
-    def fly(self) -> None:
-        plane, s = self.plane, self.plane.sense
-        if plane.stick_roll != 0.0 or plane.stick_yaw != 0.0:
-            self._since = self._course = None
-        elif self._course is None and plane.groundspeed >= COURSE_SPEED:
-            self._since = plane.now if self._since is None else self._since
-            if plane.now - self._since > LOCK_S:
-                self._course = math.atan2(s.ve, s.vn)
-                plane.way.direct(plane.here)
-                plane.way.crosstrack = True
-        if self._course is None:
-            plane.sp.roll(plane.stick_roll * math.radians(plane.params["ROLL_LIMIT_DEG"]))
-            plane.sp.yaw(plane.stick_yaw)
-        else:
-            self._hold(self._course)
-        self._keep_height()
-
-    def _hold(self, course: float) -> None:
-        plane, way = self.plane, self.plane.way
-        gone = math.hypot(plane.here[0] - way.start[0], plane.here[1] - way.start[1]) + CRUISE_AHEAD_M
-        way.end = way.start[0] + gone * math.cos(course), way.start[1] + gone * math.sin(course), self._down
-        way.follow()
-
-    def _keep_height(self) -> None:
-        plane, params = self.plane, self.plane.params
-        push = plane.stick_pitch * (-1.0 if params["FBWB_ELEV_REV"] else 1.0)
-        if (push <= 0.0 < self._pushed) or (self._pushed < 0.0 <= push):
-            self._down = plane.sense.down
-        self._pushed = push
-        climb = min(max(params["FBWB_CLIMB_RATE"] * push, -params["TECS_SINK_MAX"]), params["TECS_CLMB_MAX"])
-        self._down -= climb * plane.turn_s
-        slow, fast = params["AIRSPEED_MIN"], params["AIRSPEED_MAX"]
-        speed = plane.airspeed_wanted if plane.rc.lost else slow + (fast - slow) * plane.stick_throttle
-        plane.fly_height(-self._down, speed)
 
 
 class Rtl(PlaneMode):

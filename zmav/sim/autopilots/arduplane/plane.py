@@ -52,7 +52,6 @@ class ArduPlane(PlaneParts):
             modes.Manual,
             modes.Circle,
             modes.FlyByWireA,
-            modes.Cruise,
             modes.Rtl,
             modes.Loiter,
             modes.Takeoff,

@@ -10,8 +10,8 @@ from typing import ClassVar
 from zmav.sim.autopilots.ardupilot.state import DISARM, INFO, WARNING, Reactions, Steps
 from zmav.sim.autopilots.arduplane.modes import PlaneParts
 
-MANUAL, CIRCLE, FBWA, CRUISE, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 7, 10, 11, 15, 26
-STICK_MODES = {0, 5, 7}
+MANUAL, CIRCLE, FBWA, AUTO, RTL, GUIDED, AUTOLAND = 0, 1, 5, 10, 11, 15, 26
+STICK_MODES = {0, 5}
 NAVIGATING_MODES = {10, 12, 15, 26}
 # FS_SHORT_ACTN, FS_LONG_ACTN
 SHORT_BEST_GUESS, SHORT_FBWA, SHORT_DISABLED = 0, 2, 3

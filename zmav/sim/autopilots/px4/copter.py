@@ -6,7 +6,7 @@ from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.battery import Battery
 from zmav.sim.autopilots.px4.ekf import Ekf2
 from zmav.sim.autopilots.px4.failsafe import Action, Failsafe, Px4Parts
-from zmav.sim.autopilots.px4.ground import Ground, Stage
+from zmav.sim.autopilots.px4.ground import LandDetector, Stage
 from zmav.sim.autopilots.px4.health import Health
 from zmav.sim.autopilots.px4.items import Fence, FenceItems, RallyItems
 from zmav.sim.autopilots.px4.modes import HOLD, LAND, OFFBOARD, SWITCH, TERMINATION, Mode
@@ -49,7 +49,7 @@ class Px4Copter(Px4Parts):
         self._switch = self.sticks.pilot.switch
         self.offboard = Offboard(self)
         self.navigator = Navigator(self, self.mission)
-        self.ground = Ground(self)
+        self.ground = LandDetector(self)
         self.filter.power_on()
         self.battery, self.geofence = Battery(self), Fence(self, self.fence)
         self.failsafe = Failsafe(self)

@@ -1,8 +1,7 @@
 """The events (EVENT, 410) that this PX4 sends, with PX4's ids and log levels, and the words that go beside them.
 
-Protocol: https://mavlink.io/en/services/events.html. An id is that of the component in its high byte and the FNV-1a
-hash of the event's name below; ids, levels and arguments agree with a recorded flight. The low half of a log level is
-the one for people outside, the high half the autopilot's own; 8 is for protocols only.
+Protocol: https://mavlink.io/en/services/events.html. Ids, levels and arguments agree with a recorded flight. The low
+half of a log level is the one for people outside, the high half the autopilot's own; 8 is for protocols only.
 """
 
 from __future__ import annotations
@@ -11,16 +10,7 @@ import struct
 
 import msgspec
 
-_FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193  # of the 32-bit FNV-1a hash
-_AUTOPILOT = 1 << 24
-
-
-def event_id(name: str) -> int:
-    """The id of PX4's event of that name."""
-    value = _FNV_OFFSET
-    for byte in name.encode("ascii"):
-        value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
-    return value & 0xFFFFFF | _AUTOPILOT
+from zmav.mavlink.event import event_id
 
 
 class Event(msgspec.Struct, frozen=True):

@@ -22,7 +22,7 @@ class Stage(enum.Enum):
     TOUCHED = "touched"  # on the ground again, without thrust, not yet taken for landed
 
 
-class Ground:
+class LandDetector:
     """One vehicle's stage between standing and flying."""
 
     def __init__(self, copter: Px4State) -> None:

@@ -12,8 +12,9 @@ from collections.abc import Iterator
 
 import msgspec
 
+from zmav.mavlink.event import event_id
 from zmav.sim.autopilots.px4.battery import Warning
-from zmav.sim.autopilots.px4.events import ARMING_SUMMARY, HEALTH_SUMMARY, Event, event_id
+from zmav.sim.autopilots.px4.events import ARMING_SUMMARY, HEALTH_SUMMARY, Event
 from zmav.sim.autopilots.px4.failsafe import Failsafe, Px4Parts
 from zmav.sim.autopilots.px4.modes import MISSION, MODES, OFFBOARD, RTL
 

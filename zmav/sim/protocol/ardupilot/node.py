@@ -87,7 +87,7 @@ class MavNode(Node, Generic[V_co]):
 
     def say(self, severity: int, text: str) -> None:
         """A STATUSTEXT on every channel, in numbered pieces where it is long, and into the log."""
-        self.storage.flight_log.message(text)
+        self.storage.flight_log.say(severity, text)
         pieces = [text[start : start + PIECE] for start in range(0, max(len(text), 1), PIECE)]
         number = 0
         if len(pieces) > 1:

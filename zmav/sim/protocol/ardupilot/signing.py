@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from zmav.mavlink.dialect import Dialect
-from zmav.mavlink.signing import TICKS, Clock, Signing
+from zmav.mavlink.signing import TICKS, Signing, SigningClock
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 WARNING = 4
@@ -27,7 +27,7 @@ class SigningPart(Part):
         utc: Callable[[], float],
     ) -> None:
         self._dialect, self._channels, self._armed, self._say = dialect, channels, armed, say
-        self._clock = Clock(now=utc)
+        self._clock = SigningClock(now=utc)
         self._key: bytes | None = None
 
     def answers(self) -> Mapping[str, Answer]:

@@ -3,102 +3,68 @@
 from __future__ import annotations
 
 import math
+import re
+import struct
 from collections.abc import Callable
+from typing import NamedTuple
 from urllib.parse import parse_qsl
 
-from zmav import rotation
 from zmav.mavlink.ftp import MOST_DATA, Nak
 from zmav.mavlink.packed_params import PATH, PackedParam, pack_params
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
-from zmav.sim.dataflash import DataflashWriter, Layout
 from zmav.sim.protocol.channel import Part
 from zmav.sim.protocol.filesystem import FileError, FileSystem
 from zmav.sim.protocol.ftp import FtpServer
 from zmav.sim.protocol.logs import MOST_ONE, FlightLog, LogProtocol, LogStore
 from zmav.sim.protocol.params import ParamStore
 
+HEAD = b"\xa3\x95"
+_CODES = {"B": "B", "Q": "Q", "f": "f", "n": "4s", "N": "16s", "Z": "64s"}
+"""a field's letter -> struct's"""
+
+
+class Layout(NamedTuple):
+    """One kind of message: its type, a letter a field, and the fields' names."""
+
+    number: int
+    name: str
+    letters: str
+    labels: str
+
+    @property
+    def struct(self) -> struct.Struct:
+        return struct.Struct("<2sB" + "".join(_CODES[letter] for letter in self.letters))
+
+
+FORMAT = Layout(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+PARAMETER = Layout(129, "PARM", "QNff", "TimeUS,Name,Value,Default")
+MESSAGE = Layout(130, "MSG", "QZ", "TimeUS,Message")
+
+
 LOGS = "/APM/LOGS"
 GUESS = 12
 """bytes a parameter that ArduPilot says the file of parameters has, before it is made"""
-GPS_EPOCH_S = 315964800
-WEEK_S = 604800
-LEAP_S = 18
-"""seconds that GPS time is ahead of UTC, since 2017"""
-LAYOUTS = (
-    Layout("PARM", "QNff", "TimeUS,Name,Value,Default"),
-    Layout("MSG", "QZ", "TimeUS,Message"),
-    Layout("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
-    Layout("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
-    Layout("ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF"),
-    Layout("GPS", "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"),
-    Layout("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
-    Layout("BAT", "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot"),
-)
-ATTITUDE_S, POSITION_S = 0.1, 0.2
-EKF3 = 3
-"""the estimator that the attitude is from"""
 
 
 class DataflashLog(FlightLog):
-    """What an ArduPilot writes while it is armed."""
+    """What an ArduPilot writes while it is armed: its parameters, and what it says."""
 
     def __init__(self, vehicle: ArduVehicle, store: LogStore, unix_us: Callable[[], int]) -> None:
         super().__init__(vehicle, store, unix_us)
         self._ardu = vehicle
-        self._mode = -1
-        self._next_attitude = self._next_position = 0.0
         self._writer: DataflashWriter
 
-    def _write(self, name: str, *values: float | str) -> None:
-        self._writer.write(name, self.time_us, *values)
-
-    def message(self, text: str) -> None:
-        """A text that the vehicle said."""
+    def say(self, severity: int, text: str) -> None:
         if self.running:
-            self._write("MSG", text)
+            self._writer.write(MESSAGE, self.time_us, text)
 
     def begin(self) -> bytearray:
-        self._writer = DataflashWriter(LAYOUTS, MOST_ONE)
-        self._mode = -1
-        self._next_attitude = self._next_position = self._ardu.now
-        self._write("MSG", f"{self._ardu.FIRMWARE} V4.7.0-dev")
+        self._writer = DataflashWriter((PARAMETER, MESSAGE), MOST_ONE)
+        self._writer.write(MESSAGE, self.time_us, f"{self._ardu.FIRMWARE} V4.7.0-dev")
         params = self._ardu.params
         for name in params.names:
-            self._write("PARM", name, params[name], math.nan)
-        self._write("ARM", 1, 0, 0, 0)
+            self._writer.write(PARAMETER, self.time_us, name, params[name], math.nan)
         return self._writer.data
-
-    def end(self) -> None:
-        self._write("ARM", 0, 0, 0, 0)
-
-    def write(self, now: float) -> None:
-        if self._ardu.mode.number != self._mode:
-            self._mode = self._ardu.mode.number
-            self._write("MODE", self._mode, self._mode, 0)
-        if now >= self._next_attitude:
-            self._next_attitude += ATTITUDE_S
-            self._write_attitude()
-        if now >= self._next_position:
-            self._next_position += POSITION_S
-            self._write_position()
-
-    def _write_attitude(self) -> None:
-        s = self._ardu.sense
-        want_roll, want_pitch, _ = rotation.euler((s.want_qw, s.want_qx, s.want_qy, s.want_qz))
-        tilt = map(math.degrees, (want_roll, s.roll, want_pitch, s.pitch))
-        self._write("ATT", *tilt, *(math.degrees(yaw) % 360.0 for yaw in (s.want_yaw, s.yaw)), EKF3)
-
-    def _write_position(self) -> None:
-        vehicle, s = self._ardu, self._ardu.sense
-        here, home = vehicle.position, vehicle.place(vehicle.home_world)
-        gps_s = max(self.unix_us() / 1e6 - GPS_EPOCH_S + LEAP_S, 0.0)  # a simulated clock may start before GPS did
-        course = math.degrees(math.atan2(s.ve, s.vn)) % 360.0
-        solution = (0, 6, int(gps_s % WEEK_S * 1000.0), int(gps_s // WEEK_S), 10, 1.21)
-        place = (here.lat_deg, here.lon_deg, here.alt_amsl_m)
-        self._write("GPS", *solution, *place, math.hypot(s.vn, s.ve), course, s.vd, 0.0, 1)
-        above = here.alt_amsl_m - home.alt_amsl_m
-        self._write("POS", *place, above, above)
-        self._write("BAT", 0, vehicle.voltage, s.current_a, vehicle.consumed_mah)
 
 
 class Storage:
@@ -128,3 +94,27 @@ def _packed(params: ParamStore, query: str, read_size: int) -> bytes:
     names = params.names[start : start + count] if count else params.names[start:]
     rows = [PackedParam(name, params[name], params.type_of(name)) for name in names]
     return pack_params(rows, len(params), read_size or MOST_DATA)
+
+
+class DataflashWriter:
+    """A growing log of ``layouts``; ``data`` is always whole messages, and at most ``limit`` bytes.
+
+    Every message is 0xA3 0x95, its type, and its fields; the FMT messages at the beginning say what each type holds:
+    https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
+    """
+
+    def __init__(self, layouts: tuple[Layout, ...], limit: int) -> None:
+        self.data = bytearray()
+        self.full = False
+        self._limit = limit
+        for layout in (FORMAT, *layouts):
+            self.write(FORMAT, layout.number, layout.struct.size, layout.name, layout.letters, layout.labels)
+
+    def write(self, layout: Layout, *values: float | str) -> None:
+        """One message, its fields in order; nothing once the log is full."""
+        form = layout.struct
+        if self.full or len(self.data) + form.size > self._limit:
+            self.full = True
+            return
+        packed = [re.sub(r"[^\x20-\x7e]", "?", each).encode() if isinstance(each, str) else each for each in values]
+        self.data += form.pack(HEAD, layout.number, *packed)

@@ -435,7 +435,7 @@ REPORTS: dict[str, Report] = {
     "PROTOCOL_VERSION": lambda node: {"version": 200, "min_version": 100, "max_version": 200},
     "ODOMETRY": _located(odometry),
     "TIME_ESTIMATE_TO_TARGET": time_estimate_to_target,
-    "CURRENT_EVENT_SEQUENCE": lambda node: {"sequence": node.events.sequence},
+    "CURRENT_EVENT_SEQUENCE": lambda node: {"sequence": node.events_sent},
     "CURRENT_MODE": current_mode,
     "OPEN_DRONE_ID_LOCATION": _located(open_drone_id_location),
     "OPEN_DRONE_ID_SYSTEM": _located(open_drone_id_system),

@@ -11,11 +11,11 @@ from typing import Any, ClassVar
 
 from zmav.mavlink import Dialect, Field, MessageType, load_dialect
 from zmav.sim.autopilots.px4.copter import Px4Copter
+from zmav.sim.autopilots.px4.events import Event
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node, Target
 from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, TEMPORARILY_REJECTED, Channel, Sender
 from zmav.sim.protocol.px4 import setpoint
-from zmav.sim.protocol.px4.events import EventPart
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
@@ -23,6 +23,7 @@ from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4
+_ARGUMENTS = 40  # bytes of an EVENT's
 TAKES_TORQUES = "1.13"
 ONBOARD = "onboard"
 GROUND = "ground"
@@ -115,11 +116,11 @@ class Px4Node(Node):
         self.firmware = firmware
         self.imu_seen = (-1, -1)
         """numbers of the compass's and the barometer's last samples that were sent"""
-        self.events = EventPart(lambda: self.channels, lambda: boot_ms(self))
+        self.events_sent = 0
         self._with_ground: list[Channel] = []  # where a ground station was heard
-        copter.event = self.events.send
+        copter.event = self.send_event
         self.storage = Px4Storage(copter, lambda: self.unix_us)
-        for part in (self.events, *self.storage.parts):
+        for part in self.storage.parts:
             self.add(part)
         self.add(Px4ParamProtocol(copter.params, lambda: self.channels, lambda text: self.say(_WARNING, text)))
         stores = (copter.mission.items, copter.fence, copter.rally)
@@ -159,6 +160,19 @@ class Px4Node(Node):
         self.storage.flight_log.say(severity, text)
         for channel in self._with_ground:
             channel.send("STATUSTEXT", severity=severity, text=text[:50])
+
+    def send_event(self, event: Event, arguments: bytes) -> None:
+        """An EVENT with the next sequence number, to every link; it is sent once, whoever missed it."""
+        self.events_sent = (self.events_sent + 1) & 0xFFFF
+        for channel in self.channels:
+            channel.send(
+                "EVENT",
+                id=event.id,
+                event_time_boot_ms=boot_ms(self),
+                sequence=self.events_sent,
+                log_levels=event.levels,
+                arguments=list(arguments.ljust(_ARGUMENTS, b"\0")),
+            )
 
     # ---- in
 

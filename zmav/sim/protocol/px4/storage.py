@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from zmav.sim.autopilots.px4 import event_words
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.protocol.channel import Channel, Part, Sender
 from zmav.sim.protocol.filesystem import FileSystem
 from zmav.sim.protocol.ftp import FtpServer
 from zmav.sim.protocol.logs import ALL, MOST_ONE, FlightLog, Listing, Log, LogProtocol, LogStore
-from zmav.sim.ulog import UlogWriter
 
+MAGIC = b"ULog\x01\x12\x35\x01"
+_HEADER = struct.Struct("<8sQ")
+_MESSAGE = struct.Struct("<HB")
 LOGS = "/log/sess001"
-EXTRAS, WORDS = "/etc/extras", "all_events.json.xz"
 _REAL32 = 9  # MAV_PARAM_TYPE
 
 
@@ -27,7 +28,6 @@ class UlogFlight(FlightLog):
         self._writer: UlogWriter
 
     def say(self, severity: int, text: str) -> None:
-        """A text that the vehicle said."""
         if self.running:
             self._writer.text(severity, self.time_us, text)
 
@@ -85,9 +85,8 @@ class Px4Storage:
     def __init__(self, copter: Px4Copter, unix_us: Callable[[], int]) -> None:
         self.logs = LogStore()
         self.flight_log = UlogFlight(copter, self.logs, unix_us)
-        self.files = FileSystem(LOGS, EXTRAS)
+        self.files = FileSystem(LOGS)
         self.files.attach(LOGS, self._files, self._remove)
-        self.files.attach(EXTRAS, lambda: {WORDS: event_words.packed()}, lambda name: False)
         self.ftp = FtpServer(self.files, session=0)
         self.protocol = Px4LogProtocol(self.logs)
 
@@ -104,3 +103,36 @@ class Px4Storage:
 
 def _name(log: Log) -> str:
     return f"log{99 + log.number}.ulg"
+
+
+class UlogWriter:
+    """A growing log, begun at ``time_us`` since boot; at most ``limit`` bytes, always whole messages.
+
+    ``info`` are texts such as ``sys_name``; ``params`` are int (int32_t) or float. A header, then messages of size,
+    type and body: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. Topics are not logged.
+    """
+
+    def __init__(self, time_us: int, limit: int, *, info: Mapping[str, str], params: Mapping[str, float]) -> None:
+        self.data = bytearray(_HEADER.pack(MAGIC, time_us))
+        self.full = False
+        self._limit = limit
+        self._put("B", bytes(40))  # flag bits: nothing appended, no flags
+        for key, text in info.items():
+            self._put("I", _keyed(f"char[{len(text.encode())}] {key}", text.encode()))
+        for name, value in params.items():
+            kind, code = ("int32_t", "<i") if isinstance(value, int) else ("float", "<f")
+            self._put("P", _keyed(f"{kind} {name}", struct.pack(code, value)))
+
+    def text(self, level: int, time_us: int, text: str) -> None:
+        """A logged string; ``level`` is a MAV_SEVERITY."""
+        self._put("L", struct.pack("<BQ", ord("0") + level, time_us) + text.encode())
+
+    def _put(self, kind: str, body: bytes) -> None:
+        if self.full or len(self.data) + _MESSAGE.size + len(body) > self._limit:
+            self.full = True
+            return
+        self.data += _MESSAGE.pack(len(body), ord(kind)) + body
+
+
+def _keyed(key: str, value: bytes) -> bytes:
+    return bytes((len(key.encode()),)) + key.encode() + value
