@@ -229,21 +229,6 @@ search = goal_command(
     click.option("--alt", type=float, required=True, help="Metres above the origin."),
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
     click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
-    click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before."),
-)
-patrol = goal_command(
-    "patrol",
-    swarm.Patrol,
-    "Fly a closed route corner by corner, again and again, spread over it.",
-    several(
-        "--to",
-        "route",
-        type=places.place,
-        metavar=places.PLACE,
-        required=True,
-        help="A corner of the route: two at least, and one for each vehicle.",
-    ),
-    click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]"),
 )
 takeoff = goal_command(
     "takeoff",
@@ -265,4 +250,4 @@ land = goal_command(
 return_ = goal_command("return", swarm.Return, "Home, each to where it took off, and land there.")
 hold = goal_command("hold", swarm.Hold, "Stop along what is being flown, and stay.")
 
-COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, patrol, takeoff, land, return_, hold)
+COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, takeoff, land, return_, hold)

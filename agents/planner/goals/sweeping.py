@@ -37,15 +37,15 @@ def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) 
 
 
 def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[Sweeper]:
-    """The vehicles as a search sees them, in the goal's order; each a layer above the one before it."""
+    """The vehicles as a search sees them, in the goal's order."""
     sweepers = []
-    for i, view in enumerate(views):
+    for view in views:
         body, (east, north, up) = view.body, frames.enu(view.pos_ned)
         sweepers.append(
             Sweeper(
                 name=view.name,
                 start=np.array([east, north, up]),
-                height=goal.height + i * goal.layer if view.flies else up,
+                height=goal.height if view.flies else up,
                 width=body.sweep_width,
                 speed=body.speed,
                 accel=body.accel,

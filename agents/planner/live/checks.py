@@ -41,7 +41,7 @@ def check_goal(goal: swarm.Goal) -> None:
         raise BadInput("the goal names no vehicle", field="goal.vehicles", value=[], expected="one name or more")
     for name in goal.vehicles:
         keys.check_name(name, "goal.vehicles")
-    for field in ("to", "points", "via", "offsets", "route", "polygon", "at"):
+    for field in ("to", "points", "via", "offsets", "polygon", "at"):
         listed = getattr(goal, field, None)
         if isinstance(listed, list):
             _at_most(listed, MOST_POINTS, f"goal.{field}")
@@ -57,9 +57,6 @@ def _check_sizes(goal: swarm.Goal) -> None:
     elif isinstance(goal, swarm.Search) and len(goal.polygon) < 3:
         text = f"a search needs a polygon of three corners or more; there are {len(goal.polygon)}"
         raise BadInput(text, field="goal.polygon", value=len(goal.polygon), expected="three corners or more")
-    elif isinstance(goal, swarm.Patrol) and len(goal.route) < 2:
-        text = f"a patrol needs a route of two points or more; there are {len(goal.route)}"
-        raise BadInput(text, field="goal.route", value=len(goal.route), expected="two points or more")
     elif isinstance(goal, swarm.GoTo) and len(goal.to) != len(goal.vehicles):
         text = f"{len(goal.vehicles)} vehicles have {len(goal.to)} places to go to"
         raise BadInput(text, field="goal.to", value=len(goal.to), expected=f"{len(goal.vehicles)} places")

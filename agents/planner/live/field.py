@@ -101,9 +101,6 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
         for field, centre in [*((f"goal.via[{i}]", via) for i, via in enumerate(goal.via)), ("goal.at", goal.at)]:
             for x, y, z in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
                 yield field, *ned((float(x), float(y), float(z))), views
-    elif isinstance(goal, swarm.Patrol):
-        for i, place in enumerate(goal.route):
-            yield f"goal.route[{i}]", *place, views
     elif isinstance(goal, swarm.Search):
         for view, sweeper in zip(views, sweepers_of(goal, views), strict=True):
             for i, (north, east) in enumerate(goal.polygon):

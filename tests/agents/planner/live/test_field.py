@@ -97,7 +97,6 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
             at=good,
             points=[(0.0, 0.0, 0.0), (0.0, 9.0, 0.0), (9.0, 0.0, r.choice([25.0, -120.0]))],
         ),
-        swarm.Patrol(vehicles=NAMES, route=places),
         swarm.Search(
             vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=r.choice([-10.0, 130.0, math.nan])
         ),
@@ -105,9 +104,6 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
         swarm.TakeOff(vehicles=NAMES, height=r.choice([-5.0, 0.0, 121.0, math.inf])),
         swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, r.choice([8.0, 0.5, -125.0]))]),
         swarm.Land(vehicles=NAMES, at=[(0.0, 0.0), (0.0, 9.0), (4000.0, 0.0)]),
-        swarm.Search(
-            vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=r.choice([-15.0, 60.0])
-        ),
         *_bad_follows(r),
     ]
     return r.choice(makers)
@@ -157,8 +153,7 @@ GOOD_FOLLOWS = [
     swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-5.0, 0.0, 1.5)]),
     swarm.Follow(vehicles=NAMES[:1], leader="not_heard_yet"),
     swarm.Follow(vehicles=["rover1"], leader="quad1"),
-    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=10.0),
-    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=-5.0),
+    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0),
 ]
 
 
