@@ -110,9 +110,7 @@ class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
     leader: str
     """a vehicle's or an obstacle's name"""
     offsets: list[Vector] = []
-    """one a vehicle; empty: behind, staggered, at the leader's height"""
-    frame: Literal["ned", "body"] = "ned"
-    """body: forward, right, down of the leader's course"""
+    """north, east, down of the leader, one a vehicle; empty: south of it, staggered, at its height"""
     on_lost: Literal["hold", "return", "land"] = "hold"
     """when the leader was not heard for ``lost_after`` s"""
     lost_after: float = 3.0

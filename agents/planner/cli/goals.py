@@ -201,14 +201,7 @@ follow = goal_command(
         "offsets",
         type=places.offset,
         metavar=places.OFFSET,
-        help="One a vehicle.  [default: staggered behind, at its height]",
-    ),
-    click.option(
-        "--frame",
-        type=click.Choice(["ned", "body"]),
-        default="ned",
-        show_default=True,
-        help="body: the offsets turn with the leader's course.",
+        help="One a vehicle.  [default: staggered south of it, at its height]",
     ),
     click.option("--on-lost", type=click.Choice(["hold", "return", "land"]), default="hold", show_default=True),
     click.option(

@@ -6,7 +6,6 @@ import math
 import random
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import pytest
 
@@ -71,12 +70,9 @@ def _bad_place(r: random.Random) -> Vector:
 def _bad_follows(r: random.Random) -> list[swarm.Goal]:
     """Bad by one follower's place, wherever it comes from."""
     up, far = (-6.0, 0.0, -10.0), (r.choice([-2000.0, 2000.0]), 0.0, -10.0)
-    frame: Literal["ned", "body"] = r.choice(["ned", "body"])
     return [
-        swarm.Follow(vehicles=NAMES[:1], leader="rover1", frame=frame, offsets=[far]),
-        swarm.Follow(
-            vehicles=NAMES[:2], leader="rover1", frame=frame, offsets=[up, (-9.0, 0.0, r.choice([12.0, -150.0]))]
-        ),
+        swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[far]),
+        swarm.Follow(vehicles=NAMES[:2], leader="rover1", offsets=[up, (-9.0, 0.0, r.choice([12.0, -150.0]))]),
         swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-6.0, 0.0, r.choice([4.0, -140.0]))]),
         swarm.Follow(vehicles=NAMES[:1], leader="far_cart"),
         swarm.Follow(vehicles=NAMES, leader="rover1"),
@@ -147,8 +143,8 @@ def test_a_rover_s_height_means_nothing_and_a_declared_field_is_the_fleet_file_s
 
 
 GOOD_FOLLOWS = [
-    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, -10.0)], frame="body"),
-    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(990.0, 0.0, -10.0)], frame="body"),
+    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, -10.0)]),
+    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(990.0, 0.0, -10.0)]),
     swarm.Follow(vehicles=NAMES[1:], leader="quad1"),
     swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-5.0, 0.0, 1.5)]),
     swarm.Follow(vehicles=NAMES[:1], leader="not_heard_yet"),
