@@ -65,8 +65,10 @@ def check_field(goal: swarm.Goal, fleet: FleetView, field: Field, downwash: floa
 
     Heights count from each vehicle's own home, as they do on the vehicle; a rover's mean nothing.
     """
-    follows = isinstance(goal, swarm.Follow)
-    places = _followers(goal, fleet, downwash, ball) if follows else _places(goal, fleet, downwash)
+    if isinstance(goal, swarm.Follow):
+        places = _followers(goal, fleet, downwash, ball)
+    else:
+        places = _places(goal, fleet, downwash)
     for name, north, east, down, who in places:
         for view in who:
             fence = field.fence(view.name)

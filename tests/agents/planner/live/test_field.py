@@ -144,7 +144,7 @@ def test_a_rover_s_height_means_nothing_and_a_declared_field_is_the_fleet_file_s
 
 GOOD_FOLLOWS = [
     swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, -10.0)]),
-    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(990.0, 0.0, -10.0)]),
+    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(970.0, 0.0, -10.0)]),
     swarm.Follow(vehicles=NAMES[1:], leader="quad1"),
     swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-5.0, 0.0, 1.5)]),
     swarm.Follow(vehicles=NAMES[:1], leader="not_heard_yet"),
