@@ -7,7 +7,6 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Any
 
 import zenoh
@@ -103,9 +102,7 @@ class CameraAgent:
         self._tasks = [loop.create_task(self._send_all(publisher)), loop.create_task(self._look_after())]
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

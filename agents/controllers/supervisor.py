@@ -415,8 +415,7 @@ class Supervisor(zmav.Agent):
         self._follows("position")
         for field, value, low, high in (("speed", args.speed, 0.05, 20.0), ("accel", args.accel, 0.05, 20.0)):
             if not low <= value <= high:
-                text = f"{field} = {value:g}; expected {low:g} to {high:g}"
-                raise BadInput(text, field=field, value=value, expected=f"{low:g} to {high:g}")
+                raise BadInput.wrong(field, value, f"{low:g} to {high:g}")
         with self.cycles.lock:
             lasts = self.cycles.references.goto(args.pos, args.yaw, args.speed, args.accel, self.estimate.state)
         return {"seconds": lasts}

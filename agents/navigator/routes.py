@@ -101,7 +101,7 @@ def shape(
     corner. Raises :class:`~zmav.errors.BadInput` naming the field, its value and what was expected.
     """
     if name not in SIZES:
-        raise bad("route", name, ", ".join(SIZES))
+        raise BadInput.wrong("route", name, ", ".join(SIZES))
     for field, value in zip(("north", "east", "down"), centre, strict=True):
         check(field, value, -FAR, FAR, "m")
     check("heading", heading, -4 * math.pi, 4 * math.pi, "rad")
@@ -128,7 +128,7 @@ def _sizes(name: str, sizes: Mapping[str, float | None]) -> dict[str, float]:
     given = {field: value for field, value in sizes.items() if value is not None}
     for field, value in given.items():
         if field not in known:
-            raise bad(field, value, f"for the route {name} only {', '.join(known)}")
+            raise BadInput.wrong(field, value, f"for the route {name} only {', '.join(known)}")
         check(field, value, *known[field][1:], "m")
     return {field: float(given.get(field, default)) for field, (default, _, _) in known.items()}
 
@@ -136,9 +136,4 @@ def _sizes(name: str, sizes: Mapping[str, float | None]) -> dict[str, float]:
 def check(field: str, value: float, low: float, high: float, unit: str) -> None:
     """Raise :class:`~zmav.errors.BadInput` for what is not between them, or not finite."""
     if not low <= value <= high:
-        raise bad(field, value, f"{low:g} to {high:g} {unit}")
-
-
-def bad(field: str, value: object, expected: str) -> BadInput:
-    shown = f"{value:g}" if isinstance(value, float) else repr(value)
-    return BadInput(f"{field} = {shown}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadInput.wrong(field, value, f"{low:g} to {high:g} {unit}")

@@ -51,7 +51,7 @@ USUAL_FOV = math.radians(63.0)
     metavar="S",
     help="From shutter to us, where the source does not say when a picture was taken.",
 )
-@click.option("--loop", is_flag=True, help="A file or folder begins again at its end.")
+@click.option("--loop", is_flag=True, help="A folder begins again at its end.")
 @fleet_option
 @zenoh_options
 def command(
@@ -72,7 +72,7 @@ def command(
     """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
 
     SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
-    serves), a video file or a folder of pictures. Pictures go out while somebody reads them, as many, as large and as
+    serves) or a folder of pictures. Pictures go out while somebody reads them, as many, as large and as
     good as the tightest reader's link takes. SIGTERM ends it.
     """
     if calibration is not None and fov is not None:

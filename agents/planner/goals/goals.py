@@ -10,8 +10,7 @@ import numpy as np
 
 from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
-from agents.planner.goals.formation import check_apart
-from agents.planner.goals.formation_steps import formation
+from agents.planner.goals.formation import check_apart, formation
 from agents.planner.goals.steps import FleetView, Loiter, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames

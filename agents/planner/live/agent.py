@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import time
 import uuid
-from types import TracebackType
 
 import zmav
 from agents.planner.live.checks import read_obstacle
@@ -83,9 +82,7 @@ class Agent:
         self._task = asyncio.create_task(self._live())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         """Everybody comes to rest, and the goals stay in the book for anyone who stands by."""
         tasks = [*filter(None, (self._task, *self.publisher.tasks)), *self.context.asking]
         for task in tasks:

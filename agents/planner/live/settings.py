@@ -52,8 +52,7 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
         for field, (least, most) in BOUNDS.items():
             value = getattr(self, field)
             if not least <= value <= most:  # nor a number that is none: nothing would be too near or too far off then
-                text = f"{field} is {value}; expected {least} to {most}"
-                raise BadConfig(text, field=field, value=value, expected=f"{least} to {most}")
+                raise BadConfig.wrong(field, value, f"{least} to {most}")
 
 
 def fence_of(file: FleetConfig) -> swarm.Geofence | None:

@@ -24,7 +24,7 @@ from agents.camera.settings import Settings
 from tests.cli.conftest import Process
 from zmav import keys
 from zmav.session import SessionSettings
-from zmav.vision.opencv import Image
+from zmav.vision.opencv import Image, encode
 
 if TYPE_CHECKING:
     from tests.conftest import Net
@@ -134,13 +134,12 @@ async def run_camera(net: Net) -> AsyncIterator[Run]:
         yield run
 
 
-def write_video(path: Path, count: int, rate: float = 25.0) -> None:
-    """An .mjpg in an .avi, with numbered pictures."""
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (320, 240))
-    assert video.isOpened()
+def write_pictures(folder: Path, count: int) -> Path:
+    """Numbered pictures in a folder; gives it."""
+    folder.mkdir()
     for number in range(count):
-        video.write(scene(number))
-    video.release()
+        (folder / f"{number:03d}.jpg").write_bytes(encode(scene(number), 60))
+    return folder
 
 
 @pytest.fixture
