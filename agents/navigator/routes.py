@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.navigator.path import Array, Curve, Line, Piece, circle, lemniscate, placed, turned
+from agents.navigator.path import Array, Curve, Piece, StraightPiece, circle, lemniscate, placed, turned
 from zmav.errors import BadInput
 from zmav.wire import Vector
 
@@ -77,7 +77,7 @@ class Route:
         to = self.at(np.zeros(1))[0][0]
         if math.dist(to, place) < APART:
             return self
-        way = Line(np.array(place), to)
+        way = StraightPiece(np.array(place), to)
         return replace(self, stages=(RoutePiece(way, dwell), *self.stages), begins=self.begins + way.length)
 
 
@@ -111,7 +111,7 @@ def shape(
     if name in ("circle", "lemniscate"):
         plain = circle(**given) if name == "circle" else lemniscate(**given)
         return Route(name, (RoutePiece(Curve(placed(plain, middle, heading), 0.0, math.tau)),))
-    sides = [Line(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
+    sides = [StraightPiece(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
     return Route(name, (*(RoutePiece(side, dwell) for side in sides[:-1]), RoutePiece(sides[-1])))
 
 

@@ -13,8 +13,8 @@ import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Source
 from agents.camera.cli.options import name_option, pair, rate_bytes, triple
-from agents.camera.mjpeg import MjpegSource, Numbers, numbers
-from agents.camera.settings import Calibration, Settings
+from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
+from agents.camera.settings import Calibration, CameraSettings
 from agents.camera.sources import open_source
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import BadConfig
@@ -81,7 +81,7 @@ def command(
     found = numbers(opened.words) if isinstance(opened, MjpegSource) else None
     lens = _lens(calibration, fov, found)
     roll, pitch, yaw = (math.radians(angle) for angle in mount or (0.0, 0.0, 0.0))
-    given = Settings(
+    given = CameraSettings(
         rate=rate,
         size=size,
         gimbal=gimbal or (found is not None and found.gimbal),
@@ -92,7 +92,7 @@ def command(
     run(_run(given, opened, lens, fleet, settings))
 
 
-def _lens(calibration: Path | None, fov: float | None, found: Numbers | None) -> Calibration | float:
+def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
     if calibration is not None:
         return Calibration.load(calibration)
     if fov is not None:
@@ -103,7 +103,9 @@ def _lens(calibration: Path | None, fov: float | None, found: Numbers | None) ->
     return USUAL_FOV
 
 
-async def _run(own: Settings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings) -> None:
+async def _run(
+    own: CameraSettings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings
+) -> None:
     async with (
         zmav.open(fleet=fleet, settings=settings) as z,
         CameraAgent(z, own, source, lens, settings, say) as agent,

@@ -22,7 +22,7 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.order_handlers import OrderHandlers
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.run import Run
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.solver import Solver
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
@@ -41,7 +41,7 @@ LEAST = 0.1
 class Agent:
     """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop."""
 
-    def __init__(self, z: zmav.Client, settings: Settings) -> None:
+    def __init__(self, z: zmav.Client, settings: PlannerSettings) -> None:
         self.z = z
         instance = uuid.uuid4().hex
         patience = settings.patience * (2.0 if settings.standby else 1.0)

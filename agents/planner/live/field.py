@@ -33,7 +33,7 @@ Ball = Callable[[str], Vector | None]
 """where an obstacle of that name is now (NED)"""
 
 
-class Field:
+class FleetField:
     """The fences of a fleet's vehicles about its origin: ``own`` where a vehicle has one, else ``declared``.
 
     Without an origin a polygon cannot be told from here; the vehicles hold to it. Raises
@@ -48,9 +48,9 @@ class Field:
         return self._own.get(name, self._declared)
 
 
-def field_of(file: FleetConfig) -> Field:
+def field_of(file: FleetConfig) -> FleetField:
     own = {name: table.geofence for name, table in file.vehicles.items() if table.geofence is not None}
-    return Field(file.geofence, own, file.origin)
+    return FleetField(file.geofence, own, file.origin)
 
 
 def _fence(declared: Geofence, origin: wire.Origin | None) -> Fence:
@@ -60,7 +60,7 @@ def _fence(declared: Geofence, origin: wire.Origin | None) -> Fence:
     return Fence(usual, origin or NOWHERE, ground=True)
 
 
-def check_field(goal: swarm.Goal, fleet: FleetView, field: Field, downwash: float, ball: Ball) -> None:
+def check_field(goal: swarm.Goal, fleet: FleetView, field: FleetField, downwash: float, ball: Ball) -> None:
     """Raise :class:`~zmav.errors.BadInput` for a place beyond the fence of a vehicle that may come there.
 
     Heights count from each vehicle's own home, as they do on the vehicle; a rover's mean nothing.

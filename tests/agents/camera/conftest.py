@@ -20,7 +20,7 @@ import zenoh
 import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from tests.cli.conftest import Process
 from zmav import keys
 from zmav.session import SessionSettings
@@ -127,7 +127,7 @@ async def run_camera(net: Net) -> AsyncIterator[Run]:
         async def run(endpoint: str, source: Any = None, lens: Any = 1.1, say: Any = None, **how: Any) -> CameraAgent:
             session = SessionSettings(connect=[endpoint])
             z = await stack.enter_async_context(zmav.open(settings=session))
-            own = Settings(vehicle="quad1", **how)
+            own = CameraSettings(vehicle="quad1", **how)
             agent = CameraAgent(z, own, source or Painted(), lens, session, say or (lambda line: None))
             return await stack.enter_async_context(agent)
 

@@ -11,7 +11,7 @@ import pytest
 
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live.checks import check_goal
-from agents.planner.live.field import Field, check_field, field_of
+from agents.planner.live.field import FleetField, check_field, field_of
 from zmav.config import FleetConfig, Geofence, VehicleConfig, body_of
 from zmav.errors import BadInput
 from zmav.wire import Origin, Vector, swarm
@@ -48,7 +48,7 @@ def held(
     own: Mapping[str, Geofence] | None = None,
     origin: Origin | None = None,
 ) -> None:
-    field = Field(declared or Geofence(), own or {}, origin)
+    field = FleetField(declared or Geofence(), own or {}, origin)
     check_field(goal, there or fleet(), field, 1.5, BALLS.get)
 
 
