@@ -1,8 +1,8 @@
 """Who is to be told what, and when: the execution of one plan, decided purely from what was heard so far.
 
-All vehicles fly the plan by one common clock (:class:`~.track.CommonClock`). Each is sent its trajectory as far ahead as is
-clear of everything that any other may be flying (:mod:`.commit`), with a stop tail along its own way, long before the
-last one's tail begins. Who cannot be told in time stops by itself, and the clock waits for it. Times are ours, ENU.
+All vehicles fly the plan by one common clock (:class:`~.track.CommonClock`). Each is sent its trajectory as far ahead
+as is clear of everything that any other may be flying (:mod:`.commit`), with a stop tail along its own way, long before
+the last one's tail begins. Who cannot be told in time stops by itself, and the clock waits for it. Times are ours, ENU.
 """
 
 from __future__ import annotations
