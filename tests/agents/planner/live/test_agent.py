@@ -474,10 +474,8 @@ async def test_one_planner_commands_however_many_there_are(field: Field) -> None
     """A second one that believes to be in charge as well: the higher term is, and the other lets go at once."""
     name = await field.submit(swap(12.0))
     await field.until(name, lambda entry: entry.state == "flying")
-    async with (
-        zmav.open(connect=[field.fleet.endpoint]) as z,
-        Agent(z, PlannerSettings(name="other", patience=1.0)) as other,
-    ):
+    own = PlannerSettings(name="other", patience=1.0)
+    async with zmav.open(connect=[field.fleet.endpoint]) as z, Agent(z, own) as other:
         await within(PATIENCE_S, _until(lambda: other.context.charge.of == "ground"))
         assert not other.context.charge.in_charge
         assert any(entry.id == name for entry in other.context.book().goals), "a standby keeps the book"
