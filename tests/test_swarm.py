@@ -13,7 +13,7 @@ import pytest
 
 import zmav
 from agents.planner.live.agent import Agent
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from tests.agents.planner.execute.fleet import HOME, ORIGIN, PATIENCE_S, ROUTER, Fleet, airborne
 from tests.conftest import endpoint_of
 from tests.swarm import TAKEN, FakePlanner
@@ -85,7 +85,7 @@ async def test_several_are_brought_home_by_the_planner() -> None:
     """The real one: they fly its plan and never the autopilot's own RTL."""
     async with airborne(PLACES, 5.0) as fleet, contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
+        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
         await agent.context.solver.until_ready()
         await asyncio.wait_for(_until(lambda: agent.context.charge.in_charge), PATIENCE_S)
         async with over(fleet) as modes:

@@ -13,7 +13,7 @@ import pytest
 
 import zmav
 from agents.planner.live.agent import Agent
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from tests.agents.planner.execute.fleet import PATIENCE_S, ROUTER, airborne
 from tests.conftest import Samples, endpoint_of
 from tests.swarm import TAKEN, FakePlanner, FakeVehicle
@@ -134,7 +134,7 @@ async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:
     """The real one, and copters on their way elsewhere: neither its leases nor its patience suffer from the hold."""
     async with airborne([(0.0, 0.0), (0.0, 9.0)], 6.0) as fleet, contextlib.AsyncExitStack() as stack:
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
+        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
         await agent.context.solver.until_ready()
         await asyncio.wait_for(_until(lambda: agent.context.charge.in_charge), PATIENCE_S)
         away = [asyncio.create_task(fleet.z.vehicle(name).goto(pos=(150.0, 0.0, -6.0))) for name in fleet.names]

@@ -7,15 +7,14 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Any
 
 import zenoh
 
 from agents.camera.budget import Budget
 from agents.camera.capture import Capture, Shot, Source
-from agents.camera.quality_steps import QualitySteps, Step
-from agents.camera.settings import Calibration, Settings
+from agents.camera.quality_steps import QualityStep, QualitySteps
+from agents.camera.settings import Calibration, CameraSettings
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
@@ -44,13 +43,13 @@ class CameraAgent:
 
     ``lens``: the calibration, or the horizontal field of view in rad of one that does not distort. ``bulk``: how the
     session for the pictures is opened, so that they do not queue before anything else. ``say`` takes a line for people,
-    from any thread. Raises what :meth:`Settings.check` and the source's ``check`` do.
+    from any thread. Raises what :meth:`CameraSettings.check` and the source's ``check`` do.
     """
 
     def __init__(
         self,
         z: Client,
-        settings: Settings,
+        settings: CameraSettings,
         source: Source,
         lens: Calibration | float,
         bulk: SessionSettings,
@@ -103,9 +102,7 @@ class CameraAgent:
         self._tasks = [loop.create_task(self._send_all(publisher)), loop.create_task(self._look_after())]
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -214,7 +211,7 @@ class CameraAgent:
                 return None
             await self._news.wait()
 
-    def _made(self, shot: Shot, step: Step) -> tuple[bytes, tuple[int, int]]:
+    def _made(self, shot: Shot, step: QualityStep) -> tuple[bytes, tuple[int, int]]:
         """The JPEG and its size; in a thread. Raises :class:`BadInput` for what cannot be sent."""
         cv2 = opencv()
         image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image

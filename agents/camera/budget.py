@@ -11,7 +11,7 @@ import collections
 import math
 from typing import NamedTuple
 
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from zmav import keys
 from zmav.wire import FrameReport
 
@@ -94,10 +94,10 @@ class _Heard(NamedTuple):
     torn: int
 
 
-class Link:
+class ReaderLink:
     """What one reader's reports say of the way to it."""
 
-    def __init__(self, settings: Settings, now: float) -> None:
+    def __init__(self, settings: CameraSettings, now: float) -> None:
         self.budget = settings.budget
         """B/s"""
         self.loss = UNKNOWN_LOSS
@@ -220,17 +220,17 @@ class Link:
 class Budget:
     """Of one camera: the tightest of its readers' links."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: CameraSettings) -> None:
         self._settings = settings
         self.sent = Sent()
-        self.links: dict[str, Link] = {}
+        self.links: dict[str, ReaderLink] = {}
 
     def report(self, reader: str, report: FrameReport, now: float) -> None:
         """Take a reader's word; beyond :data:`MOST_READERS` nobody new is heard."""
         if reader not in self.links:
             if len(self.links) >= MOST_READERS:
                 return
-            self.links[reader] = Link(self._settings, now)
+            self.links[reader] = ReaderLink(self._settings, now)
         self.links[reader].take(report, self.sent, now)
 
     def expire(self, now: float) -> None:

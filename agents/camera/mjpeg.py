@@ -144,7 +144,7 @@ class TheirClock:
         return t if EARLY <= least <= LATE else t + least - USUAL
 
 
-class Numbers(NamedTuple):
+class SimulatedLens(NamedTuple):
     """What the simulator's camera says of its lens and mount: ``/NAME.json`` beside its pictures."""
 
     calibration: Calibration
@@ -164,7 +164,7 @@ class _Told(msgspec.Struct):
     gimbal: bool
 
 
-def numbers(url: str) -> Numbers | None:
+def numbers(url: str) -> SimulatedLens | None:
     """Of the camera whose pictures are at ``http://host:port/NAME.mjpeg``; None where it is no simulator's."""
     parts = urlsplit(url)
     if not parts.path.endswith(".mjpeg"):
@@ -179,4 +179,4 @@ def numbers(url: str) -> Numbers | None:
     except (OSError, ValueError, http.client.HTTPException):  # msgspec's errors are ValueErrors, urllib's OSErrors
         return None
     roll, pitch, yaw = (math.radians(angle) for angle in told.mount_deg)
-    return Numbers(calibration, (roll, pitch, yaw), told.offset_m, told.gimbal)
+    return SimulatedLens(calibration, (roll, pitch, yaw), told.offset_m, told.gimbal)

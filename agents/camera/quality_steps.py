@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from zmav.vision.chunks import count_of
 from zmav.vision.parity import needed
 
@@ -26,7 +26,7 @@ SLOWEST = 0.2
 """Hz; where not even that fits, pictures come as the budget lets them"""
 
 
-class Step(NamedTuple):
+class QualityStep(NamedTuple):
     """One way to make pictures."""
 
     half: bool
@@ -42,16 +42,16 @@ class Step(NamedTuple):
 class QualitySteps:
     """The steps from best to least, what a picture of each takes, and on which one we are."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: CameraSettings) -> None:
         best, rate = settings.quality, settings.rate
         middle, low = (max(round(best * part), min(WORST_QUALITY, best)) for part in (0.8, 0.6))
         slowest = min(SLOWEST, rate)
         self.steps = [
-            Step(False, best, rate),
-            Step(False, middle, rate),
-            Step(False, low, rate),
-            Step(True, middle, rate),
-            Step(True, low, rate),
+            QualityStep(False, best, rate),
+            QualityStep(False, middle, rate),
+            QualityStep(False, low, rate),
+            QualityStep(True, middle, rate),
+            QualityStep(True, low, rate),
         ]
         """from best to least, each at its full rate"""
         self._least = [rate, rate, max(rate / 2.0, slowest), rate, slowest]
@@ -61,13 +61,13 @@ class QualitySteps:
         self._at = len(self.steps) - 1
         self._first = True
 
-    def learn(self, step: Step, length: int) -> None:
+    def learn(self, step: QualityStep, length: int) -> None:
         """A picture of that step had ``length`` bytes."""
         key = step.half, step.quality
         before = self._sizes.get(key, float(length))
         self._sizes[key] = before + LEARNS * (length - before)
 
-    def expected(self, step: Step) -> float:
+    def expected(self, step: QualityStep) -> float:
         """Bytes of a picture, measured or from the measured one that is most like it."""
         key = step.half, step.quality
         if key in self._sizes:
@@ -78,13 +78,13 @@ class QualitySteps:
         size = self._sizes[like] * math.pow(step.quality / like[1], PER_QUALITY)
         return size * (1.0 if like[0] == step.half else HALF_BYTES if step.half else 1.0 / HALF_BYTES)
 
-    def bytes(self, step: Step, loss: float) -> float:
+    def bytes(self, step: QualityStep, loss: float) -> float:
         """Of a picture with its parity, where a share ``loss`` of chunks is lost."""
         size = self.expected(step)
         count = count_of(max(round(size), 1))
         return size * (count + needed(count, loss)) / count
 
-    def choose(self, budget: float, loss: float) -> Step:
+    def choose(self, budget: float, loss: float) -> QualityStep:
         """The best step that fits at its least rate; a better one than now only where it fits easily."""
         for i, step in enumerate(self.steps):
             room = budget * (ROOM if i >= self._at or self._first else UP)

@@ -20,7 +20,7 @@ SAME_SHAPE = 0.02
 """by how much the ratio of width to height may differ from the calibrated one"""
 
 
-class Settings(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+class CameraSettings(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """Of one camera; :meth:`check` says what in it cannot be."""
 
     vehicle: str
@@ -43,12 +43,12 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=
     """m forward, right, down"""
     gimbal: bool = False
 
-    def check(self) -> Settings:
+    def check(self) -> CameraSettings:
         """Itself; raises :class:`BadConfig` that names the field, and :class:`~zmav.errors.BadKey` for a bad name."""
         keys.check_name(self.vehicle, "vehicle")
         keys.check_name(self.camera, "camera")
         try:
-            msgspec.convert(msgspec.to_builtins(self), Settings)
+            msgspec.convert(msgspec.to_builtins(self), CameraSettings)
         except msgspec.ValidationError as e:
             raise BadConfig(f"camera {self.camera}: {e}", field="camera", value=self.camera, expected=str(e)) from None
         if not self.least <= self.budget <= self.most:

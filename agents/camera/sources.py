@@ -1,4 +1,4 @@
-"""What OpenCV opens: devices, streams, video files, folders of pictures; and which of them an argument means."""
+"""What OpenCV opens: devices, streams, folders of pictures; and which of them an argument means."""
 
 from __future__ import annotations
 
@@ -21,18 +21,14 @@ DEVICE = re.compile(r"(?:/dev/video)?(\d{1,3})\Z")
 OPEN_MS, READ_MS = 5000, 5000
 OLDEST = 5.0
 """s that a device's time stamp may lie back: one that is older, or ahead, is of another clock"""
-SLOWEST, FASTEST = 0.1, 240.0
-"""Hz of a video file that are believed"""
-Frame = tuple[Image | None, bytes | None, float]
-"""decoded, or as JPEG, with the s to the next one"""
 
 
 def open_source(
     text: str, *, rate: float = 10.0, loop: bool = False, delay: float = 0.0, size: tuple[int, int] | None = None
 ) -> Source:
-    """The source that an argument means: ``0`` or ``/dev/video0``, a URL, a video file, a folder of pictures.
+    """The source that an argument means: ``0`` or ``/dev/video0``, a URL, a folder of pictures.
 
-    ``rate``: Hz of a folder, and asked of a device; ``loop``: files begin again; ``delay``: s from the middle of the
+    ``rate``: Hz of a folder, asked of a device; ``loop``: a folder begins again; ``delay``: s from the middle of an
     exposure to arrival, where the source does not say when a picture was taken; ``size``: asked of a device. Raises
     :class:`BadConfig` for what is no source, or is not there.
     """
@@ -133,8 +129,8 @@ def _frames(video: Any, why: str, closed: threading.Event, taken: Any) -> Iterat
 
 
 class Replay:
-    """A video file at its own pace, or the pictures of a folder by their names at ``rate``, as if a camera took them
-    now: what is too slow for them misses some. A folder's JPEGs are passed on as they are.
+    """The pictures of a folder by their names at ``rate``, as if a camera took them now: what is too slow for them
+    misses some. JPEGs are passed on as they are.
     """
 
     def __init__(self, path: Path, rate: float, loop: bool) -> None:
@@ -142,31 +138,23 @@ class Replay:
         self._path, self._rate, self._loop = path, rate, loop
 
     def check(self) -> None:
-        cv2 = opencv()
-        if self._path.is_dir():
-            if not pictures_in(self._path):
-                text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
-                raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
-            return
-        if not self._path.is_file():
-            text = f"{self._path} is neither a device, a URL, a video file nor a folder of pictures"
-            raise BadConfig(text, field="source", value=str(self._path), expected="a file that is there")
-        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-        good, _ = video.read()
-        video.release()
-        if not good:
-            text = f"{self._path} is no video that OpenCV reads"
-            raise BadConfig(text, field="source", value=str(self._path), expected="a video file")
+        opencv()
+        if not self._path.is_dir():
+            text = f"{self._path} is neither a device, a URL nor a folder of pictures"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a folder that is there")
+        if not pictures_in(self._path):
+            text = f"there are no pictures ({', '.join(PICTURES)}) in {self._path}"
+            raise BadConfig(text, field="source", value=str(self._path), expected="a folder with pictures")
 
     def shots(self, closed: threading.Event) -> Iterator[Shot]:
         count, due = 0, time.monotonic()
         while not closed.is_set():
             before = count
-            for image, jpeg, pace in self._pictures() if self._path.is_dir() else self._film():
+            for image, jpeg in self._pictures():
                 pause(closed, due)
                 yield Shot(count, time.time(), image, jpeg)
                 count += 1
-                due = max(due, time.monotonic() - 1.0) + pace
+                due = max(due, time.monotonic() - 1.0) + 1.0 / self._rate
                 if closed.is_set():
                     return
             if count == before:
@@ -174,28 +162,15 @@ class Replay:
             if not self._loop:
                 return
 
-    def _film(self) -> Iterator[Frame]:
-        cv2 = opencv()
-        video = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-        try:
-            rate = float(video.get(cv2.CAP_PROP_FPS))
-            pace = 1.0 / rate if SLOWEST <= rate <= FASTEST else 0.1
-            while True:
-                good, image = video.read()
-                if not good:
-                    return
-                yield image, None, pace
-        finally:
-            video.release()
-
-    def _pictures(self) -> Iterator[Frame]:
+    def _pictures(self) -> Iterator[tuple[Image | None, bytes | None]]:
+        """Each decoded, or as JPEG."""
         cv2 = opencv()
         for path in pictures_in(self._path):
             data = path.read_bytes()
             jpeg = data if data[:2] == b"\xff\xd8" else None
             image = None if jpeg else cv2.imread(str(path), cv2.IMREAD_COLOR)
             if jpeg is not None or image is not None:
-                yield image, jpeg, 1.0 / self._rate
+                yield image, jpeg
 
 
 def pictures_in(folder: Path) -> list[Path]:

@@ -37,7 +37,7 @@ COLLECT_EVERY = 500
 """cycles between two looks for garbage, after an output has gone out"""
 
 
-class Host:
+class ControllerProcess:
     """Answers a supervisor on a socket that keeps datagrams apart."""
 
     def __init__(self, line: socket.socket) -> None:
@@ -191,7 +191,7 @@ def _end_with(line: socket.socket) -> None:
 def main() -> None:
     with socket.socket(fileno=int(sys.argv[1])) as line:
         threading.Thread(target=_end_with, args=(line,), daemon=True).start()
-        Host(line).run()
+        ControllerProcess(line).run()
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ MOST_TURN = 0.8
 
 
 @dataclass(frozen=True)
-class Channel:
+class ReferenceChannel:
     """A number of the reference that can be added to."""
 
     levels: tuple[Level, ...]
@@ -40,19 +40,19 @@ class Channel:
     """of that vector"""
 
 
-CHANNELS: dict[str, Channel] = {
-    "x": Channel(("position",), "m", 20.0, "pos", 0),
-    "y": Channel(("position",), "m", 20.0, "pos", 1),
-    "z": Channel(("position", "altitude"), "m", 10.0, "pos", 2),
-    "vx": Channel(("velocity",), "m/s", 8.0, "vel", 0),
-    "vy": Channel(("velocity",), "m/s", 8.0, "vel", 1),
-    "vz": Channel(("velocity",), "m/s", 3.0, "vel", 2),
-    "roll": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
-    "pitch": Channel(("altitude", "attitude"), "rad", 0.6, "attitude"),
-    "yaw": Channel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, "yaw", 0),
-    "p": Channel(("rates",), "rad/s", 4.0, "rates", 0),
-    "q": Channel(("rates",), "rad/s", 4.0, "rates", 1),
-    "r": Channel(("rates",), "rad/s", 2.0, "rates", 2),
+CHANNELS: dict[str, ReferenceChannel] = {
+    "x": ReferenceChannel(("position",), "m", 20.0, "pos", 0),
+    "y": ReferenceChannel(("position",), "m", 20.0, "pos", 1),
+    "z": ReferenceChannel(("position", "altitude"), "m", 10.0, "pos", 2),
+    "vx": ReferenceChannel(("velocity",), "m/s", 8.0, "vel", 0),
+    "vy": ReferenceChannel(("velocity",), "m/s", 8.0, "vel", 1),
+    "vz": ReferenceChannel(("velocity",), "m/s", 3.0, "vel", 2),
+    "roll": ReferenceChannel(("altitude", "attitude"), "rad", 0.6, "attitude"),
+    "pitch": ReferenceChannel(("altitude", "attitude"), "rad", 0.6, "attitude"),
+    "yaw": ReferenceChannel(("position", "velocity", "altitude", "attitude"), "rad", math.pi / 2, "yaw", 0),
+    "p": ReferenceChannel(("rates",), "rad/s", 4.0, "rates", 0),
+    "q": ReferenceChannel(("rates",), "rad/s", 4.0, "rates", 1),
+    "r": ReferenceChannel(("rates",), "rad/s", 2.0, "rates", 2),
 }
 """North, east and down (z is down), their velocities, Euler angles (yaw, then pitch, then roll), rates about the body's
 axes. An altitude reference is a height and an attitude."""

@@ -92,8 +92,7 @@ class References:
         """The pilot's sticks, as velocities, attitudes or rates; ``hover``: the thrust of the throttle's middle."""
         known = next((each for each in STICK_LEVELS if each == level), None)
         if known is None:
-            text = f"no sticks for {level!r}; expected {', '.join(STICK_LEVELS)}"
-            raise BadInput(text, field="level", value=level, expected=", ".join(STICK_LEVELS))
+            raise BadInput.wrong("level", level, ", ".join(STICK_LEVELS), f"there are no sticks for {level}")
         if math.isnan(state.sticks[2]):
             raise BadInput("the pilot's radio is not heard", field="level", value=level, expected="RC_CHANNELS")
         self.hold(state)

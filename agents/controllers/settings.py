@@ -12,7 +12,7 @@ from zmav import wire
 from zmav.agent import Tunable
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Fixed while it runs."""
 
     controller: str

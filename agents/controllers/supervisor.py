@@ -21,7 +21,7 @@ from agents.controllers.estimate import HEARD, RATES_HZ, Estimate
 from agents.controllers.inject import Inject
 from agents.controllers.readiness import check_parameters, check_ready
 from agents.controllers.reloading import ControllerReloader
-from agents.controllers.settings import TUNABLES, ByStick, FollowSegment, GoTo, Settings, slug
+from agents.controllers.settings import TUNABLES, ByStick, ControllerSettings, FollowSegment, GoTo, slug
 from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav import keys, wire
@@ -53,7 +53,7 @@ class Supervisor(zmav.Agent):
     """Runs a controller for a vehicle, watches over it, and hands back to the autopilot."""
 
     name = "controller"
-    settings_type = Settings
+    settings_type = ControllerSettings
     check = staticmethod(loading.check)
     tunables: ClassVar = TUNABLES
     verbs: ClassVar = {
@@ -67,7 +67,7 @@ class Supervisor(zmav.Agent):
     }
 
     def __init__(self, z: zmav.Client, vehicle: str, settings: Any = None, tuned: Any = ()) -> None:
-        assert isinstance(settings, Settings)
+        assert isinstance(settings, ControllerSettings)
         self.name = keys.check_name(settings.name or slug(settings.controller), "name")
         self.wished = dict(tuned)
         """values of parameters to begin with; the controller's own are known when it has been loaded"""
@@ -415,8 +415,7 @@ class Supervisor(zmav.Agent):
         self._follows("position")
         for field, value, low, high in (("speed", args.speed, 0.05, 20.0), ("accel", args.accel, 0.05, 20.0)):
             if not low <= value <= high:
-                text = f"{field} = {value:g}; expected {low:g} to {high:g}"
-                raise BadInput(text, field=field, value=value, expected=f"{low:g} to {high:g}")
+                raise BadInput.wrong(field, value, f"{low:g} to {high:g}")
         with self.cycles.lock:
             lasts = self.cycles.references.goto(args.pos, args.yaw, args.speed, args.accel, self.estimate.state)
         return {"seconds": lasts}

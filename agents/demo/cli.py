@@ -39,7 +39,6 @@ MOST_PX4 = PX4_LAST_ONBOARD + 1
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of what is left.  [default: flights/NAME-TIME]",
 )
-@click.option("--headless", is_flag=True, help="Lines instead of a live table (also where there is no terminal).")
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
 @click.option("--stay", is_flag=True, help="Start the fleet and leave the flying to you: scripts, other verbs.")
 def demo(
@@ -48,7 +47,6 @@ def demo(
     ardupilot: str | None,
     px4: str | None,
     out: Path | None,
-    headless: bool,
     endpoint: str | None,
     stay: bool,
 ) -> None:
@@ -73,7 +71,7 @@ def demo(
         with DemoFleet(found, processes, Path(folder), ground, stacks) as stage:
             if stay:
                 _stay(stage, processes)
-            sys.exit(_play(found, stage, processes, _folder(out, found), headless))
+            sys.exit(_play(found, stage, processes, _folder(out, found)))
 
 
 def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[str, ...]:
@@ -110,11 +108,11 @@ def _folder(out: Path | None, found: Demo) -> Path:
     return place
 
 
-def _play(found: Demo, stage: DemoFleet, processes: Children, out: Path, headless: bool) -> int:
+def _play(found: Demo, stage: DemoFleet, processes: Children, out: Path) -> int:
     term = console()
     begun = time.monotonic()
     term.print(f"{found.path.stem}: {found.story.title}", style="bold", markup=False)
-    play = Play(found, stage, processes, out, term, live=term.is_terminal and not headless)
+    play = Play(found, stage, processes, out, term)
     fault: ZmavError | None = None
     try:
         asyncio.run(play.run())

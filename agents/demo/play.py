@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import zenoh
 from rich.console import Console
-from rich.live import Live
 
 import zmav
 from agents.demo.stage import DemoFleet
@@ -22,7 +21,6 @@ from agents.demo.truth import Truth
 from agents.demo.watch import Watch
 from zmav import keys, wire
 from zmav.children import Children
-from zmav.cli.ls import fleet_view
 from zmav.client import connect_once_up
 from zmav.errors import TimedOut, ZmavError
 
@@ -41,16 +39,13 @@ class Mark(NamedTuple):
 class Play:
     """One performance. :meth:`run` returns when the story is over; what went wrong is raised in words."""
 
-    def __init__(
-        self, demo: Demo, stage: DemoFleet, processes: Children, out: Path, console: Console, live: bool
-    ) -> None:
+    def __init__(self, demo: Demo, stage: DemoFleet, processes: Children, out: Path, console: Console) -> None:
         self.demo, self.stage, self.processes, self.out, self.console = demo, stage, processes, out, console
         self.truth = Truth(demo.vehicles)
         self.marks: list[Mark] = []
         self.watch: Watch | None = None
         self._brief: list[str] = []
         """what was started and may end by itself"""
-        self._live = live
 
     async def run(self) -> None:
         async with contextlib.AsyncExitStack() as stack:
@@ -59,18 +54,15 @@ class Play:
             self._record()
             self.watch = Watch(z, tuple(self.demo.vehicles))
             watching = asyncio.create_task(self.watch.run())
-            view = Live(console=self.console, refresh_per_second=4, transient=True) if self._live else None
-            with view or contextlib.nullcontext(), self.truth.watching(self.stage.control):
-                drawing = asyncio.create_task(_draw(z, view)) if view else None
-                try:
+            try:
+                with self.truth.watching(self.stage.control):
                     await self._ready(z)
                     for step in self.demo.story.steps:
                         await self._step(z, step)
                         self._gone()
-                finally:
-                    for task in filter(None, (watching, drawing)):
-                        task.cancel()
-                    await asyncio.gather(*filter(None, (watching, drawing)), return_exceptions=True)
+            finally:
+                watching.cancel()
+                await asyncio.gather(watching, return_exceptions=True)
             self.processes.end(RECORDER, 20.0)
 
     def _record(self) -> None:
@@ -287,12 +279,6 @@ def _words_of(wait: Wait, names: list[str]) -> str:
 
 def _either(value: bool | None, yes: str, no: str) -> str:
     return "" if value is None else yes if value else no
-
-
-async def _draw(z: zmav.Client, view: Live) -> None:
-    while True:
-        view.update(fleet_view(z.fleet()))
-        await asyncio.sleep(0.25)
 
 
 async def _drain(statuses: zmav.Subscription[None]) -> None:

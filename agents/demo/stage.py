@@ -9,7 +9,6 @@ import socket
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
 
 from agents.demo.story import GROUND, Demo, Pair
 from zmav.children import Children
@@ -43,7 +42,7 @@ class DemoFleet:
     def __enter__(self) -> DemoFleet:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *exc: object) -> None:
         self._links.close()
 
     async def start(self) -> None:
@@ -129,7 +128,7 @@ class Relay:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *exc: object) -> None:
         self._stop.set()
         self._thread.join()
         for each in (self._door, *self._other):

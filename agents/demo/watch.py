@@ -20,7 +20,7 @@ PING = 1.0
 W = TypeVar("W", bound=msgspec.Struct)
 
 
-class Track(msgspec.Struct):
+class LinkFigures(msgspec.Struct):
     """One vehicle's link as measured from the ground."""
 
     rtts: list[float] = []
@@ -34,7 +34,7 @@ class Watch:
 
     def __init__(self, z: zmav.Client, names: tuple[str, ...]) -> None:
         self._z = z
-        self.tracks = {name: Track() for name in names}
+        self.tracks = {name: LinkFigures() for name in names}
 
     async def run(self) -> None:
         await asyncio.gather(self._links(), *(self._ping(name, track) for name, track in self.tracks.items()))
@@ -56,7 +56,7 @@ class Watch:
                 if track := self.tracks.get(name):
                     track.mavlink_lost, track.mavlink_frames = quality.lost, quality.rx_frames
 
-    async def _ping(self, name: str, track: Track) -> None:
+    async def _ping(self, name: str, track: LinkFigures) -> None:
         while True:
             with contextlib.suppress(ZmavError):  # the table shows the vehicle as stale; the summary counts what came
                 track.rtts.append(await self._z.vehicle(name).ping())

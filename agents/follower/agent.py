@@ -37,7 +37,7 @@ DELAYS = 50
 """of which the median from shutter to setpoint is told"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FollowerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Fixed while it runs."""
 
     camera: str = "*"
@@ -63,7 +63,7 @@ class Follower(zmav.Agent):
     """
 
     name = "follower"
-    settings_type = Settings
+    settings_type = FollowerSettings
     tunables: ClassVar = {
         "lead": Tunable(0.1, 0.0, 2.0, "s", "ahead of now at which the target is aimed at: what the autopilot lags"),
         "coast": Tunable(3.0, 0.5, 20.0, "s", "without a sight for which the prediction is flown"),

@@ -57,7 +57,7 @@ class TargetFix:
 
 
 @dataclass(frozen=True)
-class Command:
+class FollowCommand:
     """Fly to ``pos``, which moves with ``vel``."""
 
     pos: Vector
@@ -136,7 +136,7 @@ class Guide:
         plane: float,
         late: float = 0.0,
         vel: Vector = (0.0, 0.0, 0.0),
-    ) -> Command:
+    ) -> FollowCommand:
         """``me``: where the vehicle is; ``vel``: how it moves; ``plane``: how far down the pad is; ``late``: s until it
         hears the command.
         """
@@ -149,7 +149,7 @@ class Guide:
         self._turn(now, me, told, late)
         if self.phase == "hold":
             self._held = self._held or me
-            return Command(self._held)
+            return FollowCommand(self._held)
         self._held = None
         if self.phase in ("approach", "search"):
             return self._look(now, dt, me, told, plane)
@@ -194,13 +194,13 @@ class Guide:
         estimate = None if self.tracker.t is None else self.tracker.at(self.tracker.t + self.tuned("coast"))
         return None if estimate is None else (float(estimate.pos[0]), float(estimate.pos[1]))
 
-    def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> Command:
+    def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
         """On the way there, or in a growing spiral about it, rising for a wider view."""
         place = self._place(now, told) or self._held_place(me)
         top = max(self.height, self.tuned("search_top"))
         vel = (told.vel[0], told.vel[1], 0.0) if told is not None else (0.0, 0.0, 0.0)
         if self.phase == "approach":
-            return Command((place[0], place[1], plane - self.height), vel)
+            return FollowCommand((place[0], place[1], plane - self.height), vel)
         height = min(top, self.height + self.tuned("search_climb") * max(0.0, now - self._since))
         pitch = TURN * 2.0 * 0.46 * height  # the narrower half of a view of 63 by 49 degrees is 0.46 of the height
         radius = pitch * self._angle / math.tau
@@ -208,7 +208,7 @@ class Guide:
             self._angle, radius = 0.0, 0.0
         self._angle += self.tuned("search_speed") * dt / math.hypot(radius, pitch / math.tau + 0.3)
         north, east = radius * math.cos(self._angle), radius * math.sin(self._angle)
-        return Command((place[0] + north, place[1] + east, plane - height), vel)
+        return FollowCommand((place[0] + north, place[1] + east, plane - height), vel)
 
     def _held_place(self, me: Vector) -> tuple[float, float]:
         """Nothing was ever said or seen: where the search began."""
@@ -218,7 +218,7 @@ class Guide:
 
     def _above(
         self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
-    ) -> Command:
+    ) -> FollowCommand:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
         level, down = self.height, 0.0
@@ -247,7 +247,7 @@ class Guide:
         land = self.phase == "touch" and (
             (plane - me[2] < TOUCH + 0.1 and level < TOUCH) or now - self._since > TOUCHING
         )
-        return Command((north, east, plane - level), (u + more[0], v + more[1], down), land)
+        return FollowCommand((north, east, plane - level), (u + more[0], v + more[1], down), land)
 
     def _against(self, behind: tuple[float, float], dt: float, late: float) -> tuple[float, float]:
         """m/s north, east that are added to the velocity against gusts. An autopilot takes about a second over a

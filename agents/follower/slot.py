@@ -10,7 +10,6 @@ import asyncio
 import time
 import uuid
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
 import zenoh
@@ -71,9 +70,7 @@ class Slot:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         self._drop()
 
     @property

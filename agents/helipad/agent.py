@@ -46,7 +46,7 @@ RECENT = 50
 """pictures of which delays and times are told"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class HelipadSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Fixed while it runs."""
 
     camera: str = "down"
@@ -64,7 +64,7 @@ class Helipad(zmav.Agent):
     """
 
     name = "helipad"
-    settings_type = Settings
+    settings_type = HelipadSettings
     tunables: ClassVar = {
         "score": Tunable(0.0, 0.0, 1.0, "", "least score that is told of"),
         "most_hz": Tunable(50.0, 0.5, 200.0, "Hz", "pictures looked at"),

@@ -18,7 +18,7 @@ Image = NDArray[np.float32]
 WEIGHTS = Path(__file__).with_name("check.npz")
 
 
-class Check:
+class LearnedCheck:
     """``weights``: of each layer (inputs, outputs), the last has one output; ``biases``: of each layer (outputs,)."""
 
     def __init__(self, weights: list[Image], biases: list[Image]) -> None:
@@ -26,7 +26,7 @@ class Check:
         self.biases = [b.astype(np.float32) for b in biases]
 
     @classmethod
-    def built_in(cls) -> Check:
+    def built_in(cls) -> LearnedCheck:
         with np.load(WEIGHTS) as stored:
             layers = range(len(stored.files) // 2)
             return cls([stored[f"weights{i}"] for i in layers], [stored[f"biases{i}"] for i in layers])

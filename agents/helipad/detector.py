@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agents.helipad import channels
 from agents.helipad.channels import Picture, Pyramid
-from agents.helipad.check import Check
+from agents.helipad.check import LearnedCheck
 from agents.helipad.geometry import View
 from agents.helipad.refine import heading, window
 from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Proposals, Searcher
@@ -88,7 +88,7 @@ class Detector:
         steps = math.ceil(math.log(MAX_HEIGHT_M / MIN_HEIGHT_M) / math.log(HEIGHT_STEP))
         self._heights = [MAX_HEIGHT_M / HEIGHT_STEP**i for i in range(steps + 1)]
         self._searcher = Searcher(letter_h())
-        self._check = Check.built_in()
+        self._check = LearnedCheck.built_in()
         self._lost = 0
         """searches with a height that found nothing there: tells which other one is next"""
 

@@ -41,7 +41,7 @@ FAST_CLOCK = 20_000.0
 """ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class NavigatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Fixed while it runs."""
 
     priority: int = 0
@@ -119,7 +119,7 @@ class Navigator(zmav.Agent):
     """
 
     name = "navigator"
-    settings_type = Settings
+    settings_type = NavigatorSettings
     tunables: ClassVar = {
         "accel": Tunable(1.0, 0.05, 10.0, "m/s²", "at most, of the next way that is begun"),
         "jerk": Tunable(2.0, 0.05, 100.0, "m/s³", "at most, of the next way that is begun"),

@@ -17,7 +17,7 @@ NUMERIC = 1.02
 """by which the sharpest change of a curve may be more than is found at the table's nodes"""
 
 
-class Line:
+class StraightPiece:
     """From ``a`` straight to ``b``, (3,) each, which are apart. See :data:`Piece`."""
 
     bend = jolt = 0.0
@@ -70,7 +70,7 @@ class Curve:
         return found
 
 
-Piece = Line | Curve
+Piece = StraightPiece | Curve
 """A smooth piece of a way, metres NED: its ``length``, its sharpest curvature ``bend`` (1/m; 0: it is straight), and
 ``jolt`` (1/m²), the greatest third derivative of the place by the distance. ``at(s)`` gives (N, 3) each at the
 distances (N,): places, unit tangents and their derivatives by the distance.

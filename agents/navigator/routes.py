@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.navigator.path import Array, Curve, Line, Piece, circle, lemniscate, placed, turned
+from agents.navigator.path import Array, Curve, Piece, StraightPiece, circle, lemniscate, placed, turned
 from zmav.errors import BadInput
 from zmav.wire import Vector
 
@@ -77,7 +77,7 @@ class Route:
         to = self.at(np.zeros(1))[0][0]
         if math.dist(to, place) < APART:
             return self
-        way = Line(np.array(place), to)
+        way = StraightPiece(np.array(place), to)
         return replace(self, stages=(RoutePiece(way, dwell), *self.stages), begins=self.begins + way.length)
 
 
@@ -101,7 +101,7 @@ def shape(
     corner. Raises :class:`~zmav.errors.BadInput` naming the field, its value and what was expected.
     """
     if name not in SIZES:
-        raise bad("route", name, ", ".join(SIZES))
+        raise BadInput.wrong("route", name, ", ".join(SIZES))
     for field, value in zip(("north", "east", "down"), centre, strict=True):
         check(field, value, -FAR, FAR, "m")
     check("heading", heading, -4 * math.pi, 4 * math.pi, "rad")
@@ -111,7 +111,7 @@ def shape(
     if name in ("circle", "lemniscate"):
         plain = circle(**given) if name == "circle" else lemniscate(**given)
         return Route(name, (RoutePiece(Curve(placed(plain, middle, heading), 0.0, math.tau)),))
-    sides = [Line(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
+    sides = [StraightPiece(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
     return Route(name, (*(RoutePiece(side, dwell) for side in sides[:-1]), RoutePiece(sides[-1])))
 
 
@@ -128,7 +128,7 @@ def _sizes(name: str, sizes: Mapping[str, float | None]) -> dict[str, float]:
     given = {field: value for field, value in sizes.items() if value is not None}
     for field, value in given.items():
         if field not in known:
-            raise bad(field, value, f"for the route {name} only {', '.join(known)}")
+            raise BadInput.wrong(field, value, f"for the route {name} only {', '.join(known)}")
         check(field, value, *known[field][1:], "m")
     return {field: float(given.get(field, default)) for field, (default, _, _) in known.items()}
 
@@ -136,9 +136,4 @@ def _sizes(name: str, sizes: Mapping[str, float | None]) -> dict[str, float]:
 def check(field: str, value: float, low: float, high: float, unit: str) -> None:
     """Raise :class:`~zmav.errors.BadInput` for what is not between them, or not finite."""
     if not low <= value <= high:
-        raise bad(field, value, f"{low:g} to {high:g} {unit}")
-
-
-def bad(field: str, value: object, expected: str) -> BadInput:
-    shown = f"{value:g}" if isinstance(value, float) else repr(value)
-    return BadInput(f"{field} = {shown}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadInput.wrong(field, value, f"{low:g} to {high:g} {unit}")

@@ -27,7 +27,7 @@ FRAMES, PACE = 150, 0.08
 def main() -> int:
     for name, picture_name in PICTURES.items():
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "zmav", "demo", name, "--headless", "--out", folder]
+            command = [sys.executable, "-m", "zmav", "demo", name, "--out", folder]
             code = subprocess.run(command).returncode
             if code != 0:
                 return code

@@ -13,11 +13,9 @@ import pytest
 import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.mjpeg import MjpegSource
-from agents.camera.settings import Settings as CameraSettings
-from agents.follower.agent import Follower
-from agents.follower.agent import Settings as FollowerSettings
-from agents.helipad.agent import Helipad
-from agents.helipad.agent import Settings as HelipadSettings
+from agents.camera.settings import CameraSettings
+from agents.follower.agent import Follower, FollowerSettings
+from agents.helipad.agent import Helipad, HelipadSettings
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import Refused

@@ -31,7 +31,7 @@ import zenoh
 import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from zmav import keys
 from zmav.session import SessionSettings, open_session
 from zmav.vision.chunks import MOST_CHUNK
@@ -175,7 +175,7 @@ async def ours(link: Link, seconds: float) -> Result:
         near.declare_subscriber(KEY, lambda s: loop.call_soon_threadsafe(pipe.take, [s.payload.to_bytes()]))
         report = keys.FRAME_REPORT.key("demo", "quad1", camera="down", reader="*")
         far.declare_subscriber(report, lambda s: near.put(s.key_expr, s.payload))
-        own, session = Settings(vehicle="quad1", rate=RATE, quality=QUALITY), SessionSettings(connect=[here])
+        own, session = CameraSettings(vehicle="quad1", rate=RATE, quality=QUALITY), SessionSettings(connect=[here])
         async with (
             zmav.open(settings=session) as z,
             zmav.open(settings=SessionSettings(connect=[there])) as ground,

@@ -110,9 +110,7 @@ class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
     leader: str
     """a vehicle's or an obstacle's name"""
     offsets: list[Vector] = []
-    """one a vehicle; empty: behind, staggered, at the leader's height"""
-    frame: Literal["ned", "body"] = "ned"
-    """body: forward, right, down of the leader's course"""
+    """north, east, down of the leader, one a vehicle; empty: south of it, staggered, at its height"""
     on_lost: Literal["hold", "return", "land"] = "hold"
     """when the leader was not heard for ``lost_after`` s"""
     lost_after: float = 3.0
@@ -129,17 +127,6 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     """rad clockwise from north of the lanes; None: the planner's choice"""
     overlap: float = 0.1
     """share of a lane's width seen twice"""
-    layer: float = 0.0
-    """m by which each vehicle flies higher than the one before"""
-
-
-class Patrol(Wire, kw_only=True, tag_field="kind", tag="patrol"):
-    """Fly a closed route corner by corner, again and again, spread over it."""
-
-    vehicles: list[str]
-    route: list[Vector]
-    laps: int = 0
-    """0: until it is cancelled"""
 
 
 class TakeOff(Wire, kw_only=True, tag_field="kind", tag="takeoff"):
@@ -166,7 +153,7 @@ class Hold(Wire, kw_only=True, tag_field="kind", tag="hold"):
     vehicles: list[str]
 
 
-Goal = GoTo | Formation | Follow | Search | Patrol | TakeOff | Land | Return | Hold
+Goal = GoTo | Formation | Follow | Search | TakeOff | Land | Return | Hold
 
 GoalState = Literal["queued", "planning", "flying", "paused", "done", "failed", "cancelled"]
 

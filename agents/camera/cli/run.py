@@ -13,8 +13,8 @@ import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Source
 from agents.camera.cli.options import name_option, pair, rate_bytes, triple
-from agents.camera.mjpeg import MjpegSource, Numbers, numbers
-from agents.camera.settings import Calibration, Settings
+from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
+from agents.camera.settings import Calibration, CameraSettings
 from agents.camera.sources import open_source
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import BadConfig
@@ -51,7 +51,7 @@ USUAL_FOV = math.radians(63.0)
     metavar="S",
     help="From shutter to us, where the source does not say when a picture was taken.",
 )
-@click.option("--loop", is_flag=True, help="A file or folder begins again at its end.")
+@click.option("--loop", is_flag=True, help="A folder begins again at its end.")
 @fleet_option
 @zenoh_options
 def command(
@@ -72,7 +72,7 @@ def command(
     """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
 
     SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
-    serves), a video file or a folder of pictures. Pictures go out while somebody reads them, as many, as large and as
+    serves) or a folder of pictures. Pictures go out while somebody reads them, as many, as large and as
     good as the tightest reader's link takes. SIGTERM ends it.
     """
     if calibration is not None and fov is not None:
@@ -81,7 +81,7 @@ def command(
     found = numbers(opened.words) if isinstance(opened, MjpegSource) else None
     lens = _lens(calibration, fov, found)
     roll, pitch, yaw = (math.radians(angle) for angle in mount or (0.0, 0.0, 0.0))
-    given = Settings(
+    given = CameraSettings(
         rate=rate,
         size=size,
         gimbal=gimbal or (found is not None and found.gimbal),
@@ -92,7 +92,7 @@ def command(
     run(_run(given, opened, lens, fleet, settings))
 
 
-def _lens(calibration: Path | None, fov: float | None, found: Numbers | None) -> Calibration | float:
+def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
     if calibration is not None:
         return Calibration.load(calibration)
     if fov is not None:
@@ -103,7 +103,9 @@ def _lens(calibration: Path | None, fov: float | None, found: Numbers | None) ->
     return USUAL_FOV
 
 
-async def _run(own: Settings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings) -> None:
+async def _run(
+    own: CameraSettings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings
+) -> None:
     async with (
         zmav.open(fleet=fleet, settings=settings) as z,
         CameraAgent(z, own, source, lens, settings, say) as agent,

@@ -26,7 +26,7 @@ KEEP_FREE = 1e9
 """bytes that are left free on the disk"""
 
 
-class Recorder:
+class PictureRecorder:
     """Writes JPEGs to ``folder`` as they came, and a table beside them, each line of which names a whole picture.
 
     Raises :class:`BadConfig` where nobody may write, or a recording is there already. Where less than ``keep_free``
@@ -128,14 +128,14 @@ def command(
                 await camera_info(z, vehicle, camera)  # raises where there is no such camera
                 text = f"{vehicle}/{camera} is there, but sent no whole picture within {wait:g} s"
                 raise TimedOut(text, vehicle=vehicle) from None
-            with contextlib.closing(Recorder(record)) if record else contextlib.nullcontext() as recorder:
+            with contextlib.closing(PictureRecorder(record)) if record else contextlib.nullcontext() as recorder:
                 since = [first]
                 await together(_take(pictures, since, recorder), _tell(pictures, since, recorder))
 
     run(view())
 
 
-async def _take(pictures: Reader, since: list[Picture], recorder: Recorder | None) -> None:
+async def _take(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:
     """The first one came already."""
     (picture,) = since
     while True:
@@ -145,7 +145,7 @@ async def _take(pictures: Reader, since: list[Picture], recorder: Recorder | Non
         since.append(picture)
 
 
-async def _tell(pictures: Reader, since: list[Picture], recorder: Recorder | None) -> None:
+async def _tell(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:
     """Of what came ``since`` the last line."""
     start, torn = time.monotonic(), 0
     while True:

@@ -55,7 +55,7 @@ def planner(
         os.environ["NUMBA_DISABLE_JIT"] = "1"  # read as numba is loaded, by the solver's process, too
     try:
         from agents.planner.live.field import field_of
-        from agents.planner.live.settings import Settings, fence_of
+        from agents.planner.live.settings import PlannerSettings, fence_of
     except ImportError as e:
         raise missing_extra("the planner", e.name, "planner") from e
     host = own_name(name, settings)
@@ -63,7 +63,7 @@ def planner(
     own = Credentials.load(settings.credentials) if settings.credentials else None
     which = fleet or (own.fleet if own else None) or (file.fleet if file else os.environ.get("ZMAV_FLEET", "demo"))
     fences: dict[str, Any] = {"field": field_of(file), "geofence": fence_of(file)} if file else {}
-    run(_planner(Settings(name=host, fleet=which, standby=standby, **fences, **rest), settings))
+    run(_planner(PlannerSettings(name=host, fleet=which, standby=standby, **fences, **rest), settings))
 
 
 async def _planner(own: Any, session: SessionSettings) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import click
 
@@ -13,14 +14,12 @@ import zmav
 from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Work, connected, json_option, tell
 from zmav.errors import BadInput
-from zmav.session import SessionSettings
 from zmav.wire import Vector, swarm
 
 GROUND, POLYGON = "N,E", "'N,E N,E ...'"
 """what the options' help calls places on the ground"""
-F = TypeVar("F", bound=Callable[..., Any])
 Make = Callable[[Planner], swarm.Goal]
 
 vehicles_argument = click.argument("vehicles", nargs=-1, required=True)
@@ -53,66 +52,44 @@ def _targets(arguments: tuple[str, ...]) -> tuple[list[str], list[Vector]]:
     return names, wanted
 
 
-def goal_options(command: F) -> F:
-    """``--queue --preview --no-wait`` and those of every verb, given on as ``how``."""
+def goal_options(command: Callable[..., Make]) -> Callable[..., None]:
+    """``--queue --preview --no-wait`` and those of every verb, for a command that gives what makes its goal."""
 
     @click.option("--queue", is_flag=True, help="After what its vehicles do now, not in place of it.")
     @click.option("--preview", is_flag=True, help="Only tell what would be flown.")
     @click.option("--no-wait", is_flag=True, help="Return when it is in the book; 'zmav swarm list' shows it.")
-    @fleet_option
     @json_option
-    @zenoh_options
+    @connected
     @functools.wraps(command)
-    def wrapped(
-        *args: Any,
-        queue: bool,
-        preview: bool,
-        no_wait: bool,
-        fleet: str,
-        as_json: bool,
-        settings: SessionSettings,
-        **kwargs: Any,
-    ) -> Any:
-        def fly(make: Make) -> None:
-            run(_order(make, queue, preview, no_wait, fleet, as_json, settings))
+    def wrapped(queue: bool, preview: bool, no_wait: bool, as_json: bool, **options: Any) -> Work:
+        make = command(**options)
+        return lambda z: _order(z, make, queue, preview, no_wait, as_json)
 
-        return command(*args, fly=fly, **kwargs)
-
-    return wrapped  # type: ignore[return-value]
+    return wrapped
 
 
-async def _order(
-    make: Make,
-    queue: bool,
-    preview: bool,
-    no_wait: bool,
-    fleet: str,
-    as_json: bool,
-    settings: SessionSettings,
-) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        planner = await find(z)
-        goal = make(planner)
-        if preview:
-            await show_preview(planner, goal, as_json)
-            return
-        result = await planner.order("submit", swarm.Submit(goal=goal, when="queue" if queue else "now"))
-        name = str(result["goal"])
-        if no_wait:
-            click.echo(dump(result, pretty=False) if as_json else f"{name} is in the book of {planner.name}")
-            return
-        await _watch(z, [name], as_json)
+async def _order(z: zmav.Client, make: Make, queue: bool, preview: bool, no_wait: bool, as_json: bool) -> None:
+    planner = await find(z)
+    goal = make(planner)
+    if preview:
+        await show_preview(planner, goal, as_json)
+        return
+    result = await planner.order("submit", swarm.Submit(goal=goal, when="queue" if queue else "now"))
+    name = str(result["goal"])
+    if no_wait:
+        tell(as_json, result, f"{name} is in the book of {planner.name}")
+        return
+    await _watch(z, name, as_json)
 
 
-async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
-    """Until they have ended; exit code 1 unless all are done."""
+async def _watch(z: zmav.Client, name: str, as_json: bool) -> None:
+    """Until it has ended; exit code 1 unless it is done."""
     try:
-        entries = await until_ended(z, names, as_json)
-    except BaseException as e:
-        if not isinstance(e, Exception):  # Ctrl-C
-            click.echo(f"{', '.join(names)}: goes on; 'zmav swarm cancel {names[0]}' drops it", err=True)
+        entry = await until_ended(z, name, as_json)
+    except asyncio.CancelledError:  # Ctrl-C
+        click.echo(f"{name}: goes on; 'zmav swarm cancel {name}' drops it", err=True)
         raise
-    if not all(entry.state == "done" for entry in entries):
+    if entry.state != "done":
         raise SystemExit(1)
 
 
@@ -123,7 +100,7 @@ async def _watch(z: zmav.Client, names: list[str], as_json: bool) -> None:
 )
 @click.option("--any", "unlabelled", is_flag=True, help="Anyone who is best placed goes to each.")
 @goal_options
-def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fly: Callable[[Make], None]) -> None:
+def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool) -> Make:
     """Go to places: 'quad1=30,0,15 quad2=0,20,15', or 'quad* --to 30,0,15 --to 0,20,15 --any'.
 
     Places are metres north and east of the fleet's origin and above it.
@@ -140,7 +117,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, fl
             raise BadInput(text, field="to", value=len(wanted), expected=f"{len(found)} places")
         return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled)
 
-    fly(make)
+    return make
 
 
 several = functools.partial(click.option, multiple=True, callback=lambda context, option, values: list(values))
@@ -157,10 +134,10 @@ def goal_command(
     """A verb whose options are its goal's fields."""
 
     @goal_options
-    def command(vehicles: tuple[str, ...], fly: Callable[[Make], None], **fields: Any) -> None:
+    def command(vehicles: tuple[str, ...], **fields: Any) -> Make:
         if "alt" in fields:
             fields["height"] = fields.pop("alt")
-        fly(lambda planner: kind(vehicles=planner.names(vehicles), **fields))
+        return lambda planner: kind(vehicles=planner.names(vehicles), **fields)
 
     for option in reversed(options):
         command = option(command)
@@ -199,16 +176,9 @@ follow = goal_command(
     several(
         "--offset",
         "offsets",
-        type=places.offset,
-        metavar=places.OFFSET,
-        help="One a vehicle.  [default: staggered behind, at its height]",
-    ),
-    click.option(
-        "--frame",
-        type=click.Choice(["ned", "body"]),
-        default="ned",
-        show_default=True,
-        help="body: the offsets turn with the leader's course.",
+        type=places.motion,
+        metavar=places.MOTION,
+        help="From the leader, one a vehicle.  [default: staggered south of it, at its height]",
     ),
     click.option("--on-lost", type=click.Choice(["hold", "return", "land"]), default="hold", show_default=True),
     click.option(
@@ -229,21 +199,6 @@ search = goal_command(
     click.option("--alt", type=float, required=True, help="Metres above the origin."),
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
     click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
-    click.option("--layer", type=float, default=0.0, show_default=True, help="Metres each flies above the one before."),
-)
-patrol = goal_command(
-    "patrol",
-    swarm.Patrol,
-    "Fly a closed route corner by corner, again and again, spread over it.",
-    several(
-        "--to",
-        "route",
-        type=places.place,
-        metavar=places.PLACE,
-        required=True,
-        help="A corner of the route: two at least, and one for each vehicle.",
-    ),
-    click.option("--laps", type=click.IntRange(0), default=0, help="[default: until cancelled]"),
 )
 takeoff = goal_command(
     "takeoff",
@@ -265,4 +220,4 @@ land = goal_command(
 return_ = goal_command("return", swarm.Return, "Home, each to where it took off, and land there.")
 hold = goal_command("hold", swarm.Hold, "Stop along what is being flown, and stay.")
 
-COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, patrol, takeoff, land, return_, hold)
+COMMANDS: tuple[click.Command, ...] = (goto, formation, follow, search, takeoff, land, return_, hold)

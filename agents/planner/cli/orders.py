@@ -6,18 +6,15 @@ import time
 
 import click
 import msgspec
-from rich.table import Table
 
 import zmav
 from agents.planner.cli.asking import find, planners
 from agents.planner.cli.goals import GROUND, POLYGON, ground, polygon
-from agents.planner.cli.watching import ENDED, few, show
-from agents.planner.cli.watching import table as goals_table
+from agents.planner.cli.watching import ENDED, few, show_goals
 from zmav import keys, wire
 from zmav.cli import places
-from zmav.cli.common import dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.common import Work, connected, dump, json_option, show_table, tell
 from zmav.errors import BadInput
-from zmav.session import SessionSettings
 from zmav.wire import Vector, swarm
 
 
@@ -26,21 +23,16 @@ def _verb(name: str, words: str, required: bool, doc: str) -> click.Command:
 
     @click.command(name, help=doc)
     @click.argument("goal", required=required, default=None if required else "")
-    @fleet_option
     @json_option
-    @zenoh_options
-    def command(goal: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-        run(_ask(name, words, goal, fleet, as_json, settings))
+    @connected
+    def command(goal: str, as_json: bool) -> Work:
+        async def ask(z: zmav.Client) -> None:
+            result = await (await find(z)).order(name, swarm.GoalId(goal=goal))
+            tell(as_json, result, f"{words}: {', '.join(map(str, result['goals'])) or 'nothing'}")
+
+        return ask
 
     return command
-
-
-async def _ask(verb: str, words: str, goal: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        planner = await find(z)
-        result = await planner.order(verb, swarm.GoalId(goal=goal))
-    names = ", ".join(map(str, result["goals"])) or "nothing"
-    click.echo(dump(result, pretty=False) if as_json else f"{words}: {names}")
 
 
 pause = _verb("pause", "paused", False, "Come to rest along what is flown; GOAL alone, or all.")
@@ -51,21 +43,19 @@ cancel = _verb("cancel", "cancelled", True, "Drop one goal; its vehicles come to
 
 @click.command("list")
 @click.option("--all", "everything", is_flag=True, help="Goals that have ended, too.")
-@fleet_option
 @json_option
-@zenoh_options
-def list_(everything: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def list_(everything: bool, as_json: bool) -> Work:
     """The planner in charge, its goals, and what happened last."""
-    run(_list(everything, fleet, as_json, settings))
+    return lambda z: _list(z, everything, as_json)
 
 
-async def _list(everything: bool, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        planner = await find(z)
-        others = [name for name in await planners(z) if name != planner.name]
+async def _list(z: zmav.Client, everything: bool, as_json: bool) -> None:
+    planner = await find(z)
+    others = [name for name in await planners(z) if name != planner.name]
     status = planner.status
     if as_json:
-        click.echo(dump({**status, "standby": others}, pretty=False))
+        click.echo(dump({**status, "standby": others}))
         return
     book = msgspec.convert(status["book"], swarm.Book)
     head = f"{planner.name} is in charge (term {status['term']}, {status['state']})"
@@ -75,7 +65,7 @@ async def _list(everything: bool, fleet: str, as_json: bool, settings: SessionSe
         click.secho(f"not heard, in the air when last heard: {', '.join(status['unheard'])}", fg="yellow")
     goals = [entry for entry in book.goals if everything or entry.state not in ENDED]
     if goals:
-        show(goals_table(goals))
+        show_goals(goals)
     else:
         click.echo("no goals" if everything or not book.goals else "no open goals (--all shows those that have ended)")
     for event in status["events"][-8:]:
@@ -110,9 +100,8 @@ def obstacle() -> None:
 @click.option("--ceiling", type=float, default=1000.0, show_default=True)
 @click.option("--velocity", type=places.motion, metavar=places.MOTION, help="m/s.")
 @click.option("--ttl", type=float, help="Seconds after which it is forgotten.")
-@fleet_option
 @json_option
-@zenoh_options
+@connected
 def add(
     name: str,
     box: tuple[Vector, Vector] | None,
@@ -125,10 +114,8 @@ def add(
     ceiling: float,
     velocity: Vector | None,
     ttl: float | None,
-    fleet: str,
     as_json: bool,
-    settings: SessionSettings,
-) -> None:
+) -> Work:
     """Add one, or move it: 'tower --cylinder 40,10 --radius 3 --ceiling 60'."""
     given = [
         swarm.Box(low=box[0], high=box[1]) if box else None,
@@ -140,57 +127,52 @@ def add(
     shapes = [each for each in given if each is not None]
     if len(shapes) != 1:
         raise click.UsageError("give one of --box, --cylinder, --no-fly, --geofence and --ball")
-    told = swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=shapes[0], ttl=ttl)
-    run(_give(told, fleet, as_json, settings))
+    return _give(swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=shapes[0], ttl=ttl), as_json)
 
 
 @obstacle.command("remove")
 @click.argument("name")
-@fleet_option
 @json_option
-@zenoh_options
-def remove(name: str, fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def remove(name: str, as_json: bool) -> Work:
     """Forget one."""
-    run(_give(swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=None), fleet, as_json, settings))
+    return _give(swarm.Obstacle(name=keys.check_name(name), t=time.time(), what=None), as_json)
 
 
-async def _give(told: swarm.Obstacle, fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
+def _give(told: swarm.Obstacle, as_json: bool) -> Work:
+    async def give(z: zmav.Client) -> None:
         result = await (await find(z)).order("obstacle", swarm.GiveObstacle(obstacle=told))
-    if told.what is None and not result["news"]:
-        raise BadInput(f"no obstacle is called {told.name}", field="name", value=told.name, expected="a known one")
-    word = "forgotten" if told.what is None else "known"
-    text = f"{told.name} is {word}; {result['obstacles']} obstacles in all"
-    click.echo(dump(result, pretty=False) if as_json else text)
+        if told.what is None and not result["news"]:
+            raise BadInput(f"no obstacle is called {told.name}", field="name", value=told.name, expected="a known one")
+        word = "forgotten" if told.what is None else "known"
+        tell(as_json, result, f"{told.name} is {word}; {result['obstacles']} obstacles in all")
+
+    return give
 
 
 @obstacle.command("list")
-@fleet_option
 @json_option
-@zenoh_options
-def list_obstacles(fleet: str, as_json: bool, settings: SessionSettings) -> None:
+@connected
+def list_obstacles(as_json: bool) -> Work:
     """All that is kept clear of."""
-    run(_list_obstacles(fleet, as_json, settings))
+    return lambda z: _list_obstacles(z, as_json)
 
 
-async def _list_obstacles(fleet: str, as_json: bool, settings: SessionSettings) -> None:
-    async with zmav.open(fleet=fleet, settings=settings) as z:
-        await find(z)
-        key = keys.FLEET.key(fleet, topic="obstacle")
-        async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.ObstacleMap, key)) as maps:
-            told = await zmav.waiting.within(12.0, maps.get())
+async def _list_obstacles(z: zmav.Client, as_json: bool) -> None:
+    await find(z)
+    key = keys.FLEET.key(z.fleet_name, topic="obstacle")
+    async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.ObstacleMap, key)) as maps:
+        told = await zmav.waiting.within(12.0, maps.get())
     if as_json:
-        click.echo(dump(msgspec.to_builtins(told), pretty=False))
+        click.echo(dump(msgspec.to_builtins(told)))
         return
-    view = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("name", "shape", "where", "ttl"):
-        view.add_column(column, overflow="fold")
+    rows = []
     for each in told.obstacles:
         fields = msgspec.to_builtins(each.what)
         shape = str(fields.pop("shape"))
         where = ", ".join(f"{name} {value}" for name, value in fields.items())
-        view.add_row(each.name, shape, where, "-" if each.ttl is None else f"{each.ttl:g} s")
-    show(view)
+        rows.append((each.name, shape, "-" if each.ttl is None else f"{each.ttl:g} s", where))
+    show_table(("name", "shape", "ttl", ""), rows)
     click.echo(f"{len(told.obstacles)} obstacles")
 
 

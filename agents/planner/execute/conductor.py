@@ -1,8 +1,8 @@
 """Who is to be told what, and when: the execution of one plan, decided purely from what was heard so far.
 
-All vehicles fly the plan by one common clock (:class:`~.track.Line`). Each is sent its trajectory as far ahead as is
-clear of everything that any other may be flying (:mod:`.commit`), with a stop tail along its own way, long before the
-last one's tail begins. Who cannot be told in time stops by itself, and the clock waits for it. Times are ours, ENU.
+All vehicles fly the plan by one common clock (:class:`~.track.CommonClock`). Each is sent its trajectory as far ahead
+as is clear of everything that any other may be flying (:mod:`.commit`), with a stop tail along its own way, long before
+the last one's tail begins. Who cannot be told in time stops by itself, and the clock waits for it. Times are ours, ENU.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
-from agents.planner.execute.track import REST_EVERY, Line, Profile, behind, braked, crept, knots, onward
+from agents.planner.execute.track import REST_EVERY, CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats
 from zmav.wire.state import Severity
 
@@ -114,7 +114,7 @@ class Conductor:
         """who waits for whom"""
         self.worst: dict[str, float] = {}
         """m that each was off its trajectory at most"""
-        self.line = Line(now + START, 0.0)
+        self.line = CommonClock(now + START, 0.0)
         self._order = Order(self.parts, downwash)
         self._horizon = horizon
         self._slope = 1.0 / max([1.0, *(part.track.speed / (0.6 * part.accel) for part in self.parts)])
@@ -287,7 +287,7 @@ class Conductor:
             self._moved = now
 
     def _pace(self, pace: float, now: float) -> None:
-        self.line = Line(now, self.line.at(now), pace)
+        self.line = CommonClock(now, self.line.at(now), pace)
 
     def _follow(self, now: float) -> None:
         """The common clock waits for the one who is farthest behind."""
@@ -300,7 +300,7 @@ class Conductor:
             (s,), (rate,) = entry.profile.at(np.array([d]))
             most = max(most, behind(d, float(s), float(rate), self.line, self._slope))
         if most > 0.02:
-            self.line = Line(self.line.t, self.line.s - most, self.line.pace)
+            self.line = CommonClock(self.line.t, self.line.s - most, self.line.pace)
 
     def _extend(self, index: int, part: Part, now: float, stops: Floats) -> Send | None:
         """Farther along its way. ``stops``: the moments that all are sure to come to."""

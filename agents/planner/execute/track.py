@@ -154,7 +154,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Line:
+class CommonClock:
     """The common clock: at ``t`` the plan is at ``s``, and goes on at ``pace``."""
 
     t: float
@@ -168,7 +168,7 @@ class Line:
         return self.t + (s - self.s) / self.pace
 
 
-def join(d: float, s: float, rate: float, line: Line, slope: float) -> tuple[list[Piece], float, float]:
+def join(d: float, s: float, rate: float, line: CommonClock, slope: float) -> tuple[list[Piece], float, float]:
     """From moment ``s`` at time ``d`` to the common clock: who is ahead of it goes slower until it comes up.
 
     Gives the pieces, and the time and moment from which the rate is the line's. Who is behind stays behind.
@@ -196,7 +196,7 @@ def join(d: float, s: float, rate: float, line: Line, slope: float) -> tuple[lis
     return pieces, d, s
 
 
-def behind(d: float, s: float, rate: float, line: Line, slope: float) -> float:
+def behind(d: float, s: float, rate: float, line: CommonClock, slope: float) -> float:
     """Seconds of the plan by which one that is at ``s`` at time ``d`` must fall behind the common clock; 0: none."""
     if s <= 0.0 and rate == 0.0:
         return max(0.0, line.at(d))
@@ -234,7 +234,7 @@ def tail(t: float, s: float, rate: float, slope: float) -> list[Piece]:
     return [(t, s, rate, -slope), (t + span, s + 0.5 * rate * span, 0.0, 0.0)]
 
 
-def onward(before: Profile, d: float, line: Line, stop: float, end: float, slope: float) -> Profile | None:
+def onward(before: Profile, d: float, line: CommonClock, stop: float, end: float, slope: float) -> Profile | None:
     """Go on from ``before`` at ``d`` by the common clock, to rest at the moment ``stop`` (``end``: the track's own end,
     where no tail is needed). None where there is no room for a tail.
     """

@@ -1,8 +1,7 @@
 """Following: where each follower shall be beside something that moves, and the next few seconds of its motion.
 
-All is NED about the fleet's origin (metres, m/s; courses in rad clockwise from north). A follower's place is the
-leader's plus an offset, its velocity the leader's plus what the turning of the leader's frame adds: fed forward, so
-that a follower of a steady leader has no lag. What is to be flown always ends at rest.
+All is NED about the fleet's origin (metres, m/s). A follower's place is the leader's plus an offset, its velocity the
+leader's: fed forward, so that a follower of a steady leader has no lag. What is to be flown always ends at rest.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from zmav.errors import BadInput
 from zmav.wire import Vector
 from zmav.wire.swarm import Body, Follow
 
-MOVES, STANDS = 0.8, 0.4
-"""m/s: faster than the first a leader's velocity is its course, slower than the second its last course stays"""
 ROOM = 1.3
 """times the sum of the radii between default places"""
 LAG = 0.8
@@ -47,47 +44,8 @@ class MovingTarget:
         return MovingTarget(t, _plus(self.pos, self.vel, ahead), self.vel)
 
 
-@dataclass(frozen=True)
-class Heading:
-    """The direction of a leader's frame: turning no faster than the followers can."""
-
-    t: float
-    course: float
-    rate: float = 0.0
-    """rad/s"""
-    moving: bool = False
-
-
-def heading_of(before: Heading | None, leader: MovingTarget, yaw: float | None, most: float) -> Heading:
-    """The frame's direction now; ``yaw``: where the leader looks, used until it has moved; ``most``: rad/s.
-
-    Its course is that of its velocity; one that stands, or hardly moves, keeps its last.
-    """
-    speed = math.hypot(leader.vel[0], leader.vel[1])
-    moving = speed > (STANDS if before is not None and before.moving else MOVES)
-    if before is None:
-        return Heading(leader.t, math.atan2(leader.vel[1], leader.vel[0]) if moving else yaw or 0.0, 0.0, moving)
-    aim = math.atan2(leader.vel[1], leader.vel[0]) if moving else before.course
-    lasts = max(leader.t - before.t, 0.0)
-    turn = math.remainder(aim - before.course, math.tau)
-    turn = min(most * lasts, max(-most * lasts, turn))
-    rate = turn / lasts if lasts > 0.0 else before.rate
-    return Heading(leader.t, math.remainder(before.course + turn, math.tau), rate, moving)
-
-
-def most_turn(offsets: Sequence[Vector], bodies: Sequence[Body], speed: float) -> float:
-    """rad/s at which the leader's frame may turn while it goes at ``speed``, so that the outermost can still follow."""
-    most = math.pi
-    for offset, body in zip(offsets, bodies, strict=True):
-        arm = math.hypot(offset[0], offset[1])
-        if arm > 0.1:
-            spare = max(SPARE * body.speed - speed, 0.1 * body.speed)
-            most = min(most, spare / arm, math.sqrt(0.5 * body.accel / arm))
-    return most
-
-
 def default_offsets(bodies: Sequence[Body], leader_radius: float) -> list[Vector]:
-    """Behind the leader, in turn to its left and right, at its height (forward, right, down)."""
+    """South of the leader, in turn to the west and east, at its height."""
     widest = max(body.radius for body in bodies)
     step = ROOM * max(2.0 * widest, leader_radius + widest) + 1.0
     return [(-step * (k + 1), (-0.5 if k % 2 == 0 else 0.5) * step, 0.0) for k in range(len(bodies))]
@@ -97,7 +55,7 @@ def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downw
     """The goal's offsets, or the usual ones, checked.
 
     Raises :class:`BadInput` where there are not as many as vehicles, or where two places, or one and the leader, are
-    nearer than the sum of the radii. Places turn together, so that what is apart stays apart.
+    nearer than the sum of the radii.
     """
     count = len(goal.vehicles)
     offsets = list(goal.offsets) or default_offsets(bodies, leader_radius)
@@ -123,16 +81,10 @@ def doing(goal: Follow, age: float) -> Doing:
     return "follow" if age <= goal.lost_after else goal.on_lost
 
 
-def slot(
-    leader: MovingTarget, heading: Heading, offset: Vector, frame: Literal["ned", "body"], t: float
-) -> MovingTarget:
+def slot(leader: MovingTarget, offset: Vector, t: float) -> MovingTarget:
     """Where a follower of ``leader`` shall be at ``t``, and how fast it goes there."""
     lead = leader.at(t)
-    if frame == "ned":
-        return MovingTarget(t, _plus(lead.pos, offset), lead.vel)
-    arm = _turned(offset, heading.course + heading.rate * (t - heading.t))
-    swing = (-heading.rate * arm[1], heading.rate * arm[0], 0.0)
-    return MovingTarget(t, _plus(lead.pos, arm), _plus(lead.vel, swing))
+    return MovingTarget(t, _plus(lead.pos, offset), lead.vel)
 
 
 def segment(
@@ -187,13 +139,6 @@ def _limited(vel: Floats, most: float, climb: float, descend: float) -> Floats:
 
 def _brake_steps(speed: float, accel: float) -> int:
     return math.ceil(2.0 * speed / accel / STEP) + 2
-
-
-def _turned(offset: Vector, course: float) -> Vector:
-    """forward, right, down -> north, east, down."""
-    forward, right, down = offset
-    c, s = math.cos(course), math.sin(course)
-    return (c * forward - s * right, s * forward + c * right, down)
 
 
 def _plus(a: Vector, b: Vector, times: float = 1.0) -> Vector:

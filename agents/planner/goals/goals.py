@@ -10,8 +10,7 @@ import numpy as np
 
 from agents.planner.goals import pads, slots
 from agents.planner.goals.follow import offsets_of
-from agents.planner.goals.formation import check_apart
-from agents.planner.goals.formation_steps import formation
+from agents.planner.goals.formation import check_apart, formation
 from agents.planner.goals.steps import FleetView, Loiter, PlanTo, Step, Stop, Track, VehicleView
 from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
@@ -27,8 +26,6 @@ from zmav.wire import Vector
 
 ROUND = 49
 """points of a circle that are looked at, the last one the first"""
-SHORTEST = 0.5
-"""m that a patrol's route spans at least: nobody goes around less, and without end"""
 
 
 def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: StaticMap | None = None) -> list[Step]:
@@ -46,8 +43,6 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
         return _circles_fit(_goto(goal, views, scene.downwash), fleet, static.world, "to")
     if isinstance(goal, wire.swarm.Formation):
         return formation(goal, views, scene.downwash, static)
-    if isinstance(goal, wire.swarm.Patrol):
-        return _patrol(goal, views, scene.downwash)
     if isinstance(goal, wire.swarm.Search):
         return search(goal, views, scene)
     if isinstance(goal, wire.swarm.Follow):
@@ -131,24 +126,3 @@ def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) 
     settled = goal.labelled or not all(view.flies for view in standing)
     check_apart(names, places, radii, downwash, labelled=settled, what="goal", field="to")
     return [*steps, PlanTo(names, places, settled, f"going to {len(places)} place{'s' * (len(places) > 1)}")]
-
-
-def _patrol(goal: wire.swarm.Patrol, views: Sequence[VehicleView], downwash: float) -> list[Step]:
-    """To corners spread over the route, and then, all at a time, each to its next corner until it has been at all."""
-    slots.check_flying(views, "patrol")
-    slots.check_hovering(views, "patrol")
-    count, corners = len(views), len(goal.route)
-    if count > corners or corners < 2:
-        text = f"patrol: {count} vehicles need as many corners, two at least, and the route has {corners}"
-        raise BadInput(text, field="route", value=corners, expected=f"{max(count, 2)} corners or more")
-    route = frames.enu_array(np.array(goal.route, dtype=np.float64))
-    if (span := float(np.ptp(route, axis=0).max())) < SHORTEST:
-        text = "patrol: all points of the route are at one place"
-        raise BadInput(text, field="route", value=round(span, 3), expected=f"corners {SHORTEST:.1f} m apart or more")
-    names, radii = tuple(view.name for view in views), [view.body.radius for view in views]
-    steps: list[Step] = []
-    for k in range(corners + 1):
-        places = slots.at_own_height(views, route[[(i * corners // count + k) % corners for i in range(count)]])
-        check_apart(names, places, radii, downwash, labelled=True, what="patrol", field="route")
-        steps.append(PlanTo(names, places, True, f"patrol, corner {k} of {corners}" if k else "to the patrol"))
-    return steps

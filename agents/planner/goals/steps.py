@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.model.problem import Floats, Motion
-from agents.planner.solve.loiter import Slot
+from agents.planner.solve.loiter import LoiterCircle
 from zmav import wire
 from zmav.errors import BadInput, TimedOut
 from zmav.wire.base import Vector
@@ -152,7 +152,7 @@ class Loiter:
     meet, whenever each is where.
     """
 
-    circles: tuple[Slot, ...]
+    circles: tuple[LoiterCircle, ...]
     text: str = ""
 
     @property

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planner.goals import crowd, slots
+from agents.planner.goals import slots, timing
 from agents.planner.goals.dealing import Ground, Part, Sweeper
 from agents.planner.goals.search import Split, ground, split
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
-from agents.planner.goals.timing import Limits
 from agents.planner.live import frames
-from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.model.scene import Scene
+from agents.planner.model.separation import separation
 from zmav import wire
 
 MOST_STOPS = 200
 """places one after another, in which lanes are flown where they cannot be flown on one clock"""
+DELAYS = np.arange(0.0, 61.0, 2.0)
+"""s by which a vehicle sets out later, in the order in which they are tried"""
+SPARE = 0.1
+"""m more than the radii ask for, which hold what a vehicle may be off its way already"""
 
 
 def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) -> list[Step]:
@@ -37,15 +43,15 @@ def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) 
 
 
 def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[Sweeper]:
-    """The vehicles as a search sees them, in the goal's order; each a layer above the one before it."""
+    """The vehicles as a search sees them, in the goal's order."""
     sweepers = []
-    for i, view in enumerate(views):
+    for view in views:
         body, (east, north, up) = view.body, frames.enu(view.pos_ned)
         sweepers.append(
             Sweeper(
                 name=view.name,
                 start=np.array([east, north, up]),
-                height=goal.height + i * goal.layer if view.flies else up,
+                height=goal.height if view.flies else up,
                 width=body.sweep_width,
                 speed=body.speed,
                 accel=body.accel,
@@ -62,9 +68,9 @@ def _steps(dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView
     parts, busy = dealt.parts, [part for part in dealt.parts if len(part.path)]
     limits = {view.name: slots.limits_of([view]) for view in views}
     own = {view.name: view for view in views}
-    ways = [_way(part, area, limits[part.sweeper.name]) for part in busy]
+    ways = [Way(part.curve(area.free), limits[part.sweeper.name], part.sweeper.radius) for part in busy]
     idle = [(part.sweeper.start, part.sweeper.radius) for part in parts if not len(part.path)]
-    flown = crowd.together(ways, idle, scene.downwash)
+    flown = together(ways, idle, scene.downwash)
     names = tuple(part.sweeper.name for part in busy)
     motions = {}
     for part, (motion, _) in zip(busy, flown, strict=True):
@@ -81,10 +87,6 @@ def _steps(dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView
     ]
 
 
-def _way(part: Part, area: Ground, limits: Limits) -> crowd.Way:
-    return crowd.Way(part.curve(area.free), limits, part.sweeper.radius)
-
-
 def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[tuple[Motion, bool]]) -> tuple[PlanTo, ...]:
     """The corners of all ways, one after another: what is left where they cannot be flown on one clock."""
     ways = [part.path[::-1] if backwards else part.path for part, (_, backwards) in zip(parts, flown, strict=True)]
@@ -94,3 +96,51 @@ def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[tuple[
         places: Floats = np.array([way[min(k, len(way) - 1)] for way in ways])
         stops.append(PlanTo(names, places, True, f"searching lane by lane, {math.ceil(k / 2)}"))
     return tuple(stops)
+
+
+# Several ways through one area flown at once: in which direction, and how much later each goes.
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way that is to be flown, its corners rounded already."""
+
+    curve: Path
+    limits: timing.Limits
+    """of this vehicle alone: (1,) each"""
+    radius: float
+
+
+def together(ways: Sequence[Way], idle: Sequence[tuple[Floats, float]], downwash: float) -> list[tuple[Motion, bool]]:
+    """Motions from t = 0, and whether each goes backwards, that keep apart from each other, and from ``idle`` others
+    (place, radius), which stand.
+
+    The longest is placed first, each of the others as soon as it may: forwards or backwards, then later. A way for
+    which nothing helps is flown as it is, for the verifier to find.
+    """
+    plain = [motion_of(way) for way in ways]
+    standing = [(np.array([[0.0, *place]]), radius) for place, radius in idle]
+    found: dict[int, tuple[Motion, bool]] = {}
+    for i in sorted(range(len(ways)), key=lambda k: -plain[k][-1, 0]):
+        others = standing + [(found[k][0], ways[k].radius) for k in found]
+        found[i] = _place(ways[i], plain[i], others, downwash)
+    return [found[i] for i in range(len(ways))]
+
+
+def motion_of(way: Way) -> Motion:
+    return np.ascontiguousarray(timing.fly(way.curve[:, None, :], way.limits)[:, 0])
+
+
+def _place(way: Way, plain: Motion, others: list[tuple[Motion, float]], downwash: float) -> tuple[Motion, bool]:
+    back = motion_of(Way(way.curve[::-1], way.limits, way.radius))
+    for delay, backwards in itertools.product(DELAYS, (False, True)):
+        motion = shifted(back if backwards else plain, float(delay))
+        if all(separation(motion, other, downwash)[0] >= way.radius + radius + SPARE for other, radius in others):
+            return motion, backwards
+    return plain, False
+
+
+def shifted(motion: Motion, delay: float) -> Motion:
+    """The motion so much later; it stands at its first place until then."""
+    moved: Motion = motion + np.array([delay, 0.0, 0.0, 0.0])
+    return np.vstack(([0.0, *moved[0, 1:]], moved)) if delay > 0.0 else moved

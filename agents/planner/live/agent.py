@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import time
 import uuid
-from types import TracebackType
 
 import zmav
 from agents.planner.live.checks import read_obstacle
@@ -23,7 +22,7 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.order_handlers import OrderHandlers
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.run import Run
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.solver import Solver
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
@@ -42,7 +41,7 @@ LEAST = 0.1
 class Agent:
     """``async with Agent(z, settings) as agent: ...``: a planner among others. Lives on the event loop."""
 
-    def __init__(self, z: zmav.Client, settings: Settings) -> None:
+    def __init__(self, z: zmav.Client, settings: PlannerSettings) -> None:
         self.z = z
         instance = uuid.uuid4().hex
         patience = settings.patience * (2.0 if settings.standby else 1.0)
@@ -83,9 +82,7 @@ class Agent:
         self._task = asyncio.create_task(self._live())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         """Everybody comes to rest, and the goals stay in the book for anyone who stands by."""
         tasks = [*filter(None, (self._task, *self.publisher.tasks)), *self.context.asking]
         for task in tasks:

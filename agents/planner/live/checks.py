@@ -30,8 +30,7 @@ def check_numbers(value: Any, field: str) -> None:
         for i, each in enumerate(value):
             check_numbers(each, f"{field}[{i}]")
     elif isinstance(value, float) and not abs(value) <= FARTHEST:
-        text = f"{field} is {value}; expected a number between -{FARTHEST:.0f} and {FARTHEST:.0f}"
-        raise BadInput(text, field=field, value=value, expected=f"at most {FARTHEST:.0f}")
+        raise BadInput.wrong(field, value, f"a number between -{FARTHEST:.0f} and {FARTHEST:.0f}")
 
 
 def check_goal(goal: swarm.Goal) -> None:
@@ -41,7 +40,7 @@ def check_goal(goal: swarm.Goal) -> None:
         raise BadInput("the goal names no vehicle", field="goal.vehicles", value=[], expected="one name or more")
     for name in goal.vehicles:
         keys.check_name(name, "goal.vehicles")
-    for field in ("to", "points", "via", "offsets", "route", "polygon", "at"):
+    for field in ("to", "points", "via", "offsets", "polygon", "at"):
         listed = getattr(goal, field, None)
         if isinstance(listed, list):
             _at_most(listed, MOST_POINTS, f"goal.{field}")
@@ -55,11 +54,7 @@ def _check_sizes(goal: swarm.Goal) -> None:
     elif isinstance(goal, swarm.TakeOff):
         _positive(goal.height, "goal.height")
     elif isinstance(goal, swarm.Search) and len(goal.polygon) < 3:
-        text = f"a search needs a polygon of three corners or more; there are {len(goal.polygon)}"
-        raise BadInput(text, field="goal.polygon", value=len(goal.polygon), expected="three corners or more")
-    elif isinstance(goal, swarm.Patrol) and len(goal.route) < 2:
-        text = f"a patrol needs a route of two points or more; there are {len(goal.route)}"
-        raise BadInput(text, field="goal.route", value=len(goal.route), expected="two points or more")
+        raise BadInput.wrong("goal.polygon", len(goal.polygon), "three corners or more", "the polygon is none")
     elif isinstance(goal, swarm.GoTo) and len(goal.to) != len(goal.vehicles):
         text = f"{len(goal.vehicles)} vehicles have {len(goal.to)} places to go to"
         raise BadInput(text, field="goal.to", value=len(goal.to), expected=f"{len(goal.vehicles)} places")
@@ -69,11 +64,9 @@ def check_obstacle(obstacle: swarm.Obstacle) -> None:
     """Raises :class:`BadInput` for one that has no name or no size."""
     keys.check_name(obstacle.name, "obstacle.name")
     if obstacle.t != obstacle.t or abs(obstacle.t) > 1e11:
-        text = f"obstacle.t is {obstacle.t}; expected UTC seconds"
-        raise BadInput(text, field="obstacle.t", value=obstacle.t, expected="UTC seconds")
+        raise BadInput.wrong("obstacle.t", obstacle.t, "UTC seconds")
     if obstacle.ttl is not None and not 0.0 < obstacle.ttl < 1e9:
-        text = f"obstacle.ttl is {obstacle.ttl}; expected seconds, more than zero"
-        raise BadInput(text, field="obstacle.ttl", value=obstacle.ttl, expected="more than 0")
+        raise BadInput.wrong("obstacle.ttl", obstacle.ttl, "seconds, more than zero")
     what = obstacle.what
     check_numbers(what, "obstacle.what")
     if isinstance(what, swarm.Box):
@@ -95,8 +88,7 @@ def check_obstacle(obstacle: swarm.Obstacle) -> None:
 def read_obstacle(data: bytes) -> swarm.Obstacle:
     """An obstacle as it came. Raises :class:`BadInput`."""
     if len(data) > OBSTACLE_BYTES:
-        text = f"an obstacle of {len(data)} bytes is not read; at most {OBSTACLE_BYTES}"
-        raise BadInput(text, field="obstacle", value=len(data), expected=f"at most {OBSTACLE_BYTES} bytes")
+        raise BadInput.wrong("obstacle", len(data), f"at most {OBSTACLE_BYTES} bytes", "so much is not read")
     obstacle = wire.decode(data, swarm.Obstacle, "obstacle")
     check_obstacle(obstacle)
     return obstacle
@@ -104,10 +96,9 @@ def read_obstacle(data: bytes) -> swarm.Obstacle:
 
 def _positive(value: float, field: str) -> None:
     if not (math.isfinite(value) and value > 0.0):
-        raise BadInput(f"{field} is {value}; expected more than zero", field=field, value=value, expected="> 0")
+        raise BadInput.wrong(field, value, "more than zero")
 
 
 def _at_most(listed: list[Any], most: int, field: str) -> None:
     if len(listed) > most:
-        text = f"{field} has {len(listed)} entries; at most {most} are read"
-        raise BadInput(text, field=field, value=len(listed), expected=f"at most {most}")
+        raise BadInput.wrong(field, len(listed), f"at most {most} entries", f"{field} has {len(listed)} entries")

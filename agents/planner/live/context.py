@@ -17,7 +17,7 @@ from agents.planner.live.fleet import Fleet
 from agents.planner.live.leadership.election import LeaderElection
 from agents.planner.live.ledger import GoalBook
 from agents.planner.live.reserved import ReservedAirspace
-from agents.planner.live.settings import FENCE, Settings
+from agents.planner.live.settings import FENCE, PlannerSettings
 from agents.planner.live.solver import Solver
 from agents.planner.live.world import World
 from agents.planner.model.problem import MovingObstacle
@@ -56,7 +56,7 @@ class Context:
     """Lives on the event loop."""
 
     z: zmav.Client
-    settings: Settings
+    settings: PlannerSettings
     instance: str
     charge: LeaderElection
     fleet: Fleet

@@ -6,7 +6,6 @@ asks hears it at once, and nobody has taken off for it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import msgspec
@@ -26,8 +25,6 @@ from zmav.wire import Vector, swarm
 WIDEN = (
     "heights count up; [geofence] in the fleet file declares another field (zmav swarm planner --file, zmav up --file)"
 )
-COURSES = 16
-"""of a leader whose frame turns with it, at which its followers' places are looked at"""
 NOWHERE = wire.Origin(lat_deg=0.0, lon_deg=0.0, alt_amsl=0.0)
 
 Place = tuple[str, float, float, float | None, Sequence[VehicleView]]
@@ -36,7 +33,7 @@ Ball = Callable[[str], Vector | None]
 """where an obstacle of that name is now (NED)"""
 
 
-class Field:
+class FleetField:
     """The fences of a fleet's vehicles about its origin: ``own`` where a vehicle has one, else ``declared``.
 
     Without an origin a polygon cannot be told from here; the vehicles hold to it. Raises
@@ -51,9 +48,9 @@ class Field:
         return self._own.get(name, self._declared)
 
 
-def field_of(file: FleetConfig) -> Field:
+def field_of(file: FleetConfig) -> FleetField:
     own = {name: table.geofence for name, table in file.vehicles.items() if table.geofence is not None}
-    return Field(file.geofence, own, file.origin)
+    return FleetField(file.geofence, own, file.origin)
 
 
 def _fence(declared: Geofence, origin: wire.Origin | None) -> Fence:
@@ -63,21 +60,15 @@ def _fence(declared: Geofence, origin: wire.Origin | None) -> Fence:
     return Fence(usual, origin or NOWHERE, ground=True)
 
 
-def check_field(goal: swarm.Goal, fleet: FleetView, field: Field, downwash: float, ball: Ball) -> None:
+def check_field(goal: swarm.Goal, fleet: FleetView, field: FleetField, downwash: float, ball: Ball) -> None:
     """Raise :class:`~zmav.errors.BadInput` for a place beyond the fence of a vehicle that may come there.
 
-    Heights count from each vehicle's own home, as they do on the vehicle; a rover's mean nothing. Places that turn
-    with a leader are refused where they are beyond the fence whatever its course.
+    Heights count from each vehicle's own home, as they do on the vehicle; a rover's mean nothing.
     """
     if isinstance(goal, swarm.Follow):
-        faults = [_fault(places, field) for places in _followers(goal, fleet, downwash, ball)]
+        places = _followers(goal, fleet, downwash, ball)
     else:
-        faults = [_fault(_places(goal, fleet, downwash), field)]
-    if faults and faults[0] is not None and all(faults):
-        raise faults[0]
-
-
-def _fault(places: Iterator[Place], field: Field) -> BadInput | None:
+        places = _places(goal, fleet, downwash)
     for name, north, east, down, who in places:
         for view in who:
             fence = field.fence(view.name)
@@ -87,8 +78,7 @@ def _fault(places: Iterator[Place], field: Field) -> BadInput | None:
             beyond, where = fence.excess(north, east, height)
             if beyond:
                 text = f"{name}: for {view.name}, {where}; {WIDEN}"
-                return BadInput(text, field=name, value=beyond, expected="a place in the field")
-    return None
+                raise BadInput(text, field=name, value=beyond, expected="a place in the field")
 
 
 def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Place]:
@@ -101,9 +91,6 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
         for field, centre in [*((f"goal.via[{i}]", via) for i, via in enumerate(goal.via)), ("goal.at", goal.at)]:
             for x, y, z in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
                 yield field, *ned((float(x), float(y), float(z))), views
-    elif isinstance(goal, swarm.Patrol):
-        for i, place in enumerate(goal.route):
-            yield f"goal.route[{i}]", *place, views
     elif isinstance(goal, swarm.Search):
         for view, sweeper in zip(views, sweepers_of(goal, views), strict=True):
             for i, (north, east) in enumerate(goal.polygon):
@@ -117,8 +104,8 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
             yield "goal.height", north, east, view.floor - goal.height, [view]
 
 
-def _followers(goal: swarm.Follow, fleet: FleetView, downwash: float, ball: Ball) -> Iterator[Iterator[Place]]:
-    """The followers' places as it begins, for each course that the leader's frame may have."""
+def _followers(goal: swarm.Follow, fleet: FleetView, downwash: float, ball: Ball) -> Iterator[Place]:
+    """The followers' places as it begins."""
     views, name = fleet.pick(goal.vehicles), goal.leader
     leader = fleet.vehicles.get(name)
     begin = leader.pos_ned if leader else ball(name)
@@ -126,22 +113,12 @@ def _followers(goal: swarm.Follow, fleet: FleetView, downwash: float, ball: Ball
         return
     radius = leader.body.radius if leader else 0.0
     offsets = follow.offsets_of(goal, [view.body for view in views], radius, downwash)
-    for k in range(COURSES if goal.frame == "body" else 1):
-        spots = _spots(goal, views, begin, offsets, math.tau * k / COURSES)
-        if leader is not None and not leader.flies:
-            for view, spot in zip(views, spots, strict=True):
-                if view.flies and spot[2] > begin[2] - EDGE:
-                    text = f"{view.name} would be no higher than {name}, which is on the ground: give offsets upwards"
-                    raise BadInput(text, field="goal.offsets", value=spot[2], expected="places above the ground")
-        yield ((f"goal.offsets[{i}]", *spot, [views[i]]) for i, spot in enumerate(spots))
-
-
-def _spots(
-    goal: swarm.Follow, views: Sequence[VehicleView], begin: Vector, offsets: Sequence[Vector], course: float
-) -> list[Vector]:
-    spots: list[Vector] = []
-    leader, heading = follow.MovingTarget(0.0, begin), follow.Heading(0.0, course)
-    for view, offset in zip(views, offsets, strict=True):
-        north, east, down = follow.slot(leader, heading, offset, goal.frame, 0.0).pos
-        spots.append((north, east, down if view.flies else view.pos_ned[2]))
-    return spots
+    target = follow.MovingTarget(0.0, begin)
+    for i, (view, offset) in enumerate(zip(views, offsets, strict=True)):
+        north, east, down = follow.slot(target, offset, 0.0).pos
+        if not view.flies:
+            down = view.pos_ned[2]
+        elif leader is not None and not leader.flies and down > begin[2] - EDGE:
+            text = f"{view.name} would be no higher than {name}, which is on the ground: give offsets upwards"
+            raise BadInput(text, field="goal.offsets", value=down, expected="places above the ground")
+        yield f"goal.offsets[{i}]", north, east, down, [view]

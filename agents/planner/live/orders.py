@@ -17,7 +17,7 @@ from agents.planner.live.frames import enu
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.problem import Floats
-from agents.planner.solve.loiter import STEADY, Slot
+from agents.planner.solve.loiter import STEADY, LoiterCircle
 from zmav import wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.verbs import VERBS
@@ -122,7 +122,7 @@ async def circle(vehicles: Mapping[str, zmav.Vehicle], step: Loiter) -> None:
     """
     risen = {name: asyncio.Event() for name in step.vehicles}
 
-    async def one(slot: Slot) -> None:
+    async def one(slot: LoiterCircle) -> None:
         for other in slot.first:
             await risen[other].wait()
         vehicle, centre, speed = vehicles[slot.vehicle], slot.centre_ned, slot.speed
@@ -151,7 +151,7 @@ def _local(vehicle: zmav.Vehicle) -> Vector:
     return local
 
 
-def _around(run: GoalUnderWay, circle: Slot) -> list[Tube]:
+def _around(run: GoalUnderWay, circle: LoiterCircle) -> list[Tube]:
     """All that it may be off its way over the ground, from where it is to its circle."""
     wide = CIRCLING * circle.radius
     seen = run.context.fleet.seen(circle.vehicle)

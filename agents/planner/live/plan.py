@@ -178,7 +178,7 @@ def _circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> lis
 def _points(goal: swarm.Goal) -> list[Vector]:
     """Every place (NED) that a goal names."""
     found: list[Vector] = []
-    for field in ("to", "via", "route"):
+    for field in ("to", "via"):
         found += getattr(goal, field, [])
     if isinstance(goal, swarm.Formation):
         offsets = offsets_of(goal, len(goal.vehicles))
@@ -186,8 +186,7 @@ def _points(goal: swarm.Goal) -> list[Vector]:
         for north, east, down in (goal.at, *goal.via):
             found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]
     if isinstance(goal, swarm.Search):
-        top = goal.height + goal.layer * len(goal.vehicles)
-        found += [(n, e, -height) for n, e in goal.polygon for height in (goal.height, top)]
+        found += [(n, e, -goal.height) for n, e in goal.polygon]
     if isinstance(goal, swarm.Land):
         found += [(n, e, 0.0) for n, e in goal.at]
     return found

@@ -179,12 +179,7 @@ class Run:
                     "lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer"
                 )
             await self._settled()  # from now on nobody else moves them
-            laps = self.entry.goal.laps if isinstance(self.entry.goal, swarm.Patrol) else 1
-            missing, done = lost, 0
-            while missing == lost and (done < laps or not laps):
-                share = (done / laps, (done + 1) / laps) if laps else (0.0, 1.0)
-                missing = await self._take_each(leased, steps[min(done, 1) :], lost, share)
-                done += 1
+            missing = await self._take_each(leased, steps, lost, (0.0, 1.0))
         return sorted(missing)
 
     async def _take_each(

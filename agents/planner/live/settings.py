@@ -7,7 +7,7 @@ import math
 import msgspec
 
 from agents.planner.execute.executor import TRACKING
-from agents.planner.live.field import Field
+from agents.planner.live.field import FleetField
 from agents.planner.live.leadership.election import PATIENCE
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
@@ -23,7 +23,7 @@ BOUNDS = {"margin": (0.0, 20.0), "tracking": (0.05, 5.0), "downwash": (1.0, 10.0
 """of the settings, each in its own unit"""
 
 
-class Settings(msgspec.Struct, kw_only=True, frozen=True):
+class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     """One planner. Raises :class:`~zmav.errors.BadConfig` naming what cannot be, and :class:`~zmav.errors.BadKey`."""
 
     name: str = "planner"
@@ -41,7 +41,7 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
     """s that the solver may take"""
-    field: Field = Field(Geofence(), {}, None)
+    field: FleetField = FleetField(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
     """the same as plans are held to it; None: none that they must be"""
@@ -52,8 +52,7 @@ class Settings(msgspec.Struct, kw_only=True, frozen=True):
         for field, (least, most) in BOUNDS.items():
             value = getattr(self, field)
             if not least <= value <= most:  # nor a number that is none: nothing would be too near or too far off then
-                text = f"{field} is {value}; expected {least} to {most}"
-                raise BadConfig(text, field=field, value=value, expected=f"{least} to {most}")
+                raise BadConfig.wrong(field, value, f"{least} to {most}")
 
 
 def fence_of(file: FleetConfig) -> swarm.Geofence | None:

@@ -8,7 +8,6 @@ import pickle
 import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, TypeVar, overload
 
 from agents.planner.goals.steps import Step
@@ -57,9 +56,7 @@ class Solver:
         self._keeper = asyncio.create_task(self._keep())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         if self._keeper is not None:
             self._keeper.cancel()
             await asyncio.gather(self._keeper, return_exceptions=True)

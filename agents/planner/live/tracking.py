@@ -43,7 +43,6 @@ class Tracking:
 
     def __init__(self, run: GoalUnderWay, leased: LeasedVehicles, step: Step, planner: Planner) -> None:
         self._run, self._leased, self._goal, self._planner = run, leased, step.goal, planner
-        self._heading: follow.Heading | None = None
         self._due: dict[str, float] = {}
         self._told: dict[str, float] = {}
         self._said: follow.Doing | None = None
@@ -92,21 +91,20 @@ class Tracking:
 
     # Whom it follows.
 
-    def leader(self, now: float) -> tuple[follow.MovingTarget, float | None, float]:
-        """Where it is (NED, our UTC), where it looks (rad), s since that was heard. Raises :class:`Stale`."""
+    def leader(self, now: float) -> tuple[follow.MovingTarget, float]:
+        """Where it is (NED, our UTC), and s since that was heard. Raises :class:`Stale`."""
         goal, context = self._goal, self._run.context
         seen = context.fleet.seen(goal.leader)
         if seen is not None:
-            yaw = seen.state.attitude.yaw if seen.state.attitude else None
-            return follow.MovingTarget(now - seen.age, seen.view.pos_ned, seen.view.vel_ned), yaw, seen.age
+            return follow.MovingTarget(now - seen.age, seen.view.pos_ned, seen.view.vel_ned), seen.age
         ball = context.world.ball(goal.leader, time.time())
         if ball is None:
             raise Stale(f"nobody has heard of {goal.leader}", vehicle=goal.leader)
-        return follow.MovingTarget(now, *ball), None, 0.0
+        return follow.MovingTarget(now, *ball), 0.0
 
     def _doing(self, now: float) -> follow.Doing:
         try:
-            age = self.leader(now)[2]
+            age = self.leader(now)[1]
         except Stale:
             age = self._goal.lost_after * 3.0
         doing = follow.doing(self._goal, age)
@@ -129,11 +127,8 @@ class Tracking:
 
     def targets(self, now: float) -> list[follow.MovingTarget]:
         """Everybody's place beside the leader (NED)."""
-        leader, yaw, _ = self.leader(now)
-        bodies = [self._view(part.id).body for part in self._parts]
-        most = follow.most_turn(self._offsets, bodies, float(np.linalg.norm(leader.vel)))
-        heading = self._heading = follow.heading_of(self._heading, leader.at(now), yaw, most)
-        return [follow.slot(leader, heading, offset, self._goal.frame, now) for offset in self._offsets]
+        leader, _ = self.leader(now)
+        return [follow.slot(leader, offset, now) for offset in self._offsets]
 
     # What followers fly.
 

@@ -32,7 +32,7 @@ from agents.planner.solve import jit, pipeline, warm
 from zmav.errors import ZmavError
 
 
-class Worker:
+class SolverProcess:
     """Does the jobs."""
 
     def __init__(self, out: BinaryIO) -> None:
@@ -120,7 +120,7 @@ def main() -> None:
     os.dup2(2, 1)
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(sys.stdin.buffer, waiting), daemon=True).start()
-    worker = Worker(out)
+    worker = SolverProcess(out)
     try:
         worker.warm()
         while True:

@@ -37,7 +37,7 @@ class Circling:
 
 
 @dataclass(frozen=True)
-class Slot:
+class LoiterCircle:
     """A circle of one plane's own."""
 
     vehicle: str
@@ -62,7 +62,7 @@ def loiter_speed(body: Body) -> float:
     return min(body.speed, 1.25 * body.min_speed) if body.min_speed > 0.0 else body.speed
 
 
-def loiter_slots(planes: Sequence[Circling], floor: float, ceiling: float, downwash: float = 1.0) -> list[Slot]:
+def loiter_slots(planes: Sequence[Circling], floor: float, ceiling: float, downwash: float = 1.0) -> list[LoiterCircle]:
     """A circle for each plane, and the order in which they change their heights.
 
     Planes keep their order in height, so that nobody must pass another; where two may come near each other over the
@@ -97,7 +97,7 @@ def _slot(
     heights: dict[int, float],
     near: dict[tuple[int, int], bool],
     gap: dict[tuple[int, int], float],
-) -> Slot:
+) -> LoiterCircle:
     plane, now, then = planes[i], -planes[i].pos_ned[2], heights[i]
     first = tuple(
         other.vehicle
@@ -105,7 +105,7 @@ def _slot(
         if j != i and near[i, j] and _goes_first((-other.pos_ned[2], heights[j]), (now, then), gap[i, j])
     )
     centre = (plane.goal_ned[0], plane.goal_ned[1], -then)
-    return Slot(plane.vehicle, centre, loiter_radius(plane.body), loiter_speed(plane.body), first)
+    return LoiterCircle(plane.vehicle, centre, loiter_radius(plane.body), loiter_speed(plane.body), first)
 
 
 def _goes_first(other: tuple[float, float], one: tuple[float, float], gap: float) -> bool:

@@ -20,11 +20,11 @@ import zenoh
 import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from tests.cli.conftest import Process
 from zmav import keys
 from zmav.session import SessionSettings
-from zmav.vision.opencv import Image
+from zmav.vision.opencv import Image, encode
 
 if TYPE_CHECKING:
     from tests.conftest import Net
@@ -127,20 +127,19 @@ async def run_camera(net: Net) -> AsyncIterator[Run]:
         async def run(endpoint: str, source: Any = None, lens: Any = 1.1, say: Any = None, **how: Any) -> CameraAgent:
             session = SessionSettings(connect=[endpoint])
             z = await stack.enter_async_context(zmav.open(settings=session))
-            own = Settings(vehicle="quad1", **how)
+            own = CameraSettings(vehicle="quad1", **how)
             agent = CameraAgent(z, own, source or Painted(), lens, session, say or (lambda line: None))
             return await stack.enter_async_context(agent)
 
         yield run
 
 
-def write_video(path: Path, count: int, rate: float = 25.0) -> None:
-    """An .mjpg in an .avi, with numbered pictures."""
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (320, 240))
-    assert video.isOpened()
+def write_pictures(folder: Path, count: int) -> Path:
+    """Numbered pictures in a folder; gives it."""
+    folder.mkdir()
     for number in range(count):
-        video.write(scene(number))
-    video.release()
+        (folder / f"{number:03d}.jpg").write_bytes(encode(scene(number), 60))
+    return folder
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from agents.camera.budget import Budget
 from agents.camera.quality_steps import QualitySteps
-from agents.camera.settings import Settings
+from agents.camera.settings import CameraSettings
 from zmav.vision.assembler import Assembler
 from zmav.vision.chunks import count_of, split
 from zmav.vision.parity import needed
@@ -26,7 +26,7 @@ class SimLink:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: CameraSettings,
         loss: float = 0.0,
         rate: float | None = None,
         queue: float = 3000.0,

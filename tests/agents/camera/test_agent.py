@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 import zmav
-from agents.camera.settings import Calibration, Settings
+from agents.camera.settings import Calibration, CameraSettings
 from tests.agents.camera.conftest import Painted, Way, losing
 from tests.conftest import PATIENCE_S
 from tests.waiting import until
@@ -183,4 +183,4 @@ async def test_a_source_that_ends_ends_the_sending(net: Net, run_camera: Run) ->
 )
 def test_settings_that_cannot_be(wrong: dict[str, Any], error: type[Exception]) -> None:
     with pytest.raises(error):
-        msgspec.structs.replace(Settings(vehicle="quad1"), **wrong).check()
+        msgspec.structs.replace(CameraSettings(vehicle="quad1"), **wrong).check()

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from agents.camera.budget import MOST_READERS, Budget
-from agents.camera.quality_steps import ROOM, QualitySteps, Step
-from agents.camera.settings import Settings
+from agents.camera.quality_steps import ROOM, QualityStep, QualitySteps
+from agents.camera.settings import CameraSettings
 from tests.agents.camera.simlink import FULL_BYTES, SimLink
 from zmav.vision.chunks import count_of
 from zmav.vision.parity import needed
 from zmav.wire import FrameReport
 
-OWN = Settings(vehicle="quad1")
+OWN = CameraSettings(vehicle="quad1")
 
 
 def test_a_clean_link_is_filled() -> None:
@@ -138,7 +138,7 @@ def test_reports_that_lie_leave_the_budget_within_its_bounds(lie: dict[str, Any]
 def test_pictures_get_worse_in_the_documented_order() -> None:
     quality = QualitySteps(OWN)
     quality.learn(quality.steps[0], FULL_BYTES)
-    seen: list[Step] = []
+    seen: list[QualityStep] = []
     for kilobytes in range(700, 4, -1):
         step = quality.choose(kilobytes * 1e3, 0.01)
         assert quality.bytes(step, 0.01) * step.rate <= ROOM * kilobytes * 1e3 * 1.001

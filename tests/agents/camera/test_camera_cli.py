@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 import zmav
 from agents.camera.cli import camera
-from tests.agents.camera.conftest import write_video
+from tests.agents.camera.conftest import write_pictures
 from zmav.errors import BadConfig, TimedOut, VehicleError
 from zmav.vision.reader import camera_info
 
@@ -27,11 +27,9 @@ def invoke(*arguments: str) -> Result:
 
 async def test_a_camera_runs_says_what_it_is_and_is_looked_at(net: Net, start: StartCamera, tmp_path: Path) -> None:
     _, endpoint = net.router()
-    write_video(tmp_path / "a.avi", 20)
+    pictures = write_pictures(tmp_path / "pictures", 20)
     mount = ("--mount", "0,90,0", "--offset", "0.1,0,0.02", "--fov", "90")
-    agent = start(
-        "run", str(tmp_path / "a.avi"), "--vehicle", "quad1", "--name", "nose", "--loop", "-e", endpoint, *mount
-    )
+    agent = start("run", str(pictures), "--vehicle", "quad1", "--name", "nose", "--loop", "-e", endpoint, *mount)
     await asyncio.to_thread(agent.expect, "demo/quad1/nose")
     async with zmav.open(connect=[endpoint]) as z:
         told = await camera_info(z, "quad1", "nose")

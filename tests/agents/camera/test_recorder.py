@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from agents.camera.cli.view import Recorder
+from agents.camera.cli.view import PictureRecorder
 from tests.agents.camera.conftest import scene
 from tests.waiting import until
 from zmav.errors import BadConfig
@@ -34,7 +34,7 @@ def lines(table: Path) -> list[dict[str, str]]:
 
 
 def test_a_folder(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "new" / "folder")
+    recorder = PictureRecorder(tmp_path / "new" / "folder")
     for number in range(3):
         assert recorder.add(picture(number))
     recorder.close()
@@ -46,7 +46,7 @@ def test_a_folder(tmp_path: Path) -> None:
     ]
     assert (tmp_path / "new" / "folder" / "00000001.jpg").read_bytes() == picture(1).jpeg
     with pytest.raises(BadConfig, match="is there already"):
-        Recorder(tmp_path / "new" / "folder")
+        PictureRecorder(tmp_path / "new" / "folder")
 
 
 class Usage(NamedTuple):
@@ -56,7 +56,7 @@ class Usage(NamedTuple):
 
 
 def test_a_full_disk_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder = Recorder(tmp_path / "folder", keep_free=1e6)
+    recorder = PictureRecorder(tmp_path / "folder", keep_free=1e6)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(10**9, 10**9, 999_999))
     assert not recorder.add(picture(0))
     assert (recorder.written, recorder.unwritten) == (0, 1)
@@ -70,9 +70,9 @@ def test_a_full_disk_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_where_nobody_may_write(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadConfig, match="cannot write"):
-        Recorder(tmp_path / "file")
+        PictureRecorder(tmp_path / "file")
     with pytest.raises(BadConfig, match="cannot write"):
-        Recorder(tmp_path / "file" / "below")
+        PictureRecorder(tmp_path / "file" / "below")
 
 
 async def test_what_is_left_of_a_recorder_that_was_killed(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import zmav
-from agents.controllers.settings import Settings
+from agents.controllers.settings import ControllerSettings
 from agents.controllers.supervisor import Supervisor
 from zmav import keys, wire
 from zmav.config import PilotSwitch
@@ -42,7 +42,7 @@ class Field:
 
     async def supervise(self, controller: str | Path, tuned: dict[str, float] | None = None, **more: Any) -> Supervisor:
         """A supervisor whose controller is ready; it ends with the test."""
-        settings = Settings(controller=str(controller), **{"rate_hz": RATE_HZ, **more})
+        settings = ControllerSettings(controller=str(controller), **{"rate_hz": RATE_HZ, **more})
         # Test machines are busy: a pause of a quarter of a second, or of the autopilot's, is nobody's fault here.
         patient = {"guard_late": 25.0, "guard_silent": 1.0}
         supervisor = Supervisor(self.z, self.vehicle.name, settings, {**patient, **(tuned or {})})

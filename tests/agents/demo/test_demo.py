@@ -91,7 +91,7 @@ EVERYONE = ("quad1", "quad2", "quad3", "router", "sim", "swarm", "record")
 
 @pytest.mark.slow
 def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..., Demo], tmp_path: Path) -> None:
-    demo = start_demo("--headless", "--out", str(tmp_path))
+    demo = start_demo("--out", str(tmp_path))
     pids = wait_for_children(demo, *EVERYONE)
     out, _ = demo.communicate(timeout=115.0)
     assert demo.returncode == 0, out
@@ -129,7 +129,7 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
 def test_a_process_that_dies_ends_it_with_words(
     start_demo: Callable[..., Demo], name: str, number: int, code: str
 ) -> None:
-    demo = start_demo("--headless")
+    demo = start_demo()
     pids = wait_for_children(demo, *EVERYONE)
     wait_for_handler(pids[name])  # an end on SIGTERM is then with 0, and no less an end
     os.kill(pids[name], number)

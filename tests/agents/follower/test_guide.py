@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.follower.agent import Follower
-from agents.follower.guide import Command, Guide, TargetFix
+from agents.follower.guide import FollowCommand, Guide, TargetFix
 from zmav.wire import Detection, Vector
 
 TICK, LAG = 0.05, 0.35
@@ -40,7 +40,7 @@ class World:
         self._due: deque[tuple[float, float, list[Detection]]] = deque()
         self.off: list[float] = []
         self.phases: list[str] = []
-        self.command = Command((0.0, 0.0, 0.0))
+        self.command = FollowCommand((0.0, 0.0, 0.0))
         self.frame = 0
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.helipad import channels
-from agents.helipad.check import WEIGHTS, Check, scaled
+from agents.helipad.check import WEIGHTS, LearnedCheck, scaled
 from agents.helipad.geometry import View
 from agents.helipad.refine import SIDE, heading
 from agents.helipad.search import Searcher
@@ -85,18 +85,18 @@ def judged(made: Sample, place: NDArray[np.float64], angle: float) -> float | No
     return 0.0
 
 
-def save(net: Check) -> None:
-    """As what :meth:`Check.built_in` gives."""
+def save(net: LearnedCheck) -> None:
+    """As what :meth:`LearnedCheck.built_in` gives."""
     arrays = {f"weights{i}": w.astype(np.float16) for i, w in enumerate(net.weights)}
     arrays |= {f"biases{i}": b.astype(np.float16) for i, b in enumerate(net.biases)}
     np.savez_compressed(WEIGHTS, **arrays)  # type: ignore[arg-type]  # its stub takes the names for allow_pickle
 
 
-def fit(patches: Image, labels: Image) -> Check:
+def fit(patches: Image, labels: Image) -> LearnedCheck:
     """Adam on the cross entropy; every patch is also seen mirrored, as an H looks the same."""
     rng = np.random.default_rng(1)
     sizes = (patches.shape[1], *HIDDEN, 1)
-    net = Check(
+    net = LearnedCheck(
         [rng.normal(0.0, math.sqrt(2.0 / a), (a, b)).astype(np.float32) for a, b in pairwise(sizes)],
         [np.zeros(b, dtype=np.float32) for b in sizes[1:]],
     )

@@ -7,7 +7,7 @@ import pytest
 
 from agents.planner.execute.commit import TAKING, Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
-from agents.planner.execute.track import Line, Profile, Track, knots, onward
+from agents.planner.execute.track import CommonClock, Profile, Track, knots, onward
 from agents.planner.model.problem import MovingObstacle
 from tests.agents.planner.execute.virtual import carousel, line
 
@@ -22,7 +22,7 @@ def part_of(name: str, start: tuple[float, float], goal: tuple[float, float], de
 def entry(part: Part, stop: float) -> Entry:
     """On the common clock from 2 s on, to rest at ``stop``."""
     rest = Profile.resting(0.0, 0.0)
-    profile = onward(rest, 1.0, Line(2.0, 0.0), stop, part.track.end, 0.5) if stop else rest
+    profile = onward(rest, 1.0, CommonClock(2.0, 0.0), stop, part.track.end, 0.5) if stop else rest
     assert profile is not None
     return Entry(profile, knots(part.track, profile, 0.0), 1.0, np.inf)
 

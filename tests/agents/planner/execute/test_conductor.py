@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.track import Line
+from agents.planner.execute.track import CommonClock
 from agents.planner.model.problem import Motion, MovingObstacle
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
@@ -251,6 +251,6 @@ def test_a_word_that_was_overtaken_changes_nothing() -> None:
 
 
 def test_the_common_clock_goes_on_from_where_it_is() -> None:
-    common = Line(10.0, 4.0, 0.5)
+    common = CommonClock(10.0, 4.0, 0.5)
     assert common.at(12.0) == 5.0
     assert common.when(5.0) == 12.0

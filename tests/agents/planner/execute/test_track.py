@@ -14,7 +14,7 @@ from agents.planner.execute.track import (
     DENSE,
     EASE,
     NEAR,
-    Line,
+    CommonClock,
     Profile,
     Track,
     behind,
@@ -73,7 +73,7 @@ def test_a_vehicle_flies_what_was_checked(seed: int) -> None:
     track = wiggle(seed)
     rng = np.random.default_rng(seed)
     profile = onward(
-        Profile.resting(0.0, 100.0), 101.0, Line(102.0, 0.0), track.end * rng.uniform(0.3, 1.0), track.end, SLOPE
+        Profile.resting(0.0, 100.0), 101.0, CommonClock(102.0, 0.0), track.end * rng.uniform(0.3, 1.0), track.end, SLOPE
     )
     if profile is None:
         return
@@ -97,7 +97,7 @@ def test_who_joins_the_common_clock_is_on_it_or_as_far_behind_as_was_said(
     s: float, rate: float, ahead: float, pace: float
 ) -> None:
     d = 50.0
-    common = Line(d, s - ahead, pace)
+    common = CommonClock(d, s - ahead, pace)
     pieces, t, at = join(d, s, rate, common, SLOPE)
     late = behind(d, s, rate, common, SLOPE)
     assert at - common.at(t) == pytest.approx(-late, abs=1e-4)
@@ -113,7 +113,7 @@ def test_who_joins_the_common_clock_is_on_it_or_as_far_behind_as_was_said(
 @given(st.floats(2.0, 20.0), st.floats(0.3, 1.0))
 def test_a_profile_comes_to_rest_where_it_was_told(stop: float, pace: float) -> None:
     start = Profile.resting(0.0, 0.0)
-    profile = onward(start, 1.0, Line(1.0, 0.0, pace), stop, 30.0, SLOPE)
+    profile = onward(start, 1.0, CommonClock(1.0, 0.0, pace), stop, 30.0, SLOPE)
     assert profile is not None
     assert profile.stop == pytest.approx(stop)
     t = np.linspace(0.0, profile.rest_at + 1.0, 2000)
@@ -132,7 +132,7 @@ def test_inching_on_ends_where_it_was_told_and_from_rest_only() -> None:
     (s,), (rate,) = profile.at(np.array([profile.rest_at]))
     assert (s, rate) == (pytest.approx(4.3), 0.0)
     assert profile.at(np.array([10.0]))[0] == pytest.approx(4.0)
-    moving = onward(Profile.resting(0.0, 0.0), 1.0, Line(1.0, 0.0), 20.0, 30.0, SLOPE)
+    moving = onward(Profile.resting(0.0, 0.0), 1.0, CommonClock(1.0, 0.0), 20.0, 30.0, SLOPE)
     assert moving is not None
     assert crept(moving, 5.0, 6.0, SLOPE) is None
 

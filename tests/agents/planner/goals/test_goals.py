@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -30,12 +29,11 @@ def square(names: list[str]) -> list[swarm.Goal]:
     return [
         swarm.GoTo(vehicles=names, to=[(30.0, 10.0 * i, -10.0) for i in range(len(names))]),
         swarm.Formation(vehicles=names, shape="line", at=(30.0, 0.0, -10.0)),
-        swarm.Patrol(vehicles=names, route=[(0.0, 0.0, -9.0), (0.0, 50.0, -9.0), (50.0, 0.0, -9.0)]),
         swarm.Search(vehicles=names, polygon=[(0.0, 0.0), (0.0, 50.0), (50.0, 0.0)], height=10.0),
     ]
 
 
-@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize("kind", range(3))
 @pytest.mark.parametrize(
     ("names", "error", "match"),
     [
@@ -61,8 +59,6 @@ def test_a_plane_stands_in_no_formation() -> None:
         (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0)]), "to"),
         (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0), (0.0, 1.0, -10.0)]), "to"),
         (swarm.Formation(vehicles=["c1", "c2"], shape="line", at=(0.0, 0.0, -9.0), spacing=1.9), "spacing"),
-        (swarm.Patrol(vehicles=["c1"], route=[(0.0, 0.0, -10.0)]), "route"),
-        (swarm.Patrol(vehicles=["c1"], route=[(0.0, 0.0, -10.0), (0.0, math.nan, -10.0)]), "goal.route[1][1]"),
         (swarm.Search(vehicles=["c1"], polygon=[(0.0, 0.0), (9.0, 9.0)], height=10.0), "polygon"),
     ],
 )
@@ -173,17 +169,3 @@ def test_a_shape_that_does_not_get_through_goes_by_plans() -> None:
     steps = resolve(goal, fleet, world)
     assert [type(step) for step in steps] == [PlanTo, PlanTo]
     assert fly_all(steps, fleet, world) > 0.0
-
-
-def test_a_patrol_goes_around_the_corners_spread_over_them() -> None:
-    fleet, route = crew(2), [(0.0, 0.0, -15.0), (0.0, 40.0, -15.0), (30.0, 40.0, -20.0), (30.0, 0.0, -15.0)]
-    steps = resolve(swarm.Patrol(vehicles=list(fleet.vehicles), route=route), fleet, ground())
-    places = [step.places for step in steps if isinstance(step, PlanTo)]
-    assert len(places) == len(steps) == 5
-    assert places[0] == pytest.approx(np.array([(0.0, 0.0, 15.0), (40.0, 30.0, 20.0)]))
-    assert places[-1] == pytest.approx(places[0]), "a lap later they are where it began"
-    assert fly_all(steps, fleet, ground()) > 140.0 / 5.0
-    with pytest.raises(BadInput, match="as many corners"):
-        resolve(swarm.Patrol(vehicles=list(crew(5).vehicles), route=route), crew(5), ground())
-    with pytest.raises(BadInput, match="at one place"):
-        resolve(swarm.Patrol(vehicles=list(crew(1).vehicles), route=[route[0]] * 3), crew(1), ground())

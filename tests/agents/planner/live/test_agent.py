@@ -26,7 +26,7 @@ from agents.planner.live.clocks import Clocks
 from agents.planner.live.leased_vehicles import LeasedVehicles
 from agents.planner.live.order_handlers import MOST_PREVIEWS, check_known
 from agents.planner.live.run import Run
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.errors import PlanError
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from tests.waiting import until
@@ -86,7 +86,7 @@ async def field() -> AsyncIterator[Field]:
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne(list(PLACES.values()), 10.0))
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, Settings(name="ground", patience=1.0)))
+        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         await agent.context.solver.until_ready(PATIENCE_S)
         field = Field(fleet, agent, me)
@@ -437,7 +437,7 @@ async def test_a_namesake_is_told_of_once(field: Field) -> None:
 
 async def test_the_fleet_files_fence_is_there_and_a_wrong_origin_is_named(field: Field) -> None:
     fence = swarm.Geofence(polygon=[(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)], floor=0.0, ceiling=50.0)
-    aside = Agent(field.me, Settings(name="aside", geofence=fence))
+    aside = Agent(field.me, PlannerSettings(name="aside", geofence=fence))
     assert [each.name for each in aside.context.world.obstacles] == ["fleet-file"]
     state = field.me.vehicle("quad1").state
     far = msgspec.structs.replace(state, name="far", local=(2e5, 0.0, -10.0))
@@ -451,7 +451,7 @@ async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     field: Field, told: bool, known: int, state: str
 ) -> None:
     """Anyone who was killed has been started again under its name, and says that nothing is in the way."""
-    aside = Agent(field.me, Settings(name="aside"))
+    aside = Agent(field.me, PlannerSettings(name="aside"))
     trees = [
         swarm.Obstacle(name=name, t=1.0, what=swarm.Cylinder(center=(0.0, 9.0), radius=1.0, floor=0.0, ceiling=9.0))
         for name in ("oak", "elm")
@@ -474,7 +474,8 @@ async def test_one_planner_commands_however_many_there_are(field: Field) -> None
     """A second one that believes to be in charge as well: the higher term is, and the other lets go at once."""
     name = await field.submit(swap(12.0))
     await field.until(name, lambda entry: entry.state == "flying")
-    async with zmav.open(connect=[field.fleet.endpoint]) as z, Agent(z, Settings(name="other", patience=1.0)) as other:
+    own = PlannerSettings(name="other", patience=1.0)
+    async with zmav.open(connect=[field.fleet.endpoint]) as z, Agent(z, own) as other:
         await within(PATIENCE_S, _until(lambda: other.context.charge.of == "ground"))
         assert not other.context.charge.in_charge
         assert any(entry.id == name for entry in other.context.book().goals), "a standby keeps the book"

@@ -16,7 +16,7 @@ import zmav
 from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Box
 from tests.agents.planner.execute.fleet import Fleet, airborne
@@ -111,7 +111,7 @@ async def pair() -> AsyncIterator[Pair]:
     """Two copters in the air, 2.2 m apart: fewer than even a slow plan keeps."""
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne(PLACES, 10.0, separation=Separation(on=True)))
-        agent = await stack.enter_async_context(Agent(fleet.z, Settings(name="ground", patience=1.0)))
+        agent = await stack.enter_async_context(Agent(fleet.z, PlannerSettings(name="ground", patience=1.0)))
         await agent.context.solver.until_ready(PATIENCE_S)
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         yield Pair(fleet, agent, me)

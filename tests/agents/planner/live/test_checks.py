@@ -34,8 +34,6 @@ BAD_GOALS: list[tuple[swarm.Goal, str]] = [
     (swarm.TakeOff(vehicles=["a"], height=-3.0), "goal.height"),
     (swarm.TakeOff(vehicles=["a"], height=math.nan), "goal.height"),
     (swarm.Search(vehicles=["a"], polygon=SQUARE[:2], height=10.0), "goal.polygon"),
-    (swarm.Patrol(vehicles=["a"], route=[(0.0, 0.0, 0.0)]), "goal.route"),
-    (swarm.Patrol(vehicles=["a"], route=[(0.0, 0.0, 0.0)] * 3000), "goal.route"),
 ]
 
 

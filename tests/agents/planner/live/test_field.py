@@ -6,13 +6,12 @@ import math
 import random
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import pytest
 
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live.checks import check_goal
-from agents.planner.live.field import Field, check_field, field_of
+from agents.planner.live.field import FleetField, check_field, field_of
 from zmav.config import FleetConfig, Geofence, VehicleConfig, body_of
 from zmav.errors import BadInput
 from zmav.wire import Origin, Vector, swarm
@@ -49,7 +48,7 @@ def held(
     own: Mapping[str, Geofence] | None = None,
     origin: Origin | None = None,
 ) -> None:
-    field = Field(declared or Geofence(), own or {}, origin)
+    field = FleetField(declared or Geofence(), own or {}, origin)
     check_field(goal, there or fleet(), field, 1.5, BALLS.get)
 
 
@@ -71,12 +70,9 @@ def _bad_place(r: random.Random) -> Vector:
 def _bad_follows(r: random.Random) -> list[swarm.Goal]:
     """Bad by one follower's place, wherever it comes from."""
     up, far = (-6.0, 0.0, -10.0), (r.choice([-2000.0, 2000.0]), 0.0, -10.0)
-    frame: Literal["ned", "body"] = r.choice(["ned", "body"])
     return [
-        swarm.Follow(vehicles=NAMES[:1], leader="rover1", frame=frame, offsets=[far]),
-        swarm.Follow(
-            vehicles=NAMES[:2], leader="rover1", frame=frame, offsets=[up, (-9.0, 0.0, r.choice([12.0, -150.0]))]
-        ),
+        swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[far]),
+        swarm.Follow(vehicles=NAMES[:2], leader="rover1", offsets=[up, (-9.0, 0.0, r.choice([12.0, -150.0]))]),
         swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-6.0, 0.0, r.choice([4.0, -140.0]))]),
         swarm.Follow(vehicles=NAMES[:1], leader="far_cart"),
         swarm.Follow(vehicles=NAMES, leader="rover1"),
@@ -97,7 +93,6 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
             at=good,
             points=[(0.0, 0.0, 0.0), (0.0, 9.0, 0.0), (9.0, 0.0, r.choice([25.0, -120.0]))],
         ),
-        swarm.Patrol(vehicles=NAMES, route=places),
         swarm.Search(
             vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=r.choice([-10.0, 130.0, math.nan])
         ),
@@ -105,9 +100,6 @@ def _bad_goal(r: random.Random) -> swarm.Goal:
         swarm.TakeOff(vehicles=NAMES, height=r.choice([-5.0, 0.0, 121.0, math.inf])),
         swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, r.choice([8.0, 0.5, -125.0]))]),
         swarm.Land(vehicles=NAMES, at=[(0.0, 0.0), (0.0, 9.0), (4000.0, 0.0)]),
-        swarm.Search(
-            vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=r.choice([-15.0, 60.0])
-        ),
         *_bad_follows(r),
     ]
     return r.choice(makers)
@@ -151,14 +143,13 @@ def test_a_rover_s_height_means_nothing_and_a_declared_field_is_the_fleet_file_s
 
 
 GOOD_FOLLOWS = [
-    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, -10.0)], frame="body"),
-    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(990.0, 0.0, -10.0)], frame="body"),
+    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(-5.0, 0.0, -10.0)]),
+    swarm.Follow(vehicles=NAMES[:1], leader="rover1", offsets=[(970.0, 0.0, -10.0)]),
     swarm.Follow(vehicles=NAMES[1:], leader="quad1"),
     swarm.Follow(vehicles=NAMES[:1], leader="cart", offsets=[(-5.0, 0.0, 1.5)]),
     swarm.Follow(vehicles=NAMES[:1], leader="not_heard_yet"),
     swarm.Follow(vehicles=["rover1"], leader="quad1"),
-    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=10.0),
-    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0, layer=-5.0),
+    swarm.Search(vehicles=NAMES, polygon=[(0.0, 0.0), (50.0, 0.0), (50.0, 50.0)], height=20.0),
 ]
 
 

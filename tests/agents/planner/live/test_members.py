@@ -12,7 +12,7 @@ import zmav
 from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
 from agents.planner.live.context import EVENTS
-from agents.planner.live.settings import Settings
+from agents.planner.live.settings import PlannerSettings
 from mesh.credentials.ca import Authority
 from tests.conftest import Net
 from zmav import keys, wire
@@ -37,7 +37,7 @@ async def test_operators_give_goals_and_viewers_look(net: Net, tmp_path: Path) -
         settings = SessionSettings(connect=[endpoint], credentials=str(folders[name]))
         return zmav.open(fleet="alpha", settings=settings)
 
-    own = Settings(name="ground", fleet="alpha", patience=1.0)
+    own = PlannerSettings(name="ground", fleet="alpha", patience=1.0)
     async with member("ground") as z, Agent(z, own) as agent, member("ops") as ops, member("eye") as eye:
         hold = swarm.Submit(goal=swarm.Hold(vehicles=["quad1"]))
         viewer = await within(PATIENCE_S, find(eye))
@@ -68,7 +68,11 @@ async def test_a_flood_of_refused_orders_leaves_what_happened_in_sight(net: Net,
     def member(name: str) -> zmav.Client:
         return zmav.open(fleet="alpha", settings=SessionSettings(connect=[endpoint], credentials=str(folders[name])))
 
-    async with member("ground") as z, member("eye") as eye, Agent(z, Settings(name="ground", fleet="alpha")) as agent:
+    async with (
+        member("ground") as z,
+        member("eye") as eye,
+        Agent(z, PlannerSettings(name="ground", fleet="alpha")) as agent,
+    ):
         gate, key = agent._handlers.gate, keys.SWARM.key("alpha", "ground", verb="abort")
         assert gate is not None
         await within(PATIENCE_S, find(eye))
@@ -106,7 +110,7 @@ async def test_nobody_takes_charge_without_a_proof(net: Net, tmp_path: Path) -> 
             t=1.0, planner="evil", instance="ff", obstacles=[swarm.Obstacle(name="wall", t=1.0, what=box)]
         ),
     }
-    own = Settings(name="ground", fleet="alpha", patience=1.0)
+    own = PlannerSettings(name="ground", fleet="alpha", patience=1.0)
     async with member("ground") as z, member("eye") as eye, Agent(z, own) as agent:
         assert (z.member, eye.member) != (None, None)
         await within(PATIENCE_S, find(z))

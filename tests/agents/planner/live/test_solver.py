@@ -15,7 +15,7 @@ import pytest
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
-from agents.planner.live.worker import Worker
+from agents.planner.live.worker import SolverProcess
 from agents.planner.model.errors import PlanError
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
 from zmav.config import body_of
@@ -143,7 +143,7 @@ def test_typed_errors_cross_the_pipe() -> None:
 
 
 def test_numbers_of_no_world_are_a_typed_error_before_a_map_is_made_of_them() -> None:
-    there = Worker(io.BytesIO())
+    there = SolverProcess(io.BytesIO())
     wrong = msgspec.structs.replace(scene((0.0, 30.0, 10.0)), bounds=Bounds(min=(-1e308,) * 3, max=(1e308,) * 3))
     error = there.solve(jobs.Solve(wrong, seconds=2.0)).error
     assert error is not None and error.code == "invalid_scene" and "bounds" in error.message
@@ -153,7 +153,7 @@ def test_a_scene_that_cannot_be_judged_is_a_typed_error_too() -> None:
     wrong = scene((0.0, 30.0, 10.0))
     wrong.obstacles = [NoFly(polygon=[], floor=0.0, ceiling=5.0)]
     out = io.BytesIO()
-    Worker(out).serve(7, jobs.Solve(wrong))
+    SolverProcess(out).serve(7, jobs.Solve(wrong))
     out.seek(0)
     done = jobs.read(out)
     assert isinstance(done, jobs.Done) and isinstance(done.result, tuple)

@@ -15,7 +15,7 @@ from agents.planner.live import frames
 from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
-from agents.planner.live.settings import Settings, fence_of
+from agents.planner.live.settings import PlannerSettings, fence_of
 from agents.planner.live.world import Pieces, World
 from agents.planner.model import scene
 from zmav import wire
@@ -164,7 +164,7 @@ def test_the_fleet_file_s_fence_is_the_planner_s() -> None:
 )
 def test_settings_that_cannot_be_are_named(field: str, value: float) -> None:
     with pytest.raises(BadConfig, match=field):
-        msgspec.structs.replace(Settings(), **{field: value})
+        msgspec.structs.replace(PlannerSettings(), **{field: value})
 
 
 # A scene of what is.
