@@ -28,14 +28,14 @@ from typing import Any
 
 from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
-from mesh.lab.door import PORT, HostProxy
-from mesh.lab.fleetfile import write_fleet
+from mesh.lab.fleetfile import socket_of, write_fleet
 from mesh.lab.network import LabError, Network
 from mesh.lab.programs import Program
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav import rundir
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
+from zmav.session import DEFAULT_PORT
 from zmav.trust.certificate import Role
 
 RELAY_DIED = "the lab's relay has died"
@@ -70,7 +70,6 @@ class Lab:
         self.failed: asyncio.Future[str] | None = None
         """done, with what happened, when something of the lab ended that was not told to"""
         self._with_programs = programs
-        self._doors: dict[str, HostProxy] = {}
         self._stack = contextlib.AsyncExitStack()
 
     # ---- its life
@@ -80,11 +79,11 @@ class Lab:
         async with contextlib.AsyncExitStack() as stack:
             self._make_directory()
             stack.callback(shutil.rmtree, self.directory, ignore_errors=True)
-            self.file = write_fleet(self.scenario, self.network.wiring, self.directory)
-            if self.scenario.credentials:
-                await asyncio.to_thread(self._issue)
             await asyncio.to_thread(self.network.__enter__)
             stack.push_async_callback(asyncio.to_thread, self.network.close)
+            self.file = write_fleet(self.network, self.directory)
+            if self.scenario.credentials:
+                await asyncio.to_thread(self._issue)
             watch = asyncio.ensure_future(self._watch_relay())
             stack.callback(watch.cancel)
             if self._with_programs:
@@ -216,23 +215,15 @@ class Lab:
             with probe:
                 probe.setblocking(False)
                 try:
-                    await asyncio.get_running_loop().sock_connect(probe, ("127.0.0.1", PORT))
+                    await asyncio.get_running_loop().sock_connect(probe, ("127.0.0.1", DEFAULT_PORT))
                     return
                 except OSError:
                     await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def endpoint(self, host: str) -> str:
-        """An endpoint here that leads to the host's router as the host's own programs reach it.
-
-        It is the router's unix socket where the lab has credentials, else a port of our loopback: a socket that others
-        may call would be another way between the hosts.
-        """
+        """The unix socket of the host's router: it leads to it from here as from the host's own programs."""
         self.network.namespace(host)
-        if self.scenario.credentials:
-            return f"{rundir.PROTOCOL}/{self.network.sockets(host)}/{PORT}.sock"
-        if host not in self._doors:
-            self._doors[host] = await self._stack.enter_async_context(HostProxy(self.network, host))
-        return self._doors[host].endpoint
+        return socket_of(self.network, host)
 
     # ---- programs of yours
 
