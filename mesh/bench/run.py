@@ -28,7 +28,6 @@ LONGEST = 3600.0
 MOST_HZ = 50_000.0
 MOST_BITS = 1e9
 MOST_DATAGRAMS = 50_000_000
-MOST_PEERS = 16
 MOST_QUERIES = 500.0
 """a second: they are made on the event loop, where everything else of the host is, too"""
 FOUND_WITHIN = 10.0
@@ -58,7 +57,7 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("hz", order.hz, f"at most {MOST_DATAGRAMS:,} datagrams in a run")
     if order.hz * order.size * 8.0 > MOST_BITS:
         raise _wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
-    if order.role == "query" and order.hz * len(order.peers) > MOST_QUERIES:
+    if order.role == "query" and order.hz > MOST_QUERIES:
         raise _wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
     if order.role != "query" and order.qos == keys.Qos.MUST_ARRIVE.value:
         raise _wrong("qos", order.qos, "a class that datagrams have: must-arrive is for round trips")
@@ -67,12 +66,9 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("run", order.run, "40 characters at most")
     if len(order.asker) > 100 or not order.asker.isprintable():
         raise _wrong("asker", repr(order.asker[:100]), "100 printable characters at most")
-    if not 1 <= len(order.peers) <= MOST_PEERS or (len(order.peers) > 1 and order.role != "query"):
-        raise _wrong("peers", order.peers, "one host, or up to 16 to ask")
-    for peer in order.peers:
-        keys.check_name(peer, "peers")
-        if peer == host:
-            raise _wrong("peers", peer, f"another host than {host} itself")
+    keys.check_name(order.peer, "peer")
+    if order.peer == host:
+        raise _wrong("peer", order.peer, f"another host than {host} itself")
 
 
 def _wrong(field: str, value: object, expected: str) -> BadInput:
@@ -111,7 +107,7 @@ class Run:
         """What goes on here, for somebody who would like to measure, too."""
         order, since = self.order, time.monotonic() - self._began
         who = f" for {order.asker}" if order.asker else ""
-        return f"{order.role} with {', '.join(order.peers)}{who} since {since:.0f} s, for {order.seconds:.0f} s"
+        return f"{order.role} with {order.peer}{who} since {since:.0f} s, for {order.seconds:.0f} s"
 
     async def go(self) -> None:
         """Until done, stopped, or forgotten by who asked for it."""
@@ -150,10 +146,10 @@ class Run:
 
     async def _query(self) -> None:
         order, filling = self.order, os.urandom(self.order.size)
-        self._pingers = [Pinger(self._session, self._fleet, peer, self._qos, payload=filling) for peer in order.peers]
-        self._state = "running"
-        await asyncio.gather(*(pinger.ask_for(order.seconds, order.hz) for pinger in self._pingers))
-        await asyncio.gather(*(pinger.settled() for pinger in self._pingers))
+        pinger = Pinger(self._session, self._fleet, order.peer, self._qos, payload=filling)
+        self._pingers, self._state = [pinger], "running"
+        await pinger.ask_for(order.seconds, order.hz)
+        await pinger.settled()
 
     # Datagrams.
 
@@ -161,7 +157,7 @@ class Run:
         return keys.BENCH_FLOW.key(self._fleet, host, run=self.order.run)
 
     async def _receive(self) -> None:
-        with _undeclared(self._session.declare_subscriber(self._flow(self.order.peers[0]), self._take)):
+        with _undeclared(self._session.declare_subscriber(self._flow(self.order.peer), self._take)):
             self._state = "running"
             await asyncio.sleep(self.order.seconds + TAIL + 2.0 * FOUND_WITHIN)
 
@@ -173,7 +169,7 @@ class Run:
 
     async def _send(self) -> None:
         """As the fleet's own traffic of that class travels: what the link loses is sent again but for ``bulk``."""
-        order, peer, session = self.order, self.order.peers[0], self._session
+        order, peer, session = self.order, self.order.peer, self._session
         lane = zenoh.Reliability.BEST_EFFORT if self._qos is keys.Qos.BULK else zenoh.Reliability.RELIABLE
         made = session.declare_publisher(
             self._flow(self._host), encoding=keys.RAW, reliability=lane, **self._qos.options()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -52,15 +51,13 @@ def summary(flow: Flow) -> list[str]:
     return [*lines, *(f"! {fault}" for fault in flow.faults)]
 
 
-def trips_table(trips: Sequence[BenchTrip]) -> list[str]:
-    """One line for each host that was asked."""
-    lines = [f"{'host':<16} {'min':>10} {'median':>10} {'p95':>10} {'p99':>10} {'max':>10} {'lost':>12}"]
-    for trip in trips:
-        found = trip.rtt
-        times = (found.min, found.median, found.p95, found.p99, found.max) if found else (None,) * 5
-        cells = " ".join(f"{duration(value):>10}" for value in times)
-        lines.append(f"{trip.peer:<16} {cells} {f'{trip.lost}/{trip.sent}':>12}")
-    return lines
+def trip_lines(trip: BenchTrip) -> list[str]:
+    """Of the host that was asked: a head and a line."""
+    found = trip.rtt
+    times = (found.min, found.median, found.p95, found.p99, found.max) if found else (None,) * 5
+    cells = " ".join(f"{duration(value):>10}" for value in times)
+    head = f"{'host':<16} {'min':>10} {'median':>10} {'p95':>10} {'p99':>10} {'max':>10} {'lost':>12}"
+    return [head, f"{trip.peer:<16} {cells} {f'{trip.lost}/{trip.sent}':>12}"]
 
 
 def outage_line(number: int, outage: BenchOutage) -> str:

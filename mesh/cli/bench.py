@@ -1,4 +1,4 @@
-"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, hops, outages and capacity between two hosts."""
+"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, outages and capacity between two hosts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mesh.units import bits_per_second, duration, rate
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
-from zmav.errors import BadInput, TimedOut
+from zmav.errors import BadInput
 from zmav.process import until_stopped
 from zmav.wire.bench import BenchInterval, BenchOutage
 
@@ -25,7 +25,6 @@ RATE = 1e6
 """bit/s, as iperf's"""
 STREAM = Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-wins")
 RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
-HOPS = Stream(seconds=5.0, hz=10.0, size=64, qos="realtime")
 RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
 """it goes on unasked for a minute: the cut may part us from the hosts"""
 MAX = Stream(seconds=60.0, qos="bulk", size=1000)
@@ -42,7 +41,6 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     rate: str | None = None
     hz: float | None = None
     size: int | None = None
-    cuts: int | None = None
     limit: str = "50Mbit/s"
     as_json: bool = False
 
@@ -50,7 +48,7 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.command("bench")
 @click.argument("a")
 @click.argument("b")
-@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10; --hops 5]")
+@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10]")
 @click.option(
     "--class",
     "qos",
@@ -61,10 +59,8 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
 @click.option("--rtt", "kind", flag_value="rtt", help="Round trips by query.")
-@click.option("--hops", "kind", flag_value="hops", help="Round trips to each router on the way.")
-@click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C or --cuts of them.")
+@click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C.")
 @click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
-@click.option("--cuts", type=click.IntRange(1), help="With --recover: stop after so many outages.")
 @click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
 @json_option
 @connected
@@ -79,7 +75,7 @@ def command(**given: Any) -> Work:
 
 
 async def measure(z: Client, options: BenchOptions) -> None:
-    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _rtt, "max": _max}[options.kind]
+    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "max": _max}[options.kind]
     until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
     stopped = asyncio.ensure_future(until_stopped())
     stopped.add_done_callback(lambda _: until.set())
@@ -92,9 +88,6 @@ async def measure(z: Client, options: BenchOptions) -> None:
 
 def wanted(options: BenchOptions, otherwise: Stream) -> Stream:
     """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
-    if options.cuts and options.kind != "recover":
-        text = "--cuts does nothing without --recover"
-        raise BadInput(text, field="cuts", value=options.cuts, expected="--cuts left out")
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
     for name in ("hz", "seconds"):
@@ -125,8 +118,6 @@ async def _stream(bench: Bench, options: BenchOptions, until: asyncio.Event) -> 
         seen += 1
         if recover and say:
             click.echo(table.outage_line(seen, outage))
-        if options.cuts and seen >= options.cuts:
-            until.set()
 
     if say:
         first, second = await bench.pair(options.a, options.b)
@@ -142,20 +133,14 @@ async def _stream(bench: Bench, options: BenchOptions, until: asyncio.Event) -> 
 
 
 async def _rtt(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
-    """To the other host, or to each on the way."""
-    stream = wanted(options, HOPS if options.kind == "hops" else RTT)
+    stream = wanted(options, RTT)
     first, second = await bench.pair(options.a, options.b)
-    way = await bench.route(first, second) if options.kind == "hops" else [first.host, second.host]
-    known = {pong.host for pong in await bench.everyone()}
-    peers = [name for name in way[1:] if name in known]
-    if not peers:
-        raise TimedOut(f"nobody on the way to {second.host} answers", way=way)
-    report = await bench.round_trips(first.host, peers, stream, until=until)
+    trip = await bench.round_trips(first.host, second.host, stream, until=until)
     if options.as_json:
-        click.echo(dump({"way": way, "trips": msgspec.to_builtins(report.trips)}, pretty=False))
+        click.echo(dump(msgspec.to_builtins(trip), pretty=False))
         return
-    click.echo(f"{' > '.join(way)}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
-    for line in table.trips_table(report.trips):
+    click.echo(f"{first.host} > {second.host}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
+    for line in table.trip_lines(trip):
         click.echo(line)
 
 
