@@ -6,22 +6,108 @@ import asyncio
 import contextlib
 import math
 import os
+import struct
+import threading
 import time
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import zenoh
 
-from mesh.bench import sender
 from mesh.bench.pinger import Pinger
-from mesh.bench.sender import Sender
-from mesh.bench.statistics import SECOND, Tally
+from mesh.bench.statistics import SECOND, Samples, Tally
 from zmav import keys
 from zmav.errors import BadInput
 from zmav.services.link.port import on_loop
 from zmav.session import reason
 from zmav.waiting import within
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState
+
+HEAD = struct.Struct("<IIq")
+"""of a datagram: the run's tag, the number from 0, the sender's monotonic clock in ns; random bytes follow, so that no
+compression flatters the link. All of it is payload: what Zenoh, IP and the radio add comes on top."""
+LEAST, MOST = HEAD.size, 65_000
+"""bytes of a datagram"""
+BEHIND = SECOND // 10
+"""ns behind its times after which the sender gives up datagrams instead of sending a burst"""
+
+
+def tag_of(run: str) -> int:
+    return zlib.crc32(run.encode())
+
+
+def read_datagram(data: bytes, tag: int) -> tuple[int, int] | None:
+    """A datagram's number and when it was sent; None where it is none of this run's."""
+    if len(data) < LEAST:
+        return None
+    its_tag, number, sent = HEAD.unpack_from(data)
+    return (number, sent) if its_tag == tag else None
+
+
+class Sender:
+    """Calls ``put`` with ``total`` datagrams, one every ``1/hz`` s, from a thread: the event loop's own timing would be
+    what is measured. It ends by itself, or by :meth:`stop`.
+    """
+
+    def __init__(self, put: Callable[[bytes], None], tag: int, *, hz: float, size: int, total: int) -> None:
+        self._put, self._tag, self._period, self._total = put, tag, SECOND / hz, total
+        self._filling = os.urandom(size - LEAST)
+        self.lateness = Samples()
+        self._stop = False
+        self._began = self._ended = 0
+        self.sent = 0
+        self.skipped = 0
+        self.error = ""
+        self._thread = threading.Thread(target=self._run, name="bench-sender", daemon=True)
+
+    def start(self) -> None:
+        self._began = time.monotonic_ns()
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop = True
+
+    @property
+    def running(self) -> bool:
+        return self._thread.is_alive()
+
+    @property
+    def seconds(self) -> float:
+        """From the first datagram's time to the end of the last one's, or to now."""
+        if not self._began:
+            return 0.0
+        return ((self._ended or time.monotonic_ns()) - self._began) / SECOND
+
+    def _run(self) -> None:
+        try:
+            self._send_all()
+        except zenoh.ZError as e:
+            self.error = reason(e)  # the session has closed
+        finally:
+            planned = 0 if self._stop or self.error else int((self.sent + self.skipped) * self._period)
+            self._ended = max(time.monotonic_ns(), self._began + planned)
+
+    def _send_all(self) -> None:
+        now, put, late = time.monotonic_ns, self._put, self.lateness.add
+        tag, filling, period, start = self._tag, self._filling, self._period, float(self._began)
+        slot = 0  # the datagram's place in time; its number counts those that were sent
+        while slot < self._total and not self._stop:
+            due = start + slot * period
+            t = now()
+            if t < due:
+                time.sleep((due - t) / SECOND)
+                continue
+            if t - due > BEHIND:
+                missed = min(int((t - due) / period), self._total - slot)
+                self.skipped += missed
+                slot += missed
+                continue
+            late(int(t - due))
+            put(HEAD.pack(tag, self.sent, t) + filling)
+            self.sent += 1
+            slot += 1
+
 
 LONGEST = 3600.0
 """s of a run"""
@@ -40,7 +126,7 @@ BEAT = 0.1
 _LIMITS = {
     "seconds": (0.1, LONGEST),
     "hz": (0.01, MOST_HZ),
-    "size": (sender.LEAST, sender.MOST),
+    "size": (LEAST, MOST),
     "gap": (0.001, 60.0),
     "guard": (0.0, 50.0),
     "patience": (1.0, 300.0),
@@ -89,7 +175,7 @@ class Run:
         self._tally = Tally(self._total, int(SECOND / order.hz), int(order.gap * SECOND))
         self._sender: Sender | None = None
         self._pingers: list[Pinger] = []
-        self._tag = sender.tag_of(order.run)
+        self._tag = tag_of(order.run)
         self._qos = keys.Qos(order.qos)
 
     @property
@@ -163,7 +249,7 @@ class Run:
 
     def _take(self, sample: zenoh.Sample) -> None:
         now, data = time.monotonic_ns(), sample.payload.to_bytes()
-        found = sender.read(data, self._tag)
+        found = read_datagram(data, self._tag)
         if found is not None:
             self._tally.take(*found, len(data), now)
 

@@ -15,7 +15,7 @@ import zenoh
 
 from ground.record import mcapfile, sources
 from ground.record.folder import Folder
-from ground.record.player import FedLink, Player
+from ground.record.replay import FedLink, Player
 from ground.record.sources import Mcap, Record, Tlogs
 from ground.record.storage import Settings, Storage
 from tests.cli.conftest import Here

@@ -12,11 +12,10 @@ import msgspec
 import pytest
 
 import zmav
-from mesh.bench import sender
 from mesh.bench.asker import HERE, Bench
 from mesh.bench.flow import Flow, Stream
 from mesh.bench.responder import responder
-from mesh.bench.run import check
+from mesh.bench.run import HEAD, check, tag_of
 from mesh.bench.search import Limits, Trial, judge, search
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import watch_roster
@@ -274,8 +273,8 @@ async def test_what_is_not_of_the_run_is_left_out(line: Start) -> None:
     def meddle(flow: Flow, interval: BenchInterval) -> None:
         if not until.is_set():
             key = keys.BENCH_FLOW.key("demo", "quad1", run=flow.sender.run)
-            old = sender.head(sender.tag_of("older"), 1, 0)
-            huge = sender.head(sender.tag_of(flow.sender.run), 2**32 - 1, 0)
+            old = HEAD.pack(tag_of("older"), 1, 0)
+            huge = HEAD.pack(tag_of(flow.sender.run), 2**32 - 1, 0)
             for payload in (old, huge, b"", b"garbage" * 9):
                 made.sessions["quad1"].put(key, payload)
         until.set()
