@@ -5,14 +5,74 @@ from __future__ import annotations
 import collections
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import rerun as rr
 
-from ground.view import models, style
+from ground.view import style
 from ground.view.canvas import VEHICLES, Canvas, Path
 from ground.view.frames import Datum, usable
 from zmav import geo, keys, rotation, wire
 from zmav.wire import Vector
+
+BRIGHT, DIM, DARK = 1.0, 0.66, 0.24
+"""shares of the vehicle's own colour"""
+
+
+class BodyBox(NamedTuple):
+    """A part of a model in body axes (forward, right, down), m. Models are about two metres across: larger than most
+    real vehicles, so that one is still seen across a field.
+    """
+
+    center: Vector
+    size: Vector
+    share: float
+    yaw: float = 0.0
+    """radians about down"""
+
+
+def _arm(yaw: float) -> tuple[BodyBox, ...]:
+    x, y = 0.72 * math.cos(yaw), 0.72 * math.sin(yaw)
+    return (
+        BodyBox((x / 2, y / 2, 0.0), (0.72, 0.07, 0.06), DIM, yaw),
+        BodyBox((x, y, -0.1), (0.6, 0.6, 0.02), BRIGHT if x > 0 else DIM, yaw),
+        BodyBox((x, y, 0.0), (0.1, 0.1, 0.16), DARK),
+    )
+
+
+COPTER = (
+    BodyBox((0.0, 0.0, 0.0), (0.5, 0.34, 0.18), BRIGHT),
+    BodyBox((0.27, 0.0, 0.0), (0.14, 0.2, 0.1), DARK),
+    *(part for turn in (1, 3, 5, 7) for part in _arm(turn * math.pi / 4)),
+)
+PLANE = (
+    BodyBox((-0.13, 0.0, 0.0), (1.95, 0.23, 0.23), BRIGHT),
+    BodyBox((0.98, 0.0, 0.0), (0.26, 0.16, 0.16), DARK),
+    BodyBox((0.26, 0.0, -0.08), (0.44, 3.1, 0.06), BRIGHT),
+    BodyBox((-1.0, 0.0, -0.03), (0.3, 1.04, 0.05), DIM),
+    BodyBox((-1.05, 0.0, -0.23), (0.3, 0.04, 0.46), DIM),
+)
+ROVER = (
+    BodyBox((0.0, 0.0, -0.38), (1.4, 0.8, 0.26), BRIGHT),
+    BodyBox((-0.2, 0.0, -0.6), (0.7, 0.6, 0.2), DIM),
+    BodyBox((0.3, 0.0, -0.58), (0.1, 0.12, 0.28), DARK),
+    *(BodyBox((x, y, -0.24), (0.4, 0.12, 0.4), DARK) for x in (-0.46, 0.46) for y in (-0.46, 0.46)),
+)
+OTHER = (BodyBox((0.0, 0.0, 0.0), (1.2, 0.4, 0.3), BRIGHT), BodyBox((0.7, 0.0, 0.0), (0.2, 0.2, 0.15), DARK))
+KINDS = {"copter": COPTER, "heli": COPTER, "plane": PLANE, "vtol": PLANE, "rover": ROVER, "boat": ROVER}
+
+
+def model(kind: str | None, size: float, shade: style.Colour) -> rr.Boxes3D:
+    """The model of a kind of vehicle (:attr:`zmav.wire.VehicleState.kind`), enlarged ``size`` times."""
+    parts = KINDS.get(kind or "", OTHER)
+    return rr.Boxes3D(
+        centers=[[size * x for x in part.center] for part in parts],
+        sizes=[[size * x for x in part.size] for part in parts],
+        rotation_axis_angles=[rr.RotationAxisAngle((0.0, 0.0, 1.0), radians=part.yaw) for part in parts],
+        colors=[style.darkened(shade, part.share) for part in parts],
+        fill_mode=rr.components.FillMode.Solid,
+    )
+
 
 STALE = 2.0 * (keys.SETPOINT.stale_after or 0.5)
 """s after which the last setpoint of a stream is drawn no more"""
@@ -201,7 +261,7 @@ class Craft:
         looks, text = (self.state.kind if self.state else None, self.silent), self._text(crowded)
         shade = style.GREY if self.silent else self.colour
         if looks != self._looks:
-            canvas.put((*self.path, "pose", "model"), models.model(looks[0], self._size, shade))
+            canvas.put((*self.path, "pose", "model"), model(looks[0], self._size, shade))
             self._redraw_trail(canvas, shade)
         if (looks, text) != (self._looks, self._name):
             self._looks, self._name = looks, text

@@ -13,7 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 import zmav
-from mesh.bench import table
 from mesh.bench.flow import Flow, Stream
 from mesh.cli import bench as verb
 from tests.conftest import PATIENCE_S
@@ -110,7 +109,7 @@ def test_the_table_is_that_of_iperf() -> None:
     clock = BenchClock(offset=5.0, within=0.004, utc_offset=0.0)
     report = BenchReport(run="r", host="quad1", role="send", state="done", clock=clock)
     flow = Flow(stream=Stream(), source="quad1", target="quad2", sender=report, receiver=report)
-    words = table.interval_line(flow, total).split()
+    words = verb.interval_line(flow, total).split()
     assert words == [
         "0.0-1.0",
         "s",
