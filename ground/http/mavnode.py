@@ -19,7 +19,7 @@ from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
-from ground.http.streams import Streams, Wish
+from ground.http.streams import FrameStreams, Wish
 from zmav import keys, wire
 from zmav.errors import BadInput, BadMessage, Forbidden, Refused, ZmavError
 from zmav.mavlink import describe, encode
@@ -34,7 +34,7 @@ PATIENCE = 0.3
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
-    face = MavNode(gateway, Streams(gateway, gateway.stream_timeout))
+    face = MavNode(gateway, FrameStreams(gateway, gateway.stream_timeout))
     return [
         Route("/vehicles", face.vehicles),
         Route("/stream/{sys}/{comp}", face.stream),
@@ -47,7 +47,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 class MavNode:
     """The handlers, each ``GET``; what fails is a status and a line of text."""
 
-    def __init__(self, gateway: Gateway, streams: Streams) -> None:
+    def __init__(self, gateway: Gateway, streams: FrameStreams) -> None:
         self._gateway, self.streams = gateway, streams
         self._hearing: asyncio.Task[None] | None = None
         self._hears = asyncio.Event()

@@ -21,7 +21,7 @@ from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
     from ground.record.recorder import Wanted
-    from ground.record.storage import Settings
+    from ground.record.storage import RecordingSettings
 
 UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
 
@@ -94,16 +94,16 @@ def command(
             _repair(path)
         return
     from ground.record.recorder import Wanted
-    from ground.record.storage import Settings
+    from ground.record.storage import RecordingSettings
 
-    how = Settings(mcap=mcap, keep_free=keep_free)
+    how = RecordingSettings(mcap=mcap, keep_free=keep_free)
     whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
     with Folder(out) as folder:
         run(_record(folder, how, whom, dialect, fleet, settings))
 
 
 async def _record(
-    folder: Folder, how: Settings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
+    folder: Folder, how: RecordingSettings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
 ) -> None:
     from ground.record.recorder import Recorder
 

@@ -44,7 +44,7 @@ ROOM_AFTER_FULL = 4 << 20
 """bytes that must be free at least, once the disk was full: or a few kB would be filled again and again"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True):
+class RecordingSettings(msgspec.Struct, frozen=True, kw_only=True):
     """How a session is recorded: sizes in bytes, times in seconds."""
 
     mcap: bool = True
@@ -74,7 +74,9 @@ class Counts(msgspec.Struct):
 class Storage:
     """Writes a session. ``tell`` is called, in the writer's thread, with a line for anyone who watches."""
 
-    def __init__(self, folder: Folder, settings: Settings, dialect: Dialect, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, folder: Folder, settings: RecordingSettings, dialect: Dialect, tell: Callable[[str], None]
+    ) -> None:
         self._folder, self._settings, self._dialect, self._tell = folder, settings, dialect, tell
         self.session: Path = folder.session()
         self.counts = Counts()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from ground.gcs import client
-from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import FLEET, PATIENCE_S, Craft, Scene, Station, command, unknown_frame
 from tests.waiting import until
@@ -423,7 +423,7 @@ async def test_a_port_in_use_is_said_at_once(scene: Scene, net: Net) -> None:
         bridge = await scene.bridge()
         end = parse_endpoint("tcp", str(taken.getsockname()[1]), Options())
         with pytest.raises(PortInUse):
-            async with Bridge(bridge.z, Settings(endpoints=(end,))):
+            async with Bridge(bridge.z, BridgeSettings(endpoints=(end,))):
                 pass
 
 
