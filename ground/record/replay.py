@@ -20,6 +20,7 @@ import msgspec
 import zenoh
 
 import zmav
+from ground.record.cli import check_mcap
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
@@ -195,7 +196,7 @@ def command(
     fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
     sources = open_all(files)
     if any(not isinstance(source, Tlogs) for source in sources):
-        _check_mcap()
+        check_mcap()
     settings = msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))
     base = OnboardSettings(link="", name="replay", fleet=fleet, sysid=sysid, dialect=dialect)
     run(_replay(sources, name, _speed(speed), loop, start, base, settings))
@@ -376,9 +377,3 @@ def _speed(text: str) -> float:
     if not 0.0 < speed < 1e6:
         raise BadConfig(f"no speed {text!r}: expected a number above 0, or max", field="speed", value=text)
     return speed
-
-
-def _check_mcap() -> None:
-    from ground.record.cli import check_mcap
-
-    check_mcap()
