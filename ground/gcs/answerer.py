@@ -98,8 +98,8 @@ class Ground:
 class Answerer(ABC):
     """Takes what clients ask, and says which frames of vehicles they must not get.
 
-    Called on carrying threads: it must be quick, must not wait, and must not raise (what it raises is said once, and
-    counts as False). Slow work belongs on ``ground.loop``.
+    Called on carrying threads: it must be quick, must not wait, and must not raise (what it raises is said once: a
+    client's frame is then refused, a vehicle's passes). Slow work belongs on ``ground.loop``.
     """
 
     takes: frozenset[str]

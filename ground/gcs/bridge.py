@@ -43,7 +43,7 @@ TICK = 0.2
 """s between two looks at who is there"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True):
+class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True):
     """What a bridge is made of."""
 
     endpoints: tuple[Endpoint, ...]
@@ -51,7 +51,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     streams: bool = True
     """the messages that stations need (:data:`ground.gcs.streams.GCS`) are wanted while a client is there"""
 
-    def read_only(self) -> Settings:
+    def read_only(self) -> BridgeSettings:
         """The same, and nothing that a station says reaches a vehicle."""
         shut = (
             msgspec.structs.replace(each, options=msgspec.structs.replace(each.options, read_only=True))
@@ -66,7 +66,9 @@ class Bridge:
     Raises a typed error where an endpoint cannot be had.
     """
 
-    def __init__(self, z: zmav.Client, settings: Settings, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(
+        self, z: zmav.Client, settings: BridgeSettings, say: Callable[[str], None] = lambda line: None
+    ) -> None:
         if keys.is_replay(z.fleet_name):
             settings = settings.read_only()  # recordings are looked at, and told nothing
         self.z, self.settings = z, settings

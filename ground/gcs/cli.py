@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Endpoint, Kind, Options, parse_endpoint, read_rate, read_vehicles
 from zmav import keys
 from zmav.cli.common import Work, connected, dialect_option
@@ -51,7 +51,7 @@ def command(
         read_only=read_only,
     )
     given = {"udp": udp, "udpin": udpin, "tcp": tcp, "serial": serial}
-    bridge = Settings(endpoints=endpoints(given, defaults), vehicles=read_vehicles(vehicles), streams=streams)
+    bridge = BridgeSettings(endpoints=endpoints(given, defaults), vehicles=read_vehicles(vehicles), streams=streams)
     return lambda z: _bridge(z, bridge)
 
 
@@ -62,7 +62,7 @@ def endpoints(given: dict[str, tuple[str, ...]], defaults: Options) -> tuple[End
     return tuple(found) or (parse_endpoint("udp", DEFAULT, defaults),)
 
 
-async def _bridge(z: Client, settings: Settings) -> None:
+async def _bridge(z: Client, settings: BridgeSettings) -> None:
     settings = allowed(z, settings)
     async with Bridge(z, settings, say):
         for endpoint in settings.endpoints:
@@ -70,7 +70,7 @@ async def _bridge(z: Client, settings: Settings) -> None:
         await until_stopped()
 
 
-def allowed(z: Client, settings: Settings) -> Settings:
+def allowed(z: Client, settings: BridgeSettings) -> BridgeSettings:
     """The settings, read-only where our credentials are a viewer's: routers would drop what stations send, unsaid."""
     if keys.is_replay(z.fleet_name):
         say(f"read-only: {z.fleet_name} is of recordings, which take no orders")

@@ -81,6 +81,8 @@ class Downlink:
             counters.torn += 1
             return
         kind.track.heard = time.monotonic()
+        if self._routes.ways.get(origin.sysid, kind.track.place) != kind.track.place:
+            return  # it comes by another way, too
         if kind.version != self._version:
             self._aim(kind)
         if kind.watched and self._is_withheld(origin, data):

@@ -30,7 +30,7 @@ BEYOND = 2**31 - 2
 """no place on Earth, and not the number that means "here" either"""
 
 
-class Line(NamedTuple):
+class ClientPlan(NamedTuple):
     """One kind of one vehicle's plans, as one client sees it."""
 
     handlers: RequestHandlers
@@ -53,7 +53,7 @@ class Asked:
         self._ground = ground
         self.handlers, self.frame, self.fields, self.sysid, self.vehicle = handlers, frame, fields, sysid, vehicle
         kind = BY_NUMBER.get(fields.get("mission_type", 0))
-        self.line = None if kind is None else Line(handlers, sysid, kind)
+        self.line = None if kind is None else ClientPlan(handlers, sysid, kind)
 
     @property
     def items(self) -> Items:

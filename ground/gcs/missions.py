@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
-from ground.gcs.mission_asked import BY_NUMBER, Asked, Line, Silent, Upload, result_of
+from ground.gcs.mission_asked import BY_NUMBER, Asked, ClientPlan, Silent, Upload, result_of
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from zmav.errors import Forbidden, Unsupported, ZmavError
 from zmav.mavlink import Frame, decode
@@ -45,10 +45,10 @@ class Ended(NamedTuple):
 class Missions(Answerer):
     def __init__(self, ground: Ground, by_client: HandlersByClient) -> None:
         self._ground, self._by_client, self._dialect = ground, by_client, ground.dialect
-        self._shown: dict[Line, tuple[list[Raw], int]] = {}
+        self._shown: dict[ClientPlan, tuple[list[Raw], int]] = {}
         """what a client is downloading, and the item being flown"""
-        self._uploads: dict[Line, Upload] = {}
-        self._ended: dict[Line, Ended] = {}
+        self._uploads: dict[ClientPlan, Upload] = {}
+        self._ended: dict[ClientPlan, Ended] = {}
         self._working: dict[tuple[Any, ...], asyncio.Task[None]] = {}
         """what a client has asked for and waits for, so that it is not done twice when it repeats itself"""
         self._handlers: dict[str, Callable[[Asked], None]] = {
@@ -115,7 +115,7 @@ class Missions(Answerer):
         else:
             self._work(("list", asked.line), self._fetch(asked, asked.line, self._show_count))
 
-    async def _fetch(self, asked: Asked, line: Line, show: Callable[[Asked, Line], None]) -> None:
+    async def _fetch(self, asked: Asked, line: ClientPlan, show: Callable[[Asked, ClientPlan], None]) -> None:
         """Keep the plan for the client to ask for, and ``show`` what it asked now."""
         try:
             mission = await asked.vehicle.missions.get(line.kind)
@@ -126,7 +126,7 @@ class Missions(Answerer):
             self._shown[line] = raws, -1 if mission.current is None else mission.current + start
             show(asked, line)
 
-    def _show_count(self, asked: Asked, line: Line) -> None:
+    def _show_count(self, asked: Asked, line: ClientPlan) -> None:
         asked.say("MISSION_COUNT", count=len(self._shown[line][0]))
 
     def _item(self, asked: Asked) -> None:
@@ -137,7 +137,7 @@ class Missions(Answerer):
         else:
             self._work(("item", asked.line), self._fetch(asked, asked.line, self._show_item))
 
-    def _show_item(self, asked: Asked, line: Line) -> None:
+    def _show_item(self, asked: Asked, line: ClientPlan) -> None:
         (raws, current), seq = self._shown[line], asked.fields["seq"]
         if seq >= len(raws):
             asked.ack(MissionResult.INVALID_SEQUENCE)
@@ -163,12 +163,12 @@ class Missions(Answerer):
         elif self._may_change(asked, line):
             self._begin(asked, line, count)
 
-    def _may_change(self, asked: Asked, line: Line) -> bool:
+    def _may_change(self, asked: Asked, line: ClientPlan) -> bool:
         if asked.handlers.client.read_only:
             asked.refuse(Forbidden("read-only"), f"{WORDS[line.kind]} not changed")
         return not asked.handlers.client.read_only
 
-    def _begin(self, asked: Asked, line: Line, count: int) -> None:
+    def _begin(self, asked: Asked, line: ClientPlan, count: int) -> None:
         before = self._uploads.get(line)
         if before is not None and not before.items and before.count == count > 0:
             before.ask()  # it has not heard that we ask
@@ -182,7 +182,7 @@ class Missions(Answerer):
             del self._uploads[line]
             asked.ack(MissionResult.DENIED)
 
-    async def _run(self, asked: Asked, line: Line, upload: Upload) -> None:
+    async def _run(self, asked: Asked, line: ClientPlan, upload: Upload) -> None:
         result: int = MissionResult.OPERATION_CANCELLED
         try:
             came = await upload.collect()
@@ -218,7 +218,7 @@ class Missions(Answerer):
         number = asked.fields["mission_type"]
         if number not in (*BY_NUMBER, ALL):
             asked.ack(MissionResult.UNSUPPORTED)
-        elif self._may_change(asked, asked.line or Line(asked.handlers, asked.sysid, "mission")):
+        elif self._may_change(asked, asked.line or ClientPlan(asked.handlers, asked.sysid, "mission")):
             self._work(("clear", asked.handlers, asked.sysid, number), self._clear_all(asked, number))
 
     async def _clear_all(self, asked: Asked, number: int) -> None:

@@ -14,6 +14,8 @@ from zmav.errors import Clash, NoSuchVehicle
 
 RECENT = 30.0
 """s for which a system that is nobody's autopilot is remembered to be behind a vehicle"""
+SILENT = 1.5
+"""s without a frame after which another way to the same autopilot is taken"""
 MOST_TRACKS = 4096
 """systems of vehicles: invented ones must not fill the memory"""
 
@@ -38,8 +40,8 @@ class Routes:
     """Renewed by :meth:`refresh` a few times a second; the rest may be called from any thread, for what is asked is
     replaced as a whole.
 
-    Two agents whose autopilots have one uid are two ways to one autopilot: frames go by the one that was heard last.
-    Two uids, or an unknown one, are two vehicles with one id.
+    Two agents whose autopilots have one uid are two ways to one autopilot: frames go and come by one of them, as long
+    as it is heard. Two uids, or an unknown one, are two vehicles with one id.
     """
 
     def __init__(self, selected: Options) -> None:
@@ -48,6 +50,8 @@ class Routes:
         self.vehicles: dict[Place, Known] = {}
         self.systems: dict[int, tuple[Known, ...]] = {}
         """autopilots, by system id"""
+        self.ways: dict[int, Place] = {}
+        """of autopilots with several ways, the one in use"""
 
     def track(self, place: Place, sysid: int) -> Track:
         """What is heard of a system over a vehicle's agent, from now on."""
@@ -68,18 +72,23 @@ class Routes:
             known = Known(place, state.sysid, state.compid or 1, state.uid, words, rules)
             now[known.place] = known
             systems.setdefault(known.sysid, []).append(known)
+        self.ways = {sysid: self._way(found) for sysid, found in systems.items() if len(found) > 1 and _is_one(found)}
         self.vehicles, self.systems = now, {sysid: tuple(found) for sysid, found in systems.items()}
         gone = [known for place, known in before.items() if place not in now]
         return [known for place, known in now.items() if place not in before], gone
 
     def everybody(self) -> list[Place]:
         """Where to send what is for all: each autopilot once."""
-        shared = {found[0].sysid: self._newest(found) for found in self.systems.values() if _is_one(found)}
-        return [place for place, known in self.vehicles.items() if shared.get(known.sysid, place) == place]
+        ways = self.ways
+        return [place for place, known in self.vehicles.items() if ways.get(known.sysid, place) == place]
 
-    def _newest(self, found: Sequence[Known]) -> Place:
-        """The way to one autopilot by which it was heard last."""
-        return max((known.place for known in found), key=lambda place: self.track(place, found[0].sysid).heard)
+    def _way(self, found: Sequence[Known]) -> Place:
+        """The way that is in use, while the autopilot is heard by it; else the one by which it was heard last."""
+        heard = {known.place: self.track(known.place, known.sysid).heard for known in found}
+        used = self.ways.get(found[0].sysid)
+        if used in heard and time.monotonic() - heard[used] < SILENT:
+            return used
+        return max(heard, key=heard.__getitem__)
 
     def way_to(self, sysid: int) -> Place:
         """The vehicle that frames for a system go to.
@@ -91,9 +100,10 @@ class Routes:
         if len(found) == 1:
             return found[0].place
         if found:
-            if not _is_one(found):
+            way = self.ways.get(sysid)
+            if way is None:
                 raise clash(found)
-            return self._newest(found)
+            return way
         now, vehicles = time.monotonic(), self.vehicles
         heard = [
             track

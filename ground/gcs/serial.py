@@ -20,7 +20,7 @@ PAUSE = 0.02
 """s until a full line is tried again"""
 
 
-class Line:
+class SerialSink:
     """A link as a way out: while it is down, what is sent is lost, as on any radio."""
 
     stream = True
@@ -62,7 +62,7 @@ class Serial(StationEndpoint):
         options = endpoint.options
         if options.rate is None and self._link.capacity is not None:
             options = msgspec.structs.replace(options, rate=SHARE * self._link.capacity)
-        self._client = Client(f"serial {endpoint.text}", Line(self._link), options, hub.dialect, stays=True)
+        self._client = Client(f"serial {endpoint.text}", SerialSink(self._link), options, hub.dialect, stays=True)
 
     @property
     def clients(self) -> list[Client]:

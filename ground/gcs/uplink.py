@@ -92,7 +92,7 @@ class Uplink:
         if component in AUTOPILOTS and self._streams.takes(frame):
             self._ask(client, frame, system)
             return
-        if any(name in answerer.takes and self._offer(answerer, client, frame) for answerer in self._answerers):
+        if any(name in answerer.takes and answerer.offer(client, frame) for answerer in self._answerers):
             return
         if client.read_only:
             if name in COMMANDS and component in AUTOPILOTS:
@@ -109,14 +109,6 @@ class Uplink:
             if self._beats.take((frame.sysid, frame.compid, client.options.vehicles)) is None:
                 return
         self.route(client, frame)
-
-    def _offer(self, answerer: Answerer, client: Client, frame: Frame) -> bool:
-        try:
-            return answerer.offer(client, frame)
-        except Exception:
-            if self._once.take(("answerer", type(answerer).__name__)) is not None:
-                logger.exception("%s failed; said once", type(answerer).__name__)
-            return False
 
     def _ask(self, client: Client, frame: Frame, system: int) -> None:
         """For messages at a rate."""

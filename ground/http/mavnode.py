@@ -19,7 +19,7 @@ from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
-from ground.http.streams import Streams, Wish
+from ground.http.streams import FrameStreams, Wish
 from zmav import keys, wire
 from zmav.errors import BadInput, BadMessage, Forbidden, Refused, ZmavError
 from zmav.mavlink import describe, encode
@@ -34,7 +34,7 @@ PATIENCE = 0.3
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
-    face = MavNode(gateway, Streams(gateway, gateway.stream_timeout))
+    face = MavNode(gateway, FrameStreams(gateway, gateway.stream_timeout))
     return [
         Route("/vehicles", face.vehicles),
         Route("/stream/{sys}/{comp}", face.stream),
@@ -47,8 +47,17 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 class MavNode:
     """The handlers, each ``GET``; what fails is a status and a line of text."""
 
-    def __init__(self, gateway: Gateway, streams: Streams) -> None:
+    def __init__(self, gateway: Gateway, streams: FrameStreams) -> None:
         self._gateway, self.streams = gateway, streams
+        self._hearing: asyncio.Task[None] | None = None
+        self._hears = asyncio.Event()
+        self._waiting: set[asyncio.Queue[tuple[str, wire.Event]]] = set()
+        """where refusals go, for each frame that was just sent"""
+        gateway.at_end(self._end)
+
+    def _end(self) -> None:
+        if self._hearing is not None:
+            self._hearing.cancel()
 
     async def vehicles(self, request: Request) -> Response:
         """A line a vehicle: ``name sysid compid autopilot kind mode armed``; ``-`` where it is not known.
@@ -124,17 +133,36 @@ class MavNode:
         :class:`Forbidden`. Silence is no promise: a vehicle says at most one refusal a second, and the autopilot's own
         answer is a message like any other.
         """
-        client = self._gateway.client
-        async with client.subscribe(keys.EVENT.key(client.fleet_name, "*")) as events:
+        if self._hearing is None or self._hearing.done():
+            self._hears.clear()
+            self._hearing = asyncio.create_task(self._hear())
+        await self._hears.wait()
+        came: asyncio.Queue[tuple[str, wire.Event]] = asyncio.Queue()
+        self._waiting.add(came)
+        try:
             sent, deadline = self._gateway.send(frame, target), time.monotonic() + PATIENCE
             with contextlib.suppress(asyncio.TimeoutError):
                 while True:  # a put has no answer: a refusal comes as an event
-                    sample = await within(deadline - time.monotonic(), events.get())
+                    key, event = await within(deadline - time.monotonic(), came.get())
+                    if error := _about(key, event.text, sent):
+                        raise error
+        finally:
+            self._waiting.discard(came)
+        return sent
+
+    async def _hear(self) -> None:
+        """What vehicles refuse, from the first frame on: one subscription for all that are sent."""
+        client = self._gateway.client
+        try:
+            async with client.subscribe(keys.EVENT.key(client.fleet_name, "*")) as events:
+                self._hears.set()
+                async for sample in events:
                     with contextlib.suppress(BadInput):
                         event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-                        if event.kind == "refused" and (error := _about(str(sample.key_expr), event.text, sent)):
-                            raise error
-        return sent
+                        for came in self._waiting if event.kind == "refused" else ():
+                            came.put_nowait((str(sample.key_expr), event))
+        finally:
+            self._hears.set()  # who waits sends all the same
 
 
 def _about(event_key: str, text: str, sent: Sequence[str]) -> ZmavError | None:

@@ -7,8 +7,10 @@ bound.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
+import time
 from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
@@ -22,6 +24,8 @@ from zmav.client import Answer
 from zmav.errors import BadInput, BadKey
 from zmav.vehicle import Vehicle
 
+LINKS_EVERY = 1.0
+"""s at least between two questions for links, however many scrape"""
 PATIENCE = 1.0
 """s for vehicles to say how their links are: a scrape waits no longer for one that is gone"""
 MOST_LINKS = 2000
@@ -137,14 +141,21 @@ Quality = tuple[str, str, "wire.LinkQuality | wire.NeighbourQuality"]
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
+    links: list[Quality] = []
+    asked, asking = -math.inf, asyncio.Lock()
+
     async def metrics(request: Request) -> Response:
         """The fleet and the gateway in Prometheus' text format."""
+        nonlocal links, asked
         page = Exposition()
         for vehicle in gateway.client.fleet()[:MOST_VEHICLES]:
             _of_vehicle(page, vehicle)
-        key = keys.LINK.key(gateway.client.fleet_name, "*", link="*")
-        answers = await gateway.client.ask(key, timeout=PATIENCE, channel=keys.LINK)
-        for fleet, name, quality in _qualities(answers):
+        async with asking:
+            if time.monotonic() - asked >= LINKS_EVERY:
+                key = keys.LINK.key(gateway.client.fleet_name, "*", link="*")
+                links = _qualities(await gateway.client.ask(key, timeout=PATIENCE, channel=keys.LINK))
+                asked = time.monotonic()
+        for fleet, name, quality in links:
             _of_link(page, fleet, name, quality)
         _of_gateway(page, gateway)
         return Response(page.text(), headers={"Content-Type": CONTENT_TYPE, "Cache-Control": "no-store"})

@@ -44,7 +44,7 @@ class _Gone(Exception):
     """The client has left, or leaves too much unread."""
 
 
-class Reader:
+class RestClient:
     """One client: the messages it wants, and those that wait for it."""
 
     def __init__(self, names: frozenset[str]) -> None:
@@ -67,7 +67,7 @@ class RestSockets:
 
     def __init__(self, gateway: Gateway, source: tuple[int, int]) -> None:
         self._gateway, self._source = gateway, source
-        self._readers: set[Reader] = set()
+        self._readers: set[RestClient] = set()
         self.dropped = 0
         """clients cut off because they did not read"""
         self._encoder = msgspec.json.Encoder()
@@ -90,7 +90,7 @@ class RestSockets:
             await deny(refusal(scope["path"], failure), scope, receive, send)
             return
         await socket.accept()
-        reader = Reader(names)
+        reader = RestClient(names)
         self._add(reader)
         try:
             await together(
@@ -101,16 +101,16 @@ class RestSockets:
         finally:
             self._leave(reader)
 
-    async def _end(self, reader: Reader) -> None:
+    async def _end(self, reader: RestClient) -> None:
         await reader.full.wait()
         self.dropped += 1
         raise _Gone
 
-    async def _send(self, send: Send, reader: Reader) -> None:
+    async def _send(self, send: Send, reader: RestClient) -> None:
         while True:  # straight to the server: what WebSocket adds costs more than all the rest of it
             await send({"type": "websocket.send", "text": await reader.waiting.get()})
 
-    async def _receive(self, socket: WebSocket, reader: Reader) -> None:
+    async def _receive(self, socket: WebSocket, reader: RestClient) -> None:
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -134,7 +134,7 @@ class RestSockets:
             return f"Err({e})"
         return f"Ok({len(frame)})"
 
-    async def _ask(self, reader: Reader) -> None:
+    async def _ask(self, reader: RestClient) -> None:
         """Have the autopilots send the few messages that a filter names."""
         while len(reader.names) <= FEW:
             for name in reader.names:
@@ -142,13 +142,13 @@ class RestSockets:
             await asyncio.sleep(ASK_EVERY)
         await asyncio.Event().wait()
 
-    def _add(self, reader: Reader) -> None:
+    def _add(self, reader: RestClient) -> None:
         if not self._readers:
             self._wake = on_loop(asyncio.get_running_loop(), self._deliver)
             self._remove = self._gateway.add_listener(self._on_frame)
         self._readers.add(reader)
 
-    def _leave(self, reader: Reader) -> None:
+    def _leave(self, reader: RestClient) -> None:
         self._readers.discard(reader)
         if not self._readers:
             self._remove()

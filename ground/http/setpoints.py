@@ -80,7 +80,7 @@ class Caller(NamedTuple):
     name: str
 
 
-class Stream:
+class SetpointStream:
     """A lease held for one caller, and his last point put again and again. Lives on the event loop."""
 
     def __init__(self, vehicle: Vehicle, holder: str, priority: int) -> None:
@@ -136,12 +136,12 @@ class Stream:
                     lease.setpoint(**self._fields, valid=min(left, 0.5))
 
 
-class Streams:
+class SetpointStreams:
     """Every caller's stream, by caller and vehicle."""
 
     def __init__(self, gateway: Gateway) -> None:
         self._gateway = gateway
-        self._streams: dict[Caller, Stream] = {}
+        self._streams: dict[Caller, SetpointStream] = {}
 
     def __len__(self) -> int:
         return len(self._streams)
@@ -178,12 +178,12 @@ class Streams:
         await stream.end()
         return answer({"vehicle": caller.vehicle, "released": True})
 
-    def _start(self, caller: Caller, priority: int) -> Stream:
+    def _start(self, caller: Caller, priority: int) -> SetpointStream:
         self._streams = {each: stream for each, stream in self._streams.items() if not stream.over}
         if len(self._streams) >= MOST:
             text = f"{MOST} streams run already: use zmav.Vehicle.lease for more"
             raise BadInput(text, field="vehicle", value=caller.vehicle, expected=f"at most {MOST} streams")
-        stream = Stream(self._gateway.client.vehicle(caller.vehicle), caller.name, priority)
+        stream = SetpointStream(self._gateway.client.vehicle(caller.vehicle), caller.name, priority)
         self._streams[caller] = stream
         return stream
 
@@ -201,7 +201,7 @@ def _said(lease: Lease) -> dict[str, Any]:
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
-    streams = Streams(gateway)
+    streams = SetpointStreams(gateway)
     gateway.at_end(streams.cancel)
     gateway.figures["streams"] = lambda: len(streams)
     return [

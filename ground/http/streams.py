@@ -37,7 +37,7 @@ class Wish:
     hz: float = 0.0
 
 
-class Stream:
+class FrameStream:
     """One stream: frames go out on Zenoh's thread as they come; those that come too soon for the cap are left out, and
     so is what the kernel does not take at once.
     """
@@ -96,17 +96,17 @@ class Stream:
                 self._first_refused = self._first_refused or self._refused
 
 
-class Streams:
+class FrameStreams:
     """The streams there are, by asker, system, component and port. On the event loop."""
 
     def __init__(self, gateway: Gateway, timeout: float = 60.0) -> None:
         self._gateway, self._timeout = gateway, timeout
-        self._streams: dict[tuple[str, int, int, int], Stream] = {}
+        self._streams: dict[tuple[str, int, int, int], FrameStream] = {}
         self._sweeper: asyncio.TimerHandle | None = None
         self._remove = gateway.add_listener(self._on_frame)
         gateway.at_end(self.close)
 
-    def start(self, host: str, wish: Wish, port: int | None = None) -> Stream:
+    def start(self, host: str, wish: Wish, port: int | None = None) -> FrameStream:
         """Begin a stream to ``port`` of ``host``, or go on with the one there is, as it is wished for now.
 
         Raises :class:`Failure` where there are too many, or no port is free.
@@ -138,7 +138,7 @@ class Streams:
             self._end(key)
         return len(ended)
 
-    def of(self, host: str) -> Sequence[Stream]:
+    def of(self, host: str) -> Sequence[FrameStream]:
         return [stream for key, stream in sorted(self._streams.items()) if key[0] == host]
 
     def __len__(self) -> int:
@@ -160,17 +160,17 @@ class Streams:
         self._streams = {other: kept for other, kept in self._streams.items() if other != key}
         stream.close()
 
-    def _open(self, wish: Wish, host: str, port: int | None) -> Stream:
+    def _open(self, wish: Wish, host: str, port: int | None) -> FrameStream:
         if port is None:
             if not is_loopback(host):
                 raise Failure(400, "bad_input", "say with ?port= to which UDP port of yours")
             port = free_port(socket.SOCK_DGRAM, host)
         try:
-            return Stream(wish, host, port)
+            return FrameStream(wish, host, port)
         except OSError as e:
             raise Failure(502, "link", f"nothing can be sent to {host} port {port}: {e.strerror}") from e
 
-    def _ask(self, stream: Stream) -> None:
+    def _ask(self, stream: FrameStream) -> None:
         """Have the autopilots send the messages that a stream names."""
         stream.renewed = time.monotonic()
         for vehicle in self._gateway.vehicle_of(stream.wish.sysid) if stream.wish.messages else ():

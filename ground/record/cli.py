@@ -21,7 +21,7 @@ from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
     from ground.record.recorder import Wanted
-    from ground.record.storage import Settings
+    from ground.record.storage import RecordingSettings
 
 UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
 
@@ -94,21 +94,21 @@ def command(
             _repair(path)
         return
     from ground.record.recorder import Wanted
-    from ground.record.storage import Settings
+    from ground.record.storage import RecordingSettings
 
-    how = Settings(mcap=mcap, keep_free=keep_free)
+    how = RecordingSettings(mcap=mcap, keep_free=keep_free)
     whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
     with Folder(out) as folder:
         run(_record(folder, how, whom, dialect, fleet, settings))
 
 
 async def _record(
-    folder: Folder, how: Settings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
+    folder: Folder, how: RecordingSettings, whom: Wanted, dialect: str, fleet: str, settings: SessionSettings
 ) -> None:
     from ground.record.recorder import Recorder
 
     start = time.monotonic()
-    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder)) if how.mcap else None
+    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder, how.keep_free)) if how.mcap else None
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
         Recorder(z, folder, how, whom, say) as recorder,
@@ -124,11 +124,16 @@ async def _record(
     say(f"{counts.written} samples in {size(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
 
 
-def _complete(folder: Folder) -> None:
-    """What a recorder that was killed left behind gets its end."""
+def _complete(folder: Folder, keep_free: int) -> None:
+    """What a recorder that was killed left behind gets its end, where there is room for each a second time."""
     for path in folder.unfinished:
         try:
-            _repair(path)
+            if folder.free() < keep_free + path.stat().st_size:
+                say(f"{path}: not completed, for want of room: 'zmav record --repair' does it later")
+            else:
+                _repair(path)
+        except OSError as e:
+            say(f"{path}: not completed: {e.strerror}")
         except (BadInput, BadConfig) as e:
             say(str(e))
 

@@ -138,10 +138,9 @@ class Part:
         """Whether somebody took one of the files away."""
         return bool(self.mcap and self.mcap.gone) or any(tail.gone for tail in self.tlogs.values())
 
-    def sync(self) -> None:
-        """Have the kernel bring what was flushed to the disk. OSError where that takes nothing."""
-        for fd in (*([self.mcap.fd] if self.mcap else []), *(tail.fd for tail in self.tlogs.values())):
-            os.fdatasync(fd)
+    def descriptors(self) -> list[int]:
+        """Of its files, each a new one, to be closed by who asked: they outlive the part."""
+        return [os.dup(fd) for fd in (*([self.mcap.fd] if self.mcap else []), *(t.fd for t in self.tlogs.values()))]
 
     def frame(self, route: Route, at: int, data: bytes, decoded: bytes | None) -> None:
         """``at``: ns UTC."""

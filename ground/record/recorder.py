@@ -17,7 +17,7 @@ import zenoh
 from ground.feed import apart, patterns
 from ground.record.folder import Folder
 from ground.record.history import Answers
-from ground.record.storage import Settings, Storage
+from ground.record.storage import RecordingSettings, Storage
 from zmav import keys, wire
 from zmav.cli.common import size
 from zmav.client import Client
@@ -49,7 +49,7 @@ class Recorder:
     """
 
     def __init__(
-        self, z: Client, folder: Folder, settings: Settings, wanted: Wanted, tell: Callable[[str], None]
+        self, z: Client, folder: Folder, settings: RecordingSettings, wanted: Wanted, tell: Callable[[str], None]
     ) -> None:
         self._z, self._folder, self._wanted, self._tell = z, folder, wanted, tell
         self._fleet = z.fleet_name

@@ -11,6 +11,7 @@ import collections
 import contextlib
 import errno
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -43,7 +44,7 @@ ROOM_AFTER_FULL = 4 << 20
 """bytes that must be free at least, once the disk was full: or a few kB would be filled again and again"""
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True):
+class RecordingSettings(msgspec.Struct, frozen=True, kw_only=True):
     """How a session is recorded: sizes in bytes, times in seconds."""
 
     mcap: bool = True
@@ -73,7 +74,9 @@ class Counts(msgspec.Struct):
 class Storage:
     """Writes a session. ``tell`` is called, in the writer's thread, with a line for anyone who watches."""
 
-    def __init__(self, folder: Folder, settings: Settings, dialect: Dialect, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, folder: Folder, settings: RecordingSettings, dialect: Dialect, tell: Callable[[str], None]
+    ) -> None:
         self._folder, self._settings, self._dialect, self._tell = folder, settings, dialect, tell
         self.session: Path = folder.session()
         self.counts = Counts()
@@ -91,6 +94,8 @@ class Storage:
         self._pending = 0
         """samples that are in the part and not in its files yet"""
         self._opened = self._flushed = self._synced = 0.0
+        self._syncing: threading.Thread | None = None
+        self._sync_failed: OSError | None = None
         self._retry = 0.0
         self._was_full = False
         self._finished_bytes = 0
@@ -220,9 +225,12 @@ class Storage:
 
     def _house(self, now: float) -> None:
         """Once a second: flush, and see whether the files are large or old enough, or the disk is full."""
-        part = self.part
+        part, failed = self.part, self._sync_failed
         if part is None:
             return
+        if failed is not None:
+            self._sync_failed = None
+            raise failed
         part.flush()
         if part.gone:
             self._tell(f"somebody took files of {self.session} away: new ones are begun")
@@ -234,9 +242,20 @@ class Storage:
         large, old = part.size >= how.split_size, now - self._opened >= how.split_time
         if self._short_of_room(how.keep_free) or large or old:
             self._close_part()
-        elif now - self._synced >= SYNC_S:
+        elif now - self._synced >= SYNC_S and not (self._syncing and self._syncing.is_alive()):
             self._synced = now
-            part.sync()
+            self._syncing = threading.Thread(target=self._sync, args=(part.descriptors(),), name="sync", daemon=True)
+            self._syncing.start()
+
+    def _sync(self, descriptors: list[int]) -> None:
+        """Have the kernel bring what was flushed to the disk. In a thread of its own: the writer waits for no disk."""
+        for descriptor in descriptors:
+            try:
+                os.fdatasync(descriptor)
+            except OSError as e:
+                self._sync_failed = e
+            finally:
+                os.close(descriptor)
 
     def _note_written(self, part: Part) -> None:
         self.counts.written += self._pending

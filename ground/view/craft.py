@@ -4,15 +4,178 @@ from __future__ import annotations
 
 import collections
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import rerun as rr
 
-from ground.view import models, style
+from ground.view import style
 from ground.view.canvas import VEHICLES, Canvas, Path
 from ground.view.frames import Datum, usable
-from ground.view.setpoints import Setpoints
 from zmav import geo, keys, rotation, wire
 from zmav.wire import Vector
+
+BRIGHT, DIM, DARK = 1.0, 0.66, 0.24
+"""shares of the vehicle's own colour"""
+
+
+class BodyBox(NamedTuple):
+    """A part of a model in body axes (forward, right, down), m. Models are about two metres across: larger than most
+    real vehicles, so that one is still seen across a field.
+    """
+
+    center: Vector
+    size: Vector
+    share: float
+    yaw: float = 0.0
+    """radians about down"""
+
+
+def _arm(yaw: float) -> tuple[BodyBox, ...]:
+    x, y = 0.72 * math.cos(yaw), 0.72 * math.sin(yaw)
+    return (
+        BodyBox((x / 2, y / 2, 0.0), (0.72, 0.07, 0.06), DIM, yaw),
+        BodyBox((x, y, -0.1), (0.6, 0.6, 0.02), BRIGHT if x > 0 else DIM, yaw),
+        BodyBox((x, y, 0.0), (0.1, 0.1, 0.16), DARK),
+    )
+
+
+COPTER = (
+    BodyBox((0.0, 0.0, 0.0), (0.5, 0.34, 0.18), BRIGHT),
+    BodyBox((0.27, 0.0, 0.0), (0.14, 0.2, 0.1), DARK),
+    *(part for turn in (1, 3, 5, 7) for part in _arm(turn * math.pi / 4)),
+)
+PLANE = (
+    BodyBox((-0.13, 0.0, 0.0), (1.95, 0.23, 0.23), BRIGHT),
+    BodyBox((0.98, 0.0, 0.0), (0.26, 0.16, 0.16), DARK),
+    BodyBox((0.26, 0.0, -0.08), (0.44, 3.1, 0.06), BRIGHT),
+    BodyBox((-1.0, 0.0, -0.03), (0.3, 1.04, 0.05), DIM),
+    BodyBox((-1.05, 0.0, -0.23), (0.3, 0.04, 0.46), DIM),
+)
+ROVER = (
+    BodyBox((0.0, 0.0, -0.38), (1.4, 0.8, 0.26), BRIGHT),
+    BodyBox((-0.2, 0.0, -0.6), (0.7, 0.6, 0.2), DIM),
+    BodyBox((0.3, 0.0, -0.58), (0.1, 0.12, 0.28), DARK),
+    *(BodyBox((x, y, -0.24), (0.4, 0.12, 0.4), DARK) for x in (-0.46, 0.46) for y in (-0.46, 0.46)),
+)
+OTHER = (BodyBox((0.0, 0.0, 0.0), (1.2, 0.4, 0.3), BRIGHT), BodyBox((0.7, 0.0, 0.0), (0.2, 0.2, 0.15), DARK))
+KINDS = {"copter": COPTER, "heli": COPTER, "plane": PLANE, "vtol": PLANE, "rover": ROVER, "boat": ROVER}
+
+
+def model(kind: str | None, size: float, shade: style.Colour) -> rr.Boxes3D:
+    """The model of a kind of vehicle (:attr:`zmav.wire.VehicleState.kind`), enlarged ``size`` times."""
+    parts = KINDS.get(kind or "", OTHER)
+    return rr.Boxes3D(
+        centers=[[size * x for x in part.center] for part in parts],
+        sizes=[[size * x for x in part.size] for part in parts],
+        rotation_axis_angles=[rr.RotationAxisAngle((0.0, 0.0, 1.0), radians=part.yaw) for part in parts],
+        colors=[style.darkened(shade, part.share) for part in parts],
+        fill_mode=rr.components.FillMode.Solid,
+    )
+
+
+STALE = 2.0 * (keys.SETPOINT.stale_after or 0.5)
+"""s after which the last setpoint of a stream is drawn no more"""
+MOST_SENDERS = 8
+"""senders remembered for one vehicle"""
+
+
+class Setpoints:
+    """The last setpoint of every sender; the lease holder's counts where it has one."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._last: dict[str, tuple[wire.Setpoint, float]] = {}
+        self._fresh = False
+        self._segment: int | None = None
+        """the sequence number of the one that is drawn"""
+
+    def on_setpoint(self, agent: str, setpoint: wire.Setpoint, mono: float) -> None:
+        if agent in self._last or len(self._last) < MOST_SENDERS:
+            self._last[agent] = (setpoint, mono)
+            self._fresh = True
+
+    def paint(
+        self,
+        canvas: Canvas,
+        position: Vector | None,
+        holder: str | None,
+        datum: Datum,
+        home_amsl: float | None,
+        now: float,
+        t: float,
+    ) -> float | None:
+        """Draw marker and error; the error in metres, where both places are known and something new was heard."""
+        chosen = self._chosen(holder)
+        setpoint = None if chosen is None or self._over(chosen, now, t) else chosen[0]
+        target = None if setpoint is None else target_of(setpoint, datum, home_amsl, t)
+        self._paint_segment(canvas, setpoint)
+        if target is None:
+            canvas.clear((*self._path, "setpoint"))
+            canvas.clear((*self._path, "error"))
+            return None
+        following = setpoint is not None and setpoint.segment is not None
+        if not (self._fresh or following):
+            return None
+        self._fresh = False
+        marker = rr.Points3D([target], colors=style.SETPOINT, radii=style.points(4.0))
+        canvas.put((*self._path, "setpoint"), marker)
+        if position is None:
+            return None
+        line = rr.LineStrips3D([[position, target]], colors=style.ERROR_LINE, radii=style.points(1.0))
+        canvas.put((*self._path, "error"), line)
+        return geo.distance(position, target)
+
+    def _chosen(self, holder: str | None) -> tuple[wire.Setpoint, float] | None:
+        if holder in self._last:
+            return self._last[holder]
+        return max(self._last.values(), key=lambda last: last[1], default=None)
+
+    @staticmethod
+    def _over(chosen: tuple[wire.Setpoint, float], now: float, t: float) -> bool:
+        setpoint, mono = chosen
+        if setpoint.segment:
+            return t > setpoint.segment[-1].t + STALE
+        return now - mono > STALE
+
+    def _paint_segment(self, canvas: Canvas, setpoint: wire.Setpoint | None) -> None:
+        path = (*self._path, "segment")
+        points = [] if setpoint is None else [p.pos for p in setpoint.segment or () if usable(p.pos)]
+        if setpoint is None or len(points) < 2:
+            canvas.clear(path)
+            self._segment = None
+        elif setpoint.seq != self._segment:
+            self._segment = setpoint.seq
+            canvas.put(path, rr.LineStrips3D([points], colors=style.SEGMENT, radii=style.points(1.2)))
+
+
+def target_of(setpoint: wire.Setpoint, datum: Datum, home_amsl: float | None, t: float) -> Vector | None:
+    """Where the vehicle is told to be at ``t`` (UTC seconds), in NED; None where it is told no place."""
+    if setpoint.segment:
+        return _along(setpoint.segment, t)
+    if setpoint.frame == "ned":
+        return setpoint.pos if usable(setpoint.pos) else None
+    alt = setpoint.alt_amsl
+    if alt is None and setpoint.alt_rel is not None and home_amsl is not None:
+        alt = home_amsl + setpoint.alt_rel
+    if setpoint.lat_deg is None or setpoint.lon_deg is None or alt is None:
+        return None
+    return datum.place(setpoint.lat_deg, setpoint.lon_deg, alt)
+
+
+def _along(segment: Sequence[wire.SegmentPoint], t: float) -> Vector | None:
+    """On the straight line between the two points around ``t``: near enough for the eye."""
+    before = segment[0]
+    for after in segment:
+        if after.t >= t:
+            span = after.t - before.t
+            part = (t - before.t) / span if span > 0.0 else 1.0
+            a, b = before.pos, after.pos
+            found = (a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2]))
+            return found if usable(found) else None
+        before = after
+    return before.pos if usable(before.pos) else None
+
 
 SILENT = 2.0 * (keys.STATE.stale_after or 2.0)
 """s without a state after which a vehicle is grey"""
@@ -98,7 +261,7 @@ class Craft:
         looks, text = (self.state.kind if self.state else None, self.silent), self._text(crowded)
         shade = style.GREY if self.silent else self.colour
         if looks != self._looks:
-            canvas.put((*self.path, "pose", "model"), models.model(looks[0], self._size, shade))
+            canvas.put((*self.path, "pose", "model"), model(looks[0], self._size, shade))
             self._redraw_trail(canvas, shade)
         if (looks, text) != (self._looks, self._name):
             self._looks, self._name = looks, text

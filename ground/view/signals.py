@@ -47,7 +47,7 @@ _CHANNELS = {
 _LONG = {"reference": "", "reference_vel": "v"}
 
 
-class Line(NamedTuple):
+class PlotLine(NamedTuple):
     """Where one signal is drawn, and how."""
 
     plot: str
@@ -56,17 +56,17 @@ class Line(NamedTuple):
     reference: bool = False
 
 
-def line_of(name: str) -> Line:
+def line_of(name: str) -> PlotLine:
     """The line of the signal ``name``: a controller's, or a reference that the navigator calls ``reference.x``."""
     kind, _, channel = name.partition(".")
     if kind in _LONG:
         kind, channel = "ref", _LONG[kind] + channel
     if kind in ("is", "ref") and channel in _CHANNELS:
         plot, axis = _CHANNELS[channel]
-        return Line(plot, channel if kind == "is" else f"{channel} ref", AXES[axis], kind == "ref")
+        return PlotLine(plot, channel if kind == "is" else f"{channel} ref", AXES[axis], kind == "ref")
     if kind == "out" and channel:
-        return Line("outputs", channel, AXES.get(channel.rpartition(".")[2], style.colour(channel)))
-    return Line("cycle" if name in ("took_us", "late") else "others", name, style.colour(name), kind == "ref")
+        return PlotLine("outputs", channel, AXES.get(channel.rpartition(".")[2], style.colour(channel)))
+    return PlotLine("cycle" if name in ("took_us", "late") else "others", name, style.colour(name), kind == "ref")
 
 
 class Signals:

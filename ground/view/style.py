@@ -28,7 +28,6 @@ TOPICS: dict[str, Colour] = {
     "plan": (80, 220, 255, 220),
     "obstacle": (230, 110, 80, 150),
 }
-OTHER_TOPIC: Colour = (200, 160, 255, 200)
 
 
 def points(width: float) -> float:

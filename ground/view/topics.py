@@ -1,259 +1,182 @@
-"""The fleet's topics in the scene: goals, plans, obstacles, and whatever else is put on ``@fleet/*``.
+"""What the planner tells the fleet, in the scene: the goals in its book, the plan that is flown, the obstacles.
 
-Who publishes them decides their shape; here it is only looked for what has a place: a vector of three numbers is a
-point (NED about the fleet's origin), a list of them a path, and an object with ``min`` and ``max``, or with ``center``
-and ``radius`` or ``polygon``, ``floor`` and ``ceiling`` a body; without a ceiling a polygon is an area, drawn as its
-outline at its floor. Both are heights above the origin, up positive.
+Any other topic under ``@fleet/*`` is told in the log of events.
 """
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rerun as rr
 
 from ground.view import style
 from ground.view.canvas import NED, Canvas, Path
-from ground.view.frames import FAR
-from zmav.wire import Vector
+from ground.view.frames import usable
+from zmav import wire
+from zmav.wire import Vector, swarm
 
 SAID = 200
-"""characters of a document that are shown in a line of the log where it cannot be drawn"""
-
-
-def paint(canvas: Canvas, topic: str, payload: bytes) -> str | None:
-    """Draw one topic's newest document; what there is to say where nothing of it can be drawn."""
-    try:
-        document = json.loads(payload) if payload else None
-    except (ValueError, RecursionError):
-        return f"{topic}: {len(payload)} bytes that are no JSON"
-    found = find(document)
-    shade = style.TOPICS.get(topic, style.OTHER_TOPIC)
-    path = (*NED, "topics", topic)
-    _marks(canvas, (*path, "points"), found.marks, shade)
-    _lines(canvas, (*path, "lines"), found.lines, shade)
-    _boxes(canvas, (*path, "boxes"), found.boxes, shade)
-    _prisms(canvas, (*path, "prisms"), found.prisms, shade)
-    if found or document in (None, {}, []):
-        return None
-    return f"{topic}: {json.dumps(document, ensure_ascii=False)[:SAID]}"
-
-
-def _marks(canvas: Canvas, path: Path, marks: list[Mark], shade: style.Colour) -> None:
-    if not marks:
-        return canvas.clear(path)
-    labels = [mark.label for mark in marks]
-    points = rr.Points3D(
-        [mark.pos for mark in marks],
-        colors=shade,
-        radii=style.points(6.0),
-        labels=labels,
-        show_labels=len(marks) <= 12 and any(labels),
-    )
-    return canvas.put(path, points)
-
-
-def _lines(canvas: Canvas, path: Path, lines: list[Line], shade: style.Colour) -> None:
-    """Each in its vehicle's own colour where it is called after one."""
-    if not lines:
-        return canvas.clear(path)
-    shades = [style.faded(style.colour(line.label), 200) if line.label else shade for line in lines]
-    strips = [line.points for line in lines]
-    return canvas.put(path, rr.LineStrips3D(strips, colors=shades, radii=style.points(1.2)))
-
-
-def _boxes(canvas: Canvas, path: Path, boxes: list[Box], shade: style.Colour) -> None:
-    if not boxes:
-        return canvas.clear(path)
-    low, high = np.array([box.low for box in boxes]), np.array([box.high for box in boxes])
-    solid = rr.Boxes3D(
-        centers=(low + high) / 2, half_sizes=(high - low) / 2, colors=shade, fill_mode=rr.components.FillMode.Solid
-    )
-    return canvas.put(path, solid)
-
-
-def _prisms(canvas: Canvas, path: Path, prisms: list[Prism], shade: style.Colour) -> None:
-    """Walls, and their edges in the same colour: a cylinder and a no-fly zone alike."""
-    if not prisms:
-        canvas.clear(path)
-        return canvas.clear((*path, "walls"))
-    strips = [strip for prism in prisms for strip in edges(prism.outline, prism.top, prism.bottom)]
-    canvas.put(path, rr.LineStrips3D(strips, colors=style.faded(shade, 255), radii=style.points(1.0)))
-    corners: list[tuple[float, float, float]] = []
-    for prism in prisms:
-        for (n, e), (n2, e2) in zip(prism.outline, [*prism.outline[1:], prism.outline[0]], strict=True):
-            a, b, c, d = (n, e, prism.bottom), (n2, e2, prism.bottom), (n2, e2, prism.top), (n, e, prism.top)
-            corners += [a, b, c, a, c, d]
-    return canvas.put((*path, "walls"), rr.Mesh3D(vertex_positions=corners, albedo_factor=shade))
-
-
-DEEP, MANY = 8, 5000
-"""levels and values of a document that are looked at"""
-PATHS = ("points", "path", "segment", "waypoints", "samples", "trajectory", "line")
-PLACES = ("pos", "position", "goal", "place", "target")
-NAMES = ("name", "id", "vehicle")
-
-
-class Mark(NamedTuple):
-    pos: Vector
-    label: str
-
-
-class Line(NamedTuple):
-    points: list[Vector]
-    label: str
-
-
-class Box(NamedTuple):
-    low: Vector
-    high: Vector
-
-
-class Prism(NamedTuple):
-    """An upright body; a cylinder's outline has many corners. Heights are down positive, as all of NED."""
-
-    outline: list[tuple[float, float]]
-    top: float
-    bottom: float
+"""characters of a topic that are shown in a line of the log"""
+UNDRAWN = ("charge",)
+"""topics that nobody needs to see: several times a second, who is in charge"""
+OVER = ("done", "failed", "cancelled")
+"""states of goals that are not drawn any more"""
 
 
 @dataclass
 class Shapes:
-    """All that was found in one document."""
+    """What one topic comes to, in NED. What cannot be drawn is left out."""
 
-    marks: list[Mark] = field(default_factory=list)
-    lines: list[Line] = field(default_factory=list)
-    boxes: list[Box] = field(default_factory=list)
-    prisms: list[Prism] = field(default_factory=list)
+    marks: list[tuple[Vector, str]] = field(default_factory=list)
+    """places with their labels"""
+    lines: list[tuple[list[Vector], str]] = field(default_factory=list)
+    """paths, each with the vehicle that flies it, or nobody"""
+    boxes: list[tuple[Vector, Vector]] = field(default_factory=list)
+    """two opposite corners each"""
+    prisms: list[tuple[list[swarm.Corner], float, float]] = field(default_factory=list)
+    """outline, top and bottom (m down) of upright bodies; a cylinder's outline has many corners"""
 
-    def __bool__(self) -> bool:
-        return any((self.marks, self.lines, self.boxes, self.prisms))
+    def mark(self, place: Vector, label: str) -> None:
+        if usable(place):
+            self.marks.append((place, label[:40]))
 
+    def line(self, points: Sequence[Vector], label: str = "") -> None:
+        if len(points) > 1 and all(map(usable, points)):
+            self.lines.append((list(points), label))
 
-def find(document: Any) -> Shapes:
-    """The shapes in a decoded JSON document; empty where there is nothing of a known form."""
-    finder = _Finder()
-    finder.look(document, "", deep=0)
-    return finder.found
+    def loop(self, outline: Sequence[swarm.Corner], down: float) -> None:
+        """An area's edge: walls would hide who flies in it."""
+        self.line([(n, e, down) for n, e in [*outline, *outline[:1]]])
 
-
-class _Finder:
-    def __init__(self) -> None:
-        self.found = Shapes()
-        self._left = MANY
-
-    def look(self, value: Any, label: str, deep: int) -> None:
-        self._left -= 1
-        if deep > DEEP or self._left < 0:
-            return
-        if isinstance(value, dict):
-            self._object(value, label, deep)
-        elif isinstance(value, list):
-            self._list(value, label, deep)
-
-    def _list(self, value: list[Any], label: str, deep: int) -> None:
-        if (point := vector(value)) is not None:
-            self.found.marks.append(Mark(point, label))
-            return
-        line = [self._point(each) for each in value[:MANY]]
-        if len(line) > 1 and all(point is not None for point in line):
-            self.found.lines.append(Line([point for point in line if point is not None], label))
-            return
-        for each in value:
-            self.look(each, label, deep + 1)
-
-    def _object(self, value: dict[str, Any], label: str, deep: int) -> None:
-        named = next((value[key] for key in NAMES if isinstance(value.get(key), str)), label)[:40]
-        if self._body(value):
-            return
-        if (point := self._point(value)) is not None:
-            self.found.marks.append(Mark(point, named))
-        for key, inner in value.items():
-            if not isinstance(inner, (dict, list)) or (point is not None and key in PLACES):
-                continue
-            self.look(inner, named if key in PATHS + PLACES or named != label else str(key)[:40], deep + 1)
-
-    def _point(self, value: Any) -> Vector | None:
-        """A point given as a vector, as ``[t, x, y, z]``, or as an object that holds it."""
-        if isinstance(value, list):
-            return vector(value) or (vector(value[1:]) if len(value) == 4 else None)
-        if not isinstance(value, dict):
-            return None
-        held = (vector(value.get(key)) for key in PLACES)
-        return next((point for point in held if point is not None), None)
-
-    def _body(self, value: dict[str, Any]) -> bool:
-        low, high = vector(value.get("min")), vector(value.get("max"))
-        if low and high:
-            lower, upper = tuple(map(min, low, high)), tuple(map(max, low, high))
-            self.found.boxes.append(Box(lower, upper))  # type: ignore[arg-type]  # map forgets how many there are
-            return True
-        radius, bottom, top = number(value.get("radius")), _down(value, "floor"), _down(value, "ceiling")
-        if "polygon" in value:
-            corners = [pair(each) for each in value["polygon"][:MANY]] if isinstance(value["polygon"], list) else []
-            outline = [corner for corner in corners if corner is not None]
-            if len(outline) < 3:
-                return False
-            if top is None:  # an area, as that of a search, and no body: walls would hide who flies in it
-                loop = [(n, e, bottom or 0.0) for n, e in [*outline, outline[0]]]
-                self.found.lines.append(Line(loop, ""))
-            else:
-                self.found.prisms.append(Prism(outline, top, bottom or 0.0))
-            return True
-        if radius is None or not 0.0 < radius <= FAR:
-            return False
-        if (flat := pair(value.get("center", value.get("pos")))) is None:
-            return False
-        self.found.prisms.append(Prism(circle(flat, radius), -50.0 if top is None else top, bottom or 0.0))
-        return True
+    def prism(self, outline: list[swarm.Corner], top: float, bottom: float) -> None:
+        if len(outline) > 2 and all(usable((n, e, down)) for n, e in outline for down in (top, bottom)):
+            self.prisms.append((outline, top, bottom))
 
 
-def number(value: Any) -> float | None:
-    """``value`` where it is a number that can be drawn."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+def paint(canvas: Canvas, topic: str, payload: bytes) -> str | None:
+    """Draw one topic's newest document; what there is to say of one that has no form here.
+
+    Raises :class:`~zmav.errors.BadInput` for a goal, a plan or obstacles that are not what they should be.
+    """
+    if topic in UNDRAWN:
         return None
-    return float(value) if math.isfinite(value) and abs(value) <= FAR else None
+    if topic not in TOPICS:
+        return f"{topic}: {payload[:SAID].decode('utf-8', 'replace')}" if payload else None
+    kind, find = TOPICS[topic]
+    found, shade, path = Shapes(), style.TOPICS[topic], (*NED, "topics", topic)
+    if payload:
+        find(wire.decode(payload, kind, topic), found)
+    _marks(canvas, (*path, "points"), found, shade)
+    _lines(canvas, (*path, "lines"), found, shade)
+    _boxes(canvas, (*path, "boxes"), found, shade)
+    _prisms(canvas, (*path, "prisms"), found, shade)
+    return None
 
 
-def vector(value: Any) -> Vector | None:
-    """Three numbers, in NED."""
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        return None
-    x, y, z = map(number, value)
-    if x is None or y is None or z is None:
-        return None
-    return x, y, z
+def _goals(book: swarm.Book, found: Shapes) -> None:
+    for entry in book.goals:
+        if entry.state in OVER:
+            continue
+        goal = entry.goal
+        if isinstance(goal, swarm.GoTo):
+            for number, place in enumerate(goal.to):
+                found.mark(place, goal.vehicles[number] if goal.labelled and number < len(goal.vehicles) else entry.id)
+        elif isinstance(goal, swarm.Formation):
+            found.mark(goal.at, entry.id)
+        elif isinstance(goal, swarm.Patrol):
+            found.line(goal.route)
+        elif isinstance(goal, swarm.Search):
+            found.loop(goal.polygon, 0.0)
+        elif isinstance(goal, swarm.Land):
+            for n, e in goal.at:
+                found.mark((n, e, 0.0), entry.id)
 
 
-def pair(value: Any) -> tuple[float, float] | None:
-    """North and east of two or three numbers."""
-    if not isinstance(value, (list, tuple)) or len(value) not in (2, 3):
-        return None
-    x, y = number(value[0]), number(value[1])
-    if x is None or y is None:
-        return None
-    return x, y
+def _plan(report: swarm.PlanReport, found: Shapes) -> None:
+    for vehicle, track in report.tracks.items():
+        found.line([(n, e, d) for _, n, e, d in track], vehicle)
 
 
-def circle(center: tuple[float, float], radius: float, sides: int = 24) -> list[tuple[float, float]]:
+def _obstacles(told: swarm.ObstacleMap, found: Shapes) -> None:
+    for obstacle in told.obstacles:
+        what = obstacle.what
+        if isinstance(what, swarm.Box):
+            if usable(what.low) and usable(what.high):
+                found.boxes.append((what.low, what.high))
+        elif isinstance(what, swarm.Cylinder):
+            found.prism(_circle(what.center, what.radius), -what.ceiling, -what.floor)
+        elif isinstance(what, swarm.NoFly):
+            found.prism(what.polygon, -what.ceiling, -what.floor)
+        elif isinstance(what, swarm.Geofence):
+            found.loop(what.polygon, -what.floor)
+        elif isinstance(what, swarm.Ball):
+            n, e, d = what.center
+            found.prism(_circle((n, e), what.radius), d - what.radius, d + what.radius)
+
+
+TOPICS: dict[str, tuple[type[Any], Callable[[Any, Shapes], None]]] = {
+    "goal": (swarm.Book, _goals),
+    "plan": (swarm.PlanReport, _plan),
+    "obstacle": (swarm.ObstacleMap, _obstacles),
+}
+"""what is drawn: the type of its document, and what of it has a place"""
+
+
+def _marks(canvas: Canvas, path: Path, found: Shapes, shade: style.Colour) -> None:
+    points = rr.Points3D(
+        [place for place, _ in found.marks],
+        colors=shade,
+        radii=style.points(6.0),
+        labels=[label for _, label in found.marks],
+        show_labels=len(found.marks) <= 12,
+    )
+    canvas.put(path, points if found.marks else None)
+
+
+def _lines(canvas: Canvas, path: Path, found: Shapes, shade: style.Colour) -> None:
+    """Each in its vehicle's own colour where it is called after one."""
+    shades = [style.faded(style.colour(label), 200) if label else shade for _, label in found.lines]
+    strips = rr.LineStrips3D([points for points, _ in found.lines], colors=shades, radii=style.points(1.2))
+    canvas.put(path, strips if found.lines else None)
+
+
+def _boxes(canvas: Canvas, path: Path, found: Shapes, shade: style.Colour) -> None:
+    if not found.boxes:
+        return canvas.clear(path)
+    one, other = np.array([low for low, _ in found.boxes]), np.array([high for _, high in found.boxes])
+    centers, halves = (one + other) / 2, np.abs(other - one) / 2
+    solid = rr.Boxes3D(centers=centers, half_sizes=halves, colors=shade, fill_mode=rr.components.FillMode.Solid)
+    return canvas.put(path, solid)
+
+
+def _prisms(canvas: Canvas, path: Path, found: Shapes, shade: style.Colour) -> None:
+    """Walls, and their edges in the same colour: a cylinder and a no-fly zone alike."""
+    if not found.prisms:
+        canvas.clear(path)
+        return canvas.clear((*path, "walls"))
+    strips = [strip for prism in found.prisms for strip in _edges(*prism)]
+    canvas.put(path, rr.LineStrips3D(strips, colors=style.faded(shade, 255), radii=style.points(1.0)))
+    corners: list[Vector] = []
+    for outline, top, bottom in found.prisms:
+        for (n, e), (n2, e2) in zip(outline, [*outline[1:], outline[0]], strict=True):
+            a, b, c, d = (n, e, bottom), (n2, e2, bottom), (n2, e2, top), (n, e, top)
+            corners += [a, b, c, a, c, d]
+    return canvas.put((*path, "walls"), rr.Mesh3D(vertex_positions=corners, albedo_factor=shade))
+
+
+def _circle(center: swarm.Corner, radius: float, sides: int = 24) -> list[swarm.Corner]:
     """North and east of the corners of a circle's outline."""
     turns = [2.0 * math.pi * step / sides for step in range(sides)]
     return [(center[0] + radius * math.cos(turn), center[1] + radius * math.sin(turn)) for turn in turns]
 
 
-def edges(outline: Sequence[tuple[float, float]], top: float, bottom: float) -> list[list[Vector]]:
+def _edges(outline: Sequence[swarm.Corner], top: float, bottom: float) -> list[list[Vector]]:
     """The strips that draw an upright body: both outlines, and its corners' edges (of a round one, some)."""
     loop = [*outline, outline[0]]
     every = 1 if len(outline) <= 12 else len(outline) // 8
     posts = [[(n, e, bottom), (n, e, top)] for n, e in outline[::every]]
     return [[(n, e, bottom) for n, e in loop], [(n, e, top) for n, e in loop], *posts]
-
-
-def _down(value: dict[str, Any], name: str) -> float | None:
-    up = number(value.get(name))
-    return None if up is None else -up

@@ -19,11 +19,10 @@ import msgspec
 import zenoh
 
 from mesh.bench.flow import GIVE_UP, POLL, TRIES, Flow, Follow, OnInterval, OnOutage, Stream, pause
-from mesh.linkstate import trace
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadInput, Clash, Forbidden, NoSuchVehicle, Refused, SessionError, TimedOut, ZmavError
-from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchRole, BenchStop, Pong
+from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchRole, BenchStop, BenchTrip, Pong
 
 HERE = "here"
 ANSWER = 1.0
@@ -87,16 +86,6 @@ class Bench:
             raise BadInput(f"{a} and {b} are one host ({first.host})", field="host", value=b, expected="another host")
         return first, second
 
-    async def route(self, a: Pong, b: Pong) -> list[str]:
-        """The hosts on the way from ``a`` to ``b``, both included, as Zenoh's routers go; the id of one that takes no
-        part. Raises :class:`TimedOut` where ``a`` does not say how to go.
-        """
-        ways = await trace(self.client, a.zid)
-        if b.zid not in ways:
-            raise TimedOut(f"the router of {a.host} does not say how it reaches {b.host}", router=a.zid)
-        names = {pong.zid: pong.host for pong in await self.everyone()}
-        return [names.get(zid, zid) for zid in ways[b.zid]]
-
     # Measurements.
 
     async def stream(
@@ -111,26 +100,25 @@ class Bench:
     ) -> Flow:
         """Have ``a`` send to ``b``. Ends early when ``until`` is set. Raises what a host refuses."""
         first, second = (pong.host for pong in await self.pair(a, b))
-        order = msgspec.structs.replace(self._order("receive", [first], stream), gap=stream.silence)
-        send = msgspec.structs.replace(order, role="send", peers=[second], guard=stream.guard)
+        order = msgspec.structs.replace(self._order("receive", first, stream), gap=stream.silence)
+        send = msgspec.structs.replace(order, role="send", peer=second, guard=stream.guard)
         async with self._running([_Part(second, order), _Part(first, send)]) as (receiver, sender):
             flow = Flow(stream=stream, source=first, target=second, sender=sender, receiver=receiver)
             await Follow(self.report, self._stop, flow, on_interval, on_outage).to_the_end(until)
         return flow
 
-    async def round_trips(
-        self, a: str, peers: list[str], stream: Stream, *, until: asyncio.Event | None = None
-    ) -> BenchReport:
-        """Round trips by query from ``a`` to each of ``peers``, side by side."""
-        order = self._order("query", peers, stream)
+    async def round_trips(self, a: str, b: str, stream: Stream, *, until: asyncio.Event | None = None) -> BenchTrip:
+        """Round trips by query from ``a`` to ``b``."""
+        order = self._order("query", b, stream)
         async with self._running([_Part(a, order)]):
-            return await self._until_over(a, order.run, stream.seconds, until)
+            (trip,) = (await self._until_over(a, order.run, stream.seconds, until)).trips
+            return trip
 
-    def _order(self, role: BenchRole, peers: list[str], stream: Stream) -> BenchOrder:
+    def _order(self, role: BenchRole, peer: str, stream: Stream) -> BenchOrder:
         return BenchOrder(
             run=secrets.token_hex(4),
             role=role,
-            peers=peers,
+            peer=peer,
             seconds=stream.seconds,
             hz=stream.hz,
             size=stream.size,

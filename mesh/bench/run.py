@@ -6,16 +6,17 @@ import asyncio
 import contextlib
 import math
 import os
+import struct
+import threading
 import time
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import zenoh
 
-from mesh.bench import sender
 from mesh.bench.pinger import Pinger
-from mesh.bench.sender import Sender
-from mesh.bench.statistics import SECOND, Tally
+from mesh.bench.statistics import SECOND, Samples, Tally
 from zmav import keys
 from zmav.errors import BadInput
 from zmav.services.link.port import on_loop
@@ -23,12 +24,96 @@ from zmav.session import reason
 from zmav.waiting import within
 from zmav.wire.bench import BenchOrder, BenchQuery, BenchReport, BenchState
 
+HEAD = struct.Struct("<IIq")
+"""of a datagram: the run's tag, the number from 0, the sender's monotonic clock in ns; random bytes follow, so that no
+compression flatters the link. All of it is payload: what Zenoh, IP and the radio add comes on top."""
+LEAST, MOST = HEAD.size, 65_000
+"""bytes of a datagram"""
+BEHIND = SECOND // 10
+"""ns behind its times after which the sender gives up datagrams instead of sending a burst"""
+
+
+def tag_of(run: str) -> int:
+    return zlib.crc32(run.encode())
+
+
+def read_datagram(data: bytes, tag: int) -> tuple[int, int] | None:
+    """A datagram's number and when it was sent; None where it is none of this run's."""
+    if len(data) < LEAST:
+        return None
+    its_tag, number, sent = HEAD.unpack_from(data)
+    return (number, sent) if its_tag == tag else None
+
+
+class Sender:
+    """Calls ``put`` with ``total`` datagrams, one every ``1/hz`` s, from a thread: the event loop's own timing would be
+    what is measured. It ends by itself, or by :meth:`stop`.
+    """
+
+    def __init__(self, put: Callable[[bytes], None], tag: int, *, hz: float, size: int, total: int) -> None:
+        self._put, self._tag, self._period, self._total = put, tag, SECOND / hz, total
+        self._filling = os.urandom(size - LEAST)
+        self.lateness = Samples()
+        self._stop = False
+        self._began = self._ended = 0
+        self.sent = 0
+        self.skipped = 0
+        self.error = ""
+        self._thread = threading.Thread(target=self._run, name="bench-sender", daemon=True)
+
+    def start(self) -> None:
+        self._began = time.monotonic_ns()
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop = True
+
+    @property
+    def running(self) -> bool:
+        return self._thread.is_alive()
+
+    @property
+    def seconds(self) -> float:
+        """From the first datagram's time to the end of the last one's, or to now."""
+        if not self._began:
+            return 0.0
+        return ((self._ended or time.monotonic_ns()) - self._began) / SECOND
+
+    def _run(self) -> None:
+        try:
+            self._send_all()
+        except zenoh.ZError as e:
+            self.error = reason(e)  # the session has closed
+        finally:
+            planned = 0 if self._stop or self.error else int((self.sent + self.skipped) * self._period)
+            self._ended = max(time.monotonic_ns(), self._began + planned)
+
+    def _send_all(self) -> None:
+        now, put, late = time.monotonic_ns, self._put, self.lateness.add
+        tag, filling, period, start = self._tag, self._filling, self._period, float(self._began)
+        slot = 0  # the datagram's place in time; its number counts those that were sent
+        while slot < self._total and not self._stop:
+            due = start + slot * period
+            t = now()
+            if t < due:
+                time.sleep((due - t) / SECOND)
+                continue
+            if t - due > BEHIND:
+                missed = min(int((t - due) / period), self._total - slot)
+                self.skipped += missed
+                slot += missed
+                continue
+            late(int(t - due))
+            put(HEAD.pack(tag, self.sent, t) + filling)
+            self.sent += 1
+            slot += 1
+
+
 LONGEST = 3600.0
 """s of a run"""
 MOST_HZ = 50_000.0
 MOST_BITS = 1e9
 MOST_DATAGRAMS = 50_000_000
-MOST_PEERS = 16
 MOST_QUERIES = 500.0
 """a second: they are made on the event loop, where everything else of the host is, too"""
 FOUND_WITHIN = 10.0
@@ -41,7 +126,7 @@ BEAT = 0.1
 _LIMITS = {
     "seconds": (0.1, LONGEST),
     "hz": (0.01, MOST_HZ),
-    "size": (sender.LEAST, sender.MOST),
+    "size": (LEAST, MOST),
     "gap": (0.001, 60.0),
     "guard": (0.0, 50.0),
     "patience": (1.0, 300.0),
@@ -58,7 +143,7 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("hz", order.hz, f"at most {MOST_DATAGRAMS:,} datagrams in a run")
     if order.hz * order.size * 8.0 > MOST_BITS:
         raise _wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
-    if order.role == "query" and order.hz * len(order.peers) > MOST_QUERIES:
+    if order.role == "query" and order.hz > MOST_QUERIES:
         raise _wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
     if order.role != "query" and order.qos == keys.Qos.MUST_ARRIVE.value:
         raise _wrong("qos", order.qos, "a class that datagrams have: must-arrive is for round trips")
@@ -67,12 +152,9 @@ def check(order: BenchOrder, host: str) -> None:
         raise _wrong("run", order.run, "40 characters at most")
     if len(order.asker) > 100 or not order.asker.isprintable():
         raise _wrong("asker", repr(order.asker[:100]), "100 printable characters at most")
-    if not 1 <= len(order.peers) <= MOST_PEERS or (len(order.peers) > 1 and order.role != "query"):
-        raise _wrong("peers", order.peers, "one host, or up to 16 to ask")
-    for peer in order.peers:
-        keys.check_name(peer, "peers")
-        if peer == host:
-            raise _wrong("peers", peer, f"another host than {host} itself")
+    keys.check_name(order.peer, "peer")
+    if order.peer == host:
+        raise _wrong("peer", order.peer, f"another host than {host} itself")
 
 
 def _wrong(field: str, value: object, expected: str) -> BadInput:
@@ -93,7 +175,7 @@ class Run:
         self._tally = Tally(self._total, int(SECOND / order.hz), int(order.gap * SECOND))
         self._sender: Sender | None = None
         self._pingers: list[Pinger] = []
-        self._tag = sender.tag_of(order.run)
+        self._tag = tag_of(order.run)
         self._qos = keys.Qos(order.qos)
 
     @property
@@ -111,7 +193,7 @@ class Run:
         """What goes on here, for somebody who would like to measure, too."""
         order, since = self.order, time.monotonic() - self._began
         who = f" for {order.asker}" if order.asker else ""
-        return f"{order.role} with {', '.join(order.peers)}{who} since {since:.0f} s, for {order.seconds:.0f} s"
+        return f"{order.role} with {order.peer}{who} since {since:.0f} s, for {order.seconds:.0f} s"
 
     async def go(self) -> None:
         """Until done, stopped, or forgotten by who asked for it."""
@@ -150,10 +232,10 @@ class Run:
 
     async def _query(self) -> None:
         order, filling = self.order, os.urandom(self.order.size)
-        self._pingers = [Pinger(self._session, self._fleet, peer, self._qos, payload=filling) for peer in order.peers]
-        self._state = "running"
-        await asyncio.gather(*(pinger.ask_for(order.seconds, order.hz) for pinger in self._pingers))
-        await asyncio.gather(*(pinger.settled() for pinger in self._pingers))
+        pinger = Pinger(self._session, self._fleet, order.peer, self._qos, payload=filling)
+        self._pingers, self._state = [pinger], "running"
+        await pinger.ask_for(order.seconds, order.hz)
+        await pinger.settled()
 
     # Datagrams.
 
@@ -161,19 +243,19 @@ class Run:
         return keys.BENCH_FLOW.key(self._fleet, host, run=self.order.run)
 
     async def _receive(self) -> None:
-        with _undeclared(self._session.declare_subscriber(self._flow(self.order.peers[0]), self._take)):
+        with _undeclared(self._session.declare_subscriber(self._flow(self.order.peer), self._take)):
             self._state = "running"
             await asyncio.sleep(self.order.seconds + TAIL + 2.0 * FOUND_WITHIN)
 
     def _take(self, sample: zenoh.Sample) -> None:
         now, data = time.monotonic_ns(), sample.payload.to_bytes()
-        found = sender.read(data, self._tag)
+        found = read_datagram(data, self._tag)
         if found is not None:
             self._tally.take(*found, len(data), now)
 
     async def _send(self) -> None:
         """As the fleet's own traffic of that class travels: what the link loses is sent again but for ``bulk``."""
-        order, peer, session = self.order, self.order.peers[0], self._session
+        order, peer, session = self.order, self.order.peer, self._session
         lane = zenoh.Reliability.BEST_EFFORT if self._qos is keys.Qos.BULK else zenoh.Reliability.RELIABLE
         made = session.declare_publisher(
             self._flow(self._host), encoding=keys.RAW, reliability=lane, **self._qos.options()

@@ -1,31 +1,106 @@
-"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, hops, outages and capacity between two hosts."""
+"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, outages and capacity between two hosts."""
 
 from __future__ import annotations
 
 import asyncio
 import math
+import statistics
 from typing import Any
 
 import click
 import msgspec
 
-from mesh.bench import table
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
 from mesh.bench.search import Limits, Trial, search
-from mesh.units import bits_per_second, duration, rate
+from mesh.units import bits_per_second, duration, rate, size
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
-from zmav.errors import BadInput, TimedOut
+from zmav.errors import BadInput
 from zmav.process import until_stopped
-from zmav.wire.bench import BenchInterval, BenchOutage
+from zmav.wire.bench import BenchInterval, BenchOutage, BenchTrip
+
+HEAD = f"{'interval':>14} {'transfer':>11} {'bandwidth':>14} {'jitter':>10} {'lost/total':>16} {'':>8} {'delay':>10}"
+
+
+def interval_line(flow: Flow, interval: BenchInterval) -> str:
+    """One line of the table."""
+    span = max(interval.end - interval.start, 1e-9)
+    share = interval.lost / interval.expected if interval.expected else 0.0
+    delay = flow.delay(interval.transit)
+    return (
+        f"{f'{interval.start:.1f}-{interval.end:.1f} s':>14} {size(interval.bytes):>11} "
+        f"{rate(8.0 * interval.bytes / span):>14} {duration(interval.jitter):>10} "
+        f"{f'{interval.lost}/{interval.expected}':>16} {f'({100.0 * share:.2g} %)':>8} "
+        f"{duration(delay[0] if delay else None):>10}"
+    )
+
+
+def summary(flow: Flow) -> list[str]:
+    """The totals of a stream, with what they are worth."""
+    sent, late, total = flow.sender, flow.sender.lateness, flow.total
+    offered = 8.0 * sent.sent * flow.stream.size / sent.send_seconds if sent.send_seconds else 0.0
+    own = f", each {duration(late.median)} (p99 {duration(late.p99)}) after its time" if late else ""
+    lines = [
+        interval_line(flow, total),
+        f"{flow.source} sent {sent.sent} datagrams at {rate(offered)} of {rate(flow.stream.bits)} asked{own}",
+    ]
+    if delay := flow.delay(total.transit):
+        assert flow.clock is not None
+        lines.append(
+            f"one way {flow.source} > {flow.target}: median {duration(delay[0])}, p99 {duration(delay[1])}, "
+            f"± {duration(flow.clock.within)} (clocks compared by ping-pong; those of the day differ by "
+            f"{duration(flow.clock.utc_offset)})"
+        )
+    for trip, when in ((flow.idle, "before"), (flow.loaded, "beside the stream")):
+        if trip is not None and trip.sent:
+            found = trip.rtt
+            times = f"median {duration(found.median)}, p99 {duration(found.p99)}" if found else "no answer"
+            lines.append(f"realtime round trip {when}: {times}; {trip.lost} of {trip.sent} without an answer")
+    return [*lines, *(f"! {fault}" for fault in flow.faults)]
+
+
+def trip_lines(trip: BenchTrip) -> list[str]:
+    """Of the host that was asked: a head and a line."""
+    found = trip.rtt
+    times = (found.min, found.median, found.p95, found.p99, found.max) if found else (None,) * 5
+    cells = " ".join(f"{duration(value):>10}" for value in times)
+    head = f"{'host':<16} {'min':>10} {'median':>10} {'p95':>10} {'p99':>10} {'max':>10} {'lost':>12}"
+    return [head, f"{trip.peer:<16} {cells} {f'{trip.lost}/{trip.sent}':>12}"]
+
+
+def outage_line(number: int, outage: BenchOutage) -> str:
+    return f"outage {number}: at {outage.start:.2f} s for {duration(outage.length)}, {outage.lost} datagrams"
+
+
+def outages_summary(flow: Flow) -> str:
+    """How long the way was cut: the median and the worst."""
+    lengths, longer = [outage.length for outage in flow.outages], f"longer than {duration(flow.stream.silence)}"
+    if not lengths:
+        return f"no outage {longer}"
+    return (
+        f"{len(lengths)} outages {longer}: median {duration(statistics.median(lengths))}, "
+        f"worst {duration(max(lengths))}"
+    )
+
+
+def document(flow: Flow) -> dict[str, Any]:
+    """All of it, plain."""
+    found: dict[str, Any] = msgspec.to_builtins(flow)
+    delay = flow.delay(flow.total.transit)
+    found["total"] = msgspec.to_builtins(flow.total)
+    found["bandwidth_bits"], found["loss"] = flow.bandwidth, flow.loss
+    found["delay"] = {"median": delay[0], "p99": delay[1]} if delay else None
+    for side in ("sender", "receiver"):
+        found[side]["intervals"], found[side]["outages"] = [], []  # they stand in the flow
+    return found
+
 
 RATE = 1e6
 """bit/s, as iperf's"""
 STREAM = Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-wins")
 RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
-HOPS = Stream(seconds=5.0, hz=10.0, size=64, qos="realtime")
 RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
 """it goes on unasked for a minute: the cut may part us from the hosts"""
 MAX = Stream(seconds=60.0, qos="bulk", size=1000)
@@ -42,7 +117,6 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     rate: str | None = None
     hz: float | None = None
     size: int | None = None
-    cuts: int | None = None
     limit: str = "50Mbit/s"
     as_json: bool = False
 
@@ -50,7 +124,7 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.command("bench")
 @click.argument("a")
 @click.argument("b")
-@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10; --hops 5]")
+@click.option("--seconds", type=click.FloatRange(0.1, 3600.0), help="How long.  [default: 20; --rtt 10]")
 @click.option(
     "--class",
     "qos",
@@ -61,10 +135,8 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
 @click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
 @click.option("--rtt", "kind", flag_value="rtt", help="Round trips by query.")
-@click.option("--hops", "kind", flag_value="hops", help="Round trips to each router on the way.")
-@click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C or --cuts of them.")
+@click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C.")
 @click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
-@click.option("--cuts", type=click.IntRange(1), help="With --recover: stop after so many outages.")
 @click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
 @json_option
 @connected
@@ -79,7 +151,7 @@ def command(**given: Any) -> Work:
 
 
 async def measure(z: Client, options: BenchOptions) -> None:
-    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "hops": _rtt, "max": _max}[options.kind]
+    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "max": _max}[options.kind]
     until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
     stopped = asyncio.ensure_future(until_stopped())
     stopped.add_done_callback(lambda _: until.set())
@@ -92,9 +164,6 @@ async def measure(z: Client, options: BenchOptions) -> None:
 
 def wanted(options: BenchOptions, otherwise: Stream) -> Stream:
     """What was asked for, and ``otherwise`` where nothing was said; raises :class:`BadInput`."""
-    if options.cuts and options.kind != "recover":
-        text = "--cuts does nothing without --recover"
-        raise BadInput(text, field="cuts", value=options.cuts, expected="--cuts left out")
     if options.rate and options.hz:
         raise BadInput("--rate or --hz, not both", field="rate", value=options.rate, expected="one of them")
     for name in ("hz", "seconds"):
@@ -118,44 +187,36 @@ async def _stream(bench: Bench, options: BenchOptions, until: asyncio.Event) -> 
         if options.as_json:
             click.echo(dump({"interval": msgspec.to_builtins(interval)}, pretty=False))
         elif not recover:
-            click.echo(table.interval_line(flow, interval))
+            click.echo(interval_line(flow, interval))
 
     def on_outage(flow: Flow, outage: BenchOutage) -> None:
         nonlocal seen
         seen += 1
         if recover and say:
-            click.echo(table.outage_line(seen, outage))
-        if options.cuts and seen >= options.cuts:
-            until.set()
+            click.echo(outage_line(seen, outage))
 
     if say:
         first, second = await bench.pair(options.a, options.b)
         what = f"{stream.qos}, {stream.size} B, {stream.hz:g} Hz, {rate(stream.bits)} of payload"
         click.echo(f"{first.host} > {second.host}: {what}, {stream.seconds:g} s")
-        click.echo(f"waiting for silences of {duration(stream.silence)} and more" if recover else table.HEAD)
+        click.echo(f"waiting for silences of {duration(stream.silence)} and more" if recover else HEAD)
     flow = await bench.stream(options.a, options.b, stream, until=until, on_interval=on_interval, on_outage=on_outage)
     if options.as_json:
-        click.echo(dump(table.document(flow), pretty=False))
+        click.echo(dump(document(flow), pretty=False))
         return
-    for line in (*([table.outages_summary(flow)] if recover else ()), *table.summary(flow)):
+    for line in (*([outages_summary(flow)] if recover else ()), *summary(flow)):
         click.echo(line)
 
 
 async def _rtt(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
-    """To the other host, or to each on the way."""
-    stream = wanted(options, HOPS if options.kind == "hops" else RTT)
+    stream = wanted(options, RTT)
     first, second = await bench.pair(options.a, options.b)
-    way = await bench.route(first, second) if options.kind == "hops" else [first.host, second.host]
-    known = {pong.host for pong in await bench.everyone()}
-    peers = [name for name in way[1:] if name in known]
-    if not peers:
-        raise TimedOut(f"nobody on the way to {second.host} answers", way=way)
-    report = await bench.round_trips(first.host, peers, stream, until=until)
+    trip = await bench.round_trips(first.host, second.host, stream, until=until)
     if options.as_json:
-        click.echo(dump({"way": way, "trips": msgspec.to_builtins(report.trips)}, pretty=False))
+        click.echo(dump(msgspec.to_builtins(trip), pretty=False))
         return
-    click.echo(f"{' > '.join(way)}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
-    for line in table.trips_table(report.trips):
+    click.echo(f"{first.host} > {second.host}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
+    for line in trip_lines(trip):
         click.echo(line)
 
 

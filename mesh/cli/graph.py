@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 import click
 import msgspec
 from rich.console import Group
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
@@ -18,18 +16,15 @@ from zmav.cli.common import Work, connected, console, dump, json_option, table
 from zmav.client import Client
 
 STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", "unknown": "dim"}
-PERIOD = 2.0
-"""s between looks of ``--watch``"""
 
 
 @click.command("graph")
-@click.option("--watch", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option(
     "--timeout", type=click.FloatRange(0.1, 60.0), default=1.0, show_default=True, help="Seconds for answers."
 )
 @json_option
 @connected
-def command(watch: bool, timeout: float, as_json: bool) -> Work:
+def command(timeout: float, as_json: bool) -> Work:
     """Show the fleet's links with their quality, and for each vehicle the way to it and its weakest hop.
 
     Colours: green below 5 % loss and 30 ms a kilobyte, red from 20 % and 150 ms. Figures with two values are from the
@@ -38,26 +33,13 @@ def command(watch: bool, timeout: float, as_json: bool) -> Work:
     """
 
     async def show(z: Client) -> None:
-        if watch and not as_json:
-            await _watch(z, timeout)
-        while True:
-            graph = await gather(z, timeout)
-            if as_json:
-                click.echo(dump(document(graph)))
-            else:
-                console().print(view(graph))
-            if not watch:
-                return
-            await asyncio.sleep(PERIOD)
+        graph = await gather(z, timeout)
+        if as_json:
+            click.echo(dump(document(graph)))
+        else:
+            console().print(view(graph))
 
     return show
-
-
-async def _watch(z: Client, timeout: float) -> None:
-    with Live(console=console(), auto_refresh=False) as live:
-        while True:
-            live.update(view(await gather(z, timeout)), refresh=True)
-            await asyncio.sleep(PERIOD)
 
 
 # For a person.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import inspect
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
-from mesh.lab.door import Server
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
 from mesh.lab.status import status_of
@@ -51,11 +51,13 @@ class Room(msgspec.Struct):
     environment: dict[str, str]
 
 
-class Control(Server):
-    """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end."""
+class Control:
+    """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end.
+
+    A caller that leaves, or sends what is unreadable, ends only itself.
+    """
 
     def __init__(self, lab: Lab) -> None:
-        super().__init__()
         self._lab = lab
         self.down = asyncio.Event()
         self._offers: dict[str, tuple[type[msgspec.Struct], Callable[[Any], Any]]] = {
@@ -70,17 +72,35 @@ class Control(Server):
             "down": (Nothing, lambda _: self.down.set()),
         }
         """what can be asked: its arguments, and what does it, at once or to be awaited"""
+        self._server: asyncio.Server | None = None
+        self._callers: set[asyncio.Task[None]] = set()
 
-    async def listen(self) -> asyncio.Server:
+    async def __aenter__(self) -> Control:
         path = self._lab.directory / SOCKET
-        server = await asyncio.start_unix_server(self._enter, path, limit=_LONGEST_LINE)
+        self._server = await asyncio.start_unix_server(self._enter, path, limit=_LONGEST_LINE)
         path.chmod(0o600)  # and nobody else could get into its directory meanwhile
-        return server
+        return self
 
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while line := await reader.readline():
-            writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
-            await writer.drain()
+    async def __aexit__(self, *_: object) -> None:
+        assert self._server is not None
+        self._server.close()
+        for caller in list(self._callers):
+            caller.cancel()
+        await asyncio.gather(*self._callers, return_exceptions=True)
+        await self._server.wait_closed()
+
+    async def _enter(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._callers.add(task)
+        try:
+            with contextlib.suppress(OSError, ValueError, asyncio.CancelledError):
+                while line := await reader.readline():
+                    writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
+                    await writer.drain()
+        finally:
+            self._callers.discard(task)
+            writer.close()
 
     async def _answer(self, line: bytes) -> Reply:
         try:

@@ -10,10 +10,13 @@ from typing import Any
 
 import msgspec
 
+from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
+from zmav import rundir
 from zmav.config import FleetConfig, load_fleet
 from zmav.errors import BadConfig
+from zmav.session import DEFAULT_PORT, DEFAULT_ROUTER
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
 
@@ -21,11 +24,19 @@ ORIGIN = {"lat_deg": 52.756, "lon_deg": -1.246, "alt_amsl": 60.0}
 """where labs are that do not say it"""
 
 
-def write_fleet(scenario: Scenario, wiring: Wiring, directory: Path) -> FleetConfig:
+def socket_of(network: Network, host: str) -> str:
+    """The endpoint of the unix socket of a host's router. A socket that others may call would be another way between
+    the hosts.
+    """
+    return f"{rundir.PROTOCOL}/{network.sockets(host)}/{DEFAULT_PORT}.sock"
+
+
+def write_fleet(network: Network, directory: Path) -> FleetConfig:
     """Write ``directory/fleet.toml`` and read it again; raises :class:`BadConfig` for what in ``[fleet]`` cannot be.
 
     Vehicles' autopilots are at pseudo-terminals in ``directory``: a path is the same in every network namespace.
     """
+    scenario, wiring = network.scenario, network.wiring
     whole: dict[str, Any] = dict(scenario.fleet)
     whole.setdefault("fleet", scenario.name)
     whole.setdefault("origin", ORIGIN)
@@ -34,12 +45,12 @@ def write_fleet(scenario: Scenario, wiring: Wiring, directory: Path) -> FleetCon
     vehicles, stations = _table(whole, "vehicles"), _table(whole, "stations")
     sysid = 0
     for name, host in scenario.hosts.items():
-        place = _place(scenario, wiring, name)
+        ours = {"mesh": _place(scenario, wiring, name), "listen": [DEFAULT_ROUTER, socket_of(network, name)]}
         if host.vehicle is None:
-            stations[name] = _merged({"mesh": place}, _table(stations, name, "stations."))
+            stations[name] = _merged(ours, _table(stations, name, "stations."))
             continue
         sysid += 1
-        table = {"link": str(directory / f"{name}.pty"), "sysid": sysid, "mesh": place, "sim": _sim(scenario, name)}
+        table = {**ours, "link": str(directory / f"{name}.pty"), "sysid": sysid, "sim": _sim(scenario, name)}
         vehicles[name] = _merged(table, _table(vehicles, name, "vehicles."))
     whole["vehicles"], whole["stations"] = vehicles, stations
     path = directory / "fleet.toml"

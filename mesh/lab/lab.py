@@ -22,21 +22,87 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
-from mesh.lab.door import PORT, HostProxy
-from mesh.lab.fleetfile import write_fleet
-from mesh.lab.network import LabError, Network
-from mesh.lab.programs import Program
+from mesh.lab.fleetfile import socket_of, write_fleet
+from mesh.lab.network import LabError, Network, exit_of
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav import rundir
 from zmav.config import FleetConfig
 from zmav.errors import BadConfig, TimedOut
+from zmav.session import DEFAULT_PORT
 from zmav.trust.certificate import Role
+
+PATIENCE_S = 10.0
+_TAIL = 2000
+
+
+class Program:
+    """One program that is to run as long as the lab does; raises :class:`LabError` where it cannot be started."""
+
+    def __init__(
+        self, network: Network, name: str, host: str | None, command: Sequence[str], log: Path, env: Mapping[str, str]
+    ) -> None:
+        self.name, self.host, self.log, self._command = name, host, log, list(command)
+        self._network, self._env = network, {**os.environ, **env}
+        self._process: subprocess.Popen[bytes] | None = None
+        self._ended: Callable[[Program, int], None] | None = None
+        self._watch: asyncio.Task[None] | None = None
+
+    def start(self, ended: Callable[[Program, int], None]) -> None:
+        """Start it; ``ended`` is called with its code when it ends without having been told to. On the event loop."""
+        if self.running:
+            raise LabError(f"{self.name} runs already")
+        with self.log.open("ab") as log:
+            try:
+                self._process = self._network.popen(self.host, self._command, stdout=log, stderr=log, env=self._env)
+            except OSError as e:
+                raise LabError(f"cannot start {self.name}: {e}") from e
+        self._ended = ended
+        self._watch = asyncio.ensure_future(self._wait(self._process))
+
+    async def _wait(self, process: subprocess.Popen[bytes]) -> None:
+        code = await exit_of(process)
+        if self._ended is not None:
+            self._ended(self, code)
+
+    @property
+    def running(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid if self._process is not None and self.running else None
+
+    async def stop(self, signal_number: int = signal.SIGTERM) -> int | None:
+        """Have it end; killed when it does not within :data:`PATIENCE_S`. Gives its code, None if it never ran."""
+        self._ended = None
+        process = self._process
+        if process is None:
+            return None
+        with contextlib.suppress(ProcessLookupError):
+            process.send_signal(signal_number)
+        try:
+            await asyncio.wait_for(asyncio.shield(exit_of(process)), PATIENCE_S)
+        except asyncio.TimeoutError:
+            process.kill()
+            await exit_of(process)
+        if self._watch is not None:
+            await self._watch
+        return process.returncode
+
+    def said(self) -> str:
+        """The end of its log."""
+        try:
+            data = self.log.read_bytes()
+        except OSError:
+            return ""
+        return data[-_TAIL:].decode(errors="replace")
+
 
 RELAY_DIED = "the lab's relay has died"
 READY_S = 60.0
@@ -70,7 +136,6 @@ class Lab:
         self.failed: asyncio.Future[str] | None = None
         """done, with what happened, when something of the lab ended that was not told to"""
         self._with_programs = programs
-        self._doors: dict[str, HostProxy] = {}
         self._stack = contextlib.AsyncExitStack()
 
     # ---- its life
@@ -80,11 +145,11 @@ class Lab:
         async with contextlib.AsyncExitStack() as stack:
             self._make_directory()
             stack.callback(shutil.rmtree, self.directory, ignore_errors=True)
-            self.file = write_fleet(self.scenario, self.network.wiring, self.directory)
-            if self.scenario.credentials:
-                await asyncio.to_thread(self._issue)
             await asyncio.to_thread(self.network.__enter__)
             stack.push_async_callback(asyncio.to_thread, self.network.close)
+            self.file = write_fleet(self.network, self.directory)
+            if self.scenario.credentials:
+                await asyncio.to_thread(self._issue)
             watch = asyncio.ensure_future(self._watch_relay())
             stack.callback(watch.cancel)
             if self._with_programs:
@@ -216,23 +281,15 @@ class Lab:
             with probe:
                 probe.setblocking(False)
                 try:
-                    await asyncio.get_running_loop().sock_connect(probe, ("127.0.0.1", PORT))
+                    await asyncio.get_running_loop().sock_connect(probe, ("127.0.0.1", DEFAULT_PORT))
                     return
                 except OSError:
                     await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def endpoint(self, host: str) -> str:
-        """An endpoint here that leads to the host's router as the host's own programs reach it.
-
-        It is the router's unix socket where the lab has credentials, else a port of our loopback: a socket that others
-        may call would be another way between the hosts.
-        """
+        """The unix socket of the host's router: it leads to it from here as from the host's own programs."""
         self.network.namespace(host)
-        if self.scenario.credentials:
-            return f"{rundir.PROTOCOL}/{self.network.sockets(host)}/{PORT}.sock"
-        if host not in self._doors:
-            self._doors[host] = await self._stack.enter_async_context(HostProxy(self.network, host))
-        return self._doors[host].endpoint
+        return socket_of(self.network, host)
 
     # ---- programs of yours
 

@@ -117,14 +117,14 @@ async def _loss(table: Table, lab: Lab, bench: Bench, label: str) -> None:
 
 
 async def _delay(table: Table, lab: Lab, bench: Bench, label: str) -> None:
-    report = await bench.round_trips("a", ["b"], Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
-    idle = report.trips[0].rtt
+    report = await bench.round_trips("a", "b", Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
+    idle = report.rtt
     assert idle is not None
     table.add(f"{label}: round trip, bare link", "ms", None, 1e3 * idle.median)
     lab.set(LINK, delay="50 ms")
     await asyncio.sleep(1.0)
-    report = await bench.round_trips("a", ["b"], Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
-    found = report.trips[0].rtt
+    report = await bench.round_trips("a", "b", Stream(seconds=5.0, hz=50.0, size=64, qos="realtime"))
+    found = report.rtt
     assert found is not None
     table.add(f"{label}: round trip, 50 ms each way", "ms", 100.0 + 1e3 * idle.median, 1e3 * found.median)
     flow = await bench.stream("a", "b", Stream(seconds=5.0, hz=50.0, size=500))
@@ -262,7 +262,7 @@ async def _trips(table: Table, bench: Bench, a: Node, b: Node, rounds: int) -> N
         medians["Zenoh"].append(1e6 * a.read()["median"])
         b.read()
         stream = Stream(seconds=3.0, hz=50.0, size=64, qos="realtime")
-        found = (await bench.round_trips("a", ["b"], stream)).trips[0].rtt
+        found = (await bench.round_trips("a", "b", stream)).rtt
         assert found is not None
         medians["bench"].append(1e6 * found.median)
     trips = {name: statistics.median(found) for name, found in medians.items()}

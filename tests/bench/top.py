@@ -25,7 +25,7 @@ from typing import Any
 import zenoh
 
 import zmav
-from ground.top.live import Painter
+from ground.top.cli import Painter
 from ground.top.screen import Ui, draw
 from ground.top.watch import Watch
 from zmav import keys, wire

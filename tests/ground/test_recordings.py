@@ -15,7 +15,7 @@ from ground.record.folder import Folder
 from ground.record.history import END
 from ground.record.part import Asked
 from ground.record.recorder import Recorder, Wanted
-from ground.record.storage import Settings
+from ground.record.storage import RecordingSettings
 from ground.top.watch import Watch as TopWatch
 from zmav import keys, wire
 from zmav.client import Answer, Client
@@ -105,7 +105,9 @@ async def test_no_recording_answers_who_asks_all_fleets(two: Two) -> None:
 
 async def test_no_recording_is_recorded_with_all_fleets(two: Two, tmp_path: Path) -> None:
     with Folder(tmp_path) as folder:
-        async with Recorder(two.z, folder, Settings(keep_free=0), Wanted(name="gs"), lambda line: None) as recorder:
+        async with Recorder(
+            two.z, folder, RecordingSettings(keep_free=0), Wanted(name="gs"), lambda line: None
+        ) as recorder:
             for fleet in ("demo", "demo-replay"):
                 for rest in ("event", "setpoint/x"):
                     await two.net.linked(two.router, f"zmav/{fleet}/quad1/{rest}")

@@ -10,7 +10,7 @@ from zmav.doctor.findings import Finding
 from zmav.doctor.survey import Survey
 from zmav.doctor.ways import Link
 
-NEARER = "look at antennas, distance, channel and power; 'zmav mesh graph --watch' shows it while you move one"
+NEARER = "look at antennas, distance, channel and power; 'watch zmav mesh graph' shows it while you move one"
 
 
 def check_routers(seen: Survey) -> Iterator[Finding]:

@@ -273,7 +273,7 @@ RULES: tuple[Rule, ...] = (
     Rule("position-old", "warn", _position_old, "look at its link and at the rate of GLOBAL_POSITION_INT: zmav rate"),
     Rule("link-loss", "warn", _link_loses("warn"), LINE),
     Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),
-    Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; zmav mesh graph --watch"),
+    Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; watch zmav mesh graph"),
     Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),
     Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
     Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),

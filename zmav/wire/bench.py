@@ -19,8 +19,8 @@ class BenchOrder(Wire, kw_only=True):
 
     run: str
     role: BenchRole
-    """``send`` and ``receive`` are the two ends of a stream; ``query`` asks each of ``peers`` for an answer"""
-    peers: list[str]
+    """``send`` and ``receive`` are the two ends of a stream; ``query`` asks ``peer`` for an answer"""
+    peer: str
     seconds: float
     hz: float
     """datagrams or queries a second"""

@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 import zmav
-from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
@@ -196,7 +196,7 @@ class Scene:
         if udp:
             ends.append(parse_endpoint("udp", str(udp), Options()))
         await self.known(z)
-        settings = Settings(endpoints=tuple(ends), vehicles=tuple(vehicles.split(",")), streams=streams)
+        settings = BridgeSettings(endpoints=tuple(ends), vehicles=tuple(vehicles.split(",")), streams=streams)
         bridge = await self._stack.enter_async_context(Bridge(z, settings, self.said.append))
         await self.net.linked(self.router, keys.RX.key(FLEET, "*", sys="*", comp="*", msg="*"))
         return bridge

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 import zmav
-from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Kind, Options, parse_endpoint
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
@@ -72,7 +72,7 @@ class Fleet:
                     await vehicle.params.list()  # answered once its agent has read them all
                 asked: tuple[tuple[Kind, str], ...] = (("tcp", "tcp"), ("udpin", "udpin"), ("tcp", "slow"))
                 ends = [parse_endpoint(kind, f"0?{self._options.get(name, '')}", Options()) for kind, name in asked]
-                async with Bridge(z, Settings(endpoints=tuple(ends), streams=False), lambda line: None) as bridge:
+                async with Bridge(z, BridgeSettings(endpoints=tuple(ends), streams=False), lambda line: None) as bridge:
                     self.bridge = bridge
                     ready.set_result(None)
                     await self._stop.wait()

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 import zmav
-from ground.gcs.bridge import Settings
+from ground.gcs.bridge import BridgeSettings
 from ground.gcs.cli import allowed, command
 from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import Scene, Station
@@ -75,7 +75,7 @@ async def test_credentials_that_may_not_send_make_it_read_only(scene: Scene, aut
     folder = authority.issue("alice", role)
     endpoint = parse_endpoint("tcp", "0", Options(rate=500.0))
     async with zmav.open(connect=[scene.router_endpoint], credentials=str(folder)) as z:
-        (options,) = (each.options for each in allowed(z, Settings(endpoints=(endpoint,))).endpoints)
+        (options,) = (each.options for each in allowed(z, BridgeSettings(endpoints=(endpoint,))).endpoints)
     assert options == Options(rate=500.0, read_only=role != "operator")
 
 

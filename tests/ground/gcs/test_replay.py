@@ -117,7 +117,7 @@ def test_twenty_of_twenty_commands_reach_the_live_one_and_no_position_is_mixed(f
 
 async def test_a_bridge_of_a_recording_shows_it_and_takes_no_order(scene: Scene) -> None:
     """Told to play into any fleet, and bridged by name: what a station says goes nowhere."""
-    from ground.gcs.bridge import Bridge, Settings
+    from ground.gcs.bridge import Bridge, BridgeSettings
     from ground.gcs.options import Options, parse_endpoint
     from ground.gcs.tcp import TcpIn
 
@@ -139,7 +139,7 @@ async def test_a_bridge_of_a_recording_shows_it_and_takes_no_order(scene: Scene)
             scene.router.put(keys.STATE.key("demo-replay", "old"), wire.encode(state))
             await z.news(0.05)
         ends = (parse_endpoint("tcp", "0", Options()),)
-        async with Bridge(z, Settings(endpoints=ends, streams=False), scene.said.append) as bridge:
+        async with Bridge(z, BridgeSettings(endpoints=ends, streams=False), scene.said.append) as bridge:
             await scene.heard("old is there: system 1, a recording, which takes no orders")
             station = await scene.tcp(bridge)
             (end,) = (each for each in bridge.endpoints if isinstance(each, TcpIn))

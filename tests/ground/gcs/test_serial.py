@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import zmav
-from ground.gcs.bridge import Bridge, Settings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import FLEET, Scene, command
 from tests.waiting import until
@@ -60,8 +60,8 @@ def radio(tmp_path: Path) -> Iterator[Radio]:
     radio.unplug()
 
 
-def settings(text: str) -> Settings:
-    return Settings(endpoints=(parse_endpoint("serial", text, Options()),), streams=False)
+def settings(text: str) -> BridgeSettings:
+    return BridgeSettings(endpoints=(parse_endpoint("serial", text, Options()),), streams=False)
 
 
 async def test_a_radio_carries_both_ways_and_is_taken_up_again(scene: Scene, radio: Radio) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from ground.http.reply import Failure
-from ground.http.streams import MOST, Streams, Wish
+from ground.http.streams import MOST, FrameStreams, Wish
 from zmav import keys, wire
 from zmav.mavlink import decode, load_dialect, parse_frame
 
@@ -266,7 +266,7 @@ def test_a_stream_that_nobody_receives_ends(serve: Serve) -> None:
 
 def test_streams_are_so_many_and_no_more(served: Served) -> None:
     async def fill() -> int:
-        streams = Streams(served.gateway)
+        streams = FrameStreams(served.gateway)
         try:
             for port in range(MOST):
                 streams.start("127.0.0.1", Wish(1, 1), 20000 + port)

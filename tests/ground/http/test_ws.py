@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from ground.http import ws as ours
 from ground.http.guard import Rules
-from ground.http.outbox import MOST_QUEUED, Outbox
+from ground.http.ws import MOST_QUEUED, Outbox
 from zmav import keys, wire
 from zmav.waiting import within
 
@@ -280,7 +280,7 @@ async def test_what_was_unsubscribed_is_not_sent() -> None:
 
 
 async def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ground.http.outbox.MOST_KEYS", 10)
+    monkeypatch.setattr("ground.http.ws.MOST_KEYS", 10)
     outbox: Outbox[int] = Outbox()
     for number in range(50):
         outbox.put(1, f"key{number}", number)

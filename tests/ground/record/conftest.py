@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from ground.record.folder import Folder
 from ground.record.mcapfile import HOLDS
-from ground.record.storage import Settings, Storage
+from ground.record.storage import RecordingSettings, Storage
 from zmav.mavlink import Dialect, encode, load_dialect
 
 PATIENCE_S = 30.0
@@ -62,7 +62,7 @@ class Desk:
     def __init__(self, folder: Room, **settings: Any) -> None:
         self.folder, self.said = folder, list[str]()
         self._news = threading.Event()
-        self.storage = Storage(folder, Settings(**{"keep_free": 0, **settings}), load_dialect(), self._tell)
+        self.storage = Storage(folder, RecordingSettings(**{"keep_free": 0, **settings}), load_dialect(), self._tell)
         self.storage.start()
 
     def _tell(self, line: str) -> None:

@@ -344,3 +344,20 @@ def test_what_waits_is_bounded_in_bytes_too(desk: Any, monkeypatch: pytest.Monke
         here.storage.put(f"{QUAD1}/link/x", json.dumps({"x": "y" * 600}).encode())
     here.storage.close()
     assert (here.storage.counts.dropped, here.storage.counts.written) == (3, 2)
+
+
+def test_a_file_that_was_cut_short_waits_for_room_to_write_it_twice(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from ground.record.cli import _complete
+    from ground.record.folder import MAGIC, Folder
+
+    cut = tmp_path / "2026-01-01_00-00-00" / "record.001.mcap"
+    cut.parent.mkdir()
+    cut.write_bytes(MAGIC + b"x" * 100)
+    with Folder(tmp_path) as folder:
+        assert folder.unfinished == [cut]
+        _complete(folder, 1 << 60)
+    said = capfd.readouterr()
+    assert "not completed, for want of room" in said.out + said.err
+    assert cut.read_bytes() == MAGIC + b"x" * 100

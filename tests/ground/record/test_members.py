@@ -15,7 +15,7 @@ import zenoh
 import zmav
 from ground.record.folder import Folder
 from ground.record.recorder import Recorder, Wanted
-from ground.record.storage import Settings
+from ground.record.storage import RecordingSettings
 from tests.ground.record.conftest import Frames
 from tests.mesh.credentials.conftest import Fleet
 from zmav import keys, wire
@@ -63,7 +63,7 @@ async def test_any_member_may_record_and_answer(fleet: Fleet, tmp_path: Path, ro
     with Folder(tmp_path / "out") as folder:
         async with (
             zmav.open(fleet="alpha", settings=settings) as z,
-            Recorder(z, folder, Settings(keep_free=0), Wanted(), lambda line: None) as recorder,
+            Recorder(z, folder, RecordingSettings(keep_free=0), Wanted(), lambda line: None) as recorder,
         ):
             assert recorder.name == "gs"
             number = 0
@@ -82,7 +82,7 @@ async def test_any_member_may_record_and_answer(fleet: Fleet, tmp_path: Path, ro
             every = wire.decode(answer.payload, wire.History, "history")
             assert {entry.value["mode"] for entry in every.entries} == {"AUTO"}
             with pytest.raises(BadConfig, match="the credentials are those of gs"):
-                Recorder(z, folder, Settings(), Wanted(name="other"), lambda line: None)
+                Recorder(z, folder, RecordingSettings(), Wanted(name="other"), lambda line: None)
 
 
 def test_without_the_mcap_package_tlogs_are_still_recorded_and_played(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ from click.testing import CliRunner
 from ground.record import cli, replay
 from ground.record.folder import Folder
 from ground.record.sources import open_all
-from ground.record.storage import Settings, Storage
+from ground.record.storage import RecordingSettings, Storage
 from zmav.mavlink import Packer, load_dialect
 
 told = CliRunner().invoke(cli.command, ["--out", {str(tmp_path)!r}])
@@ -105,7 +105,7 @@ assert "pip install 'zmav[ground]'" in str(told.exception), told
 told = CliRunner().invoke(replay.command, [__file__.replace(".py", ".mcap")])
 assert "pip install 'zmav[ground]'" in str(told.exception), told
 with Folder(Path({str(tmp_path / "out")!r})) as folder:
-    storage = Storage(folder, Settings(mcap=False, keep_free=0), load_dialect(), print)
+    storage = Storage(folder, RecordingSettings(mcap=False, keep_free=0), load_dialect(), print)
     storage.start()
     frame = Packer(load_dialect(), sysid=1, compid=1).pack("HEARTBEAT")
     storage.put("zmav/demo/quad1/mav/rx/1/1/HEARTBEAT", frame)

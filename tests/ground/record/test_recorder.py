@@ -22,7 +22,7 @@ from ground.record.folder import Folder, is_whole
 from ground.record.history import END
 from ground.record.part import Asked
 from ground.record.recorder import Recorder, Wanted
-from ground.record.storage import Settings
+from ground.record.storage import RecordingSettings
 from tests.cli.conftest import Here, Process
 from tests.ground.record.conftest import Frames, read, read_cut
 from tests.waiting import until
@@ -80,7 +80,7 @@ async def recording(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         async with (
             zmav.open(connect=[endpoint]) as z,
             zmav.open(connect=[endpoint]) as asking,
-            Recorder(z, folder, Settings(keep_free=0), Wanted(name="gs"), lambda line: None) as recorder,
+            Recorder(z, folder, RecordingSettings(keep_free=0), Wanted(name="gs"), lambda line: None) as recorder,
         ):
             for key in ("state", "event", "mav/rx/1/1/ATTITUDE", "setpoint/x"):
                 await net.linked(router, f"zmav/demo/quad1/{key}")
@@ -147,7 +147,7 @@ async def test_signals_are_numbers_that_readers_can_list(recording: Recording) -
 async def test_patterns_that_overlap_bring_nothing_twice(recording: Recording, tmp_path: Path) -> None:
     with Folder(tmp_path / "second") as folder:
         wanted = Wanted(vehicles=("quad*", "*1"), name="other")
-        async with Recorder(recording.z, folder, Settings(keep_free=0), wanted, lambda line: None) as both:
+        async with Recorder(recording.z, folder, RecordingSettings(keep_free=0), wanted, lambda line: None) as both:
             history, found = both.storage.history, set[str]()
             while not {"quad1", "plane1"} <= found:  # it hears
                 for name in ("quad1", "plane1", "plane2"):

@@ -15,9 +15,9 @@ import zenoh
 
 from ground.record import mcapfile, sources
 from ground.record.folder import Folder
-from ground.record.player import FedLink, Player
+from ground.record.replay import FedLink, Player
 from ground.record.sources import Mcap, Record, Tlogs
-from ground.record.storage import Settings, Storage
+from ground.record.storage import RecordingSettings, Storage
 from tests.cli.conftest import Here
 from tests.ground.record.conftest import Frames
 from zmav import keys, wire
@@ -165,7 +165,7 @@ class Recorded:
             ("zmav/demo/@fleet/roster", b'{"n": 1}'),
         ]
         with Folder(folder) as out:
-            storage = Storage(out, Settings(keep_free=0), load_dialect(), lambda line: None)
+            storage = Storage(out, RecordingSettings(keep_free=0), load_dialect(), lambda line: None)
             storage.start()
             for number, (key, data) in enumerate(self.came):
                 storage.put(key, data, at=START_US * 1000 + number * 1_000_000)
@@ -343,7 +343,7 @@ async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path)
     """... in its fleet's name, its field and its token; and what looks at the fleet says so."""
     said = wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="a", connected=True, sysid=1, armed=True)
     with Folder(tmp_path) as out:
-        storage = Storage(out, Settings(keep_free=0), load_dialect(), lambda line: None)
+        storage = Storage(out, RecordingSettings(keep_free=0), load_dialect(), lambda line: None)
         storage.start()
         for number in range(200):
             storage.put("zmav/demo/quad1/state", wire.encode(said), at=START_US * 1000 + number * 100_000_000)

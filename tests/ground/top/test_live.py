@@ -25,8 +25,7 @@ import zenoh
 from click.testing import CliRunner, Result
 
 import zmav
-from ground.top.cli import command
-from ground.top.live import Live
+from ground.top.cli import Live, command
 from ground.top.report import Report
 from ground.top.terminal import ENTER, LEAVE
 from ground.top.watch import Watch

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from rich.cells import cell_len
 
-from ground.top.live import Painter
+from ground.top.cli import Painter
 from ground.top.report import NetworkReport, Report
 from ground.top.screen import Ui, draw
 from zmav.doctor.facts import AgentReport

@@ -16,6 +16,7 @@ from ground.view.frames import FAR, usable
 from zmav import wire
 
 Q1 = ("demo", "quad1")
+EVENT = wire.Event(t=1.0, kind="mode", severity="info", text="GUIDED")
 Make = Callable[..., Any]
 HOSTILE = (b"", b"{", b"null", b"[]", b"\xff\xfe", b'{"t": "x"}', b"[" * 100_000, b'{"pos": [1e999, 0, 0]}')
 
@@ -63,10 +64,10 @@ def test_a_vehicle_at_an_absurd_place_is_told_of_and_not_drawn_there(
 
 def test_names_with_odd_characters_are_paths_of_one_part(paint: Make, state: Make) -> None:
     painted = paint(several=True)
-    painted.step(("state", ("a/b", "q 1"), state()), ("fleet", ("demo", "x/../y"), b'{"p": [1, 2, 3]}'))
+    painted.step(("state", ("a/b", "q 1"), state()), ("event", ("a/b", "x/../y"), EVENT))
     names = painted.rows()
     assert r"/world/ned/vehicles/a\/b\/q\ 1/pose" in names
-    assert any(name.startswith(r"/world/ned/topics/x\/..\/y/") for name in names)
+    assert r"/events/a\/b\/x\/..\/y" in names
 
 
 def test_fifty_vehicles_have_a_path_each_and_names_without_modes(paint: Make, state: Make) -> None:
@@ -81,19 +82,33 @@ def test_fifty_vehicles_have_a_path_each_and_names_without_modes(paint: Make, st
     assert rows["/world/ned/vehicles/quad7/pose/name"][-1].values["Points3D:labels"] == ["quad7"]
 
 
-FIELDS = ["pos", "min", "max", "center", "radius", "polygon", "floor", "path", "x"]
-json_values = st.recursive(
-    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.sampled_from(FIELDS), inner, max_size=5),
-    max_leaves=30,
+coordinates = st.floats(allow_nan=False, allow_infinity=False)
+vectors = st.tuples(coordinates, coordinates, coordinates)
+outlines = st.lists(st.tuples(coordinates, coordinates), max_size=5)
+swarm = wire.swarm
+bodies = st.one_of(
+    st.builds(swarm.Box, low=vectors, high=vectors),
+    st.builds(
+        swarm.Cylinder,
+        center=st.tuples(coordinates, coordinates),
+        radius=coordinates,
+        floor=coordinates,
+        ceiling=coordinates,
+    ),
+    st.builds(swarm.NoFly, polygon=outlines, floor=coordinates, ceiling=coordinates),
+    st.builds(swarm.Geofence, polygon=outlines, floor=coordinates, ceiling=coordinates),
+    st.builds(swarm.Ball, center=vectors, radius=coordinates),
 )
 
 
-@given(json_values)
-def test_whatever_a_topic_holds_only_places_that_can_be_drawn_are_found(document: Any) -> None:
-    found = topics.find(document)
-    places = [mark.pos for mark in found.marks] + [point for line in found.lines for point in line.points]
-    places += [box.low for box in found.boxes] + [box.high for box in found.boxes]
+@given(bodies)
+def test_whatever_a_planner_says_only_places_that_can_be_drawn_are_found(body: Any) -> None:
+    found = topics.Shapes()
+    told = swarm.ObstacleMap(t=1.0, planner="p", instance="i", obstacles=[swarm.Obstacle(name="it", t=1.0, what=body)])
+    topics.TOPICS["obstacle"][1](told, found)
+    places = [place for place, _ in found.marks] + [point for points, _ in found.lines for point in points]
+    places += [corner for box in found.boxes for corner in box]
+    places += [(n, e, down) for outline, *downs in found.prisms for n, e in outline for down in downs]
     assert all(usable(place) for place in places)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Callable
 from typing import Any
@@ -217,22 +216,32 @@ def test_the_area_of_a_search_is_an_outline_on_its_floor_and_hides_nobody(paint:
     assert not any(row.values for name in ("prisms", "prisms/walls", "boxes") for row in rows.get(f"{top}/{name}", []))
 
 
-def test_the_fleets_topics_are_drawn_where_they_have_a_form_and_told_where_they_have_none(paint: Make) -> None:
-    painted = paint()
-    obstacles = {
-        "obstacles": [
-            {"type": "box", "min": [10, 0, -30], "max": [20, 4, 0]},
-            {"type": "cylinder", "center": [7, 5], "radius": 2.0, "floor": 1.0, "ceiling": 9.0},
-        ],
+def test_the_planners_topics_are_drawn_and_others_are_told(paint: Make) -> None:
+    painted, swarm = paint(), wire.swarm
+    bodies: dict[str, Any] = {
+        "tower": swarm.Box(low=(10.0, 0.0, -30.0), high=(20.0, 4.0, 0.0)),
+        "mast": swarm.Cylinder(center=(7.0, 5.0), radius=2.0, floor=1.0, ceiling=9.0),
+        "field": swarm.Geofence(polygon=[(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)], floor=0.0, ceiling=50.0),
+        "beyond": swarm.Cylinder(center=(7e9, 5.0), radius=2.0, floor=1.0, ceiling=9.0),
+        "gone": None,
     }
-    plan = {"quad1": {"path": [[0, 0, -5], [10, 0, -5]]}, "quad2": [[1, 1, -6], [2, 2, -6]]}
+    obstacles = [swarm.Obstacle(name=name, t=1.0, what=what) for name, what in bodies.items()]
+    about: dict[str, Any] = {"t": 1.0, "planner": "p", "instance": "i"}
+    tracks = {
+        "quad1": [(0.0, 0.0, 0.0, -5.0), (1.0, 10.0, 0.0, -5.0)],
+        "quad2": [(0.0, 1.0, 1.0, -6.0), (1.0, 2.0, 2.0, -6.0)],
+    }
+    plan = swarm.PlanReport(t=1.0, planner="p", goal="g1", start=1.0, makespan=1.0, clearance=None, tracks=tracks)
+    there = swarm.GoTo(vehicles=["quad1"], to=[(1.0, 2.0, -3.0)])
+    goals = [swarm.GoalEntry(id=state, goal=there, state=state, t=1.0) for state in ("flying", "done")]
     for topic, document in (
-        ("obstacle", obstacles),
+        ("obstacle", swarm.ObstacleMap(obstacles=obstacles, **about)),
         ("plan", plan),
-        ("goal", {"quad1": [1, 2, -3]}),
-        ("news", {"a": "b"}),
+        ("goal", swarm.Book(term=1, goals=goals, **about)),
+        ("charge", swarm.Charge(term=1, **about)),
+        ("news", b'{"a": "b"}'),
     ):
-        painted.step(("fleet", ("demo", topic), json.dumps(document).encode()))
+        painted.step(("fleet", ("demo", topic), document))
     painted.step(("fleet", ("demo", "goal"), b""))
     rows = painted.rows()
     top = "/world/ned/topics"
@@ -241,14 +250,16 @@ def test_the_fleets_topics_are_drawn_where_they_have_a_form_and_told_where_they_
     prism = rows[f"{top}/obstacle/prisms"][0].values["LineStrips3D:strips"]
     assert np.mean(prism[0][:-1], axis=0) == pytest.approx([7.0, 5.0, -1.0], abs=1e-4)
     assert prism[1][0][2] == -9.0
+    assert max(abs(n) for strip in prism for n, _, _ in strip) < 10.0, "what is out of the world is left out"
+    (fence,) = rows[f"{top}/obstacle/lines"][0].values["LineStrips3D:strips"]
+    assert fence == [[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 0, 0]]
     lines = rows[f"{top}/plan/lines"][0].values
     assert lines["LineStrips3D:strips"] == [[[0, 0, -5], [10, 0, -5]], [[1, 1, -6], [2, 2, -6]]]
     assert rgba(lines["LineStrips3D:colors"][0])[:3] == style.colour("quad1")[:3]
-    goals = rows[f"{top}/goal/points"]
-    assert goals[0].values["Points3D:positions"] == [[1.0, 2.0, -3.0]] and goals[0].values["Points3D:labels"] == [
-        "quad1"
-    ]
-    assert "Clear:is_recursive" in goals[1].values
+    drawn = rows[f"{top}/goal/points"]
+    assert drawn[0].values["Points3D:positions"] == [[1.0, 2.0, -3.0]]
+    assert drawn[0].values["Points3D:labels"] == ["quad1"]
+    assert "Clear:is_recursive" in drawn[1].values
     assert [row.values["TextLog:text"][0] for row in rows["/events/fleet"]] == ['fleet: news: {"a": "b"}']
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import zmav
 from ground.view import signals
-from ground.view.blueprint import blueprint
+from ground.view.painter import blueprint
 from ground.view.signals import PLOTS, line_of
 from ground.view.table import Table
 from ground.view.watch import Watch

@@ -13,7 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 import zmav
-from mesh.bench import table
 from mesh.bench.flow import Flow, Stream
 from mesh.cli import bench as verb
 from tests.conftest import PATIENCE_S
@@ -30,7 +29,6 @@ def options(a: str, b: str, kind: str, **more: Any) -> verb.BenchOptions:
 
 KINDS: list[tuple[str, dict[str, Any], list[str]]] = [
     ("rtt", {"seconds": 0.3}, ["quad1 > quad2: realtime, 64 B, 50 Hz", "0/15"]),
-    ("hops", {"seconds": 0.2}, ["quad1 > quad2: realtime", "0/2"]),
     ("stream", {"seconds": 0.2, "hz": 50.0}, ["quad1 > quad2", "one way", "(0 %)"]),
     ("recover", {"seconds": 0.2, "hz": 5.0}, ["silences of 1.00 s", "no outage longer than 1.00 s"]),
     ("max", {"limit": "20kbit/s", "rate": "20kbit/s", "size": 100, "seconds": 1.0}, ["passes", "20.00 kbit/s"]),
@@ -86,16 +84,8 @@ def test_what_cannot_be_is_said(arguments: list[str]) -> None:
     assert caught.value.detail["field"] == "rate"
 
 
-def test_an_option_that_would_do_nothing_is_said() -> None:
-    for kind in ("stream", "rtt", "max"):
-        with pytest.raises(BadInput, match="--cuts does nothing with") as caught:
-            verb.wanted(options("a", "b", kind, cuts=3), verb.STREAM)
-        assert caught.value.detail["field"] == "cuts"
-    verb.wanted(options("a", "b", "recover", cuts=3), verb.RECOVER)
-
-
 def test_numbers_that_no_stream_has_are_refused_at_once() -> None:
-    for arguments in (["--size", "0"], ["--size", "1000000"], ["--seconds", "1e9"], ["--hz", "0"], ["--cuts", "-1"]):
+    for arguments in (["--size", "0"], ["--size", "1000000"], ["--seconds", "1e9"], ["--hz", "0"]):
         found = CliRunner().invoke(verb.command, ["a", "b", *arguments])
         assert found.exit_code == 2, found.output
     for name in ("hz", "seconds"):
@@ -119,7 +109,7 @@ def test_the_table_is_that_of_iperf() -> None:
     clock = BenchClock(offset=5.0, within=0.004, utc_offset=0.0)
     report = BenchReport(run="r", host="quad1", role="send", state="done", clock=clock)
     flow = Flow(stream=Stream(), source="quad1", target="quad2", sender=report, receiver=report)
-    words = table.interval_line(flow, total).split()
+    words = verb.interval_line(flow, total).split()
     assert words == [
         "0.0-1.0",
         "s",

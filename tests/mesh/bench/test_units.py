@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mesh.bench import sender
+from mesh.bench import run
 from mesh.units import bits_per_second, duration, milliseconds, percent, rate, size
 from zmav.errors import BadInput
 
@@ -42,15 +42,15 @@ def test_figures_of_links() -> None:
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=100))
 def test_a_datagram_says_its_number_and_time_to_its_own_run_only(number: int, sent: int, filling: bytes) -> None:
-    tag = sender.tag_of("one")
-    data = sender.head(tag, number, sent) + filling
-    assert sender.read(data, tag) == (number, sent)
-    assert sender.read(data, sender.tag_of("another")) is None
-    assert sender.read(data[: sender.LEAST - 1], tag) is None
+    tag = run.tag_of("one")
+    data = run.HEAD.pack(tag, number, sent) + filling
+    assert run.read_datagram(data, tag) == (number, sent)
+    assert run.read_datagram(data, run.tag_of("another")) is None
+    assert run.read_datagram(data[: run.LEAST - 1], tag) is None
 
 
 @settings(max_examples=40)
 @given(st.binary(max_size=64))
 def test_garbage_is_no_datagram(data: bytes) -> None:
-    tag = sender.tag_of("one")
-    assert sender.read(data, tag) is None or data[:4] == tag.to_bytes(4, "little")
+    tag = run.tag_of("one")
+    assert run.read_datagram(data, tag) is None or data[:4] == tag.to_bytes(4, "little")

@@ -18,13 +18,12 @@ from mcap.reader import make_reader
 import zmav
 from agents.follower.slot import Slot
 from ground.feed import Feed, Origin
-from ground.gcs.bridge import Bridge
-from ground.gcs.bridge import Settings as BridgeSettings
+from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from ground.http.gateway import Gateway
 from ground.record.folder import Folder
 from ground.record.recorder import Recorder, Wanted
-from ground.record.storage import Settings
+from ground.record.storage import RecordingSettings
 from tests.waiting import until
 from zmav import keys
 from zmav.errors import Refused
@@ -97,7 +96,7 @@ async def test_frames_under_a_name_that_is_no_vehicles_reach_no_reader(
         client(fleet, door) as z,
         Gateway(z) as gateway,
         Bridge(z, BridgeSettings(endpoints=(endpoint,))),
-        Recorder(z, folder, Settings(), Wanted(name="ops"), lambda line: None) as recorder,
+        Recorder(z, folder, RecordingSettings(), Wanted(name="ops"), lambda line: None) as recorder,
         z.subscribe("zmav/alpha/*/mav/rx/**") as read,
     ):
         with Feed(z.session, z.is_vehicle, lambda origin, frame: fed.append(origin), "alpha"):

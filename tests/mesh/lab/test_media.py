@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from mesh.lab.channel import Agenda, Air, Channel, Conditions, Deliver
-from mesh.lab.media import Ether, Tap
+from mesh.lab.relay import Ether, Tap
 
 EVERYBODY = b"\xff" * 6
 

@@ -11,6 +11,7 @@ import pytest
 
 from mesh.lab.channel import Conditions
 from mesh.lab.fleetfile import toml, write_fleet
+from mesh.lab.network import Network
 from mesh.lab.scenario import load_scenario
 from mesh.lab.values import Ask, conditions
 from mesh.lab.wiring import wire
@@ -26,7 +27,7 @@ HOSTS: dict[str, Any] = {"h1": {}, "h2": {}, "h3": {}}
 def test_every_lab_of_the_tree_makes_a_fleet_that_can_be_simulated(root: Path, tmp_path: Path, name: str) -> None:
     found = load_scenario(root / "deploy" / "labs" / f"{name}.toml")
     assert found.name == name
-    fleet = write_fleet(found, wire(found), tmp_path)
+    fleet = write_fleet(Network(found), tmp_path)
     vehicles = [host for host, spec in found.hosts.items() if spec.vehicle]
     assert list(fleet.vehicles) == vehicles
     assert fleet.mesh.profile == found.profile
@@ -46,7 +47,7 @@ def test_the_fleet_file_says_where_everybody_is_and_what_was_said_besides(tmp_pa
         fleet={"fleet": "alpha", "mesh": {"lease": 0.5}, "vehicles": {"q": {"sim": {"airframe": "rover"}}}},
         profile="multi",
     )
-    fleet = write_fleet(found, wire(found), tmp_path)
+    fleet = write_fleet(Network(found), tmp_path)
     assert (fleet.fleet, fleet.mesh.lease, fleet.mesh.profile) == ("alpha", 0.5, "multi")
     vehicle = fleet.vehicles["q"]
     assert vehicle.sim == {"autopilot": "ardurover", "airframe": "rover", "start_ned_m": [3.0, 4.0, 0.0]}
@@ -139,7 +140,7 @@ def test_scenarios_that_cannot_be(tables: dict[str, Any], words: str) -> None:
 def test_what_belongs_into_the_fleet_file_is_tables(tmp_path: Path, tables: dict[str, Any]) -> None:
     found = scenario(hosts=HOSTS, fleet=tables)
     with pytest.raises(BadConfig, match=r"fleet\.(mesh|vehicles|stations\.h1) is \d; expected a table"):
-        write_fleet(found, wire(found), tmp_path)
+        write_fleet(Network(found), tmp_path)
 
 
 def test_there_are_networks_for_as_many_links_as_a_file_has() -> None:
