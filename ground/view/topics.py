@@ -87,8 +87,6 @@ def _goals(book: swarm.Book, found: Shapes) -> None:
                 found.mark(place, goal.vehicles[number] if goal.labelled and number < len(goal.vehicles) else entry.id)
         elif isinstance(goal, swarm.Formation):
             found.mark(goal.at, entry.id)
-        elif isinstance(goal, swarm.Patrol):
-            found.line(goal.route)
         elif isinstance(goal, swarm.Search):
             found.loop(goal.polygon, 0.0)
         elif isinstance(goal, swarm.Land):
