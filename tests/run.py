@@ -39,7 +39,12 @@ class Heard:
     def pytest_configure(self, config: pytest.Config) -> None:
         given = config.option.markexpr
         if self._only:
-            config.option.markexpr = f"({given}) and {self._only}" if given else self._only
+            config.option.markexpr = wanted = f"({given}) and {self._only}" if given else self._only
+            # Workers of xdist parse the arguments of this run again, and know nothing of the option.
+            told = config.invocation_params
+            config.invocation_params = pytest.Config.InvocationParams(
+                args=(*told.args, "-m", wanted), plugins=told.plugins, dir=told.dir
+            )
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:  # a file whose tests nobody knows

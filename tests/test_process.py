@@ -1,12 +1,14 @@
-"""How a process lives on when nobody reads what it says."""
+"""How a process lives on when nobody reads what it says, and what it sets for numpy."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 
 import pytest
 
+from zmav.cli import main
 from zmav.process import say
 
 
@@ -25,3 +27,17 @@ def test_what_nobody_reads_ends_nothing(monkeypatch: pytest.MonkeyPatch, capsys:
     monkeypatch.undo()
     with pytest.raises(OSError, match="Bad file descriptor"):
         stream.close()
+
+
+@pytest.mark.parametrize(("given", "found"), [(None, "1"), ("3", "3")])
+def test_numpy_has_one_thread_unless_somebody_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, given: str | None, found: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["zmav", "--help"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OPENBLAS_NUM_THREADS", given or "")
+        if given is None:
+            patch.delenv("OPENBLAS_NUM_THREADS")
+        with contextlib.suppress(SystemExit):
+            main()
+        assert os.environ["OPENBLAS_NUM_THREADS"] == found

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
+import pytest_asyncio
 
 import zmav
 from agents.controllers.settings import ControllerSettings
 from agents.controllers.supervisor import Supervisor
+from tests.conftest import endpoint_of
 from zmav import keys, wire
 from zmav.config import PilotSwitch
+from zmav.onboard import Onboard, OnboardSettings
+from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
-
-if TYPE_CHECKING:
-    from tests.conftest import Net, StartOnboard
+from zmav.sim.autopilots.px4.modes import HOLD
 
 PATIENCE_S = 60.0
 RATE_HZ = 100.0
@@ -28,17 +31,33 @@ SPEED = 6.0
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 SWITCH = PilotSwitch(channel=7)
 """PX4's radio: this channel is free for it"""
+HOVER = (0.0, 0.0, -10.0)
+"""where each test begins, m NED"""
 
 
 class Field:
-    """One vehicle that flies, and anyone who supervises controllers for it."""
+    """One vehicle that flies, for the tests of a module, and anyone who supervises controllers for it."""
 
-    def __init__(
-        self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str, stack: contextlib.AsyncExitStack
-    ) -> None:
-        self.world, self.z, self.vehicle, self.endpoint, self._stack = world, z, vehicle, endpoint, stack
+    def __init__(self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str) -> None:
+        self.world, self.z, self.vehicle, self.endpoint = world, z, vehicle, endpoint
         self.signals: list[wire.Signals] = []
+        self._stack = contextlib.AsyncExitStack()
         self._end: Callable[[], Awaitable[None]]
+
+    async def clear(self) -> None:
+        """End what a test has started, and have the vehicle again as the first test had it."""
+        await self._stack.aclose()
+        self.signals.clear()
+        if self.world.vehicles[0].spec.autopilot == "px4":
+            px4 = self.world.vehicles[0].px4
+            px4.sticks.pilot.flip(SWITCH.channel, 1000)
+            if px4.mode is not HOLD:
+                assert self.world.call(lambda: px4.set_mode(HOLD))
+        await self.vehicle.wait_until(lambda s: s.lease is None and s.pilot is None, PATIENCE_S)
+        if math.dist(self.world.vehicles[0].status().ned_m, HOVER) > 0.5:
+            self.world.set_speed(SPEED)
+            await self.vehicle.goto(pos=HOVER)
+            self.world.set_speed(1.0)
 
     async def supervise(self, controller: str | Path, tuned: dict[str, float] | None = None, **more: Any) -> Supervisor:
         """A supervisor whose controller is ready; it ends with the test."""
@@ -94,23 +113,33 @@ class Field:
         self._stack.callback(task.cancel)
 
 
-@pytest.fixture
-async def field(net: Net, onboard: StartOnboard, request: pytest.FixtureRequest) -> AsyncIterator[Field]:
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
     """Ten metres up. Its parameter is the vehicle's VehicleSpec: the hexarotor of 3.2 kg under PX4 1.13 by default."""
     spec = getattr(request, "param", VehicleSpec(name="hex1", autopilot="px4", airframe="hexa", firmware="1.13"))
     async with contextlib.AsyncExitStack() as stack:
         world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5))
-        session, endpoint = net.router()
-        await onboard(session, world.urls[0], name="hex1", origin=ORIGIN, pilot_switch=SWITCH)
+        how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
+        session = stack.enter_context(open_session(how))
+        settings = OnboardSettings(link=world.urls[0], name="hex1", origin=ORIGIN, pilot_switch=SWITCH)
+        await stack.enter_async_context(Onboard(session, settings))
+        endpoint = endpoint_of(session)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
         (vehicle,) = await z.wait_for("hex1", timeout=PATIENCE_S)
+        world.set_speed(SPEED)
         await vehicle.wait_until(lambda s: s.ready is True and s.local is not None, PATIENCE_S)
         if spec.autopilot == "px4":
             px4 = world.vehicles[0].px4
             px4.sticks.radio = True
             px4.sticks.pilot.sticks(throttle=0.5)
-        world.set_speed(SPEED)
         await vehicle.arm()
-        await vehicle.takeoff(10.0)
+        await vehicle.takeoff(-HOVER[2])
         world.set_speed(1.0)
-        yield Field(world, z, vehicle, endpoint, stack)
+        yield Field(world, z, vehicle, endpoint)
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def field(flying: Field) -> AsyncIterator[Field]:
+    """The module's, with nobody but the autopilot in charge and nothing supervised."""
+    yield flying
+    await flying.clear()

@@ -6,16 +6,22 @@ same each time and on every machine.
         log = flight.fly(mine, circle(2.0, 2.5), 12.0)              # ours takes over
     assert log.rms_position() < 0.3
 
-The reference goes by the time since the takeoff, over all the calls of one flight.
+The reference goes by the time since the takeoff, over all the calls of one flight. What several would fly one after
+another they fly in one flight at once, each as if it were alone, which takes little longer than one of them:
+
+    with Flight(ways=2, noise="typical", seed=3) as flight:
+        theirs, ours = flight.together([flight[0].fly_autopilot(at, 9.0), flight[1].fly(mine, at, 9.0)])
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
+from unittest import mock
 
 import numpy as np
 
@@ -34,12 +40,17 @@ from zmav.sim import VehicleSpec, World
 from zmav.sim.autopilots.px4.modes import HOLD, OFFBOARD, Mode
 from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
 from zmav.sim.fleets.copter import CopterFleet
+from zmav.sim.noise import WhiteNoise
+from zmav.sim.sensors.noise import NoiseRows
 
 CYCLE = 0.004
 TICK_HZ = 500
 QUICK = {"MPC_TKO_RAMP_T": 0.0, "COM_SPOOLUP_TIME": 0.0}
 """PX4 parameters that only make the takeoff shorter"""
 ReferenceAt = Callable[[float], Reference]
+T = TypeVar("T")
+Cycles = Generator[None, None, T]
+"""what is flown: it goes on by one cycle at a time, and comes to a value"""
 
 
 class Flies(Protocol):
@@ -116,119 +127,80 @@ class Log:
         return np.array([each.get(name, math.nan) for each in self.signals])
 
 
-class Flight:
-    """A hexarotor in the air, hovering at the origin ``height`` m up. ``wind`` (m/s NED), ``gusts``, ``noise`` and
-    ``seed``: the world's; ``delay``: cycles between a state and the autopilot's hearing of the output made from it;
-    ``slow``: cycles between two words of what the autopilot asks for and what the motors get, 10 for the 25 Hz that
-    a real one's streams of it have; ``params``: PX4's that differ.
-    """
+class Hexarotor:
+    """One of a flight's. ``delay``: cycles between a state and the autopilot's hearing of the output made from it."""
 
-    def __init__(
-        self,
-        *,
-        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        gusts: str = "none",
-        noise: str = "none",
-        seed: int = 0,
-        delay: int = 1,
-        slow: int = 1,
-        height: float = 5.0,
-        params: dict[str, float] | None = None,
-    ) -> None:
-        spec = VehicleSpec(
-            autopilot="px4", airframe="hexa", firmware="1.13", endpoints=(), params=QUICK | (params or {})
-        )
-        self.world = World(
-            [spec], epoch_s=0.0, ready_s=0.5, tick_hz=TICK_HZ, wind=wind, gusts=gusts, noise=noise, seed=seed
-        )
-        self.px4 = self.world.vehicles[0].px4
-        seat = self.world.vehicles[0].node.seat
-        assert isinstance(seat.fleet, CopterFleet)
-        self.fleet = seat.fleet
+    def __init__(self, flight: Flight, column: int, delay: int) -> None:
+        vehicle = flight.world.vehicles[column]
+        self.px4, self._flight, self._column = vehicle.px4, flight, column
+        assert isinstance(vehicle.node.seat.fleet, CopterFleet)
+        self.fleet = vehicle.node.seat.fleet
         frame = self.fleet.airframe
-        self.full_n = frame.thrust_max_n * len(frame.rotors)
+        self._full_n = frame.thrust_max_n * len(frame.rotors)
         """N that all rotors give together at most, as the autopilot takes them"""
         self._shares = frame.wrench_matrix() * frame.thrust_max_n
         self._expo = frame.thrust_expo
-        self._delay, self._queue = delay, deque[Wish]()
-        self._slow, self._cycles = slow, 0
-        self._begun = 0.0
-        self._told = self._asks(), self.motors()
-        self._take_off(height)
-
-    def __enter__(self) -> Flight:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.world.close()
-
-    def _take_off(self, height: float) -> None:
-        self._until(lambda: self.px4.checks_ok)
-        assert self.px4.arm()
-        up = Motion(pos=(0.0, 0.0, -height), yaw=0.0)
-        self._until(lambda: self.px4.offboard.alive, up)  # PX4 wants to see a stream before it flies by it
-        assert self.px4.set_mode(OFFBOARD)
-        self._until(lambda: self._near(height), up)
-        self._begun = self.world.time_s
-
-    def _near(self, height: float) -> bool:
-        state = self.state()
-        return bool(np.linalg.norm(state.pos - (0.0, 0.0, -height)) < 0.5 and np.linalg.norm(state.vel) < 0.5)
-
-    def _until(self, true: Callable[[], bool], wish: Wish | None = None) -> None:
-        deadline = self.world.time_s + 60.0
-        while not true():
-            assert self.world.time_s < deadline, "it did not come true within a minute"
-            if wish is not None:
-                self._send(wish)
-            self._step()
+        self.delay, self._queue = delay, deque[Wish]()
+        self.hear()
 
     # ---- what is
-
-    @property
-    def t(self) -> float:
-        """s since the takeoff"""
-        return self.world.time_s - self._begun
 
     def state(self) -> State:
         """As the autopilot's telemetry tells it, but exactly."""
         est = self.fleet.estimate
-        pos, vel, q, rates = (rows[:, 0].copy() for rows in (est.pos, est.vel, est.q, est.rate))
-        return State(self.world.time_s, CYCLE, pos, vel, q, rates, self._told[1])
+        pos, vel, q, rates = (rows[:, self._column].copy() for rows in (est.pos, est.vel, est.q, est.rate))
+        return State(self._flight.world.time_s, CYCLE, pos, vel, q, rates, self._told[1])
 
     def trim(self) -> Trim:
         """What the autopilot asks for, as last told."""
         return self._told[0]
 
-    def motors(self) -> Array:
+    def hear(self) -> None:
+        """Its autopilot tells what it asks for, and what the motors get."""
+        self._told = self._asks(), self._motors()
+
+    def _motors(self) -> Array:
         """(6,) what each is given now, 0 to 1"""
-        return self.fleet.dynamics.throttle[:, 0].copy()
+        return self.fleet.dynamics.throttle[:, self._column].copy()
 
     def _asks(self) -> Trim:
-        loops = self.fleet.cascade
-        thrust = float(loops.thrust[0]) / self.full_n
-        return Trim(thrust, loops.attitude[:, 0].copy(), loops.want_rate[:, 0].copy())
-
-    def _step(self) -> None:
-        """One cycle on."""
-        self.world.step(CYCLE)
-        self._cycles += 1
-        if self._cycles % self._slow == 0:
-            self._told = self._asks(), self.motors()
+        loops, k = self.fleet.cascade, self._column
+        return Trim(float(loops.thrust[k]) / self._full_n, loops.attitude[:, k].copy(), loops.want_rate[:, k].copy())
 
     # ---- flying
 
-    def fly(self, controller: Flies, reference: ReferenceAt, seconds: float) -> Log:
+    def take_off(self, height: float, over: Callable[[], bool]) -> Cycles[None]:
+        """Up, and stay there until all is ``over``."""
+        yield from self._until(lambda: self.px4.checks_ok)
+        assert self.px4.arm()
+        up = Motion(pos=(0.0, 0.0, -height), yaw=0.0)
+        yield from self._until(lambda: self.px4.offboard.alive, up)  # PX4 wants to see a stream before it flies by it
+        assert self.px4.set_mode(OFFBOARD)
+        yield from self._until(over, up)
+
+    def near(self, height: float) -> bool:
+        state = self.state()
+        return bool(np.linalg.norm(state.pos - (0.0, 0.0, -height)) < 0.5 and np.linalg.norm(state.vel) < 0.5)
+
+    def _until(self, true: Callable[[], bool], wish: Wish | None = None) -> Cycles[None]:
+        deadline = self._flight.world.time_s + 60.0
+        while not true():
+            assert self._flight.world.time_s < deadline, "it did not come true within a minute"
+            if wish is not None:
+                self._send(wish)
+            yield
+
+    def fly(self, controller: Flies, reference: ReferenceAt, seconds: float) -> Cycles[Log]:
         """Have ``controller`` fly; it is reset once before its first cycle."""
-        controller.reset(self.state(), reference(self.t), self.trim())
+        controller.reset(self.state(), reference(self._flight.t), self.trim())
 
         def decide(state: State, wanted: Reference) -> tuple[Wish, Output]:
             output = controller.update(state, wanted)
             return wish_of(output), output
 
-        return self._run(decide, reference, seconds, lambda: getattr(controller, "signals", {}))
+        return (yield from self._run(decide, reference, seconds, lambda: getattr(controller, "signals", {})))
 
-    def fly_autopilot(self, reference: ReferenceAt, seconds: float, shadow: Flies | None = None) -> Log:
+    def fly_autopilot(self, reference: ReferenceAt, seconds: float, shadow: Flies | None = None) -> Cycles[Log]:
         """Have the autopilot fly the same reference: from its level on inwards, with what is fed forward. ``shadow``
         is reset with every cycle, as a controller is that waits to take over.
         """
@@ -238,17 +210,17 @@ class Flight:
                 shadow.reset(state, wanted, self.trim())
             return followed(wanted), None
 
-        return self._run(decide, reference, seconds, dict)
+        return (yield from self._run(decide, reference, seconds, dict))
 
-    def hand_back(self, seconds: float) -> Log:
+    def hand_back(self, seconds: float) -> Cycles[Log]:
         """Have the autopilot hold its position by itself, as the switch does, and then ask for OFFBOARD again."""
         here, yaw = self.state().pos, self.state().yaw
         assert self.px4.set_mode(HOLD)
         self._queue.clear()
         nothing: ReferenceAt = lambda t: Reference(pos=here, yaw=yaw)  # noqa: E731
-        log = self._run(lambda state, wanted: (None, None), nothing, seconds, dict, HOLD)
+        log = yield from self._run(lambda state, wanted: (None, None), nothing, seconds, dict, HOLD)
         stay = Motion(pos=_three(self.state().pos), yaw=self.state().yaw)
-        self._until(lambda: self.px4.offboard.alive, stay)
+        yield from self._until(lambda: self.px4.offboard.alive, stay)
         assert self.px4.set_mode(OFFBOARD)
         return log
 
@@ -259,24 +231,25 @@ class Flight:
         seconds: float,
         signals: Callable[[], dict[str, float]],
         mode: Mode = OFFBOARD,
-    ) -> Log:
+    ) -> Cycles[Log]:
         rows: list[tuple[float, State, Array, Array, Trim]] = []
         references: list[Reference] = []
         outputs: list[Output | None] = []
         told: list[dict[str, float]] = []
         for _ in range(round(seconds / CYCLE)):
-            at, state, wanted = self.t, self.state(), reference(self.t)
-            rows.append((at, state, self.fleet.dynamics.pos[:, 0].copy(), self.motors(), self._asks()))
+            at = self._flight.t
+            state, wanted = self.state(), reference(at)
+            rows.append((at, state, self.fleet.dynamics.pos[:, self._column].copy(), self._motors(), self._asks()))
             references.append(wanted)
             wish, output = decide(state, wanted)
             outputs.append(output)
             told.append(dict(signals()))
             if wish is not None:
                 self._queue.append(wish)
-            while len(self._queue) > self._delay:
+            while len(self._queue) > self.delay:
                 self._send(self._queue.popleft())
-            self._step()
-            assert self.px4.mode is mode, f"PX4 flies in {self.px4.mode.name} after {self.t:.2f} s"
+            yield
+            assert self.px4.mode is mode, f"PX4 flies in {self.px4.mode.name} after {self._flight.t:.2f} s"
         return self._log(rows, references, outputs, told)
 
     def _send(self, wish: Wish) -> None:
@@ -309,6 +282,117 @@ class Flight:
             outputs=outputs,
             signals=told,
         )
+
+
+class Flight:
+    """Hexarotors in the air, hovering at the origin ``height`` m up: as many as there are ``ways`` to fly, which do not
+    see each other. ``wind`` (m/s NED), ``gusts``, ``noise`` and ``seed``: the world's; ``alike``: gusts and noise of
+    all are those of the first, else each has its own; ``delay``: of each, see :class:`Hexarotor`; ``slow``: cycles
+    between two words of what the autopilot asks for and what the motors get, 10 for the 25 Hz that a real one's
+    streams of it have; ``params``: PX4's that differ.
+    """
+
+    def __init__(
+        self,
+        *,
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        gusts: str = "none",
+        noise: str = "none",
+        seed: int = 0,
+        delay: int = 1,
+        slow: int = 1,
+        height: float = 5.0,
+        params: dict[str, float] | None = None,
+        ways: int = 1,
+        alike: bool = True,
+    ) -> None:
+        spec = VehicleSpec(
+            autopilot="px4",
+            airframe="hexa",
+            firmware="1.13",
+            endpoints=(),
+            params=QUICK | (params or {}),
+            start_ned_m=(0.0, 0.0, 0.0),
+        )
+        with contextlib.ExitStack() as stack:
+            if alike:
+                stack.enter_context(mock.patch("zmav.sim.air.WhiteNoise", SameWhiteNoise))
+                for user in ("suite", "estimate"):
+                    stack.enter_context(mock.patch(f"zmav.sim.sensors.{user}.NoiseRows", SameNoiseRows))
+            self.world = World(
+                [spec] * ways, epoch_s=0.0, ready_s=0.5, tick_hz=TICK_HZ, wind=wind, gusts=gusts, noise=noise, seed=seed
+            )
+        self._slow, self._cycles = slow, 0
+        self._begun = 0.0
+        self._flying = [Hexarotor(self, column, delay) for column in range(ways)]
+        self.fleet = self._flying[0].fleet
+        over = lambda: all(each.near(height) for each in self._flying)  # noqa: E731
+        self.together([each.take_off(height, over) for each in self._flying])
+        self._begun = self.world.time_s
+
+    def __enter__(self) -> Flight:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.world.close()
+
+    def __getitem__(self, way: int) -> Hexarotor:
+        return self._flying[way]
+
+    @property
+    def t(self) -> float:
+        """s since the takeoff"""
+        return self.world.time_s - self._begun
+
+    def trim(self) -> Trim:
+        """See :class:`Hexarotor`; of the first, as what follows."""
+        return self._flying[0].trim()
+
+    def fly(self, controller: Flies, reference: ReferenceAt, seconds: float) -> Log:
+        return self.together([self._flying[0].fly(controller, reference, seconds)])[0]
+
+    def fly_autopilot(self, reference: ReferenceAt, seconds: float, shadow: Flies | None = None) -> Log:
+        return self.together([self._flying[0].fly_autopilot(reference, seconds, shadow)])[0]
+
+    def together(self, ways: Sequence[Cycles[T]]) -> list[T]:
+        """Fly all of them at once, each to its end; what each comes to."""
+        ended: dict[int, T] = {}
+        while True:
+            for number, way in enumerate(ways):
+                if number not in ended:
+                    try:
+                        next(way)
+                    except StopIteration as end:
+                        ended[number] = end.value
+            if len(ended) == len(ways):
+                return [ended[number] for number in range(len(ways))]
+            self.world.step(CYCLE)
+            self._cycles += 1
+            if self._cycles % self._slow == 0:
+                for each in self._flying:
+                    each.hear()
+
+
+class SameWhiteNoise(WhiteNoise):
+    """The first vehicle's for each."""
+
+    def __init__(self, rng: np.random.Generator, rows: int, n: int) -> None:
+        super().__init__(rng, rows, 1)
+        self._n = n
+
+    def draw(self) -> Array:
+        return np.repeat(super().draw(), self._n, axis=1)
+
+
+class SameNoiseRows(NoiseRows):
+    """The first vehicle's for each."""
+
+    def __init__(self, seed: tuple[int, ...], purpose: str, vehicles: int, width: int) -> None:
+        super().__init__(seed, purpose, 1, width)
+        self._n = vehicles
+
+    def row(self, count: int) -> Array:
+        return np.repeat(super().row(count), self._n, axis=1)
 
 
 # ---- what the autopilot is told

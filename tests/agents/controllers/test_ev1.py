@@ -14,10 +14,10 @@ import pytest
 from agents.controllers import Array, Controller, Reference, State
 from agents.controllers.ev1 import Ev1, Ev1Altitude, Ev1Attitude, Ev1Position, Ev1Rates, Ev1Velocity
 from agents.controllers.stack import Stack
-from tests.agents.controllers.flying import CYCLE, Flight, Log, circle, steps
+from tests.agents.controllers.flying import CYCLE, Cycles, Flight, Hexarotor, Log, circle, steps
 
 KINDS: tuple[type[Controller], ...] = (Ev1, Ev1Rates, Ev1Attitude, Ev1Altitude, Ev1Velocity, Ev1Position)
-TAKEN_OVER, TURNED, END = 4.0, 9.0, 16.5
+TAKEN_OVER, TURNED, JUMP, END = 4.0, 9.0, 10.0, 16.5
 HAND_OVER = round(0.1 / CYCLE)
 """cycles in which a jump would show: PX4's outer loops look at a setpoint every 20 ms"""
 
@@ -27,23 +27,43 @@ def reference(t: float) -> Reference:
     return circle(2.0, 2.5)(t) if t < TURNED else steps(every=2.5)(t - TURNED)
 
 
-def flight() -> Flight:
-    return Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, slow=10)
-
-
 @pytest.fixture(scope="module")
-def autopilot() -> Log:
+def flights() -> dict[str, list[Log]]:
+    """All flights, at once: the autopilot's own and each controller's after it has taken over, by the controller's
+    name; ``jump``: taken over in the midst of a jump; ``back``: given back, and taken over again.
+    """
+
+    def own(craft: Hexarotor) -> Cycles[list[Log]]:
+        return [(yield from craft.fly_autopilot(reference, END))]
+
+    def taken_over(craft: Hexarotor, kind: type[Controller], moment: float, seconds: float) -> Cycles[list[Log]]:
+        stack = Stack(kind())
+        yield from craft.fly_autopilot(reference, moment, stack)
+        return [(yield from craft.fly(stack, reference, seconds))]
+
+    def back(craft: Hexarotor) -> Cycles[list[Log]]:
+        stack = Stack(Ev1())
+        yield from craft.fly_autopilot(reference, 3.0, stack)
+        yield from craft.fly(stack, reference, 2.0)
+        given_back = yield from craft.fly_autopilot(reference, 2.0, stack)
+        return [given_back, (yield from craft.fly(stack, reference, 1.0))]
+
+    names = ["autopilot", "jump", "back", *(kind.__name__ for kind in KINDS)]
+    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, slow=10, ways=len(names)) as flight:
+        ways = [own(flight[0]), taken_over(flight[1], Ev1, JUMP, 3.0), back(flight[2])]
+        ways += [taken_over(flight[3 + k], kind, TAKEN_OVER, END - TAKEN_OVER) for k, kind in enumerate(KINDS)]
+        return dict(zip(names, flight.together(ways), strict=True))
+
+
+@pytest.fixture
+def autopilot(flights: dict[str, list[Log]]) -> Log:
     """Its own flight."""
-    with flight() as each:
-        return each.fly_autopilot(reference, END)
+    return flights["autopilot"][0]
 
 
-@pytest.fixture(scope="module", params=KINDS, ids=lambda kind: kind.__name__)
-def flown(request: pytest.FixtureRequest) -> Log:
-    stack = Stack(request.param())
-    with flight() as each:
-        each.fly_autopilot(reference, TAKEN_OVER, shadow=stack)
-        return each.fly(stack, reference, END - TAKEN_OVER)
+@pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
+def flown(request: pytest.FixtureRequest, flights: dict[str, list[Log]]) -> Log:
+    return flights[request.param.__name__][0]
 
 
 def rms(log: Log, begin: float, end: float) -> float:
@@ -88,27 +108,18 @@ def test_the_outputs_are_those_of_the_level_that_it_says(flown: Log) -> None:
     assert all(np.isfinite(list(signals.values())).all() for signals in flown.signals)
 
 
-def test_it_takes_over_in_the_midst_of_a_jump(autopilot: Log) -> None:
+def test_it_takes_over_in_the_midst_of_a_jump(flights: dict[str, list[Log]], autopilot: Log) -> None:
     """It leans and turns as the autopilot itself would."""
-    moment = 10.0
-    stack = Stack(Ev1())
-    with flight() as each:
-        each.fly_autopilot(reference, moment, shadow=stack)
-        ours = each.fly(stack, reference, 3.0)
-    part = (autopilot.t >= moment) & (autopilot.t < moment + 3.0)
+    (ours,) = flights["jump"]
+    part = (autopilot.t >= JUMP) & (autopilot.t < JUMP + 3.0)
     assert ours.lean().max() < autopilot.lean()[part].max() + math.radians(3.0)
     assert np.abs(ours.rates).max() < 1.2 * np.abs(autopilot.rates[part]).max()
     assert np.abs(np.diff(ours.thrust[:HAND_OVER])).max() < 0.25
     assert ours.distance()[-1] < 2.0
 
 
-def test_back_with_the_autopilot_it_flies_on() -> None:
-    stack = Stack(Ev1())
-    with flight() as each:
-        each.fly_autopilot(reference, 3.0, shadow=stack)
-        each.fly(stack, reference, 2.0)
-        back = each.fly_autopilot(reference, 2.0, shadow=stack)
-        again = each.fly(stack, reference, 1.0)
+def test_back_with_the_autopilot_it_flies_on(flights: dict[str, list[Log]]) -> None:
+    back, again = flights["back"]
     assert back.lean().max() < math.radians(35.0) and again.lean().max() < math.radians(35.0)
     assert back.distance().max() < 1.5 and again.distance().max() < 1.5
 
@@ -127,8 +138,7 @@ def test_a_turning_nose_is_followed_closer_with_the_turn_fed_forward() -> None:
         ]
         return float(np.abs(late).mean())
 
-    with Flight() as each:
-        theirs = each.fly_autopilot(turning, 4.0)
-    with Flight() as each:
-        ours = each.fly(Stack(Ev1()), turning, 4.0)
+    with Flight(ways=2) as flight:
+        ways = [flight[0].fly_autopilot(turning, 4.0), flight[1].fly(Stack(Ev1()), turning, 4.0)]
+        theirs, ours = flight.together(ways)
     assert miss(ours) < 0.5 * miss(theirs)

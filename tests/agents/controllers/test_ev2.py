@@ -11,7 +11,7 @@ import pytest
 from agents.controllers import Controller, Reference
 from agents.controllers.ev1 import Ev1
 from agents.controllers.ev2 import Ev2
-from tests.agents.controllers.flying import CYCLE, Flight, Log, ReferenceAt, circle, hover
+from tests.agents.controllers.flying import CYCLE, Cycles, Flight, Hexarotor, Log, ReferenceAt, circle, hover
 
 BEGUN, SETTLED, END = 1.0, 5.0, 14.0  # s since the takeoff
 
@@ -38,34 +38,56 @@ def lemniscate(size: float = 4.0, speed: float = 3.5, height: float = 5.0, build
 REFERENCES = {"circle": circle(2.0, 3.0), "lemniscate": lemniscate()}
 
 
-def flown(make: Callable[[], Controller] | None, reference: ReferenceAt, delay: int = 1) -> Log:
-    """From a second after the takeoff on by that controller; None: the autopilot goes on."""
-    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, delay=delay, slow=10) as flight:
+def wrong(error: float) -> Ev2:
+    """With an inertia that is off by that factor."""
+    known = Ev2()
+    return Ev2({f"inertia_{axis}": error * getattr(known, f"inertia_{axis}") for axis in "xyz"})
+
+
+MAKE: dict[str, Callable[[], Controller] | None] = {
+    "autopilot": None,
+    "ev1": Ev1,
+    "ev2": Ev2,
+    "late 0.9": lambda: wrong(0.9),
+    "late 1.1": lambda: wrong(1.1),
+}
+"""What flies, from a second after the takeoff on; ``late``: with three cycles of delay"""
+
+
+@pytest.fixture(scope="module")
+def flights() -> dict[str, dict[str, Log]]:
+    """By the reference and by what flew; all that fly the same reference fly it at once."""
+
+    def way(craft: Hexarotor, make: Callable[[], Controller] | None, reference: ReferenceAt) -> Cycles[Log]:
         controller = make() if make else None
-        flight.fly_autopilot(reference, BEGUN, shadow=controller)
+        yield from craft.fly_autopilot(reference, BEGUN, controller)
         if controller is None:
-            return flight.fly_autopilot(reference, END - BEGUN)
-        return flight.fly(controller, reference, END - BEGUN)
+            return (yield from craft.fly_autopilot(reference, END - BEGUN))
+        return (yield from craft.fly(controller, reference, END - BEGUN))
+
+    found = {}
+    for name, reference in REFERENCES.items():
+        made = {who: make for who, make in MAKE.items() if name == "circle" or not who.startswith("late")}
+        weather = {"wind": (4.0, 0.0, 0.0), "gusts": "light", "noise": "typical"}
+        with Flight(**weather, seed=3, slow=10, ways=len(made)) as flight:  # type: ignore[arg-type]
+            for number, who in enumerate(made):
+                flight[number].delay = 3 if who.startswith("late") else 1
+            ways = [way(flight[number], make, reference) for number, make in enumerate(made.values())]
+            found[name] = dict(zip(made, flight.together(ways), strict=True))
+    return found
 
 
 @pytest.mark.parametrize("name", list(REFERENCES))
-def test_follows_closer_than_ev1_and_the_autopilot(name: str) -> None:
-    reference = REFERENCES[name]
-    autopilot = flown(None, reference).rms_position(SETTLED)
-    ev1 = flown(Ev1, reference).rms_position(SETTLED)
-    log = flown(Ev2, reference)
+def test_follows_closer_than_ev1_and_the_autopilot(flights: dict[str, dict[str, Log]], name: str) -> None:
+    autopilot, ev1 = (flights[name][who].rms_position(SETTLED) for who in ("autopilot", "ev1"))
+    log = flights[name]["ev2"]
     assert np.linalg.norm(log.ref_vel, axis=1).max() > 2.9, "the reference is the aggressive one"
     assert log.rms_position(SETTLED) < 0.7 * min(ev1, autopilot)
 
 
 @pytest.mark.parametrize("error", [0.9, 1.1])
-def test_bears_more_delay_and_a_wrong_inertia(error: float) -> None:
-    def wrong() -> Ev2:
-        known = Ev2()
-        return Ev2({f"inertia_{axis}": error * getattr(known, f"inertia_{axis}") for axis in "xyz"})
-
-    reference = REFERENCES["circle"]
-    usual, late = flown(Ev2, reference), flown(wrong, reference, delay=3)
+def test_bears_more_delay_and_a_wrong_inertia(flights: dict[str, dict[str, Log]], error: float) -> None:
+    usual, late = flights["circle"]["ev2"], flights["circle"][f"late {error}"]
     assert late.rms_position(SETTLED) < 1.1 * usual.rms_position(SETTLED)
     # Close to the end of what a loop bears it shakes, long before its position tells.
     assert shaking(late) < 1.3 * shaking(usual)

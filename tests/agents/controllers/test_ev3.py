@@ -13,7 +13,7 @@ from agents.controllers.stack import Stack
 from agents.navigator.routes import shape
 from agents.navigator.tracking import Errors, errors, summarise
 from agents.navigator.trajectory import Limits, Trajectory
-from tests.agents.controllers.flying import Flight, ReferenceAt
+from tests.agents.controllers.flying import Cycles, Flight, Hexarotor, ReferenceAt
 
 ROUTE = shape("ev3", (0.0, 0.0, -8.0), side=6.0, height=3.0)
 TRAJECTORY = Trajectory(ROUTE, Limits(speed=1.0))
@@ -30,17 +30,17 @@ def along(begin: float) -> ReferenceAt:
     return at
 
 
-def flown(seed: int) -> Errors:
+def flown(craft: Hexarotor) -> Cycles[Errors]:
     controller, begin = Stack(Ev1()), 10.0
-    with Flight(wind=(3.0, 2.0, 0.0), noise="rtk", seed=seed, slow=10, height=8.0) as flight:
-        flight.fly_autopilot(along(begin), 8.0, controller)
-        log = flight.fly(controller, along(begin), 2.0 + TRAJECTORY.duration + 1.0)
+    yield from craft.fly_autopilot(along(begin), 8.0, controller)
+    log = yield from craft.fly(controller, along(begin), 2.0 + TRAJECTORY.duration + 1.0)
     return errors(log.t - begin, log.pos, TRAJECTORY)
 
 
 @pytest.mark.slow
 def test_what_it_misses_it_misses_near_the_corners() -> None:
-    flights = [flown(seed) for seed in (0, 2)]
+    with Flight(wind=(3.0, 2.0, 0.0), noise="rtk", slow=10, height=8.0, ways=2, alike=False) as both:
+        flights = both.together([flown(both[0]), flown(both[1])])
     for flight in flights:
         assert summarise(flight, ROUTE).rms < 0.2
     first = flights[0]

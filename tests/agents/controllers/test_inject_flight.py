@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from tests.agents.controllers.conftest import Field
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
 
 @pytest.mark.alone
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from agents.controllers.ev1 import Ev1
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
 from agents.controllers.loops.parts import attitude_of
 from agents.controllers.stack import Stack
-from tests.agents.controllers.flying import CYCLE, Flight, Log
+from tests.agents.controllers.flying import CYCLE, Cycles, Flight, Hexarotor, Log
 from zmav.sim.control.gains import px4_gains
 from zmav.sim.control.px4 import Px4Cascade
 from zmav.sim.control.setpoints import Axis, Setpoints, Spool
@@ -288,13 +288,13 @@ class TestWindup:
         def far(t: float) -> Reference:
             return Reference(pos=np.array([0.0 if t < 1.0 else 25.0, 0.0, -5.0]))
 
-        def beyond(stack: Stack | None) -> tuple[float, float]:
-            with Flight(wind=(4.0, 0.0, 0.0), noise="typical", seed=2) as flight:
-                flight.fly_autopilot(far, 0.9, stack)
-                log = flight.fly_autopilot(far, 7.0) if stack is None else flight.fly(stack, far, 7.0)
+        def beyond(craft: Hexarotor, stack: Stack | None) -> Cycles[tuple[float, float]]:
+            yield from craft.fly_autopilot(far, 0.9, stack)
+            log = yield from craft.fly_autopilot(far, 7.0) if stack is None else craft.fly(stack, far, 7.0)
             return float(log.pos[:, 0].max()) - 25.0, float(log.lean().max())
 
-        theirs, ours = beyond(None), beyond(Stack(Ev1()))
+        with Flight(wind=(4.0, 0.0, 0.0), noise="typical", seed=2, ways=2) as flight:
+            theirs, ours = flight.together([beyond(flight[0], None), beyond(flight[1], Stack(Ev1()))])
         assert ours[1] > math.radians(43.0), "the lean has been at its limit"
         assert 0.0 < ours[0] < 1.1 * theirs[0]
 
@@ -330,13 +330,20 @@ def doublet(level: Level, size: float) -> Callable[[float], Reference]:
     return at
 
 
-def flown(controller: Controller | None, at: Callable[[float], Reference], seconds: float) -> Log:
-    with Flight(wind=(3.0, 0.0, 0.0), gusts="light", noise="typical", seed=8) as flight:
+def flown(at: Callable[[float], Reference], seconds: float, *controllers: Controller | None) -> list[Log]:
+    """By each of them in the same weather; None: the autopilot."""
+    weather = {"wind": (3.0, 0.0, 0.0), "gusts": "light", "noise": "typical"}
+    with Flight(**weather, seed=8, ways=len(controllers)) as flight:  # type: ignore[arg-type]
         start = flight.t
         reference: Callable[[float], Reference] = lambda t: at(t - start)  # noqa: E731
-        if controller is None:
-            return flight.fly_autopilot(reference, seconds)
-        return flight.fly(controller, reference, seconds)
+        return flight.together(
+            [
+                flight[way].fly_autopilot(reference, seconds)
+                if each is None
+                else flight[way].fly(each, reference, seconds)
+                for way, each in enumerate(controllers)
+            ]
+        )
 
 
 def test_rates_follow_a_doublet_as_the_autopilots_do() -> None:
@@ -346,7 +353,8 @@ def test_rates_follow_a_doublet_as_the_autopilots_do() -> None:
         wanted = np.array([each.rates[0] for each in log.reference])
         return math.sqrt(float(((log.rates[:, 0] - wanted) ** 2).mean()))
 
-    assert miss(flown(RatesLoop(), at, 1.6)) < 1.1 * miss(flown(None, at, 1.6))
+    ours, theirs = flown(at, 1.6, RatesLoop(), None)
+    assert miss(ours) < 1.1 * miss(theirs)
 
 
 def test_the_attitude_follows_a_doublet_as_the_autopilots_does() -> None:
@@ -357,7 +365,8 @@ def test_the_attitude_follows_a_doublet_as_the_autopilots_does() -> None:
         wanted = np.array([State(q=each.attitude).euler[0] for each in log.reference])
         return math.sqrt(float(((roll - wanted) ** 2).mean()))
 
-    assert miss(flown(AttitudeLoop(), at, 1.6)) < 1.1 * miss(flown(None, at, 1.6))
+    ours, theirs = flown(at, 1.6, AttitudeLoop(), None)
+    assert miss(ours) < 1.1 * miss(theirs)
 
 
 def test_the_altitude_is_held_while_somebody_leans() -> None:
@@ -371,7 +380,7 @@ def test_the_altitude_is_held_while_somebody_leans() -> None:
             attitude=np.array([math.cos(half), math.sin(half), 0.0, 0.0]),
         )
 
-    log = flown(AltitudeLoop(), at, 6.0)
+    (log,) = flown(at, 6.0, AltitudeLoop())
     miss = log.pos[:, 2] - log.ref_pos[:, 2]
     assert math.sqrt(float((miss**2).mean())) < 0.15 and abs(miss[-1]) < 0.2
     assert log.lean().max() > math.radians(20.0)
@@ -382,4 +391,5 @@ def test_a_velocity_is_followed_as_the_autopilot_does() -> None:
         speed = 0.0 if t < 0.5 else 3.0 if t < 2.5 else -1.0
         return Reference("velocity", vel=np.array([speed, 0.5 * speed, -0.3]))
 
-    assert flown(VelocityLoop(), at, 5.0).rms_velocity() < 1.1 * flown(None, at, 5.0).rms_velocity()
+    ours, theirs = flown(at, 5.0, VelocityLoop(), None)
+    assert ours.rms_velocity() < 1.1 * theirs.rms_velocity()

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from agents.controllers.supervisor import Supervisor
     from tests.agents.controllers.conftest import Field
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
 
 class Gate:
     """Where requests to take over wait, in place of the autopilot's parameters being read."""

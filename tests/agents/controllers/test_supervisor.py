@@ -21,6 +21,7 @@ from zmav.sim.autopilots.px4.modes import POSCTL
 if TYPE_CHECKING:
     from tests.agents.controllers.conftest import Field
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 MINE = '''
 import os, signal, time
 import numpy as np
@@ -54,6 +55,7 @@ class Mine(AttitudeLoop):
         self.signal(mine=self.fault)
         return output
 '''
+ARDUCOPTER = pytest.mark.parametrize("flying", [VehicleSpec(name="hex1")], indirect=True, scope="module")
 FAULTS = {
     1: "planted",
     2: "no output for 25 cycles",
@@ -224,20 +226,22 @@ async def test_what_cannot_be_done_is_refused_with_the_reason(field: Field, tmp_
     assert field.mode == "OFFBOARD"
 
 
-@pytest.mark.parametrize("field", [VehicleSpec(name="hex1", params={"GUID_OPTIONS": 8.0})], indirect=True)
+@ARDUCOPTER
 @pytest.mark.parametrize("controller", ["ev1-velocity", "ev1-attitude", "ev1-position"])
 async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field, controller: str) -> None:
+    await field.vehicle.params.set("GUID_OPTIONS", 8.0)
     await field.supervise(controller)
     await field.vehicle.tell(controller, "engage")
     await field.vehicle.tell(controller, "goto", pos=[3.0, 2.0, -11.0])
     await field.vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.7, 40.0)
 
 
-@pytest.mark.parametrize("field", [VehicleSpec(name="hex1")], indirect=True)
+@ARDUCOPTER
 @pytest.mark.parametrize(("controller", "why"), [("ev1", "takes no torques"), ("ev1-attitude", "GUID_OPTIONS")])
 async def test_what_an_autopilot_cannot_take_is_refused_before_anything_flies(
     field: Field, controller: str, why: str
 ) -> None:
+    await field.vehicle.params.set("GUID_OPTIONS", 0.0)
     supervisor = await field.supervise(controller)
     with pytest.raises(Refused, match=why):
         await field.vehicle.tell(controller, "engage")
@@ -245,7 +249,7 @@ async def test_what_an_autopilot_cannot_take_is_refused_before_anything_flies(
     await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
 
 
-@pytest.mark.parametrize("field", [VehicleSpec(name="hex1", autopilot="px4", airframe="hexa")], indirect=True)
+@pytest.mark.parametrize("flying", [VehicleSpec(name="hex1", autopilot="px4", airframe="hexa")], indirect=True)
 async def test_a_newer_px4_takes_rates_and_no_torques(field: Field) -> None:
     await field.supervise("ev1")
     with pytest.raises(Refused, match="takes no torques over MAVLink"):

@@ -181,8 +181,8 @@ async def test_a_controller_is_told_segments_that_follow_each_other(field: Field
     await field.ended("no agent nobody")
     async with field.me.lease("ev1") as lease:
         controller.lease = lease
-        await field.fly(route="circle", radius=4.0, controller="ev1", yaw=1.0)
-        await field.ended("flew circle: 25.1 m")
+        await field.fly(route="circle", radius=3.5, controller="ev1", yaw=1.0)
+        await field.ended("flew circle: 22.0 m")
         assert lease.lost is None  # it is the controller's, and stays with it
     controller.lease = None
     found = field.navigator.last

@@ -25,7 +25,7 @@ async def test_a_hexarotor_flies_ev3_in_wind_and_noise(net: Net, onboard: StartO
     spec = VehicleSpec(autopilot="px4", airframe="hexa", firmware="1.13", sysid=1, endpoints=(f"onboard:0:{port}",))
     async with contextlib.AsyncExitStack() as stack:
         wind = {"wind": (3.0, 2.0, 0.0), "gusts": "light", "noise": "typical"}
-        stack.enter_context(World([spec], ready_s=0.5, seed=3, **wind))  # type: ignore[arg-type]
+        world = stack.enter_context(World([spec], ready_s=0.5, seed=3, speed=6.0, **wind))  # type: ignore[arg-type]
         session, endpoint = net.router()
         await onboard(session, f"udpin:127.0.0.1:{port}", name="hex1", origin=ORIGIN)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
@@ -33,11 +33,12 @@ async def test_a_hexarotor_flies_ev3_in_wind_and_noise(net: Net, onboard: StartO
         await vehicle.wait_until(lambda s: bool(s.ready and s.local), PATIENCE_S)
         await vehicle.arm()
         await vehicle.takeoff(5.0)
+        world.set_speed(1.0)
         navigator = Navigator(z, "hex1", None, {"accel": 2.0, "jerk": 6.0, "settle": 1.0})
         await stack.enter_async_context(navigator)
         running = asyncio.create_task(navigator.run())
-        told = await vehicle.tell("navigator", "fly", route="ev3", side=4.0, height=2.0, speed=1.0)
-        assert told["length"] == 28.0
+        told = await vehicle.tell("navigator", "fly", route="ev3", side=3.0, height=1.5, speed=1.5)
+        assert told["length"] == 21.0
         assert navigator._flight is not None
         await asyncio.wait({navigator._flight}, timeout=2 * told["seconds"])
         found = navigator.last

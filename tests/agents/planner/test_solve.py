@@ -129,17 +129,17 @@ def test_a_goal_behind_walls_is_named() -> None:
 
 def test_a_goal_behind_walls_goes_to_who_is_there() -> None:
     walls: list[Obstacle] = [
-        Box(min=(-10.0, -10.0, 0.0), max=(10.0, -9.0, 40.0)),
-        Box(min=(-10.0, 9.0, 0.0), max=(10.0, 10.0, 40.0)),
-        Box(min=(-10.0, -9.0, 0.0), max=(-9.0, 9.0, 40.0)),
-        Box(min=(9.0, -9.0, 0.0), max=(10.0, 9.0, 40.0)),
+        Box(min=(-10.0, -10.0, 0.0), max=(10.0, -9.0, 12.0)),
+        Box(min=(-10.0, 9.0, 0.0), max=(10.0, 10.0, 12.0)),
+        Box(min=(-10.0, -9.0, 0.0), max=(-9.0, 9.0, 12.0)),
+        Box(min=(9.0, -9.0, 0.0), max=(10.0, 9.0, 12.0)),
     ]
     starts = [(-7.0, 0.0, 5.0), (12.0, 0.0, 5.0), (12.0, 8.0, 5.0)]
     vehicles = [
         Vehicle(id=f"v{i}", type="copter", start=at, radius=1.0, vmax=5.0, amax=2.5) for i, at in enumerate(starts)
     ]
     goals = [(-12.0, 0.0, 5.0), (14.0, 14.0, 5.0), (7.0, 0.0, 5.0)]
-    bounds = Bounds(min=(-30.0, -30.0, 0.0), max=(30.0, 30.0, 40.0))
+    bounds = Bounds(min=(-18.0, -18.0, 0.0), max=(18.0, 18.0, 12.0))  # small: all of it is looked at
     scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=goals, obstacles=walls, bounds=bounds)
     plan = solve(scene)
     assert not faults(scene, plan)

@@ -27,6 +27,8 @@ from zmav.waiting import together
 PATIENCE_S = 60.0
 HOME = Home()
 ORIGIN = wire.Origin(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, alt_amsl=HOME.alt_amsl_m)
+QUICK = {"LAND_SPEED": 200.0, "LAND_SPEED_HIGH": 300.0, "RTL_LOIT_TIME": 500.0}
+"""ArduCopter's parameters that only make its way down shorter"""
 ROUTER = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
 
 
@@ -97,7 +99,8 @@ async def airborne(
 ) -> AsyncIterator[Fleet]:
     """Copters above these places (m north and east)."""
     names = [f"quad{i + 1}" for i in range(len(starts))]
-    specs = [VehicleSpec(autopilot=autopilot, start_ned_m=(n, e, 0.0)) for n, e in starts]
+    params = QUICK if autopilot == "arducopter" else {}
+    specs = [VehicleSpec(autopilot=autopilot, start_ned_m=(n, e, 0.0), params=params) for n, e in starts]
     async with contextlib.AsyncExitStack() as stack:
         world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME))
         router = stack.enter_context(open_session(ROUTER))

@@ -32,7 +32,7 @@ from tests.agents.planner.execute.fleet import Fleet, airborne
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
-from zmav.waiting import within
+from zmav.waiting import together, within
 from zmav.wire import swarm
 
 PATIENCE_S = 60.0
@@ -190,7 +190,7 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
     for vehicle in (taken, other):
         assert vehicle.local is not None
         places[vehicle.name] = vehicle.local
-        await vehicle.goto(pos=(*vehicle.local[:2], -25.0))
+    await together(*(vehicle.goto(pos=(*places[vehicle.name][:2], -25.0)) for vehicle in (taken, other)))
     seen = field.agent.context.fleet.seen("quad2")
     assert seen is not None and seen.view.home_ned is not None
     home = seen.view.home_ned  # where it took off last: tests before may have landed it elsewhere
