@@ -37,10 +37,10 @@ from agents.controllers import (
     Velocity,
 )
 from zmav.sim import VehicleSpec, World
+from zmav.sim.air import WhiteNoise
 from zmav.sim.autopilots.px4.modes import HOLD, OFFBOARD, Mode
 from zmav.sim.autopilots.px4.offboard import NOTHING, Attitude, Motion, Partial, Rates, Torque, Wish
 from zmav.sim.fleets.copter import CopterFleet
-from zmav.sim.noise import WhiteNoise
 from zmav.sim.sensors.noise import NoiseRows
 
 CYCLE = 0.004

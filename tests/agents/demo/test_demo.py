@@ -117,15 +117,8 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
     ["sim", "quad2"],
     ids=["simulator killed", "router killed"],
 )
-<<<<<<< HEAD
-def test_a_process_that_dies_ends_it_with_words(
-    start_demo: Callable[..., Demo], name: str, number: int, code: str
-) -> None:
-    demo = start_demo()
-=======
 def test_a_process_that_dies_ends_it_with_words(start_demo: Callable[..., Demo], name: str) -> None:
-    demo = start_demo("--headless")
->>>>>>> tests1
+    demo = start_demo()
     pids = wait_for_children(demo, *EVERYONE)
     os.kill(pids[name], signal.SIGKILL)
     out, _ = demo.communicate(timeout=PATIENCE_S)
