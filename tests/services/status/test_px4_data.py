@@ -65,7 +65,7 @@ async def px4(
     net: Net,
     onboard: StartOnboard,
     cache: Path,
-    speed: float = 1.0,
+    speed: float = 4.0,
     opens: bool = True,
     armed: bool = False,
     **params: float,
@@ -125,7 +125,7 @@ class TestMissions:
         """Items say frame 3 there; DO_SET_MISSION_CURRENT is unknown; a start right after an upload is refused once."""
         file = tmp_path / "mission.waypoints"
         file.write_text(MISSION_PLANNER)
-        async with px4(net, onboard, tmp_path, speed=2.0) as p:
+        async with px4(net, onboard, tmp_path) as p:
             items = load(file, p.onboard.adapter.dialect.enums).mission or []
             await p.v.wait_until(lambda s: bool(s.ready), PATIENCE_S)
             await p.v.missions.upload(items)
