@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, body_z, dot, quat_from_euler
+from zmav.sim.arrays import Array, Flags, all_of, any_of, body_z, dot, quat_from_euler
 from zmav.sim.dynamics.airframe import AIR_DENSITY, Airframe
 from zmav.sim.dynamics.ground import REACH_M, REST_SPEED, Ground
 from zmav.sim.dynamics.rigid import RigidBodies
@@ -85,7 +85,7 @@ class CopterDynamics(RigidBodies):
         wrench = self._wrench @ self.thrust
         total = wrench[0]
         self.resting &= total < REST_THRUST * frame.weight_n
-        if self.resting.all():
+        if all_of(self.resting):
             self.stand()
             return
         down = body_z(self.q)
@@ -153,7 +153,7 @@ class CopterDynamics(RigidBodies):
         accel, before = self.linear(force), self.vel
         self.vel = before + accel * self.dt
         self.rate = self.rate + self.angular(torque) * self.dt
-        if self.contact.any():
+        if any_of(self.contact):
             self._rest(accel)
         self.move(before, accel)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, cross, rotation_matrix
+from zmav.sim.arrays import Array, Flags, any_of, clamp, cross, rotation_matrix
 from zmav.sim.dynamics.airframe import GRAVITY
 
 SINK_M = 0.005  # how far the feet press into the ground under the vehicle's own weight
@@ -44,7 +44,7 @@ class Ground:
         touching = depth > 0.0
         contact: Flags = np.any(touching, axis=0)
         closing: Array = vel[2]
-        if not contact.any():
+        if not any_of(contact):
             return contact, np.zeros_like(vel), np.zeros_like(vel), closing
         speed = vel[:, None] + cross(turning[:, None], feet)
         sinking = speed[2]
