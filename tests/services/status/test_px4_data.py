@@ -97,7 +97,7 @@ class TestLogs:
         self, net: Net, onboard: StartOnboard, tmp_path: Path
     ) -> None:
         """Ids are places in a directory: the newest log has the lowest here, and the last of n is n-1."""
-        async with px4(net, onboard, tmp_path) as p:
+        async with px4(net, onboard, tmp_path, speed=1.0) as p:
             now = time.time()
             for age in (300, 200, 100):
                 data = p.log(noise(1000 + age, age), now - age)
@@ -110,7 +110,7 @@ class TestLogs:
         self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
-        async with px4(net, onboard, tmp_path) as p:
+        async with px4(net, onboard, tmp_path, speed=1.0) as p:
             assert await p.v.logs.list() == []
             p.log(noise(10), time.time())
             assert [log.id for log in await p.v.logs.list()] == [0]
