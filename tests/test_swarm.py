@@ -89,7 +89,7 @@ async def test_several_are_brought_home_by_the_planner() -> None:
         await agent.context.solver.until_ready()
         await asyncio.wait_for(_until(lambda: agent.context.charge.in_charge), PATIENCE_S)
         async with over(fleet) as modes:
-            order = await give(fleet, modes, speed=1.0)
+            order = await give(fleet, modes, speed=4.0)
         name = agent.context.ledger.goals[-1].id
         assert order.notes == [f"planner ground brings quad1, quad2, quad3 home ({name})"]
         assert sorted(modes.told) == [(name, "done", False) for name in fleet.names]

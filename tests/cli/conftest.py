@@ -202,7 +202,7 @@ def vehicle(shared_vehicle: Vehicle) -> Iterator[Vehicle]:
         shared_vehicle.until(lambda s: bool(s.ready and not s.armed and s.mode == "STABILIZE"))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # flying on beside all later tests, it would take a fifth of a core of each worker
 def shared_vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "FS_GCS_ENABLE": 1.0})
     with World([spec], endpoint="tcp:0", speed=8.0, ready_s=0.5) as world:

@@ -46,7 +46,7 @@ CONNECT_S, READY_S, MOVE_S = 60.0, 180.0, 90.0
 """s: patience with a vehicle that may be booting, waiting for its EKF, or flying a few tens of metres"""
 PERIOD = 0.1
 """s between setpoints"""
-HURRY = 5.0
+HURRY = 8.0
 """times real time that a simulated vehicle goes, while it does something long by itself"""
 
 

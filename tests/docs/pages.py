@@ -15,9 +15,8 @@ QUAD = ("zmav sim --copters 1", f"zmav up --link tcp:127.0.0.1:5760 --name quad1
 """one copter and its agent, where every program looks for them"""
 UP = "zmav do quad1 arm && zmav do quad1 takeoff alt_rel=10"
 TWO = (
-    "zmav sim --copters 2 --speed 4",
+    "zmav sim --copters 2",
     QUAD[1],
-    "zmav param set quad1 DISARM_DELAY=0",  # four times as fast, it would disarm before the next order comes
     f"zmav up --link tcp:127.0.0.1:5770 --name quad2 {ORIGIN} -l tcp/127.0.0.1:7448 -e tcp/127.0.0.1:7447",
 )
 
@@ -25,7 +24,7 @@ TWO = (
 NEAR = "--origin -35.363666 149.165230 584.09"
 """45 m south of where they stand: so much less is flown to places about 50 m north"""
 SWARM = (
-    "zmav sim --copters 2 --rovers 1 --speed 4",
+    "zmav sim --copters 2 --rovers 1",
     f"zmav up --link tcp:127.0.0.1:5760 --name quad1 {NEAR}",
     f"zmav up --link tcp:127.0.0.1:5770 --name quad2 {NEAR} -l tcp/127.0.0.1:7448 -e tcp/127.0.0.1:7447",
     f"zmav up --link tcp:127.0.0.1:5780 --name rover1 {NEAR} -l tcp/127.0.0.1:7449 -e tcp/127.0.0.1:7447",
@@ -54,6 +53,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
         Part("zmav log", ("zmav do quad1 land",), fresh=False),
         Part("zmav command", (UP,), fresh=False),
         Part("zmav swarm planner", SWARM),
+        Part("zmav plan"),
         Part(
             "zmav sim --fleet deploy/demos/hexarotor",
             race=r"no output for \d+ cycles|no (attitude|position) came for \d+ ms",

@@ -16,6 +16,7 @@ from types import TracebackType
 
 from tests.docs.commands import ROOT
 from zmav import rundir
+from zmav.sim import Remote
 
 PATIENCE_S = 90.0
 """how long a command may take, or a program to say that it is ready"""
@@ -35,6 +36,13 @@ SERVICES: tuple[tuple[str, str], ...] = (
     (r"zenoh .* subscribe .*", r"."),
 )
 """programs that run until they are ended, and what they have said when the next command may come"""
+FLIES = re.compile(
+    r"zmav (do \S+ (arm && .*)?(takeoff|land|rtl)|goto|mission start|swarm (takeoff|formation)|agent do hopper)\b.*"
+)
+"""commands that wait until a vehicle has flown somewhere"""
+HURRY = 4.0
+"""times real time that simulated vehicles fly meanwhile"""
+LOOK_S = 0.1
 
 
 def namespaced() -> str:
@@ -114,6 +122,37 @@ class Program:
         assert "Traceback" not in self.said, f"{self.text}:\n{self.said[-3000:]}"
 
 
+class Hurry:
+    """The simulators with control sockets in ``folder`` go faster from when one of their vehicles flies until the end.
+
+    On the ground they do not: an autopilot would disarm before the next command comes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._look)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        with contextlib.ExitStack() as stack:
+            simulators = [stack.enter_context(Remote(path)) for path in self._folder.glob("*.sock")]
+            for simulator in simulators:
+                stack.callback(simulator.speed, 1.0)
+            while not self._over.wait(LOOK_S):
+                for simulator in simulators:
+                    status = simulator.status()
+                    speed = HURRY if any(vehicle.flying for vehicle in status.vehicles) else 1.0
+                    if status.speed != speed:
+                        simulator.speed(speed)
+
+
 class Stage:
     """Runs commands one after another; those of :data:`SERVICES` stay beside them until :meth:`clear`."""
 
@@ -177,8 +216,10 @@ class Stage:
                 self._start(last, ready)
                 return
         process = self._open(last)
+        hurry = Hurry(Path(self._runtime.name) / "zmav-sim") if FLIES.fullmatch(last) else contextlib.nullcontext()
         try:
-            said, _ = process.communicate(timeout=PATIENCE_S)
+            with hurry:
+                said, _ = process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             said, _ = process.communicate()

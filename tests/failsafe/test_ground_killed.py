@@ -136,6 +136,7 @@ async def test_the_whole_ground_is_killed_in_flight_and_started_again(start: Sta
 
         await within(PATIENCE_S, listed())
         assert await asyncio.to_thread(ground.frames)
+        fleet.world.set_speed(4.0)
         end = await within(PATIENCE_S, flown(fleet.z, swarm.TakeOff(vehicles=NAMES, height=HEIGHT)))
         assert end.startswith("done"), end
         await asyncio.to_thread(ground.kill)

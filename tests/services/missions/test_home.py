@@ -24,7 +24,7 @@ RALLY = (HOME.lat_deg + 0.0003, HOME.lon_deg + 0.0002)
 
 @pytest.mark.parametrize("rally", [True, False])
 async def test_a_rover_is_home_where_it_returns_to(net: Net, onboard: StartOnboard, *, rally: bool) -> None:
-    with World([VehicleSpec(autopilot="ardurover")], endpoint="tcp:127.0.0.1:0", speed=4.0, ready_s=1.0) as world:
+    with World([VehicleSpec(autopilot="ardurover")], endpoint="tcp:127.0.0.1:0", speed=6.0, ready_s=1.0) as world:
         session, endpoint = net.router()
         await onboard(session, world.urls[0], origin=HOME)
         async with zmav.open(connect=[endpoint]) as z:
@@ -48,7 +48,7 @@ async def test_a_rover_is_home_where_it_returns_to(net: Net, onboard: StartOnboa
 async def test_a_plane_is_home_on_its_circle_there(net: Net, onboard: StartOnboard) -> None:
     """RTL_RADIUS is another than the one it flies elsewhere."""
     spec = VehicleSpec(autopilot="arduplane", params={"RTL_RADIUS": 200.0})
-    with World([spec], endpoint="tcp:127.0.0.1:0", speed=4.0, ready_s=1.0) as world:
+    with World([spec], endpoint="tcp:127.0.0.1:0", speed=6.0, ready_s=1.0) as world:
         session, endpoint = net.router()
         await onboard(session, world.urls[0], origin=HOME)
         async with zmav.open(connect=[endpoint]) as z:

@@ -117,23 +117,23 @@ async def test_arm_take_off_go_and_land(flight: Flight) -> None:
     assert modes == ["mode STABILIZE", "mode GUIDED", "mode LAND"]
 
 
-@pytest.mark.parametrize(
-    ("verb", "args", "why"),
-    [
+async def test_what_is_refused_ends_no_landing(flight: Flight) -> None:
+    """It is judged before the mode is touched: the landing goes on, and its own order with it."""
+    await flight.up(8.0)
+    landing = asyncio.create_task(flight.done("land"))
+    await flight.see(lambda s: s.mode == "LAND" and s.height_m < 7.5)
+    refused: list[tuple[str, dict[str, Any], str]] = [
         ("takeoff", {"alt_rel": 8.0}, "in the air already"),
         ("goto", {"pos": [0.0, 0.0, 5.0]}, "under the ground"),
         ("goto", {"pos": [9000.0, 0.0, -5.0], "speed": 5.0}, "beyond the geofence"),
         ("set_mode", {"mode": "NO_SUCH_MODE"}, "no mode"),
         ("mission_start", {}, "no mission"),
-    ],
-)
-async def test_what_is_refused_ends_no_landing(flight: Flight, verb: str, args: dict[str, Any], why: str) -> None:
-    """It is judged before the mode is touched: the landing goes on, and its own order with it."""
-    await flight.up(8.0)
-    landing = asyncio.create_task(flight.done("land"))
-    await flight.see(lambda s: s.mode == "LAND" and s.height_m < 7.5)
-    with pytest.raises(ZmavError, match=why):
-        await flight.ground.do(verb, **args)
+    ]
+    for verb, args, why in refused:
+        with pytest.raises(ZmavError, match=why):
+            await flight.ground.do(verb, **args)
+        still = flight.copter.status()
+        assert (still.mode, still.landed) == ("LAND", False), verb
     assert await landing == {"armed": False}
     assert "mode GUIDED" not in [e["text"] for e in flight.events.objects() if e["kind"] == "mode"][2:]
 

@@ -62,7 +62,7 @@ async def px4(
     net: Net,
     onboard: StartOnboard,
     cache: Path,
-    speed: float = 1.0,
+    speed: float = 4.0,
     **params: float,
 ) -> AsyncIterator[Px4]:
     port = free_udp_ports(1)
@@ -86,7 +86,7 @@ class TestLogs:
         self, net: Net, onboard: StartOnboard, tmp_path: Path
     ) -> None:
         """Ids are places in a directory: the newest log has the lowest here, and the last of n is n-1."""
-        async with px4(net, onboard, tmp_path) as p:
+        async with px4(net, onboard, tmp_path, speed=1.0) as p:
             now = time.time()
             for age in (300, 200, 100):
                 data = p.log(noise(1000 + age, age), now - age)
@@ -99,7 +99,7 @@ class TestLogs:
         self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
-        async with px4(net, onboard, tmp_path) as p:
+        async with px4(net, onboard, tmp_path, speed=1.0) as p:
             assert await p.v.logs.list() == []
             p.log(noise(10), time.time())
             assert [log.id for log in await p.v.logs.list()] == [0]
@@ -114,7 +114,7 @@ class TestMissions:
         """Items say frame 3 there; DO_SET_MISSION_CURRENT is unknown; a start right after an upload is refused once."""
         file = tmp_path / "mission.waypoints"
         file.write_text(MISSION_PLANNER)
-        async with px4(net, onboard, tmp_path, speed=2.0) as p:
+        async with px4(net, onboard, tmp_path) as p:
             items = load(file, p.onboard.adapter.dialect.enums).mission or []
             await p.v.wait_until(lambda s: bool(s.ready), PATIENCE_S)
             await p.v.missions.upload(items)

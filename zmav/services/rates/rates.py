@@ -21,6 +21,7 @@ from zmav import keys, wire
 from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
 from zmav.services.companion import Companion
+from zmav.services.link.identity import VehicleChanged
 from zmav.services.link.port import Inbox, is_ours
 from zmav.services.queries.questions import Reply
 from zmav.services.rates.demand import Demands
@@ -65,6 +66,7 @@ class Rates:
         self._key = keys.RATES.key(companion.port.fleet, companion.port.name)
         self._wake = asyncio.Event()
         self._worker: asyncio.Task[None] | None = None
+        self._silent: asyncio.TimerHandle | None = None  # until what has not come by then is asked for
         companion.questions.declare(self._key, self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
@@ -72,12 +74,15 @@ class Rates:
 
     def start(self) -> None:
         self.demands.start()
+        self._port.bus.on(VehicleChanged, lambda told: self.plan())  # SILENT begins with the first HEARTBEAT
         self._worker = asyncio.get_running_loop().create_task(self._work())
 
     def close(self) -> None:
         """End it; what was asked for is left to the autopilot again, so that nothing flows for nobody."""
         if self._worker:
             self._worker.cancel()
+        if self._silent:
+            self._silent.cancel()
         floor = {target.name: target.floor for target in self._targets}
         for name, standing in self._standing.items():
             if self._others_want_more(name):
@@ -116,6 +121,9 @@ class Rates:
             return
         if back:  # after a silence; whether it was a restart is seen by what does not flow
             self._back_at = time.monotonic()
+            if self._silent:
+                self._silent.cancel()
+            self._silent = asyncio.get_running_loop().call_later(SILENT + 0.01, self._wake.set)
             for standing in self._standing.values():
                 standing.not_before, standing.pause = 0.0, 1.0
         flows = self._flows()

@@ -17,6 +17,8 @@ from zmav.rotation import wrap
 from zmav.sim.arrays import (
     Array,
     Flags,
+    all_of,
+    any_of,
     body_z,
     clamp,
     dot,
@@ -81,7 +83,7 @@ class Cascade:
         self._flying = sp.spool == FLY
         self._idle[:] = np.where(sp.spool == IDLE, IDLE_THROTTLE, 0.0)
         grounded = ~self._flying
-        if grounded.all():
+        if all_of(grounded):
             self._stand(est)
             return
         by_hand = grounded | (sp.horizontal >= DIRECT)
@@ -90,7 +92,7 @@ class Cascade:
         ref.follow(by_hand, ballistic, est.pos, est.vel)
         ref.advance(dt)
         raw = sp.raw & self._flying
-        if raw.any():
+        if any_of(raw):
             ref.take(raw, est.pos, est.vel)
         self._head(est, grounded, dt)
         self._drive(est, raw, by_hand, ballistic, dt)
@@ -100,7 +102,7 @@ class Cascade:
         """From the reference to the attitude and the thrust to hold."""
         sp, gains, ref = self.setpoints, self.gains, self.reference
         want_vel = ref.vel + (ref.pos - est.pos) * gains.pos_p
-        if raw.any():
+        if any_of(raw):
             limits = sp.limits
             want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits.speed[raw])
             want_vel[2, raw] = clamp(want_vel[2, raw], -limits.speed_up[raw], limits.speed_down[raw])
@@ -117,14 +119,14 @@ class Cascade:
     def _below_attitude(self, est: Estimated) -> None:
         """Note who is flown by body rates or torques; their attitude is whatever it is."""
         by_rates = self._flying & (self.setpoints.horizontal >= RATES)
-        self._by_rates = by_rates if by_rates.any() else None
+        self._by_rates = by_rates if any_of(by_rates) else None
         self._by_torque = None
         if self._by_rates is not None:
             self.attitude[:, by_rates] = est.q[:, by_rates]
             self.yaw[by_rates] = yaw_of(est.q)[by_rates]
             self._turn_acc[by_rates] = 0.0
             by_torque = by_rates & (self.setpoints.horizontal == TORQUE)
-            self._by_torque = by_torque if by_torque.any() else None
+            self._by_torque = by_torque if any_of(by_torque) else None
 
     def _stand(self, est: Estimated) -> None:
         """Nobody flies: everything is where it is."""
@@ -150,7 +152,7 @@ class Cascade:
         self._turn = (self._turn + change) * ~grounded
         self._turn_acc = change / dt
         self.yaw = wrap(self.yaw + self._turn * dt)
-        if grounded.any():
+        if any_of(grounded):
             self.yaw[grounded] = yaw_of(est.q)[grounded]
 
     def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Flags, ballistic: Flags) -> None:
@@ -161,7 +163,7 @@ class Cascade:
         self.attitude = thrust_frame(down, self.yaw)
         actual_down = body_z(est.q)
         lift = frame.mass_kg * dot(pull, actual_down)
-        if by_hand.any():
+        if any_of(by_hand):
             self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
             # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
             lift[by_hand] = (frame.mass_kg * pull[2] / np.maximum(actual_down[2], 0.5))[by_hand]
@@ -192,7 +194,7 @@ class Cascade:
 
     def inner(self, est: Estimated, dt: float) -> Array:
         """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""
-        if not self._flying.any():
+        if not any_of(self._flying):
             return self._idle
         gains = self.gains
         miss = self._rate - est.rate
@@ -205,7 +207,7 @@ class Cascade:
             torque[:, self._by_torque] = (self.setpoints.body * self._torque_nm)[:, self._by_torque]
             self._rate_i[:, self._by_torque] = 0.0
         throttle = self._mix(torque)
-        return throttle if self._flying.all() else np.where(self._flying, throttle, self._idle)
+        return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
 
     def _mix(self, torque: Array) -> Array:
         """Rotor throttles for the thrust and torque asked; where they do not fit, turning gives way first, then

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zmav.rotation import wrap
-from zmav.sim.arrays import Array, Flags, clamp
+from zmav.sim.arrays import Array, Flags, any_of, clamp
 from zmav.sim.control.planetargets import CIRCLE, HEADING, LINE, PlaneTargets
 
 CAPTURE = math.sqrt(0.5)  # sine of the angle that a line far away is flown to at
@@ -56,7 +56,7 @@ class L1:
         kinds = ((LINE, self._line), (CIRCLE, self._circle), (HEADING, self._heading))
         for kind, law in kinds:
             those = t.lateral == kind
-            if those.any():
+            if any_of(those):
                 index = np.flatnonzero(those)
                 law(index, pos[:2, index], vel[:2, index], yaw[index], dt)
         others = t.lateral < LINE

@@ -16,6 +16,8 @@ import numpy as np
 from zmav.sim.arrays import (
     Array,
     Flags,
+    all_of,
+    any_of,
     body_z,
     clamp,
     dot,
@@ -117,7 +119,7 @@ class Px4Cascade(Cascade):
         """A heading that is streamed goes to the attitude as it is; the others are turned to smoothly."""
         sp = self.setpoints
         direct = (raw | (sp.horizontal == DIRECT)) & (sp.yaw_kind == YAW_ANGLE) & self._flying
-        if direct.any():
+        if any_of(direct):
             self.yaw = np.where(direct, sp.yaw, self.yaw)
             self._turn = self._turn * ~direct
 
@@ -125,7 +127,7 @@ class Px4Cascade(Cascade):
         sp = self.setpoints
         size = np.sqrt(dot(thrust, thrust))
         self.attitude = thrust_frame(thrust / -np.maximum(size, 1e-6), self.yaw)
-        if by_hand.any():
+        if any_of(by_hand):
             self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
             # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
             size[by_hand] = (-thrust[2] / np.maximum(body_z(est.q)[2], 0.5))[by_hand]
@@ -166,7 +168,7 @@ class Px4Cascade(Cascade):
         self._rate = rate
 
     def inner(self, est: Estimated, dt: float) -> Array:
-        if not self._flying.any():
+        if not any_of(self._flying):
             self._rate_before = est.rate.copy()
             return self._idle
         g = self.gains
@@ -183,7 +185,7 @@ class Px4Cascade(Cascade):
             self._rate_i[:, self._by_torque] = 0.0
         shares, self._missed = self._allocator.allocate(torque, self.thrust * (1.0 / self._full))
         throttle = _throttle(shares, g.curve)
-        return throttle if self._flying.all() else np.where(self._flying, throttle, self._idle)
+        return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
 
     def _integrate_rates(self, miss: Array, dt: float) -> None:
         """Where the rotors have no room for more torque, the integrators take no more of that sign."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp, limit_length
+from zmav.sim.arrays import Array, Flags, any_of, clamp, limit_length
 from zmav.sim.control.setpoints import ACCELERATION, POSITION, VELOCITY, Setpoints
 
 BRAKING = 0.6  # share of the allowed acceleration that braking is planned with: measured on ArduCopter SITL
@@ -31,13 +31,13 @@ class Reference:
 
     def follow(self, free_xy: Flags, free_z: Flags, pos: Array, vel: Array) -> None:
         """Where nothing is held (on the ground, attitude flown by hand) the reference goes with the vehicle."""
-        if free_xy.any():
+        if any_of(free_xy):
             self.pos[:2, free_xy], self.vel[:2, free_xy], self.acc[:2, free_xy] = (
                 pos[:2, free_xy],
                 vel[:2, free_xy],
                 0.0,
             )
-        if free_z.any():
+        if any_of(free_z):
             self.pos[2, free_z], self.vel[2, free_z], self.acc[2, free_z] = pos[2, free_z], vel[2, free_z], 0.0
 
     def advance(self, dt: float) -> None:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from zmav.rotation import wrap
-from zmav.sim.arrays import Array, Flags, clamp, limit_length, yaw_of
+from zmav.sim.arrays import Array, Flags, any_of, clamp, limit_length, yaw_of
 from zmav.sim.control.cascade import Estimated
 from zmav.sim.control.reference import root_speed
 from zmav.sim.control.roversetpoints import COAST, DIRECT, HEADING, PATH, PLACE, STOP, TURN, RoverSetpoints
@@ -98,12 +98,12 @@ class RoverControl:
         task = np.where(sp.armed, sp.task, COAST)
         path = (task == PATH) | (task == PLACE)
         speed, turn = sp.speed.copy(), sp.turn.copy()
-        if path.any():
+        if any_of(path):
             self._lead(task, path, est, dt)
             self._chase(path, est, c, s, ahead, speed, turn, dt)
         self._on_path = path
         heading = task == HEADING
-        if heading.any():
+        if any_of(heading):
             turn[heading] = self._toward(yaw)[heading]
         stop = task == STOP
         speed[stop] = turn[stop] = 0.0
@@ -138,11 +138,11 @@ class RoverControl:
         place = task == PLACE
         fresh = place & (sp.fresh | ~self._on_path)
         sp.fresh[:] = False
-        if fresh.any():
+        if any_of(fresh):
             self.point[:, fresh] = est.pos[:2, fresh]
             self.point_vel[:, fresh] = est.vel[:2, fresh]
             self.point_acc[:, fresh] = 0.0
-        if place.any():
+        if any_of(place):
             error = sp.pos - self.point
             distance = np.maximum(np.sqrt((error * error).sum(0)), 1e-9)
             pace = np.minimum(root_speed(distance, PLACE_GAIN, 0.5 * sp.accel_limit), sp.speed_limit)
@@ -156,7 +156,7 @@ class RoverControl:
             self.point_vel = np.where(place, vel, self.point_vel)
             self.point_acc = np.where(place, acc, self.point_acc)
         given = path & ~place
-        if given.any():
+        if any_of(given):
             self.point = np.where(given, sp.pos, self.point)
             self.point_vel = np.where(given, sp.vel, self.point_vel)
             self.point_acc = np.where(given, sp.acc, self.point_acc)

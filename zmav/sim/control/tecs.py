@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, clamp
+from zmav.sim.arrays import Array, Flags, any_of, clamp
 from zmav.sim.control.planetargets import ENERGY, FLARE, LAND, TAKEOFF, PlaneTargets
 from zmav.sim.dynamics.airframe import GRAVITY
 
@@ -81,7 +81,7 @@ class Tecs:
         self._speed_bias += miss * omega * omega * dt
         self.speed = np.maximum(self.speed + (self._speed_bias + gain + miss * omega * math.sqrt(2.0)) * dt, SLOWEST)
         fresh = ~self._running
-        if fresh.any():
+        if any_of(fresh):
             self.speed[fresh] = np.maximum(airspeed[fresh], SLOWEST)
             self._speed_bias[fresh] = 0.0
 
@@ -94,7 +94,7 @@ class Tecs:
         landing = (t.stage == LAND) | (t.stage == FLARE)
         takeoff = t.stage == TAKEOFF
         self._begin(on, height, pitch)
-        if not on.any():
+        if not any_of(on):
             return
         low, high = self._speeds(load, eas2tas)
         self._want_speed(low, high, eas2tas, dt)
@@ -116,7 +116,7 @@ class Tecs:
         """Who was not flown by energy so far starts from where it is."""
         fresh = on & ~self._running
         self._running = on
-        if not fresh.any():
+        if not any_of(fresh):
             return
         t = self._t
         for state in (self._height_limited, self._height_slow, self.height_wanted):
@@ -162,11 +162,11 @@ class Tecs:
         self._height_slow = self._height_slow + rate * np.minimum(dt, lag)
         # On a glide slope the lag is made up for.
         self.height_wanted = np.where(landing, self._height_limited, self._height_slow)
-        if takeoff.any():
+        if any_of(takeoff):
             self._height_limited[takeoff] = self.height_wanted[takeoff] = height[takeoff]
             self._height_slow[takeoff] = height[takeoff]
             rate[takeoff] = 0.0
-        if flare.any():
+        if any_of(flare):
             rate = self._flare(flare, height, climb, rate, dt)
         else:
             self._flaring[:] = False
@@ -294,7 +294,7 @@ class Tecs:
         high = np.where(g["TECS_PITCH_MAX"] > 0.0, g["TECS_PITCH_MAX"], g["PTCH_LIM_MAX_DEG"])
         low, high = np.radians(g["PTCH_LIM_MIN_DEG"]), np.radians(high)
         low, high = np.maximum(low, t.pitch_min), np.minimum(high, t.pitch_max)
-        if flare.any():
+        if any_of(flare):
             up = self._flare_pitch * (1.0 - self._done) + np.radians(g["LAND_PITCH_DEG"]) * self._done
             low = np.where(flare, np.maximum(low, np.minimum(up, high)), low)
             most = np.where(g["TECS_LAND_PMAX"] > 0.0, np.radians(g["TECS_LAND_PMAX"]), high)

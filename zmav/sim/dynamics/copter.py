@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, body_z, clamp, cross, dot, quat_from_euler, rotation_matrix
+from zmav.sim.arrays import Array, Flags, all_of, any_of, body_z, clamp, cross, dot, quat_from_euler, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY, Airframe
 from zmav.sim.dynamics.rigid import RigidBodies
 
@@ -93,7 +93,7 @@ class CopterDynamics(RigidBodies):
         wrench = self._wrench @ self.thrust
         total = wrench[0]
         self.resting &= total < REST_THRUST * frame.weight_n
-        if self.resting.all():
+        if all_of(self.resting):
             self.stand()
             return
         down = body_z(self.q)
@@ -161,7 +161,7 @@ class CopterDynamics(RigidBodies):
         accel, before = self.linear(force), self.vel
         self.vel = before + accel * self.dt
         self.rate = self.rate + self.angular(torque) * self.dt
-        if self.contact.any():
+        if any_of(self.contact):
             self._rest(accel)
         self.move(before, accel)
 
@@ -200,7 +200,7 @@ class GroundContact:
         touching = depth > 0.0
         contact: Flags = np.any(touching, axis=0)
         closing: Array = vel[2]
-        if not contact.any():
+        if not any_of(contact):
             return contact, np.zeros_like(vel), np.zeros_like(vel), closing
         speed = vel[:, None] + cross(turning[:, None], feet)
         sinking = speed[2]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from zmav.sim.arrays import Array, Flags, clamp, dot, rotation_matrix
+from zmav.sim.arrays import Array, Flags, all_of, any_of, clamp, dot, rotation_matrix
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.rigid import RigidBodies
 from zmav.sim.dynamics.wing import Wing
@@ -88,7 +88,7 @@ class PlaneDynamics(RigidBodies):
         air = np.einsum("jin,jn->in", rot, self.vel - self.wind)
         force, torque, drag = self._air(air)
         self.resting &= self.thrust < REST_THRUST * self.wing.weight_n
-        if self.resting.all():
+        if all_of(self.resting):
             self.stand()
             return
         push = np.einsum("ijn,jn->in", rot, force)
@@ -171,7 +171,7 @@ class PlaneDynamics(RigidBodies):
         fresh = index[first]
         self.impact[fresh] = np.maximum(self.impact[fresh], self.vel[2, fresh])
         self.contact[index] = now
-        if not now.any():
+        if not any_of(now):
             return
         rate = np.einsum("ijn,jn->in", rot, self.rate[:, index])
         speed = self.vel[:, None, index] + np.cross(rate[:, None, :], points, axis=0)
@@ -200,7 +200,7 @@ class PlaneDynamics(RigidBodies):
         accel, before = self.linear(force), self.vel
         self.vel = before + accel * self.dt
         self.rate = (self.rate + self.angular(torque) * self.dt) / (1.0 + damping / self._inertia * self.dt)
-        if self.contact.any():
+        if any_of(self.contact):
             self._rest(accel)
         self.move(before, accel)
 

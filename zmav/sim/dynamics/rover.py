@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmav.rotation import wrap
-from zmav.sim.arrays import Array, Flags, clamp
+from zmav.sim.arrays import Array, Flags, any_of, clamp
 from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.roverframe import RoverFrame
 
@@ -80,7 +80,7 @@ class RoverDynamics:
         wanted = asked * self.speed
         held = clamp(wanted, -side, side)
         slips = held != wanted
-        if slips.any():
+        if any_of(slips):
             slips &= np.abs(self.speed) > SLIPS_ABOVE
             self._spin = np.where(slips, held / np.where(slips, self.speed, 1.0), asked)
         else:
