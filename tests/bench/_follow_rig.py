@@ -20,8 +20,7 @@ from rich.console import Console
 import zmav
 from deploy.demos.drive import Way, drive
 from zmav import keys, wire
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut
 from zmav.process import free_port, free_udp_ports
 from zmav.sim import Home, Remote

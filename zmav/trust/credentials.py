@@ -23,7 +23,6 @@ from zmav.trust.certificate import Certificate, Role
 from zmav.trust.roster import Roster, SignedRoster, read_signed
 
 CA, CERT, KEY, ROSTER = "ca.pem", "cert.pem", "key.pem", "roster.json"
-VARIABLE = "ZMAV_CREDENTIALS"
 
 
 @dataclass(frozen=True)
@@ -121,3 +120,12 @@ def _key(path: Path) -> Ed25519PrivateKey:
     if not isinstance(key, Ed25519PrivateKey):
         raise BadConfig(f"{path} is not an Ed25519 key", field="credentials", value=str(path), expected="Ed25519")
     return key
+
+
+def own_credentials(folder: str, fleet: str) -> Credentials:
+    """Raises :class:`BadConfig` for those of another fleet: nobody here would be believed, nor believe us."""
+    found = Credentials.load(folder)
+    if fleet not in ("*", found.fleet):
+        text = f"the credentials in {folder} are for the fleet {found.fleet}: say --fleet {found.fleet}, not {fleet}"
+        raise BadConfig(text, field="fleet", value=fleet, expected=found.fleet)
+    return found
