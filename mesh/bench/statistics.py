@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-
-import numpy as np
+from statistics import quantiles
 
 from zmav.wire.bench import BenchInterval, BenchOutage, Spread
 
@@ -26,8 +25,9 @@ class Samples:
         found = self._values.copy()  # at once: another thread may append meanwhile
         if not found:
             return None
-        values = np.array(found, dtype=np.float64) / SECOND
-        low, median, p95, p99, high = np.percentile(values, [0, 50, 95, 99, 100]).tolist()
+        values = sorted(found)
+        cuts = quantiles(values, n=100, method="inclusive") if len(values) > 1 else 99 * values
+        low, median, p95, p99, high = (each / SECOND for each in (values[0], cuts[49], cuts[94], cuts[98], values[-1]))
         return Spread(count=len(values), min=low, median=median, p95=p95, p99=p99, max=high)
 
 
