@@ -80,10 +80,10 @@ conformance: $(VENV)/.dev ## fly the conformance suite: LINK=tcp:127.0.0.1:5760 
 	@echo "==> conformance of $(or $(LINK),the simulated autopilots)"
 	@ZMAV_LINK='$(LINK)' $(BIN)/python -m pytest tests/conformance -v $(ARGS)
 
-bench: $(VENV)/.dev ## run every benchmark in tests/bench
-	@failed=; for script in $(BENCHES); do \
+bench: $(VENV)/.dev ## run every benchmark in tests/bench, or one: ARGS=companion, ARGS='adapter --rounds 3'
+	@failed=; for script in $(if $(ARGS),tests/bench/$(firstword $(ARGS)).py,$(BENCHES)); do \
 	    echo "==> $$script"; \
-	    $(BIN)/python $$script || failed="$$failed $$script"; \
+	    $(BIN)/python $$script $(wordlist 2,$(words $(ARGS)),$(ARGS)) || failed="$$failed $$script"; \
 	done; \
 	if [ -n "$$failed" ]; then echo "==> failed:$$failed" >&2; exit 1; fi
 

@@ -49,7 +49,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
     {"session": set()},
-    {"mavlink": set(), "links": set(), "children": {"guard"}},
+    {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
     {"services": set(), "hil": set()},
     {
@@ -66,6 +66,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "swarm": {"client", "vehicle"},
         "agent": {"client", "vehicle", "swarm"},
         "vision": {"client"},
+        "children": {"client"},
     },
     {"doctor": set()},
     {"zmav": set()},

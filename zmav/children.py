@@ -10,14 +10,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 
 from zmav import guard
-from zmav.errors import ZmavError
-from zmav.session import CONNECT
-from zmav.trust.credentials import VARIABLE
+from zmav.client import Client, connect
+from zmav.errors import SessionError, ZmavError
+from zmav.session import CONNECT, SessionSettings
+from zmav.trust import VARIABLE
 
 OURS = (VARIABLE, CONNECT, "ZMAV_FLEET")
 """environment variables that would make them part of another fleet"""
@@ -175,3 +176,20 @@ def _leave(number: int) -> None:
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     sys.exit(128 + number)
+
+
+async def connect_once_up(
+    stack: contextlib.AsyncExitStack, fleet: str, endpoint: str, check: Callable[[], None], patience: float = 40.0
+) -> Client:
+    """A client of a router that is just starting, perhaps among many on a busy machine; it closes with ``stack``.
+
+    ``check`` raises where that router's process has ended; :class:`~zmav.errors.SessionError` after ``patience`` s.
+    """
+    deadline = time.monotonic() + patience
+    while True:
+        check()
+        try:
+            return await stack.enter_async_context(connect(fleet=fleet, settings=SessionSettings(connect=[endpoint])))
+        except SessionError:
+            if time.monotonic() > deadline:
+                raise

@@ -21,7 +21,7 @@ import zenoh
 from zenoh import handlers
 
 from zmav import keys, wire
-from zmav.errors import BadConfig, BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, SessionError, ZmavError
+from zmav.errors import BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.ratelimit import RateLimit
 from zmav.services.link.port import on_loop
@@ -31,7 +31,8 @@ from zmav.services.queries.proven import attached, proof_of_error
 from zmav.session import SessionSettings, check_size, open_in_thread, reason
 from zmav.subscription import Subscription
 from zmav.tokens import TokenTable
-from zmav.trust.credentials import VARIABLE, Credentials
+from zmav.trust import VARIABLE
+from zmav.trust.credentials import own_credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
@@ -96,7 +97,7 @@ class Client:
 
     async def __aenter__(self) -> Client:
         if self._settings.credentials:
-            self.member = Member(_own(self._settings.credentials, self.fleet_name))
+            self.member = Member(own_credentials(self._settings.credentials, self.fleet_name))
         self._session = session = await open_in_thread(self._settings)
         loop = asyncio.get_running_loop()
         if self.member is not None:
@@ -184,6 +185,31 @@ class Client:
             elif known and now - since >= quiet:
                 break
             await self.news((min(deadline, since + quiet) if known else deadline) - now)
+        return self.fleet()
+
+    async def look(self, timeout: float) -> list[Vehicle]:
+        """Ask all that are there for their state; the vehicles known once each has told it, or after ``timeout`` s.
+
+        All of it is waited where nobody is known yet, for recordings, which are not asked, and by a session that may
+        still be calling other routers.
+        """
+        deadline, told, loop = time.monotonic() + timeout, asyncio.Event(), asyncio.get_running_loop()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and _place(reply.ok) not in self._heard:
+                self._on_state(reply.ok)
+
+        def on_end() -> None:
+            told.set()
+            self._news.set()
+
+        if self._settings.mode in (None, "client") and not self._settings.file and not keys.is_replay(self.fleet_name):
+            handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, on_end), indirect=False)
+            ask_everybody(self.session, keys.STATE.qos, keys.STATE.key(self.fleet_name, "*"), handler, timeout=timeout)
+        while (left := deadline - time.monotonic()) > 0:
+            if told.is_set() and self._heard and all(place in self._heard for place in self._tokens):
+                break
+            await self.news(left)
         return self.fleet()
 
     async def news(self, timeout: float) -> bool:
@@ -472,29 +498,3 @@ def connect(
     elif credentials:
         settings = msgspec.structs.replace(settings, credentials=credentials)
     return Client(settings, fleet, dialect)
-
-
-async def connect_once_up(
-    stack: contextlib.AsyncExitStack, fleet: str, endpoint: str, check: Callable[[], None], patience: float = 40.0
-) -> Client:
-    """A client of a router that is just starting, perhaps among many on a busy machine; it closes with ``stack``.
-
-    ``check`` raises where that router's process has ended; :class:`~zmav.errors.SessionError` after ``patience`` s.
-    """
-    deadline = time.monotonic() + patience
-    while True:
-        check()
-        try:
-            return await stack.enter_async_context(connect(fleet=fleet, settings=SessionSettings(connect=[endpoint])))
-        except SessionError:
-            if time.monotonic() > deadline:
-                raise
-
-
-def _own(folder: str, fleet: str) -> Credentials:
-    """Raises :class:`BadConfig` for those of another fleet: nobody here would be believed, nor believe us."""
-    found = Credentials.load(folder)
-    if fleet not in ("*", found.fleet):
-        text = f"the credentials in {folder} are for the fleet {found.fleet}: say --fleet {found.fleet}, not {fleet}"
-        raise BadConfig(text, field="fleet", value=fleet, expected=found.fleet)
-    return found

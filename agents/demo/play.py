@@ -20,8 +20,7 @@ from agents.demo.story import Demo, Step, Wait, called, matching, words
 from agents.demo.truth import Truth
 from agents.demo.watch import Watch
 from zmav import keys, wire
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut, ZmavError
 
 LOOK = 0.1

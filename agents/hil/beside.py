@@ -14,8 +14,7 @@ import click
 
 import zmav
 from agents.hil.report import Check, Report, Stage, hash_of, keep, line
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 from zmav.config import FleetConfig
 from zmav.doctor.link import examine_device
 from zmav.errors import BadConfig, ZmavError

@@ -21,8 +21,7 @@ import zmav
 from deploy.demos.drive import Way, drive
 from tests.ports import free_udp_ports
 from zmav import keys, wire
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut
 from zmav.process import free_port
 from zmav.sim import Home, Remote

@@ -26,8 +26,6 @@ import tempfile
 import time
 from pathlib import Path
 
-from zmav.client import connect_once_up
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rich.console import Console
@@ -35,7 +33,7 @@ from rich.console import Console
 from deploy.demos.drive import Way, eight
 from tests.bench._follow_rig import FLEET, QUAD, Demonstration, Rig, figures, fly, scene
 from tests.bench._video import FAR, BadVideo
-from zmav.children import Children
+from zmav.children import Children, connect_once_up
 from zmav.errors import ZmavError
 
 ASKED = {"alone": math.inf, "board": 0.25, "ground": 0.6, "land": 0.15}

@@ -33,8 +33,9 @@ from zmav import keys, wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
+from zmav.trust import VARIABLE
 from zmav.trust.certificate import Role
-from zmav.trust.credentials import VARIABLE, Credentials
+from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate
 from zmav.trust.proof import Signer
 from zmav.trust.seal import is_sealed, seal

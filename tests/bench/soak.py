@@ -22,8 +22,6 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from zmav.client import connect_once_up
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import msgspec
@@ -31,7 +29,7 @@ import msgspec
 import zmav
 from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, Step, find
-from zmav.children import Children
+from zmav.children import Children, connect_once_up
 from zmav.errors import ZmavError
 from zmav.process import free_port
 from zmav.sim import Remote

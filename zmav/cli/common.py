@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import importlib
+import itertools
 import json
 import os
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.machinery import PathFinder
+from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from zmav.errors import BadInput
-from zmav.session import SessionSettings
-from zmav.trust.credentials import VARIABLE
+from zmav.trust import VARIABLE
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from rich.console import Console
     from rich.table import Table
 
     from zmav.client import Client
+    from zmav.session import SessionSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
 Work = Callable[["Client"], Awaitable[None]]
@@ -42,6 +45,8 @@ class Verbs(click.Group):
 
     @functools.cached_property
     def _points(self) -> dict[str, EntryPoint]:
+        from importlib.metadata import entry_points
+
         return {point.name: point for point in entry_points(group=self._group)} if self._group else {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -56,6 +61,34 @@ class Verbs(click.Group):
             return super().get_command(ctx, name)
         assert isinstance(found, click.Command)
         return found
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """What each verb says that it does, without loading those whose compiled files tell."""
+        listed = {}
+        for name in self.list_commands(ctx):
+            about = self._about(name)
+            command = self.get_command(ctx, name) if about is None else click.Command(name, help=about)
+            if command is not None:
+                listed[name] = command
+        click.Group(commands=listed).format_commands(ctx, formatter)
+
+    def _about(self, name: str) -> str | None:
+        """The docstring of a verb's function, found without running its file; None where it is not found so."""
+        module, function = f"{self._package}.{name}", "command"
+        if name in self._points:
+            module, _, function = self._points[name].value.partition(":")
+        elif name not in self._files:
+            return None
+        path: Sequence[str] | None = None
+        code: CodeType | None = None
+        for dotted in itertools.accumulate(module.split("."), "{}.{}".format):
+            spec = PathFinder.find_spec(dotted, path)
+            path = spec.submodule_search_locations if spec else None
+            code = spec.loader.get_code(dotted) if spec and dotted == module else None  # type: ignore[union-attr]
+        for inner in code.co_consts if code else ():
+            if isinstance(inner, CodeType) and inner.co_name == function and isinstance(inner.co_consts[0], str):
+                return inner.co_consts[0]
+        return None
 
 
 def zenoh_options(command: F) -> F:
@@ -83,6 +116,8 @@ def zenoh_options(command: F) -> F:
     )
     @functools.wraps(command)
     def wrapped(*args: Any, config: str | None, **options: Any) -> Any:
+        from zmav.session import SessionSettings
+
         own = {name: options.pop(name) for name in ("connect", "listen", "mode", "cfg", "credentials")}
         return command(*args, settings=SessionSettings(file=config, **own), **options)
 
@@ -132,6 +167,8 @@ def connected(verb: Callable[..., Work]) -> Callable[..., None]:
 
 def run(coroutine: Coroutine[Any, Any, None]) -> None:
     """Run a verb's coroutine; Ctrl-C ends it without a traceback, and so does a reader who has seen enough."""
+    import asyncio
+
     try:
         asyncio.run(coroutine)
     except BrokenPipeError:  # 'zmav echo | head'

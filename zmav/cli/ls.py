@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
-
 import click
 import msgspec
 from rich.console import Group
@@ -22,18 +19,14 @@ COLUMNS = ("vehicle", "id", "kind", "autopilot", "mode", "armed", "batt", "place
 
 
 @click.command("ls")
-@click.option("--wait", default=1.0, show_default=True, help="Seconds to listen for vehicles.")
+@click.option("--wait", default=1.0, show_default=True, help="Seconds to listen for vehicles, at most.")
 @json_option
 @connected
 def command(wait: float, as_json: bool) -> Work:
     """Show the vehicles: type, autopilot, mode, armed, battery, position, age and loss of their links."""
 
     async def look(z: zmav.Client) -> None:
-        deadline = time.monotonic() + wait
-        while (left := deadline - time.monotonic()) > 0:
-            await z.news(left)
-            await asyncio.sleep(0.05)
-        vehicles = z.fleet()
+        vehicles = await z.look(wait)
         if as_json:
             for vehicle in vehicles:
                 state = vehicle.last_state

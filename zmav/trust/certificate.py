@@ -13,14 +13,14 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-
-from cryptography import x509
-from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-from cryptography.x509.oid import NameOID
+from typing import TYPE_CHECKING
 
 from zmav import keys
 from zmav.errors import BadConfig
+
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 FINGERPRINT = 8
 """bytes of SHA-256 over the DER form that name a certificate on the wire"""
@@ -66,10 +66,16 @@ class Certificate:
     @classmethod
     def read(cls, der: bytes) -> Certificate:
         """From its DER form; raises :class:`BadInput` for what is no certificate of a fleet's member."""
+        from cryptography import x509
+        from cryptography.exceptions import UnsupportedAlgorithm
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+        from cryptography.x509.oid import NameOID
+
+        parts = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)
         try:
             found = x509.load_der_x509_certificate(der)
             key = found.public_key()
-            said = {oid: _only(found.subject, oid) for oid in _PARTS}
+            said = {oid: _only(found.subject, oid) for oid in parts}
             role = Role(said[NameOID.ORGANIZATIONAL_UNIT_NAME])
             dates = _utc(found.not_valid_before_utc), _utc(found.not_valid_after_utc)
         except (ValueError, TypeError, UnsupportedAlgorithm, x509.InvalidVersion) as e:
@@ -97,6 +103,8 @@ class Certificate:
 
     def check_issuer(self, authority: x509.Certificate) -> None:
         """Raise :class:`BadConfig` unless ``authority`` signed it."""
+        from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+
         try:
             self.document.verify_directly_issued_by(authority)
         except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm) as e:
@@ -110,9 +118,6 @@ class Certificate:
             at = utc(when)
             text = f"the certificate of {self.name} {word} {at}; renew it with 'zmav mesh ca renew', or set the clock"
             raise BadConfig(text, field="certificate", value=at, expected="a valid one")
-
-
-_PARTS = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)
 
 
 def _only(subject: x509.Name, oid: x509.ObjectIdentifier) -> str:

@@ -11,19 +11,18 @@ import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from cryptography import x509
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from typing import TYPE_CHECKING, Any
 
 from zmav.errors import BadConfig
 from zmav.systemd import state_directory
 from zmav.trust.certificate import Certificate, Role
 from zmav.trust.roster import Roster, SignedRoster, read_signed
 
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
 CA, CERT, KEY, ROSTER = "ca.pem", "cert.pem", "key.pem", "roster.json"
-VARIABLE = "ZMAV_CREDENTIALS"
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,8 @@ class Credentials:
     @classmethod
     def load(cls, folder: str | Path, now: float | None = None) -> Credentials:
         """Read a folder; raises :class:`BadConfig` naming the file, for a certificate that is not valid now, too."""
+        from cryptography.hazmat.primitives import serialization
+
         folder = Path(folder).expanduser()
         authority = _certificate(folder / CA)
         found = _certificate(folder / CERT)
@@ -103,6 +104,8 @@ def _bytes(path: Path) -> bytes:
 
 
 def _certificate(path: Path) -> x509.Certificate:
+    from cryptography import x509
+
     try:
         return x509.load_pem_x509_certificate(_bytes(path))
     except ValueError as e:
@@ -110,6 +113,9 @@ def _certificate(path: Path) -> x509.Certificate:
 
 
 def _key(path: Path) -> Ed25519PrivateKey:
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
     data = _bytes(path)
     if path.stat().st_mode & 0o077:
         text = f"{path} can be read by others than its owner: chmod 600 {path}"
@@ -121,3 +127,12 @@ def _key(path: Path) -> Ed25519PrivateKey:
     if not isinstance(key, Ed25519PrivateKey):
         raise BadConfig(f"{path} is not an Ed25519 key", field="credentials", value=str(path), expected="Ed25519")
     return key
+
+
+def own_credentials(folder: str, fleet: str) -> Credentials:
+    """Raises :class:`BadConfig` for those of another fleet: nobody here would be believed, nor believe us."""
+    found = Credentials.load(folder)
+    if fleet not in ("*", found.fleet):
+        text = f"the credentials in {folder} are for the fleet {found.fleet}: say --fleet {found.fleet}, not {fleet}"
+        raise BadConfig(text, field="fleet", value=fleet, expected=found.fleet)
+    return found

@@ -29,8 +29,6 @@ import threading
 import time
 from typing import NamedTuple
 
-from cryptography.exceptions import InvalidSignature
-
 from zmav.errors import Forbidden
 from zmav.trust.certificate import FINGERPRINT, Certificate
 from zmav.trust.credentials import Credentials
@@ -68,6 +66,8 @@ class Proof(NamedTuple):
 
     def is_of(self, certificate: Certificate, key: str, payload: bytes, context: bytes) -> bool:
         """The holder of ``certificate`` signed ``payload`` for ``key``."""
+        from cryptography.exceptions import InvalidSignature
+
         try:
             certificate.key.verify(self.signature, _signed(context, self.head, key, payload))
         except InvalidSignature:

@@ -7,15 +7,16 @@ no matter who brought it: only the authority can sign one.
 from __future__ import annotations
 
 import base64
+from typing import TYPE_CHECKING
 
 import msgspec
-from cryptography import x509
-from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from zmav import wire
 from zmav.errors import BadConfig
 from zmav.wire.base import Wire
+
+if TYPE_CHECKING:
+    from cryptography import x509
 
 MOST = 4 * 2**20
 """bytes of a roster: some 20,000 members"""
@@ -64,6 +65,9 @@ class SignedRoster(Wire, kw_only=True):
 
     def open(self, authority: x509.Certificate, fleet: str) -> Roster:
         """The roster inside; raises :class:`BadConfig` where the authority did not sign it, or for another fleet."""
+        from cryptography.exceptions import InvalidSignature
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
         key = authority.public_key()
         assert isinstance(key, Ed25519PublicKey)
         try:

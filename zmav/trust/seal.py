@@ -24,15 +24,15 @@ import hmac
 import os
 import struct
 import threading
-
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
-from cryptography.hazmat.primitives.hashes import SHA256
-from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from typing import TYPE_CHECKING
 
 from zmav.errors import BadInput
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
 
 KIND = b"\x02"
 CODE = 16
@@ -48,6 +48,9 @@ P = 2**255 - 19
 
 
 def _derive(shared: bytes, info: bytes) -> bytes:
+    from cryptography.hazmat.primitives.hashes import SHA256
+    from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+
     return HKDF(SHA256(), SECRET, salt=None, info=info).derive(shared)
 
 
@@ -55,6 +58,8 @@ class Exchange:
     """One side's key for one lease."""
 
     def __init__(self) -> None:
+        from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
         self._private = X25519PrivateKey.generate()
 
     @property
@@ -67,6 +72,8 @@ class Exchange:
 
         Raises :class:`BadInput` for what cannot be a public key.
         """
+        from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
+
         try:
             shared = self._private.exchange(X25519PublicKey.from_public_bytes(bytes.fromhex(other)))
         except ValueError as e:
@@ -91,6 +98,8 @@ class Tags:
     """One member's. Thread-safe."""
 
     def __init__(self, credentials: Credentials) -> None:
+        from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+
         seed = hashlib.sha512(credentials.key.private_bytes_raw()).digest()[:32]  # RFC 8032, 5.1.5
         self._private, self._ours = X25519PrivateKey.from_private_bytes(seed), credentials.certificate.fingerprint
         self._keys: collections.OrderedDict[bytes, bytes] = collections.OrderedDict()
@@ -127,6 +136,8 @@ class Tags:
 
 def _montgomery(key: Ed25519PublicKey) -> X25519PublicKey:
     """The same point on Curve25519: u = (1 + y) / (1 - y)."""
+    from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PublicKey
+
     y = int.from_bytes(key.public_bytes_raw(), "little") & (1 << 255) - 1
     u = (1 + y) * pow(1 - y, -1, P) % P
     return X25519PublicKey.from_public_bytes(u.to_bytes(32, "little"))

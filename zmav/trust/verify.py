@@ -11,8 +11,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable
-
-from cryptography import x509
+from typing import TYPE_CHECKING
 
 from zmav.errors import BadConfig, BadInput, Forbidden
 from zmav.trust import proof
@@ -21,6 +20,9 @@ from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
 from zmav.trust.roster import Roster
 from zmav.trust.seal import Tags
+
+if TYPE_CHECKING:
+    from cryptography import x509
 
 MOST_KNOWN = 512
 """certificates remembered; the one unused for longest goes first"""

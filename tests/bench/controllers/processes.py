@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import zmav
 from zmav import keys, wire
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 from zmav.errors import Refused, TimedOut, ZmavError
 from zmav.process import free_port, say
 from zmav.waiting import within

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from tests.agents.planner.execute.fleet import Fleet, airborne
-from zmav.trust.credentials import VARIABLE
+from zmav.trust import VARIABLE
 from zmav.waiting import within
 
 PATIENCE_S = 90.0
