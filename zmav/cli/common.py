@@ -66,13 +66,13 @@ class Verbs(click.Group):
         """What each verb says that it does, without loading those whose compiled files tell."""
         listed = {}
         for name in self.list_commands(ctx):
-            about = self._about(name)
+            about = self.about(name)
             command = self.get_command(ctx, name) if about is None else click.Command(name, help=about)
             if command is not None:
                 listed[name] = command
         click.Group(commands=listed).format_commands(ctx, formatter)
 
-    def _about(self, name: str) -> str | None:
+    def about(self, name: str) -> str | None:
         """The docstring of a verb's function, found without running its file; None where it is not found so."""
         module, function = f"{self._package}.{name}", "command"
         if name in self._points:

@@ -1,0 +1,49 @@
+"""What a start costs: verbs, and what they stand on, are loaded when they are used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+
+from zmav import cli
+from zmav.cli.common import Verbs
+
+if TYPE_CHECKING:
+    from tests.cli.conftest import Vehicle
+
+HEAVY = ("asyncio", "cryptography", "msgspec", "numpy", "pymavlink", "rich", "zenoh")
+
+
+def loaded(code: str) -> set[str]:
+    """Which of the heavy ones a program has loaded in the end."""
+    told = f"{code}\nimport sys\nprint('loaded', *(name for name in {HEAVY} if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", told], check=True, capture_output=True, text=True)
+    return set(done.stdout.splitlines()[-1].split()[1:])
+
+
+def test_help_loads_no_verb() -> None:
+    assert loaded("from zmav.cli import zmav\nzmav(['--help'], standalone_mode=False)") == set()
+
+
+@pytest.mark.parametrize("module", ["agents.vehicle.cli", "mesh.cli.router"])
+def test_what_runs_all_day_loads_what_it_uses(module: str) -> None:
+    assert loaded(f"import {module}") == {"asyncio", "msgspec", "zenoh"}
+
+
+@pytest.mark.parametrize("name", cli.zmav.list_commands(click.Context(cli.zmav)))
+def test_help_says_of_a_verb_what_the_verb_says(name: str) -> None:
+    assert isinstance(cli.zmav, Verbs)
+    about = cli.zmav.about(name)
+    command = cli.zmav.get_command(click.Context(cli.zmav), name)
+    assert about is not None
+    assert command is not None
+    assert click.Command(name, help=about).get_short_help_str(300) == command.get_short_help_str(300)
+
+
+def test_ls_ends_once_all_have_answered(vehicle: Vehicle) -> None:
+    (row,) = vehicle.zmav("ls", "--json", "--wait", "100000").lines
+    assert (row["name"], row["present"]) == ("quad1", True)
