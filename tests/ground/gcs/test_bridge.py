@@ -17,7 +17,7 @@ from tests.ground.gcs.conftest import FLEET, PATIENCE_S, Craft, Scene, Station, 
 from tests.waiting import until
 from zmav import keys
 from zmav.errors import PortInUse
-from zmav.mavlink import Packer, decode
+from zmav.mavlink import Packer, decode, parse_frame
 from zmav.mavlink.signing import SETUP_SIGNING
 
 if TYPE_CHECKING:
@@ -171,6 +171,9 @@ async def test_what_one_way_alone_brings_and_who_sees_one_way_alone(scene: Scene
         assert not any("COMMAND_LONG" in key for key, _ in near.told)
         await station.gets(said)
         assert len(station.named("ATTITUDE")) == len(theirs.named("ATTITUDE")) == 1
+        client = next(each for each in bridge.clients if each.options.vehicles == ("far",))
+        frame = parse_frame(sent, far.dialect)
+        assert [vehicle.name for _, vehicle in bridge.ground.vehicles(client, frame)] == ["far"]
     finally:
         beating.cancel()
 
