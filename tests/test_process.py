@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
 
 import pytest
@@ -38,6 +39,8 @@ def test_numpy_has_one_thread_unless_somebody_says_otherwise(
         patch.setenv("OPENBLAS_NUM_THREADS", given or "")
         if given is None:
             patch.delenv("OPENBLAS_NUM_THREADS")
+        interrupted = signal.getsignal(signal.SIGINT)
         with contextlib.suppress(SystemExit):
             main()
+        signal.signal(signal.SIGINT, interrupted)  # which it leaves to the kernel: its process ends
         assert os.environ["OPENBLAS_NUM_THREADS"] == found

@@ -140,7 +140,7 @@ class Onboard:
         self.messages = Messages(companion, self.timesync)
         self.body = BodyService(companion, settings.body)
         self.quality = Quality(companion, self.timesync)
-        self.rates = Rates(companion, NEEDS if settings.pilot_switch else {})
+        self.rates = Rates(companion, NEEDS if settings.pilot_switch else {}, self.timesync.clock)
         control = Control(name)
         self.commander = commander = Commander(companion, control)
         self.params = Params(companion)

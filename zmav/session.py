@@ -8,7 +8,6 @@ everything stays on loopback unless told otherwise. Zenoh's own settings can be 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import os
 import re
@@ -190,9 +189,14 @@ async def open_in_thread(settings: SessionSettings) -> zenoh.Session:
     try:
         return await asyncio.shield(opening)
     except asyncio.CancelledError:
-        with contextlib.suppress(SessionError):
-            (await opening).close()
+        opening.add_done_callback(_close_opened)  # a second cancellation waits no longer, but leaves it to this
+        await asyncio.wait({opening})
         raise
+
+
+def _close_opened(opening: asyncio.Future[zenoh.Session]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
 
 
 def reason(error: zenoh.ZError) -> str:

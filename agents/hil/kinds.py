@@ -46,7 +46,7 @@ KINDS = (
     Kind(
         "ardupilot",
         "plane",
-        "CRUISE",
+        "CIRCLE",
         CIRCLES,
         height=50.0,
         side=300.0,

@@ -11,7 +11,7 @@ import asyncio
 import itertools
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import zmav
@@ -39,10 +39,12 @@ class Ground:
         self._packing = threading.Lock()
         self._texts = itertools.count(1)
 
-    def vehicle(self, sysid: int) -> zmav.Vehicle | None:
-        """The vehicle that frames for that system go to; None where there is none, or two autopilots claim it."""
+    def vehicle(self, sysid: int, sees: Callable[[str], bool] = lambda name: True) -> zmav.Vehicle | None:
+        """The vehicle that frames for that system go to, as :meth:`Routes.way_to`; None where there is none, or two
+        autopilots claim it.
+        """
         try:
-            fleet, name = self._routes.way_to(sysid)
+            fleet, name = self._routes.way_to(sysid, sees)
         except (Clash, NoSuchVehicle):
             return None
         return zmav.Vehicle(self.z, name, fleet)
@@ -68,9 +70,9 @@ class Ground:
         """
         system, _ = targets(frame, self.dialect)
         present = list(self._routes.systems)
-        wanted = [system] if system in present else [] if system else present
-        found = [(sysid, vehicle) for sysid in wanted if (vehicle := self.vehicle(sysid)) is not None]
-        return [(sysid, vehicle) for sysid, vehicle in found if client.options.sees(vehicle.name)]
+        wanted, sees = [system] if system in present else [] if system else present, client.options.sees
+        found = [(sysid, vehicle) for sysid in wanted if (vehicle := self.vehicle(sysid, sees)) is not None]
+        return [(sysid, vehicle) for sysid, vehicle in found if sees(vehicle.name)]
 
     def pack(self, sysid: int, compid: int, name: str, **fields: Any) -> bytes:
         """A frame in a vehicle's name, fields left out are zero: for :meth:`Client.send`."""

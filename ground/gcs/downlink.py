@@ -81,19 +81,23 @@ class Downlink:
             counters.torn += 1
             return
         kind.track.heard = time.monotonic()
-        if self._routes.ways.get(origin.sysid, kind.track.place) != kind.track.place:
-            return  # it comes by another way, too
         if kind.version != self._version:
             self._aim(kind)
+        getters = kind.getters
+        other = self._routes.other_way(kind.track.place, origin.sysid, origin.compid)
+        if other is not None:  # by which it comes, too, to all but those who do not see that one
+            getters = tuple(client for client in getters if not client.options.sees(other[1]))
+            if not getters:
+                return
         if kind.watched and self._is_withheld(origin, data):
             counters.withheld += 1
-            for client in kind.getters:
+            for client in getters:
                 client.leave_out(kind, data)
             return
         if kind.target_at is not None and (target := kind.target(data)):
-            self._deliver_to(target, kind, data)
+            self._deliver_to(target, getters, kind, data)
             return
-        for client in kind.getters:
+        for client in getters:
             client.deliver(kind, data)
 
     def _new_kind(self, origin: Origin) -> Routed:
@@ -110,15 +114,15 @@ class Downlink:
         seeing = (c for c in self._clients if c.options.sees(origin.vehicle) and origin.sysid not in c.systems)
         kind.getters = tuple(seeing)
 
-    def _deliver_to(self, target: int, kind: Routed, data: bytes) -> None:
+    def _deliver_to(self, target: int, getters: Sequence[Client], kind: Routed, data: bytes) -> None:
         """What is said to somebody: to the clients that are meant, and among several of one id to who has just spoken
         to that vehicle. A read-only one has said nothing to it: what comes here is for its namesake elsewhere."""
-        meant = [client for client in kind.getters if target in client.systems and not client.read_only]
+        meant = [client for client in getters if target in client.systems and not client.read_only]
         if len(meant) > 1:
             since, place = time.monotonic() - LATELY, kind.track.place
             lately = [client for client in meant if client.addressed.get(place, 0.0) > since]
             meant = lately or meant
-        for client in kind.getters:
+        for client in getters:
             if client in meant:
                 client.deliver(kind, data)
             else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import zmav
@@ -77,10 +77,31 @@ class Routes:
         gone = [known for place, known in before.items() if place not in now]
         return [known for place, known in now.items() if place not in before], gone
 
-    def everybody(self) -> list[Place]:
-        """Where to send what is for all: each autopilot once."""
-        ways = self.ways
-        return [place for place, known in self.vehicles.items() if ways.get(known.sysid, place) == place]
+    def everybody(self, sees: Callable[[str], bool]) -> list[Place]:
+        """Where to send what is for all, of those whose names somebody ``sees``: each autopilot once."""
+        return [
+            place
+            for place, known in self.vehicles.items()
+            if sees(place[1]) and self._way_for(known.sysid, sees) in (None, place)
+        ]
+
+    def other_way(self, place: Place, sysid: int, compid: int) -> Place | None:
+        """The way in use by which an autopilot's frames come, where it is not ``place``; None: they come by this one.
+
+        Other components of its system may be heard by one way alone: theirs come by each.
+        """
+        way = self.ways.get(sysid)
+        if way is None or way == place:
+            return None
+        used = self.vehicles.get(way)
+        return way if used is not None and used.compid == compid else None
+
+    def _way_for(self, sysid: int, sees: Callable[[str], bool]) -> Place | None:
+        """The way in use, or one of those that somebody sees; None: the autopilot has not several."""
+        way = self.ways.get(sysid)
+        if way is None or sees(way[1]):
+            return way
+        return next((known.place for known in self.systems.get(sysid, ()) if sees(known.name)), way)
 
     def _way(self, found: Sequence[Known]) -> Place:
         """The way that is in use, while the autopilot is heard by it; else the one by which it was heard last."""
@@ -90,8 +111,8 @@ class Routes:
             return used
         return max(heard, key=heard.__getitem__)
 
-    def way_to(self, sysid: int) -> Place:
-        """The vehicle that frames for a system go to.
+    def way_to(self, sysid: int, sees: Callable[[str], bool] = lambda name: True) -> Place:
+        """The vehicle that frames for a system go to; of several ways to it one that somebody ``sees``, if there is.
 
         Raises :class:`Clash` that names those who claim the id, and :class:`NoSuchVehicle` where nobody was heard as
         it.
@@ -100,7 +121,7 @@ class Routes:
         if len(found) == 1:
             return found[0].place
         if found:
-            way = self.ways.get(sysid)
+            way = self._way_for(sysid, sees)
             if way is None:
                 raise clash(found)
             return way

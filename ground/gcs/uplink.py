@@ -113,7 +113,7 @@ class Uplink:
     def _ask(self, client: Client, frame: Frame, system: int) -> None:
         """For messages at a rate."""
         try:
-            place = self._routes.way_to(system) if system else None
+            place = self._routes.way_to(system, client.options.sees) if system else None
             if place is not None and not client.options.sees(place[1]):
                 self._refuse(client, "target")
                 return
@@ -131,12 +131,11 @@ class Uplink:
         system, component = targets(frame, self._dialect)
         name = self._dialect.name_of(frame.msgid)
         if not system:
-            for place in self._routes.everybody():
-                if client.options.sees(place[1]):
-                    self._put(place, 0, component, name, frame)
+            for place in self._routes.everybody(client.options.sees):
+                self._put(place, 0, component, name, frame)
             return
         try:
-            place = self._routes.way_to(system)
+            place = self._routes.way_to(system, client.options.sees)
         except (Clash, NoSuchVehicle) as e:
             if not (isinstance(e, Clash) and self._make_safe(client, system, component, name, frame)):
                 self._not_routed(client, system, e)

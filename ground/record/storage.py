@@ -33,7 +33,8 @@ QUEUE, QUEUE_BYTES = 100_000, 256 << 20
 AT_ONCE = 2000
 POLL_S = 0.05
 FLUSH_S = 1.0
-SYNC_S = 5.0
+SYNC_S, SLOW_S = 5.0, 20.0
+"""s after which the disk is asked again to take what was written, and after which it is said that it has not"""
 RETRY_S = 5.0
 """between two tries of a disk that took nothing"""
 MOST_ROUTES = 20_000
@@ -95,6 +96,7 @@ class Storage:
         """samples that are in the part and not in its files yet"""
         self._opened = self._flushed = self._synced = 0.0
         self._syncing: threading.Thread | None = None
+        self._slow_said = False
         self._sync_failed: OSError | None = None
         self._retry = 0.0
         self._was_full = False
@@ -242,8 +244,12 @@ class Storage:
         large, old = part.size >= how.split_size, now - self._opened >= how.split_time
         if self._short_of_room(how.keep_free) or large or old:
             self._close_part()
-        elif now - self._synced >= SYNC_S and not (self._syncing and self._syncing.is_alive()):
-            self._synced = now
+        elif self._syncing and self._syncing.is_alive():
+            if now - self._synced >= SLOW_S and not self._slow_said:
+                self._slow_said = True
+                self._tell(f"the disk has taken nothing for {SLOW_S:.0f} s: a power cut now would cost more than that")
+        elif now - self._synced >= SYNC_S:
+            self._synced, self._slow_said = now, False
             self._syncing = threading.Thread(target=self._sync, args=(part.descriptors(),), name="sync", daemon=True)
             self._syncing.start()
 

@@ -17,7 +17,7 @@ from tests.ground.gcs.conftest import FLEET, PATIENCE_S, Craft, Scene, Station, 
 from tests.waiting import until
 from zmav import keys
 from zmav.errors import PortInUse
-from zmav.mavlink import Packer, decode
+from zmav.mavlink import Packer, decode, parse_frame
 from zmav.mavlink.signing import SETUP_SIGNING
 
 if TYPE_CHECKING:
@@ -143,6 +143,39 @@ async def test_two_ways_to_one_autopilot_are_one_vehicle(scene: Scene) -> None:
     await speaks(far)
     sent = station.send("COMMAND_LONG", **command(far, ARM))
     assert await far.hears(lambda key, data: data == sent, "the command") == sent
+
+
+async def test_what_one_way_alone_brings_and_who_sees_one_way_alone(scene: Scene) -> None:
+    """A gimbal that one of two companions hears is not left out, nor is a station that is shown the other's name."""
+    near, far = scene.craft("near", 1, uid="aa"), scene.craft("far", 1, uid="aa")
+    bridge = await scene.bridge(udpin="vehicles=far")
+    station, theirs = await scene.tcp(bridge), await scene.udp(bridge)
+    await until(lambda: len(bridge.routes.systems.get(1, ())) == 2, "both of them")
+
+    async def beat() -> None:
+        while True:
+            near.says("HEARTBEAT")
+            await asyncio.sleep(0.1)
+
+    beating = asyncio.create_task(beat())
+    try:
+        await until(lambda: bridge.routes.ways.get(1) == (FLEET, "near"), "the near way")
+        gimbal = Packer(far.dialect, 1, 154).pack("HEARTBEAT")
+        far.puts(gimbal, compid=154)
+        await station.gets(gimbal)
+        said = near.says("ATTITUDE", roll=1.0)
+        far.puts(said)
+        await theirs.gets(said)
+        sent = theirs.send("COMMAND_LONG", **command(far, ARM))
+        assert await far.hears(lambda key, data: data == sent, "the command") == sent
+        assert not any("COMMAND_LONG" in key for key, _ in near.told)
+        await station.gets(said)
+        assert len(station.named("ATTITUDE")) == len(theirs.named("ATTITUDE")) == 1
+        client = next(each for each in bridge.clients if each.options.vehicles == ("far",))
+        frame = parse_frame(sent, far.dialect)
+        assert [vehicle.name for _, vehicle in bridge.ground.vehicles(client, frame)] == ["far"]
+    finally:
+        beating.cancel()
 
 
 async def test_read_only_lets_nothing_through_and_says_so_once(scene: Scene) -> None:

@@ -6,9 +6,11 @@ import re
 import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import zenoh
 
 from ground.http.reply import Failure
 from ground.http.streams import MOST, FrameStreams, Wish
@@ -191,6 +193,32 @@ def test_a_vehicle_s_refusal_is_the_answer(served: Served) -> None:
     assert reply.status == 409
     assert reply.text == f"quad1: frame on {key} refused: a clash\n"
     served.sent(1)
+
+
+def test_refusals_of_many_frames_are_heard_by_one_subscription(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    served = serve()
+    for name, sysid in (("quad1", 1), ("quad2", 2)):
+        served.vehicle(name, sysid)
+    made, subscribe = list[str](), served.gateway.client.subscribe
+
+    def counted(key: str, *args: Any, **more: Any) -> Any:
+        made.append(key)
+        return subscribe(key, *args, **more)
+
+    def refuse(sample: zenoh.Sample) -> None:
+        event = wire.Event(
+            t=0.0, kind="refused", severity="warning", text=f"frame on {sample.key_expr} refused: a clash"
+        )
+        served.session.put(keys.EVENT.key("demo", "quad1"), wire.encode(event))
+
+    monkeypatch.setattr(served.gateway.client, "subscribe", counted)
+    listener = served.session.declare_subscriber("zmav/demo/quad1/mav/tx/1/1/SET_MODE", refuse)
+    with ThreadPoolExecutor(6) as pool:
+        paths = [f"/send/{1 + number % 2}/1/SET_MODE?base_mode=1&custom_mode=4" for number in range(6)]
+        statuses = [reply.status for reply in pool.map(served.get, paths)]
+    listener.undeclare()
+    assert statuses == [409, 200] * 3
+    assert len(made) == 1
 
 
 def test_two_vehicles_with_one_id_get_nothing(serve: Serve) -> None:

@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 import re
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
 import pytest
 import zenoh
 
@@ -17,7 +19,7 @@ from ground.http.metrics import Exposition
 from zmav import keys, wire
 
 if TYPE_CHECKING:
-    from tests.ground.http.conftest import Served
+    from tests.ground.http.conftest import Serve, Served
 
 NAME = r"[a-zA-Z_:][a-zA-Z0-9_:]*"
 LABEL = r'[a-zA-Z_][a-zA-Z0-9_]*="(?:[^"\\\n]|\\\\|\\"|\\n)*"'
@@ -26,6 +28,21 @@ HELP = re.compile(rf"# HELP ({NAME}) (.+)\Z")
 TYPE = re.compile(rf"# TYPE ({NAME}) (counter|gauge)\Z")
 PAIR = re.compile(r'(\w+)="((?:[^"\\]|\\.)*)"')
 ESCAPED = {"\\\\": "\\", '\\"': '"', "\\n": "\n"}
+
+
+LINK = wire.LinkQuality(
+    t=0.0,
+    name="autopilot",
+    url="tcp:x",
+    state="up",
+    age=0.1,
+    rx_rate=40.0,
+    rx_bytes_rate=900.0,
+    loss=0.02,
+    rtt=0.004,
+    rx_frames=1234,
+    lost=5,
+)
 
 
 class Sample(NamedTuple):
@@ -99,19 +116,7 @@ def scraped(served: Served) -> list[Sample]:
     )
     served.vehicle("quad4", 4)
     t = time.time()
-    link = wire.LinkQuality(
-        t=t,
-        name="autopilot",
-        url="tcp:x",
-        state="up",
-        age=0.1,
-        rx_rate=40.0,
-        rx_bytes_rate=900.0,
-        loss=0.02,
-        rtt=0.004,
-        rx_frames=1234,
-        lost=5,
-    )
+    link = msgspec.structs.replace(LINK, t=t)
     near = wire.NeighbourQuality(
         t=t,
         name="quad4",
@@ -168,6 +173,26 @@ def test_a_scrape_says_how_the_fleet_is(scraped: list[Sample]) -> None:
     assert value("zmav_neighbour_loss_out_ratio", **quad3) == 0.2
     assert value("zmav_vehicle_battery_volts", vehicle="quad4") is None
     assert value("zmav_vehicle_up", vehicle="quad4") == 1.0
+
+
+def test_links_are_asked_for_once_however_many_scrape(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ground.http.metrics.LINKS_EVERY", 60.0)
+    served = serve()
+    served.vehicle("quad3", 3)
+    asked, ask = list[str](), served.gateway.client.ask
+
+    def counted(key: str, *args: Any, **more: Any) -> Any:
+        asked.append(key)
+        return ask(key, *args, **more)
+
+    monkeypatch.setattr(served.gateway.client, "ask", counted)
+    link = msgspec.structs.replace(LINK, t=time.time())
+    queryable = answer(served, keys.LINK.key("demo", "quad3", link="autopilot"), wire.encode(link))
+    with ThreadPoolExecutor(5) as pool:
+        pages = [read(reply.text) for reply in pool.map(served.get, ["/metrics"] * 5)]
+    queryable.undeclare()
+    assert len(asked) == 1
+    assert all(any(each.labels.get("link") == "autopilot" for each in page) for page in pages)
 
 
 def test_a_scrape_says_how_the_gateway_is(served: Served, scraped: list[Sample]) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
 import shutil
 import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -276,6 +278,30 @@ def test_files_that_are_taken_away_are_begun_again(desk: Any, folder: Room, fram
     here.storage.close()
     assert tlog(here.files("tlog")[0]) == make.made[1:]
     assert [path.name for path in here.files("mcap")] == ["record.002.mcap"]
+
+
+def test_a_disk_that_takes_nothing_is_said_and_what_it_refuses_stops_the_recording(
+    desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free, refusing = threading.Event(), threading.Event()
+
+    def stuck(descriptor: int) -> None:
+        free.wait(30.0)
+        if refusing.is_set():
+            raise OSError(errno.EIO, "Input/output error")
+
+    for name, seconds in (("SYNC_S", 0.2), ("SLOW_S", 0.5)):
+        monkeypatch.setattr(f"ground.record.storage.{name}", seconds)
+    monkeypatch.setattr("ground.record.storage.os.fdatasync", stuck)
+    here, make = desk(), frames()
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.told("the disk has taken nothing")
+    here.storage.put(f"{QUAD1}/{make.key}", make())
+    here.until("written", 2)
+    refusing.set()
+    free.set()
+    here.told("Input/output error: nothing is recorded")
+    refusing.clear()
 
 
 def test_a_name_too_long_for_a_file_stops_nobody_elses(desk: Any, frames: type[Frames]) -> None:

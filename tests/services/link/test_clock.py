@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
+from unittest import mock
 
 import pytest
 from hypothesis import example, given
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from tests.services.rates.rate_peer import StreamPeer
 from zmav import onboard as onboard_module
 from zmav import wire
-from zmav.mavlink import Packer
+from zmav.mavlink import Frame, Packer, encode, load_dialect, parse_frame
 from zmav.services.link import clock, timesync
 from zmav.services.link.clock import SETTLED, WRAP_MS, AutopilotClock
 
@@ -284,6 +285,25 @@ async def test_a_restart_before_the_first_answer_is_seen(bench: StartBench, one:
     one.answers_timesync = True
     said = await b.event("the autopilot has restarted")
     assert said["severity"] == "warning"
+
+
+async def test_an_answer_before_the_autopilot_is_taken_in_is_no_restart() -> None:
+    """The companion runs for days, the autopilot since a minute; its HEARTBEAT comes between a question and its answer,
+    and no tick since."""
+    companion, sent, restarts = mock.Mock(), list[int](), list[timesync.AutopilotRestarted]()
+    listeners: dict[str, Callable[[Frame], None]] = {}
+    companion.identity.source, companion.port.dialect = None, load_dialect()
+    companion.port.send = lambda name, **fields: sent.append(fields["ts1"])
+    companion.port.bus.tell = restarts.append
+    companion.port.listen = listeners.__setitem__
+    sync = timesync.TimeSync(companion)
+    sync.start()
+    sync.tick()
+    companion.identity.source = (1, 1)
+    answer = encode(load_dialect(), "TIMESYNC", {"tc1": 10**9, "ts1": sent[0]}, sysid=1, compid=1)
+    listeners["TIMESYNC"](parse_frame(answer, load_dialect()))
+    await asyncio.sleep(0.01)
+    assert sync.take_rtt() is None and not restarts
 
 
 async def test_a_time_that_went_forward_is_no_restart(

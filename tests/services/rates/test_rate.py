@@ -17,6 +17,7 @@ from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
+from zmav.services.link.clock import AutopilotClock
 from zmav.services.rates import rates as rate_module
 from zmav.services.rates.demand import PLAIN_HZ
 from zmav.services.rates.meter import WINDOW
@@ -190,6 +191,21 @@ async def test_what_another_station_has_faster_is_not_slowed(bench: StartBench, 
     await rounds(b)
     assert one.rates["VFR_HUD"] == 40.0
     assert one.asked("VFR_HUD") == [200_000.0]
+
+
+async def test_a_simulation_that_hurries_is_no_other_station(
+    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b = await on(bench, one)
+    monkeypatch.setattr(AutopilotClock, "drift", -7.0)  # eight times real time, and so is what it sends
+    reader = token(b.ground, "VFR_HUD", 5)
+    await flows(one, "VFR_HUD", 5.0)
+    one.rates["VFR_HUD"] = 40.0
+    await asyncio.sleep(WINDOW + 1.5)
+    while (found := await row(b, "VFR_HUD")) is None or found.hz < 30.0:
+        await rounds(b, 1)
+    reader.undeclare()
+    await flows(one, "VFR_HUD", None)
 
 
 async def test_a_session_that_dies_takes_its_wishes_along(bench: StartBench, one: StreamPeer, net: Net) -> None:

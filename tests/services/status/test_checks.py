@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import struct
+from unittest import mock
+
+import pytest
 
 from zmav.autopilots.px4_events import ARMING_SUMMARY, HEALTH_SUMMARY
 from zmav.mavlink.event import Event, event_id
+from zmav.services.status import px4_events
 from zmav.services.status.px4_events import MOST_CHECKS, Checks
 
 GPS, UNKNOWN = event_id("check_estimator_gps_fix_too_low"), event_id("check_of_another_firmware")
@@ -44,6 +49,30 @@ def test_a_report_that_is_not_whole_is_none() -> None:
     checks.hear(event(HEALTH_SUMMARY, bytes(13), 8))
     assert not checks.known
     assert checks.against(None) == []
+
+
+def test_the_end_of_another_report_ends_this_one() -> None:
+    checks = Checks()
+    checks.hear(event(ARMING_SUMMARY, struct.pack("<BIIII", 1, 0, 0, 0, 0), 8))
+    checks.hear(event(HEALTH_SUMMARY, bytes(13), 8))
+    assert not checks.known and not checks.coming
+
+
+async def test_each_loss_is_followed_by_as_many_questions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(px4_events, "EVERY", 0.001)
+    monkeypatch.setattr(px4_events, "ASK_EVERY", 0.0)
+    companion, commander = mock.Mock(), mock.AsyncMock()
+    companion.identity.connected, companion.identity.armed = True, False
+    texts = px4_events.EventTexts(companion, commander)
+    texts.start()
+    for loss in range(1, 4):
+        while commander.command.await_count < loss * px4_events.ASKS:
+            await asyncio.sleep(0.001)
+        report(texts.checks, 0)
+        await asyncio.sleep(0.05)
+        assert commander.command.await_count == loss * px4_events.ASKS
+        texts.checks.lose()
+    await texts.close()
 
 
 def test_a_report_without_end_is_bounded() -> None:

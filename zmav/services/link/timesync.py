@@ -91,8 +91,8 @@ class TimeSync:
             # The autopilot asks for our time. A simulator in lock step waits for this: all it said before is heard.
             self._port.send("TIMESYNC", tc1=time.monotonic_ns(), ts1=sent)
             return
-        if sent not in self._asked:
-            return  # an answer to somebody else
+        if sent not in self._asked or self._identity.source != self._source:
+            return  # an answer to somebody else, or to what was asked before we knew this autopilot
         self._rtts.append((received - sent) / 1e9)
         before, now = self.clock.boot, fields["tc1"] / 1e9
         verdict = self.clock.sample(sent / 1e9, received / 1e9, now)
@@ -103,7 +103,8 @@ class TimeSync:
             self.gps_offset = None
             self.restarts += 1
             if verdict == "restarted":
-                text = f"the autopilot has restarted: its time went from {before:.1f} s to {now:.1f} s"
+                was = f"from {before:.1f} s " if before else ""
+                text = f"the autopilot has restarted: its time went {was}to {now:.1f} s"
                 self._events.emit("autopilot", "warning", text, limit="restart")
             else:
                 text = f"the autopilot was silent, and its time went on by {now - before:.1f} s only, to {now:.1f} s"

@@ -21,6 +21,7 @@ from zmav import keys, wire
 from zmav.autopilots import Command
 from zmav.mavlink.results import CommandResult
 from zmav.services.companion import Companion
+from zmav.services.link.clock import AutopilotClock
 from zmav.services.link.identity import VehicleChanged
 from zmav.services.link.port import Inbox, is_ours
 from zmav.services.queries.questions import Reply
@@ -50,13 +51,14 @@ SLOWER_FROM = 20.0
 class Rates:
     """Keeps one autopilot sending what is read. Lives on the event loop.
 
-    ``needs``: what else the companion reads, in Hz: the pilot's switch.
+    ``needs``: what else the companion reads, in Hz: the pilot's switch. ``clock`` tells how fast a simulation goes: so
+    much faster comes what it is asked for.
     """
 
-    def __init__(self, companion: Companion, needs: Mapping[str, float]) -> None:
+    def __init__(self, companion: Companion, needs: Mapping[str, float], clock: AutopilotClock) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
-        self._needs = needs
+        self._needs, self._clock = needs, clock
         self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
@@ -208,7 +210,7 @@ class Rates:
         flow, standing = self._flows().get(name), self._standing[name]
         if flow is None or standing.asked is None or time.monotonic() - standing.since < WINDOW + 1:
             return False
-        return flow.hz > FASTER * standing.asked
+        return flow.hz > FASTER * standing.asked * max(1.0 - self._clock.drift, 1.0)
 
     async def _ask(self, source: tuple[int, int], target: Target) -> None:
         standing = self._standing.setdefault(target.name, RequestedRate())

@@ -61,7 +61,8 @@ class Checks:
             if self._coming and event.arguments[0] == self._coming[0]:
                 self._chunks[self._coming[0]] = self._coming[1:]
                 self._heard = {_key(each) for _, failing in self._chunks.values() for each in failing}
-                self.known, self._coming = True, None
+                self.known = True
+            self._coming = None
             return False
         if self._coming and len(self._coming[2]) < MOST_CHECKS:
             self._coming[2].append(event)
@@ -146,7 +147,9 @@ class EventTexts:
             who, now = self._identity, time.monotonic()
             if not who.connected or who.autopilot is None:
                 self.checks, asks = Checks(), 0  # it may come back as another
-            elif self.checks.known or who.armed or asks >= ASKS or now - asked < ASK_EVERY:
+            elif self.checks.known:
+                asks = 0
+            elif who.armed or asks >= ASKS or now - asked < ASK_EVERY:
                 continue
             elif who.autopilot.report_checks is not None:
                 asks, asked = asks + 1, now

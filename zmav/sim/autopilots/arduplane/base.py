@@ -226,7 +226,3 @@ class PlaneBase(ArduVehicle, ABC):
     def on_turn(self) -> bool:
         """It is time for new targets."""
         return self._ticks % TURN == 0
-
-    @property
-    def turn_s(self) -> float:
-        return TURN * self.dt
