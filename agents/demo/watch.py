@@ -58,7 +58,7 @@ class Watch:
 
     async def _ping(self, name: str, track: LinkFigures) -> None:
         while True:
-            with contextlib.suppress(ZmavError):  # the table shows the vehicle as stale; the summary counts what came
+            with contextlib.suppress(ZmavError):  # the summary counts what came
                 track.rtts.append(await self._z.vehicle(name).ping())
             await asyncio.sleep(PING)
 

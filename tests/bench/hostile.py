@@ -31,14 +31,13 @@ from typing import Any
 
 import zenoh
 
-from tests.ports import free_udp_ports
-from zmav.process import free_port
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from mesh.credentials.ca import Authority
 from tests.bench import _floods
+from tests.ports import free_udp_ports
 from zmav.errors import SessionError
+from zmav.process import free_port
 from zmav.session import SessionSettings, open_session
 from zmav.trust.certificate import Role
 

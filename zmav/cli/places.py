@@ -23,7 +23,7 @@ def motion(text: str) -> Vector:
 
 
 def offset(text: str) -> Vector:
-    """``FORWARD,RIGHT,UP`` (or north, east, up) -> the same with down."""
+    """``FORWARD,RIGHT,UP`` -> forward, right, down."""
     return _downward(text, f"{OFFSET} in metres, such as -5,0,8")
 
 

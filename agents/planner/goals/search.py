@@ -101,9 +101,7 @@ def split(area: Ground, sweepers: Sequence[Sweeper], overlap: float, course: flo
         dealer = Dealer(area, sweepers, overlap, angle)
         for along in (False, True):
             if (parts := dealer.deal(along)) is not None:
-                # Whichever sees more; of those that see the same, to a hundredth, whichever is done sooner.
-                seen = sum(part.area.area for part in parts if len(part.path))
-                rank = (-round(seen / area.wanted.area, 2), max(part.seconds for part in parts))
+                rank = dealer.rank(parts)
                 best = (rank, parts) if best is None or rank < best[0] else best
     if best is None or not any(len(part.path) for part in best[1]):
         text = "search: no vehicle gets to the polygon and back within its endurance, with room there for its turns"

@@ -54,7 +54,8 @@ def _check_sizes(goal: swarm.Goal) -> None:
     elif isinstance(goal, swarm.TakeOff):
         _positive(goal.height, "goal.height")
     elif isinstance(goal, swarm.Search) and len(goal.polygon) < 3:
-        raise BadInput.wrong("goal.polygon", len(goal.polygon), "three corners or more", "the polygon is none")
+        corners = len(goal.polygon)
+        raise BadInput.wrong("goal.polygon", corners, "three or more", f"the search's polygon has {corners} corners")
     elif isinstance(goal, swarm.GoTo) and len(goal.to) != len(goal.vehicles):
         text = f"{len(goal.vehicles)} vehicles have {len(goal.to)} places to go to"
         raise BadInput(text, field="goal.to", value=len(goal.to), expected=f"{len(goal.vehicles)} places")
@@ -88,7 +89,8 @@ def check_obstacle(obstacle: swarm.Obstacle) -> None:
 def read_obstacle(data: bytes) -> swarm.Obstacle:
     """An obstacle as it came. Raises :class:`BadInput`."""
     if len(data) > OBSTACLE_BYTES:
-        raise BadInput.wrong("obstacle", len(data), f"at most {OBSTACLE_BYTES} bytes", "so much is not read")
+        text = f"an obstacle of {len(data)} bytes is not read"
+        raise BadInput.wrong("obstacle", len(data), f"at most {OBSTACLE_BYTES} bytes", text)
     obstacle = wire.decode(data, swarm.Obstacle, "obstacle")
     check_obstacle(obstacle)
     return obstacle

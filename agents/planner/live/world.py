@@ -96,7 +96,7 @@ class World:
         if before is not None and obstacle.t < before.obstacle.t:
             return False  # overtaken on the way
         if what is None:
-            return self._gone(name)
+            return self._gone(name, ordered=True)
         if before is None and len(self._told) >= MOST_OBSTACLES:
             text = f"{MOST_OBSTACLES} obstacles are known, and that is all there is room for; remove some"
             raise BadInput(text, field="obstacle", value=name, expected=f"at most {MOST_OBSTACLES}")
@@ -131,13 +131,15 @@ class World:
                 self._told[obstacle.name] = KnownObstacle(obstacle, None if left is None else now + left)
                 self.revision += 1
 
-    def _gone(self, name: str) -> bool:
+    def _gone(self, name: str, ordered: bool = False) -> bool:
+        """``ordered``: somebody took it away by its name, the fleet file's fence too."""
         gone = self._told.pop(name, None)
         if gone is None:
             return False
         self.revision += 1
-        if isinstance(gone.obstacle.what, swarm.Geofence) and self.fence is not None and name != self.fence.name:
-            self._told[self.fence.name] = KnownObstacle(self.fence, None)
+        fence = self.fence if isinstance(gone.obstacle.what, swarm.Geofence) else None
+        if fence is not None and not (ordered and name == fence.name):
+            self._told[fence.name] = KnownObstacle(fence, None)
         return True
 
     def find(self, name: str) -> swarm.Obstacle | None:

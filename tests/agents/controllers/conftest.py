@@ -56,8 +56,10 @@ class Field:
         await self.vehicle.wait_until(lambda s: s.lease is None and s.pilot is None, PATIENCE_S)
         if math.dist(self.world.vehicles[0].status().ned_m, HOVER) > 0.5:
             self.world.set_speed(SPEED)
-            await self.vehicle.goto(pos=HOVER)
-            self.world.set_speed(1.0)
+            try:
+                await self.vehicle.goto(pos=HOVER)
+            finally:
+                self.world.set_speed(1.0)
 
     async def supervise(self, controller: str | Path, tuned: dict[str, float] | None = None, **more: Any) -> Supervisor:
         """A supervisor whose controller is ready; it ends with the test."""

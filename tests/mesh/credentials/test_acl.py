@@ -10,6 +10,7 @@ import pytest
 import zenoh
 
 import zmav
+from tests.waiting import wait_until
 from zmav import keys
 from zmav.config import FleetConfig, Host, StationConfig, VehicleConfig
 from zmav.errors import Forbidden
@@ -318,10 +319,8 @@ def test_what_was_missed_of_an_event_is_recovered_through_the_door(fleet: Fleet,
             came.set()
 
     # A publisher's token may be here before its cache is: who asks then hears nothing, and is not told to ask again.
-    cached = threading.Event()
-    asking = viewer.declare_querier("zmav/alpha/quad1/event/@adv/**")
-    asking.declare_matching_listener(lambda status: cached.set() if status.matching else None)
-    assert asking.matching_status or cached.wait(PATIENCE_S)
+    cache = "zmav/alpha/quad1/event/@adv/**?_anyke"
+    wait_until(lambda: any(reply.ok for reply in viewer.get(cache, timeout=1.0)), "the cache")
     subscriber = zenoh.ext.declare_advanced_subscriber(
         viewer, "zmav/alpha/*/event", on_sample, history=zenoh.ext.HistoryConfig(detect_late_publishers=True)
     )

@@ -17,6 +17,7 @@ from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
 from agents.planner.live.worker import SolverProcess
 from agents.planner.model.errors import PlanError
+from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
 from zmav.config import body_of
 from zmav.errors import BadInput, TimedOut
@@ -117,6 +118,22 @@ async def test_a_plan_that_is_solved_late_has_its_own_time_to_be_judged(
         await solver.until_ready(PATIENCE_S)
         late = jobs.Solve(scene((0.0, 30.0, 10.0)), seconds=2.0 - GRACE)
         assert await solver.do(late) == ("plan", "judged")  # type: ignore[comparison-overlap]
+
+
+def test_a_plan_is_told_of_before_it_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, judged = io.BytesIO(), jobs.Judgement(True, None, 1.0)
+    there, plan = SolverProcess(out), Plan(status="ok")
+
+    def judge(job: jobs.Judge) -> jobs.Judgement:
+        out.seek(0)
+        assert jobs.read(out) == jobs.Solved(7)
+        return judged
+
+    monkeypatch.setattr(there, "solve", lambda job: plan)
+    monkeypatch.setattr("agents.planner.live.worker.judge", judge)
+    there.serve(7, jobs.Solve(scene((0.0, 30.0, 10.0))))
+    out.seek(0)
+    assert [jobs.read(out), jobs.read(out)] == [jobs.Solved(7), jobs.Done(7, (plan, judged))]
 
 
 async def test_uncompiled_it_is_ready_at_once_and_plans_for_three_in_the_open(monkeypatch: pytest.MonkeyPatch) -> None:

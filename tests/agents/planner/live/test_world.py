@@ -139,8 +139,11 @@ def test_the_fleet_file_s_fence_holds_again_when_another_is_gone() -> None:
     world.follow([told("field", other)], 9.0, 9.0)
     world.follow([told("leaders", other)], 9.0, 9.0)
     assert [each.name for each in world.obstacles] == ["leaders"], "a standby knows what its leader knows, and no more"
-    world.give(told("fleet-file", other, t=1.0), 10.0)
-    world.give(told("fleet-file", None, t=2.0), 11.0)
+    world.give(told("fleet-file", other, t=1.0, ttl=5.0), 10.0)
+    world.expire(16.0)
+    assert world.obstacles == [own], "another one under its name is forgotten as any other"
+    world.give(told("fleet-file", other, t=1.0), 17.0)
+    world.give(told("fleet-file", None, t=2.0), 18.0)
     assert world.obstacles == [], "who takes it away by its name means it"
 
 
