@@ -253,8 +253,7 @@ class Supervisor(zmav.Agent):
 
     async def _watch_events(self) -> None:
         """Why the vehicle drops setpoints of ours: said while it takes over."""
-        key = keys.EVENT.key(self.vehicle.fleet, self.vehicle.name)
-        async with self.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Event, "event")) as events:
+        async with self.vehicle.events() as events:
             async for event in events:
                 if event.kind == "setpoint" and f"setpoint of {self.name} dropped" in event.text:
                     with contextlib.suppress(asyncio.QueueFull):
