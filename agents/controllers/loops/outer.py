@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class VelocityLoop(Controller):
     thr_xy_marg = parameter(0.3, 0.0, 0.3, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
     hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
 
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         super().__init__(tuned)
         self.axes = (Axis(), Axis(), Axis())
         self.hover = Hover()
@@ -186,7 +187,7 @@ class AltitudeLoop(Controller):
     thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
     hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
 
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         super().__init__(tuned)
         self.down = Axis()
         self.hover = Hover()
