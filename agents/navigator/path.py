@@ -77,33 +77,28 @@ distances (N,): places, unit tangents and their derivatives by the distance.
 """
 
 
-def circle(radius: float) -> Shape:
-    """About zero, clockwise from above, from the north on; the parameter in radians."""
+def lissajous(north: float, east: float, turns: float, phase: float) -> Shape:
+    """North ``north`` sin(u + ``phase``), east ``east`` sin(``turns`` u), about zero; the parameter u in radians."""
 
     def shape(u: Array) -> tuple[Array, Array, Array]:
-        cos, sin, none = np.cos(u), np.sin(u), np.zeros_like(u)
+        v, w, none = u + phase, turns * u, np.zeros_like(u)
         return (
-            radius * np.column_stack((cos, sin, none)),
-            radius * np.column_stack((-sin, cos, none)),
-            radius * np.column_stack((-cos, -sin, none)),
+            np.column_stack((north * np.sin(v), east * np.sin(w), none)),
+            np.column_stack((north * np.cos(v), turns * east * np.cos(w), none)),
+            np.column_stack((-north * np.sin(v), -turns * turns * east * np.sin(w), none)),
         )
 
     return shape
+
+
+def circle(radius: float) -> Shape:
+    """About zero, clockwise from above, from the north on."""
+    return lissajous(radius, radius, 1.0, 0.5 * math.pi)
 
 
 def lemniscate(length: float, width: float) -> Shape:
-    """Gerono's figure of eight about zero, from its middle on to the north; the parameter in radians."""
-    a, b = 0.5 * length, 0.5 * width
-
-    def shape(u: Array) -> tuple[Array, Array, Array]:
-        none = np.zeros_like(u)
-        return (
-            np.column_stack((a * np.sin(u), b * np.sin(2.0 * u), none)),
-            np.column_stack((a * np.cos(u), 2.0 * b * np.cos(2.0 * u), none)),
-            np.column_stack((-a * np.sin(u), -4.0 * b * np.sin(2.0 * u), none)),
-        )
-
-    return shape
+    """Gerono's figure of eight about zero, from its middle on to the north."""
+    return lissajous(0.5 * length, 0.5 * width, 2.0, 0.0)
 
 
 def placed(shape: Shape, centre: Array, heading: float) -> Shape:

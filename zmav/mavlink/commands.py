@@ -29,7 +29,6 @@ class CommandParam(msgspec.Struct, frozen=True):
 
     index: int
     label: str = ""
-    description: str = ""
     units: str = ""
     enum: str = ""
     minimum: float | None = None
@@ -47,7 +46,6 @@ class CommandType(msgspec.Struct, frozen=True):
 
     name: str
     id: int
-    description: str
     has_location: bool
     params: tuple[CommandParam, ...]
 
@@ -149,7 +147,6 @@ def _command(entry: ET.Element) -> CommandType:
     return CommandType(
         name=entry.get("name", ""),
         id=int(entry.get("value", "0"), 0),
-        description=_text(entry.find("description")),
         has_location=entry.get("hasLocation") == "true",
         params=tuple(params.get(i, CommandParam(i)) for i in range(1, PARAMS + 1)),
     )
@@ -160,7 +157,6 @@ def _param(p: ET.Element) -> CommandParam:
     return CommandParam(
         index=int(p.get("index", 0)),
         label=p.get("label", ""),
-        description=_text(p),
         units=p.get("units", ""),
         enum=p.get("enum", ""),
         minimum=_maybe(p.get("minValue")),
@@ -172,7 +168,3 @@ def _param(p: ET.Element) -> CommandParam:
 
 def _maybe(text: str | None) -> float | None:
     return None if text is None else float(text)
-
-
-def _text(element: ET.Element | None) -> str:
-    return " ".join((element.text or "").split()) if element is not None else ""
