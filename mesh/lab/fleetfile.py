@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav.config import FleetConfig, load_fleet
+from zmav.config.toml import toml_value
 from zmav.errors import BadConfig
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
@@ -103,22 +100,7 @@ def toml(tables: Mapping[str, Any]) -> str:
     lines = []
     for key, value in tables.items():
         if isinstance(value, Mapping):
-            lines += [f"{_key(key)}.{_key(name)} = {_value(inner)}" for name, inner in value.items()]
+            lines += [f"{toml_value(key)}.{toml_value(name)} = {toml_value(inner)}" for name, inner in value.items()]
         else:
-            lines.append(f"{_key(key)} = {_value(value)}")
+            lines.append(f"{toml_value(key)} = {toml_value(value)}")
     return "\n".join(lines) + "\n"
-
-
-def _key(name: str) -> str:
-    return json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    value = msgspec.to_builtins(value)
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return json.dumps(value, ensure_ascii=False)  # TOML writes the rest as JSON does

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine
@@ -13,7 +12,6 @@ from typing import Any, TypeVar
 
 import msgspec
 import zenoh
-from zenoh import handlers
 
 from zmav import keys, wire
 from zmav.autopilots.safety import Safety
@@ -23,6 +21,7 @@ from zmav.doctor.credentials import Trust, look_at_trust
 from zmav.doctor.facts import AgentReport
 from zmav.doctor.failsafes import Value, read_safety
 from zmav.errors import BadInput, ZmavError
+from zmav.tokens import find_tokens
 from zmav.trust.credentials import Credentials
 from zmav.vehicle.vehicle import Vehicle
 from zmav.waiting import within
@@ -95,7 +94,7 @@ async def look(
         parts: dict[str, Coroutine[Any, Any, Any]] = {
             "links": listener.ask(),
             "routers": find_routers(z),
-            "tokens": find_tokens(z),
+            "tokens": find_present(z),
             "hosts": find_hosts(z),
             "clocks": _of_each(present, _clock_of),
             "safety": _of_each(present, read_safety),
@@ -201,21 +200,11 @@ async def find_routers(z: Client) -> dict[str, RouterReport]:
     return found
 
 
-async def find_tokens(z: Client) -> list[dict[str, str]]:
-    """Who is present, of every role. Replies are collected as they come: a channel of replies holds only so many."""
+async def find_present(z: Client) -> list[dict[str, str]]:
+    """Who is present, of every role."""
     key = keys.ALIVE.key(z.fleet_name, "*", role="*", sys="*", autopilot="*", uid="*", instance="*")
-    found: list[str] = []
-    over = threading.Event()
-
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is not None and len(found) < 4 * MOST:
-            found.append(str(reply.ok.key_expr))
-
-    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
-    z.session.liveliness().get(key, handler, timeout=1.0)
-    await asyncio.to_thread(over.wait, 2.0)
     tokens = []
-    for each in sorted(set(found)):
+    for each in sorted(set(await asyncio.to_thread(find_tokens, z.session, key, 1.0)))[: 4 * MOST]:
         with contextlib.suppress(BadInput):
             tokens.append(keys.match(each)[1])
     return tokens
