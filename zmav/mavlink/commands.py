@@ -6,7 +6,6 @@ only when somebody names a command. Schema: https://mavlink.io/en/guide/xml_sche
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 import re
@@ -16,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 
-from zmav.errors import BadInput
+from zmav.errors import BadInput, did_you_mean
 from zmav.mavlink import definitions
 from zmav.mavlink.dialect import Dialect
 
@@ -97,10 +96,7 @@ def _number(param: CommandParam, value: float | str | None, dialect: Dialect) ->
         for name in (part.strip().upper() for part in value.split("|")):
             entry = entries.get(name, entries.get(f"{param.enum}_{name}"))
             if entry is None:
-                close = difflib.get_close_matches(name, entries, n=3)
-                return 0.0, f"{name!r} is no entry of {param.enum or 'any enum'}" + (
-                    f"; did you mean {', '.join(close)}?" if close else ""
-                )
+                return 0.0, f"{name!r} is no entry of {param.enum or 'any enum'}{did_you_mean(name, entries)}"
             total |= entry
         return float(total), ""
     if not math.isfinite(value):
@@ -118,14 +114,8 @@ def command_type(dialect: Dialect, name: str) -> CommandType:
     full = name.upper() if name.upper().startswith("MAV_CMD_") else f"MAV_CMD_{name.upper()}"
     found = known.get(full)
     if found is None:
-        close = difflib.get_close_matches(full, known, n=4, cutoff=0.5)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise BadInput(
-            f"dialect {dialect.name} has no command {name!r}{hint}",
-            field="command",
-            value=name,
-            expected="a MAV_CMD",
-        )
+        text = f"dialect {dialect.name} has no command {name!r}{did_you_mean(full, known, n=4, cutoff=0.5)}"
+        raise BadInput(text, field="command", value=name, expected="a MAV_CMD")
     return found
 
 
