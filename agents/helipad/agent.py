@@ -24,7 +24,7 @@ from zmav.agent import Tunable
 from zmav.errors import BadInput, ZmavError
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose, Poses
-from zmav.vision.reader import Picture, Reader
+from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
 
 ASK_AGAIN = 1.0
@@ -94,13 +94,13 @@ class Helipad(zmav.Agent):
 
     async def _watch(self) -> None:
         async with Reader(self.z, self.vehicle.name, self.settings.camera, name=self.name) as pictures:
-            self._info = await self._ask(pictures)
+            self._info = await self._ask()
             await self._look(pictures)
 
-    async def _ask(self, pictures: Reader) -> wire.CameraInfo:
+    async def _ask(self) -> wire.CameraInfo:
         while True:
             try:
-                return await pictures.info()
+                return await camera_info(self.z, self.vehicle.name, self.settings.camera)
             except ZmavError as e:
                 self.status("waiting", e.message)
             await asyncio.sleep(ASK_AGAIN)
@@ -115,7 +115,7 @@ class Helipad(zmav.Agent):
                 self.status("blind", f"no picture of {self.settings.camera} for {SILENCE:g} s", **self._figures())
                 continue
             if silent:  # it may be another camera by now
-                silent, self._info = False, await self._ask(pictures)
+                silent, self._info = False, await self._ask()
                 self._detectors.clear()
             if picture.jpeg == before:  # no two exposures are alike to the bit: what is seen in it is where it was then
                 self.status("blind", f"{self.settings.camera} sends one picture again and again", **self._figures())
