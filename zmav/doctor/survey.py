@@ -24,7 +24,7 @@ from zmav.errors import BadInput, ZmavError
 from zmav.tokens import find_tokens
 from zmav.trust.credentials import Credentials
 from zmav.vehicle.vehicle import Vehicle
-from zmav.waiting import within
+from zmav.waiting import together, within
 
 PINGS = 5
 PART_S = 15.0
@@ -42,7 +42,7 @@ class ClockOffset(msgspec.Struct, frozen=True):
     within: float
 
 
-class Session(msgspec.Struct, frozen=True):
+class RouterSession(msgspec.Struct, frozen=True):
     """What is linked to a router: another router, or a client."""
 
     peer: str
@@ -54,7 +54,7 @@ class RouterReport(msgspec.Struct, frozen=True):
 
     version: str = ""
     locators: list[str] = []
-    sessions: list[Session] = []
+    sessions: list[RouterSession] = []
 
 
 class Survey(msgspec.Struct, frozen=True):
@@ -87,7 +87,8 @@ async def look(
 ) -> Survey:
     """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
     listener = StatusListener(z)
-    async with listener:
+    listening = asyncio.create_task(listener.listen())
+    try:
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
@@ -114,6 +115,9 @@ async def look(
         await asyncio.gather(*(finish(part, work) for part, work in parts.items()))
         found |= {"links": listener.autopilots, "neighbours": listener.neighbours, "agents": listener.agents()}
         return Survey(vehicles=vehicles, unfinished=late, file=file, name=name, **found)
+    finally:
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
 
 
 async def _of_each(vehicles: list[Vehicle], ask: Callable[[Vehicle], Awaitable[T]]) -> dict[str, T]:
@@ -126,28 +130,19 @@ def label(vehicle: Vehicle) -> str:
 
 
 class StatusListener:
-    """Hears links' qualities and agents' statuses as long as it is entered."""
+    """Hears links' qualities and agents' statuses."""
 
     def __init__(self, z: Client) -> None:
         self._z = z
         self.autopilots: dict[str, list[wire.LinkQuality]] = defaultdict(list)
         self.neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
         self._agents: dict[tuple[str, str, str], tuple[wire.AgentStatus, float]] = {}
-        self._tasks: list[asyncio.Task[None]] = []
 
-    async def __aenter__(self) -> StatusListener:
+    async def listen(self) -> None:
+        """Until cancelled."""
         fleet = self._z.fleet_name
-        for key, take in (
-            (keys.LINK.key(fleet, "*", link="*"), self._on_link),
-            (keys.AGENT_STATUS.key(fleet, "*", agent="*"), self._on_status),
-        ):
-            self._tasks.append(asyncio.create_task(self._hear(key, take)))
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        links, statuses = keys.LINK.key(fleet, "*", link="*"), keys.AGENT_STATUS.key(fleet, "*", agent="*")
+        await together(self._hear(links, self._on_link), self._hear(statuses, self._on_status))
 
     async def _hear(self, key: str, take: Any) -> None:
         def on_sample(sample: zenoh.Sample) -> None:
