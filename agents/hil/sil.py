@@ -39,7 +39,7 @@ async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = N
         with closing(report, reports), await connect_simulator(children, control) as simulator:
             link = simulator.status().vehicles[0].url
             hurry: Callable[[float], object] | None = None if program else simulator.speed
-            radio = None if program else _radio(simulator, name)
+            radio = None if program else lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
             async with beside(children, path, file, name, link) as (client, router):
                 flight = CheckFlight(client, file, name, router, children, report, tell, hurry, radio)
                 await flight.meet()
@@ -64,11 +64,6 @@ def alone(file: FleetConfig, name: str) -> str:
     ]
     lines += [f"sysid = {table.sysid}"] if table.sysid is not None else []
     return "\n".join(lines) + "\n"
-
-
-def _radio(simulator: Remote, name: str) -> Callable[[int, int], object]:
-    """A channel of the simulated pilot's radio."""
-    return lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
 
 
 async def connect_simulator(children: Children, control: Path) -> Remote:
