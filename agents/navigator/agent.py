@@ -161,8 +161,6 @@ class Navigator(FlyingAgent):
             raise Refused("it is not in the air: 'zmav fly takeoff' comes first", armed=state.armed)
 
     def _made(self, args: Fly) -> Route:
-        check("dwell", args.dwell, 0.0, 600.0, "s")
-        check("heading", args.heading, -4 * math.pi, 4 * math.pi, "rad")
         Limits(args.speed, self["accel"], self["jerk"])
         if args.yaw is not None:
             check("yaw", args.yaw, -math.tau, math.tau, "rad")

@@ -77,39 +77,20 @@ distances (N,): places, unit tangents and their derivatives by the distance.
 """
 
 
-def lissajous(north: float, east: float, turns: float, phase: float) -> Shape:
-    """North ``north`` sin(u + ``phase``), east ``east`` sin(``turns`` u), about zero; the parameter u in radians."""
+def lissajous(north: float, east: float, turns: float, phase: float, centre: Array, heading: float) -> Shape:
+    """North ``north`` sin(u + ``phase``), east ``east`` sin(``turns`` u), turned clockwise by ``heading`` (rad), about
+    ``centre`` (m NED); the parameter u in radians.
+    """
+    turn = turned(heading).T
 
     def shape(u: Array) -> tuple[Array, Array, Array]:
         v, w, none = u + phase, turns * u, np.zeros_like(u)
-        return (
-            np.column_stack((north * np.sin(v), east * np.sin(w), none)),
-            np.column_stack((north * np.cos(v), turns * east * np.cos(w), none)),
-            np.column_stack((-north * np.sin(v), -turns * turns * east * np.sin(w), none)),
-        )
+        place = np.column_stack((north * np.sin(v), east * np.sin(w), none))
+        first = np.column_stack((north * np.cos(v), turns * east * np.cos(w), none))
+        second = np.column_stack((-north * np.sin(v), -turns * turns * east * np.sin(w), none))
+        return centre + place @ turn, first @ turn, second @ turn
 
     return shape
-
-
-def circle(radius: float) -> Shape:
-    """About zero, clockwise from above, from the north on."""
-    return lissajous(radius, radius, 1.0, 0.5 * math.pi)
-
-
-def lemniscate(length: float, width: float) -> Shape:
-    """Gerono's figure of eight about zero, from its middle on to the north."""
-    return lissajous(0.5 * length, 0.5 * width, 2.0, 0.0)
-
-
-def placed(shape: Shape, centre: Array, heading: float) -> Shape:
-    """The same turned clockwise by ``heading`` (rad) and moved."""
-    turn = turned(heading)
-
-    def elsewhere(u: Array) -> tuple[Array, Array, Array]:
-        place, first, second = shape(u)
-        return centre + place @ turn.T, first @ turn.T, second @ turn.T
-
-    return elsewhere
 
 
 def turned(heading: float) -> Array:
