@@ -20,11 +20,11 @@ from collections.abc import Iterable
 import zenoh
 
 from mesh import linkstate
-from mesh.tokens import find_tokens
 from mesh.topology import Grade, Graph, Link, Node, Way
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadInput
+from zmav.tokens import find_tokens
 from zmav.trust.member import Place
 
 __all__ = ["Grade", "Graph", "Link", "Node", "Way", "gather"]

@@ -65,6 +65,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "vehicle": {"client", "subscription"},
         "swarm": {"client", "vehicle"},
         "agent": {"client", "vehicle", "swarm"},
+        "flying": {"agent", "vehicle"},
         "vision": {"client"},
         "children": {"client"},
     },

@@ -26,6 +26,8 @@ the wire in an error reply, so that a refusal on a vehicle becomes the same exce
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any, ClassVar, TypeVar
 
 B = TypeVar("B", bound="BadInput")
@@ -146,3 +148,9 @@ def missing_extra(what: str, package: str | None, extra: str) -> BadConfig:
     """What to say where ``what`` needs a package that an extra of zmav brings."""
     text = f"{what} needs {package}: pip install 'zmav[{extra}]'"
     return BadConfig(text, field="installation", value=package, expected=f"zmav[{extra}]")
+
+
+def did_you_mean(given: str, known: Iterable[str], n: int = 3, cutoff: float = 0.6) -> str:
+    """Words for the end of an error's text: those that are like what was given; empty: none is."""
+    close = difflib.get_close_matches(given, known, n, cutoff)
+    return f"; did you mean {', '.join(close)}?" if close else ""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from zenoh import handlers
 
 Who = TypeVar("Who")
 What = TypeVar("What")
@@ -11,6 +15,27 @@ OF_EACH = 16
 """tokens of one that are remembered: a process has one, and who has more wants to fill our memory"""
 STRANGERS = 64
 """names that are not known to be anybody's, and whose tokens are remembered until it is known"""
+MOST_FOUND = 10_000
+"""tokens that are told of at a time"""
+
+
+def find_tokens(session: zenoh.Session, key: str, timeout: float) -> list[str]:
+    """The keys of those tokens that ``session`` finds within ``timeout`` seconds. Not from Zenoh's own threads.
+
+    With the default channel, which holds 256 replies, a router that knows more would wait in ``get`` for ever: it
+    answers itself before anybody can read.
+    """
+    found: list[str] = []
+    over = threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None and len(found) < MOST_FOUND:
+            found.append(str(reply.ok.key_expr))
+
+    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
+    session.liveliness().get(key, handler, timeout=timeout)
+    over.wait(timeout + 1.0)
+    return found
 
 
 class TokenTable(Generic[Who, What]):

@@ -62,7 +62,7 @@ class Phase(enum.IntEnum):
     """its first outputs go out, and the autopilot is yet to follow them"""
 
 
-class Tally(msgspec.Struct):
+class CycleCounters(msgspec.Struct):
     """What became of the cycles since the controller took over last."""
 
     cycles: int = 0
@@ -85,7 +85,7 @@ class Cycles:
         self.on_trip: Callable[[str], None] = lambda text: None
         self.on_signals: Callable[[float, dict[str, float]], None] = lambda t, values: None
         self.phase = Phase.LOOKING_ON
-        self.tally = Tally()
+        self.counters = CycleCounters()
         self.heard = 0.0
         """monotonic s of the last attitude"""
         self.source: tuple[int, int] | None = None
@@ -128,7 +128,7 @@ class Cycles:
         """Send outputs; ``height``: m above home."""
         with self.lock:
             self.guard.begin(self.estimate.state, height)
-            self._lease, self.tally = lease, Tally()
+            self._lease, self.counters = lease, CycleCounters()
             self._late, self._applied = 0, None
             self.phase = Phase.ENGAGING
 
@@ -203,7 +203,7 @@ class Cycles:
             self.references.hold(state)
         self._reference = reference = self.references.at(state)
         if phase:
-            self.tally.cycles += 1
+            self.counters.cycles += 1
             why = estimate.blind or self.references.lost(state) or self.guard.check(state, reference)
             if why is not None:
                 self._trip(why)
@@ -223,7 +223,7 @@ class Cycles:
     def _overdue(self) -> None:
         if not self.phase:
             return
-        self.tally.late += 1
+        self.counters.late += 1
         self._late += 1
         if self._late >= round(self.limits["guard_late"]):
             self.stuck = True
@@ -246,7 +246,7 @@ class Cycles:
             if answer.output is None or not self.phase:
                 return
             why, clipped = fit(answer.output)
-            self.tally.clipped += clipped
+            self.counters.clipped += clipped
             if why is not None:
                 self._trip(why)
                 return
@@ -287,7 +287,7 @@ class Cycles:
         values = cycle_signals(self.estimate.state, self._reference, output)
         values.update(zip(worker.names, signals, strict=False))
         values["inject"] = self.references.injected
-        values["took_us"], values["late"] = (now - self._begun) * 1e6, float(self.tally.late)
+        values["took_us"], values["late"] = (now - self._begun) * 1e6, float(self.counters.late)
         self.on_signals(self.estimate.state.t, values)
 
 

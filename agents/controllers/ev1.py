@@ -7,27 +7,20 @@ not replace stays with the autopilot; see :mod:`agents.controllers.loops` for th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
-from agents.controllers.controller import Controller, parameter
+from agents.controllers.controller import parameter
 from agents.controllers.loops import AltitudeLoop, AttitudeLoop, PositionLoop, RatesLoop, VelocityLoop
-from agents.controllers.signals import inner_signals
-from agents.controllers.stack import Stack
-from agents.controllers.types import Output, Reference, State, Trim, Velocity
-from zmav.agent import Tunable, check_tunable
-
-PARTS: Mapping[str, type[Controller]] = {
-    "position": PositionLoop,
-    "velocity": VelocityLoop,
-    "attitude": AttitudeLoop,
-    "rates": RatesLoop,
-}
+from agents.controllers.types import Reference, State, Trim, Velocity
 
 
-class Ev1Rates(RatesLoop):
-    """The rates' loop is ours, and the loops above it; the autopilot mixes."""
+class Ev1(RatesLoop):
+    """All loops are ours, from the position to the torque; the autopilot only mixes."""
+
+
+Ev1Rates = Ev1
+"""by the name of the level that it takes over, as the others have it"""
 
 
 class Ev1Attitude(AttitudeLoop):
@@ -67,32 +60,4 @@ class Ev1Position(PositionLoop):
         ki = np.array((self.below_ki, self.below_ki, self.below_ki_z))
         self._lasting += (reference.acc - self._lasting) * (ki * state.dt / (kp + ki * state.dt))
         output.vel += (reference.acc - self._lasting) / kp
-        return output
-
-
-class Ev1(Controller):
-    """All loops are ours, from the position to the torque; the autopilot only mixes."""
-
-    level = "position"
-    gives = "torque"
-    tunables: ClassVar[Mapping[str, Tunable]] = {
-        f"{place}.{name}": each for place, loop in PARTS.items() for name, each in loop.tunables.items()
-    }
-
-    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
-        self.signals: dict[str, float] = {}
-        self._stack = Stack(RatesLoop(), own="rates.")
-        for name, value in (tuned or {}).items():
-            self.tune(name, value)
-
-    def tune(self, name: str, value: float) -> None:
-        check_tunable("EV1", self.tunables, name, value)
-        self._stack.tune(name, value)
-
-    def reset(self, state: State, reference: Reference, trim: Trim) -> None:
-        self._stack.reset(state, reference, trim)
-
-    def update(self, state: State, reference: Reference) -> Output:
-        output = self._stack.update(state, reference)
-        self.signals = {**self._stack.signals, **inner_signals(self._stack.followed)}
         return output

@@ -89,11 +89,6 @@ class ControllerReloader:
             await asyncio.sleep(SAVED)
         self._stamp = self._look()
 
-    def end_stuck(self) -> None:
-        """The process that flew does not answer: end it."""
-        if self.worker is not None:
-            self.worker.kill()
-
     def gone(self, worker: Worker) -> bool:
         """The process that flew is no more: nobody's outputs count."""
         if worker is not self.worker or worker.alive:

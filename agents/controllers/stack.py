@@ -40,9 +40,9 @@ FOLLOWED: Mapping[type[Output], Level] = {Velocity: "velocity", AttitudeThrust: 
 
 
 class Stack:
-    """``controller`` and the loops above it; ``own``: a prefix of the controller's parameters and signals."""
+    """``controller`` and the loops above it."""
 
-    def __init__(self, controller: Controller, own: str = "") -> None:
+    def __init__(self, controller: Controller) -> None:
         self.controller = controller
         self.loops: dict[str, Controller] = {
             level: loop() for level, loop in LOOPS.items() if LEVELS.index(level) < LEVELS.index(controller.level)
@@ -50,19 +50,15 @@ class Stack:
         """those above it, by their levels"""
         self.followed = Reference()
         """what the controller was given last: what the loops above have made of the reference"""
-        self._own = own
         self._ran: tuple[str, ...] = ()
 
     # ---- parameters, signals, state
 
-    def _parts(self) -> list[tuple[str, Controller]]:
-        """From the outermost to the innermost, with the prefixes of their names."""
-        return [*((f"{level}.", loop) for level, loop in self.loops.items()), (self._own, self.controller)]
-
     @property
     def tunables(self) -> dict[str, Tunable]:
         """All parameters, by the names that :meth:`tune` takes."""
-        return {before + name: each for before, part in self._parts() for name, each in part.tunables.items()}
+        above = {f"{level}.{name}": each for level, loop in self.loops.items() for name, each in loop.tunables.items()}
+        return {**above, **self.controller.tunables}
 
     def tune(self, name: str, value: float) -> None:
         """Change a parameter. Raises :class:`~zmav.errors.BadInput` where there is none, or beyond its bounds."""
@@ -71,15 +67,13 @@ class Stack:
         if level in self.loops:
             self.loops[level].tune(rest, value)
         else:
-            self.controller.tune(name.removeprefix(self._own), value)
+            self.controller.tune(name, value)
 
     @property
     def signals(self) -> dict[str, float]:
         """Of the controller and of the loops that ran in this cycle."""
-        found = {f"{level}.{name}": value for level in self._ran for name, value in self.loops[level].signals.items()}
-        for name, value in self.controller.signals.items():
-            found[self._own + name] = value
-        return found
+        above = {f"{level}.{name}": value for level in self._ran for name, value in self.loops[level].signals.items()}
+        return {**above, **self.controller.signals}
 
     # ---- flying
 

@@ -74,12 +74,13 @@ class Supervisor(zmav.Agent):
         super().__init__(z, vehicle, settings)
         self.estimate = Estimate(settings.rc)
         self.cycles = Cycles(z.dialect, self.estimate)
-        events = WorkerEvents(self.cycles.on_answer, self._on_failed, self._on_because)
+        loop = asyncio.get_running_loop()
+        because = on_loop(loop, lambda worker, text: self.say("controller", "error", text))
+        events = WorkerEvents(self.cycles.on_answer, self._on_failed, because)
         self.reloader = ControllerReloader(settings.controller, self.cycles.fly_by, self._agree, events)
         self.handed_back_ms: float | None = None
         """from what ended the last engagement to the autopilot's having it"""
-        loop = asyncio.get_running_loop()
-        self._failed_on_loop, self._say_on_loop = on_loop(loop, self._failed), on_loop(loop, self.say)
+        self._failed_on_loop = on_loop(loop, self._failed)
         self._replacing: asyncio.Task[None] | None = None
         self._engaged: asyncio.Task[None] | None = None
         self._switched: asyncio.Task[None] | None = None
@@ -159,9 +160,9 @@ class Supervisor(zmav.Agent):
         detail: dict[str, Any] = {
             "controller": what,
             "hz": round(hz, 1),
-            "cycles": cycles.tally.cycles,
-            "late": cycles.tally.late,
-            "clipped": cycles.tally.clipped,
+            "cycles": cycles.counters.cycles,
+            "late": cycles.counters.late,
+            "clipped": cycles.counters.clipped,
             "handed_back_ms": self.handed_back_ms,
             "why": self._why,
             "broken": broken,
@@ -186,7 +187,7 @@ class Supervisor(zmav.Agent):
         given = {name: self[name] for name in (reloader.loaded.tunables if reloader.loaded is not None else ())}
         took = await reloader.load(given, where_gone=where_gone)
         if reloader.loaded is not None and reloader.worker is not None:
-            self.declare({**self.tunables, **reloader.loaded.declared()})
+            self.declare({**self.tunables, **reloader.loaded.tunables})
             for name in given.keys() & reloader.loaded.tunables.keys():
                 if self[name] != given[name]:  # changed while it was loaded
                     reloader.worker.tune(name, self[name])
@@ -226,10 +227,6 @@ class Supervisor(zmav.Agent):
         self.cycles.on_failed(worker, text)
         self._failed_on_loop(worker)
 
-    def _on_because(self, worker: Worker, text: str) -> None:
-        """A worker's thread."""
-        self._say_on_loop("controller", "error", text)
-
     def _failed(self, worker: Worker) -> None:
         if self.reloader.gone(worker):
             self._replacing = asyncio.get_running_loop().create_task(self._replace())
@@ -253,8 +250,7 @@ class Supervisor(zmav.Agent):
 
     async def _watch_events(self) -> None:
         """Why the vehicle drops setpoints of ours: said while it takes over."""
-        key = keys.EVENT.key(self.vehicle.fleet, self.vehicle.name)
-        async with self.z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Event, "event")) as events:
+        async with self.vehicle.events() as events:
             async for event in events:
                 if event.kind == "setpoint" and f"setpoint of {self.name} dropped" in event.text:
                     with contextlib.suppress(asyncio.QueueFull):
@@ -364,8 +360,8 @@ class Supervisor(zmav.Agent):
         """The engagement has ended by itself; no output goes out any more."""
         self._why = text
         self._over.set()
-        if self.cycles.stuck:
-            self.reloader.end_stuck()
+        if self.cycles.stuck and self.reloader.worker is not None:
+            self.reloader.worker.kill()
 
     async def _hand_back(self, lease: Lease) -> None:
         """Have the autopilot fly, unless somebody else has taken the vehicle already."""

@@ -36,10 +36,7 @@ class Loaded(msgspec.Struct, forbid_unknown_fields=True):
     level: str
     gives: str
     doc: str
-    tunables: dict[str, dict[str, Any]]
-
-    def declared(self) -> dict[str, Tunable]:
-        return {name: Tunable(**each) for name, each in self.tunables.items()}
+    tunables: dict[str, Tunable]
 
 
 class WorkerEvents(NamedTuple):

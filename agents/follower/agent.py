@@ -9,15 +9,14 @@ import time
 from collections import deque
 from typing import Any, ClassVar
 
-import msgspec
-
 import zmav
 from agents.follower.guide import Guide, TargetFix
 from agents.follower.slot import Slot
 from agents.follower.tracker import Tracker
 from zmav import keys, wire
 from zmav.agent import Tunable
-from zmav.errors import NotHolder, Refused, Stale, ZmavError
+from zmav.errors import NotHolder, Refused, Stale
+from zmav.flying import PATIENCE, FlightSettings, FlyingAgent, Started
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 
@@ -29,25 +28,17 @@ SLOT = "above"
 """its place relative to the target: one vehicle keeps it"""
 OLD = 10.0
 """s after which what the target said of its place is not relied upon"""
-PATIENCE = 10.0
-"""s for a vehicle that was not heard yet: over a bad link the first word takes some"""
 LATE_GAIN, MOST_LATE = 0.1, 1.0
 """of the smoothed time from the vehicle to us; s of it that are believed"""
 DELAYS = 50
 """of which the median from shutter to setpoint is told"""
 
 
-class FollowerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Fixed while it runs."""
-
+class FollowerSettings(FlightSettings, frozen=True, kw_only=True, forbid_unknown_fields=True):
     camera: str = "*"
     """whose sights count, of the vehicle's own"""
     deck_m: float = 0.0
     """m of the pad above the target's reference point"""
-    priority: int = 0
-    """of its lease"""
-    lease_s: float = 6.0
-    """it lasts without being renewed, which may take some over a bad link; unheard, the vehicle holds long before"""
 
 
 class Follow(wire.Order, kw_only=True):
@@ -57,7 +48,7 @@ class Follow(wire.Order, kw_only=True):
     """m above the pad"""
 
 
-class Follower(zmav.Agent):
+class Follower(FlyingAgent):
     """Stays above a pad by position commands: goes to where the target says that it is, looks for it, follows it with
     the velocity that it has, goes on by prediction where it is hidden, looks again, and lands on it when asked.
     """
@@ -91,21 +82,12 @@ class Follower(zmav.Agent):
         super().__init__(*args, **rest)
         self.guide: Guide | None = None
         self.target = ""
-        self._flight: asyncio.Task[None] | None = None
         self._delays: deque[float] = deque(maxlen=DELAYS)
         self._sight = 0.0
         """when the last sight that was believed was taken (UTC s), until a setpoint has come of it"""
         self._late = self._state_t = 0.0
         self._plane_told: float | None = None
         """how far down the pad is by what its carrier said last in this flight"""
-
-    async def run(self) -> None:
-        """Wait for orders, for ever."""
-        self.status("idle", "waits for an order to follow")
-        try:
-            await asyncio.Event().wait()
-        finally:
-            await self._end()
 
     # What it is asked.
 
@@ -115,16 +97,14 @@ class Follower(zmav.Agent):
         if args.target == self.vehicle.name:
             raise Refused(f"{args.target} cannot follow itself", field="target", value=args.target)
         await self.z.wait_for(self.vehicle.name, *([args.target] if args.target else []), timeout=PATIENCE)
-        if self._flight is not None and not self._flight.done():
+        if self.flying:
             if args.target != self.target or self.guide is None:
                 raise Refused(f"it follows {self.target or 'what it sees'} already: abort that first")
             self.guide.wanted, self.guide.height = "follow", args.height
             return {"target": self.target, "height": args.height}
-        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self.guide, self.target = Guide(self.__getitem__, args.height, Tracker(self["accel"])), args.target
-        self._flight = asyncio.create_task(self._fly(args, self.guide, started))
-        self._flight.add_done_callback(_looked_at)
-        await started
+        self.guide = guide = Guide(self.__getitem__, args.height, Tracker(self["accel"]))
+        self.target = args.target
+        await self.begin_flight(lambda started: self._fly(args, guide, started))
         return {"target": args.target, "height": args.height}
 
     async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
@@ -144,27 +124,21 @@ class Follower(zmav.Agent):
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
         self._flying()
-        await self._end()  # also before it has taken off
+        await self.end_flight()  # also before it has taken off
         if not self.vehicle.state.landed:
             await self.vehicle.hold()
         return {}
 
     def _flying(self) -> Guide:
-        if self._flight is None or self._flight.done() or self.guide is None:
+        if not self.flying or self.guide is None:
             raise Refused("it follows nobody: give it 'follow' first")
         return self.guide
 
-    async def _end(self) -> None:
-        if self._flight is not None:
-            self._flight.cancel()
-            await asyncio.gather(self._flight, return_exceptions=True)
-
     # In flight.
 
-    async def _fly(self, args: Follow, guide: Guide, started: asyncio.Future[None]) -> None:
+    async def _fly(self, args: Follow, guide: Guide, started: Started) -> str:
         """Under the slot and the lease, until it has landed, is ended, or the vehicle is taken from us."""
-        text, lost = "", asyncio.Event()
-        fleet, me = self.vehicle.fleet, self.vehicle.name
+        lost, fleet, me = asyncio.Event(), self.vehicle.fleet, self.vehicle.name
         self._plane_told = None
 
         def on_lost(who: str) -> None:
@@ -177,7 +151,7 @@ class Follower(zmav.Agent):
                     await stack.enter_async_context(
                         Slot(self.z.session, self.z.is_vehicle, fleet, me, args.target, SLOT, on_lost)
                     )
-                lease = await stack.enter_async_context(self._lease())
+                lease = await stack.enter_async_context(self.lease())
                 self.vehicle.local  # noqa: B018 - raises, and says why, where it has no place
                 started.set_result(None)
                 await self._take_off(guide, lost)
@@ -187,27 +161,10 @@ class Follower(zmav.Agent):
                 finally:
                     seeing.cancel()
                     await asyncio.gather(seeing, return_exceptions=True)
-                text = "landed"
-        except asyncio.CancelledError:
-            text = "ended by an order"
-            raise
-        except Exception as e:
-            text = e.message if isinstance(e, ZmavError) else f"the follower's own fault: {e!r}"
-            if not started.done():
-                started.set_exception(e)
-                return
-            self.say("flight", "error", f"it follows no more: {text}")
-            raise
         finally:
             if self.guide is guide:
                 self.guide, self.target = None, ""
-            if not started.done():
-                started.cancel()
-            self.status("idle", text)
-
-    def _lease(self) -> contextlib.AbstractAsyncContextManager[zmav.Lease]:
-        own = self.settings
-        return self.vehicle.lease(self.name, ttl=float(own.lease_s), priority=own.priority)
+        return "landed"
 
     async def _take_off(self, guide: Guide, lost: asyncio.Event) -> None:
         state = self.vehicle.state
@@ -329,9 +286,3 @@ class Follower(zmav.Agent):
         if self._delays:
             detail["delay_ms"] = round(1e3 * statistics.median(self._delays), 1)
         self.status(guide.phase, f"{guide.phase} {self.target}".strip(), **detail)
-
-
-def _looked_at(flight: asyncio.Task[None]) -> None:
-    """It was said how it ended: asyncio need not complain that nobody asked."""
-    if not flight.cancelled():
-        flight.exception()

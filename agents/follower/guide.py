@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from agents.follower.tracker import Estimate, Tracker
+from agents.follower.tracker import TargetEstimate, Tracker
 from zmav.wire import Detection, Vector
 
 Phase = Literal["approach", "search", "track", "coast", "hold", "descend", "touch"]
@@ -217,7 +217,7 @@ class Guide:
         return self._begun
 
     def _above(
-        self, estimate: Estimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
+        self, estimate: TargetEstimate, dt: float, me: Vector, now: float, plane: float, late: float, vel: Vector
     ) -> FollowCommand:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)

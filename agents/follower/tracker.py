@@ -27,7 +27,7 @@ NEAR = 0.6
 
 
 @dataclass(frozen=True)
-class Estimate:
+class TargetEstimate:
     """Of one moment. ``pos``, ``vel``: (2,) north, east; ``sigma``: m, the position's larger semi-axis."""
 
     t: float
@@ -82,15 +82,15 @@ class Tracker:
         self._strays = []
         return True
 
-    def at(self, t: float) -> Estimate | None:
+    def at(self, t: float) -> TargetEstimate | None:
         """Where it is at ``t`` as far as is known, before or after the last sight; None: it was never seen."""
         if self._t is None:
             return None
         if t < self._t:
             back = self._x[:2] + (t - self._t) * self._x[2:]
-            return Estimate(t, back, self._x[2:].copy(), _sigma(self._p))
+            return TargetEstimate(t, back, self._x[2:].copy(), _sigma(self._p))
         x, p = self._ahead(t)
-        return Estimate(t, x[:2], x[2:], _sigma(p))
+        return TargetEstimate(t, x[:2], x[2:], _sigma(p))
 
     def _begin(self, t: float, z: Array, r: Array, vel: Array | None = None) -> None:
         self._t, self._x = t, np.concatenate([z, np.zeros(2) if vel is None else vel])

@@ -22,10 +22,9 @@ from agents.helipad.geolocate import bearing, camera_height, fix
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
 from zmav.errors import BadInput, ZmavError
-from zmav.mavlink import MavMessage
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose, Poses
-from zmav.vision.reader import Picture, Reader
+from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
 
 ASK_AGAIN = 1.0
@@ -95,13 +94,13 @@ class Helipad(zmav.Agent):
 
     async def _watch(self) -> None:
         async with Reader(self.z, self.vehicle.name, self.settings.camera, name=self.name) as pictures:
-            self._info = await self._ask(pictures)
+            self._info = await self._ask()
             await self._look(pictures)
 
-    async def _ask(self, pictures: Reader) -> wire.CameraInfo:
+    async def _ask(self) -> wire.CameraInfo:
         while True:
             try:
-                return await pictures.info()
+                return await camera_info(self.z, self.vehicle.name, self.settings.camera)
             except ZmavError as e:
                 self.status("waiting", e.message)
             await asyncio.sleep(ASK_AGAIN)
@@ -116,7 +115,7 @@ class Helipad(zmav.Agent):
                 self.status("blind", f"no picture of {self.settings.camera} for {SILENCE:g} s", **self._figures())
                 continue
             if silent:  # it may be another camera by now
-                silent, self._info = False, await self._ask(pictures)
+                silent, self._info = False, await self._ask()
                 self._detectors.clear()
             if picture.jpeg == before:  # no two exposures are alike to the bit: what is seen in it is where it was then
                 self.status("blind", f"{self.settings.camera} sends one picture again and again", **self._figures())
@@ -267,28 +266,16 @@ class Helipad(zmav.Agent):
     async def _turns(self) -> None:
         async with self.vehicle.stream("ATTITUDE", depth=100, hz=ATTITUDE_HZ) as attitudes:
             async for message in attitudes:
-                fields, t = message.fields, self._time(message)
+                fields = message.fields
                 with contextlib.suppress(TypeError, KeyError):
-                    self.poses.turned(t, float(fields["roll"]), float(fields["pitch"]), float(fields["yaw"]))
-
-    def _time(self, message: MavMessage) -> float:
-        """UTC of a message, by the autopilot's clock where that is known, else by when it came."""
-        state = self.vehicle.last_state
-        if state is None or state.clock is None:
-            return time.time()
-        return state.clock.boot_t + float(message.fields["time_boot_ms"]) / 1e3
+                    turns = float(fields["roll"]), float(fields["pitch"]), float(fields["yaw"])
+                    self.poses.turned(self.vehicle.time_of(fields), *turns)
 
     async def _places(self) -> None:
         """From its states, and between them from its positions, which come more often."""
-        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=50, hz=POSITION_HZ) as places:
-            async for message in places:
-                state = self.vehicle.last_state
-                if state is None or state.local is None or state.position is None:
-                    continue
-                with contextlib.suppress(TypeError, KeyError):
-                    pos = geo.in_fleet_frame(state.position, state.local, message.fields)
-                    vx, vy, vz = (float(message.fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
-                    self.poses.was(self._time(message), pos, (vx, vy, vz))
+        async with self.vehicle.places(POSITION_HZ, depth=50) as places:
+            async for place in places:
+                self.poses.was(place.t, place.pos, place.vel)
 
 
 def _another(one: Detection, known: Detection) -> bool:

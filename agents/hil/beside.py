@@ -29,20 +29,9 @@ async def beside(
 ) -> AsyncIterator[tuple[zmav.Client, str]]:
     """While it lasts ``zmav up`` runs; gives a client of it, and the endpoint where its router is."""
     router = f"tcp/127.0.0.1:{free_port()}"
+    what = ["--file", str(path), "--name", name, "--link", link, "--cache", str(children.folder / "cache")]
     alone = ["-l", router, "--cfg", "connect/endpoints:[]", "--cfg", "scouting/multicast/enabled:false"]
-    children.start(
-        "up",
-        "up",
-        "--file",
-        str(path),
-        "--name",
-        name,
-        "--link",
-        link,
-        *alone,
-        "--cache",
-        str(children.folder / "cache"),
-    )
+    children.start("up", "up", *what, *alone)
     try:
         async with contextlib.AsyncExitStack() as stack:
             yield await connect_once_up(stack, file.fleet, router, children.check), router

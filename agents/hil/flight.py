@@ -206,14 +206,9 @@ class Flight:
     def put(self, name: str, fields: dict[str, Any]) -> None:
         """A message of the ground station's, as it comes from one."""
         target = (self.vehicle.last_state.sysid if self.vehicle.last_state else None) or 1
-        frame = _station_frame(self.table.dialect, self.station, name, fields, target)
+        packer = Packer(load_dialect(self.table.dialect), self.station, STATION)
+        frame = packer.pack(name, target_system=target, target_component=1, **fields)
         self.client.put(keys.TX, keys.TX.key(self.fleet, self.vehicle.name, sys=target, comp=1, msg=name), frame)
-
-
-def _station_frame(dialect: str, station: int, name: str, fields: dict[str, Any], target: int) -> bytes:
-    """A message as the autopilot's ground station says it."""
-    packer = Packer(load_dialect(dialect), station, STATION)
-    return packer.pack(name, target_system=target, target_component=1, **fields)
 
 
 def _distance(a: wire.GlobalPosition, point: dict[str, Any], flat: bool) -> float:

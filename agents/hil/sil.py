@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
-import msgspec
 
 from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
 from zmav.children import Children
 from zmav.config import FleetConfig, load_fleet
+from zmav.config.toml import toml_value
 from zmav.errors import BadConfig, LinkDown
 from zmav.sim import Remote
 
@@ -41,7 +39,7 @@ async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = N
         with closing(report, reports), await connect_simulator(children, control) as simulator:
             link = simulator.status().vehicles[0].url
             hurry: Callable[[float], object] | None = None if program else simulator.speed
-            radio = None if program else _radio(simulator, name)
+            radio = None if program else lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
             async with beside(children, path, file, name, link) as (client, router):
                 flight = CheckFlight(client, file, name, router, children, report, tell, hurry, radio)
                 await flight.meet()
@@ -57,24 +55,15 @@ def alone(file: FleetConfig, name: str) -> str:
         raise BadConfig(text, field=f"vehicles.{name}.signing", expected="a vehicle without signing for SIL")
     given = {key: value for key, value in (table.sim or {}).items() if key != "endpoints"}
     world = {key: value for key, value in file.sim.items() if key not in ("speed", "lockstep", "scene")}
-    lines = [f"origin = {_toml(msgspec.to_builtins(file.origin))}"] if file.origin else []
-    lines += [f"sim = {_toml(world)}", f"[vehicles.{name}]", 'link = "tcp:127.0.0.1:5760"', f"sim = {_toml(given)}"]
+    lines = [f"origin = {toml_value(file.origin)}"] if file.origin else []
+    lines += [
+        f"sim = {toml_value(world)}",
+        f"[vehicles.{name}]",
+        'link = "tcp:127.0.0.1:5760"',
+        f"sim = {toml_value(given)}",
+    ]
     lines += [f"sysid = {table.sysid}"] if table.sysid is not None else []
     return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML has it in one line."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(str(k))} = {_toml(v)}" for k, v in value.items() if v is not None) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
-
-
-def _radio(simulator: Remote, name: str) -> Callable[[int, int], object]:
-    """A channel of the simulated pilot's radio."""
-    return lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
 
 
 async def connect_simulator(children: Children, control: Path) -> Remote:

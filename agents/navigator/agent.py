@@ -8,18 +8,16 @@ import math
 import time
 from typing import Any, ClassVar
 
-import msgspec
 import numpy as np
 
-import zmav
 from agents.navigator.outlets import ByController, ByLease, Outlet
 from agents.navigator.routes import SIZES, Route, check, shape
 from agents.navigator.tracking import Summary, errors, summarise
 from agents.navigator.trajectory import WINDOW, Limits, Trajectory
-from zmav import geo, keys, wire
+from zmav import keys, wire
 from zmav.agent import Tunable
 from zmav.errors import NotHolder, Refused, Stale, ZmavError
-from zmav.mavlink import MavMessage
+from zmav.flying import PATIENCE, FlyingAgent, Started
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 
@@ -29,25 +27,12 @@ BEGIN = 0.5
 """s from an order until the way begins"""
 LOST, SILENT = 1.5, 8.0
 """s without a position after which it is lost, and without a word of the vehicle after which it is given up"""
-PATIENCE = 10.0
-"""s for a vehicle that was not heard yet"""
 HZ = 20.0
 """positions a second"""
 OVERLAP = 10.0
 """s before a segment would brake at which the next one is given: so long a network may be silent"""
 NOTICE = 0.3
 """s from a word to stop until it brakes: what is given has to come there first"""
-FAST_CLOCK = 20_000.0
-"""ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
-
-
-class NavigatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Fixed while it runs."""
-
-    priority: int = 0
-    """of its lease"""
-    lease_s: float = 6.0
-    """it lasts without being renewed"""
 
 
 class Fly(wire.Order, kw_only=True):
@@ -113,13 +98,12 @@ class Course:
         return north, east, down
 
 
-class Navigator(zmav.Agent):
+class Navigator(FlyingAgent):
     """Flies a route with limited speed, acceleration and jerk, as segments that the vehicle flies by itself, or that a
     controller agent follows; tells how well it is followed, and where the greatest errors are.
     """
 
     name = "navigator"
-    settings_type = NavigatorSettings
     tunables: ClassVar = {
         "accel": Tunable(1.0, 0.05, 10.0, "m/s²", "at most, of the next way that is begun"),
         "jerk": Tunable(2.0, 0.05, 100.0, "m/s³", "at most, of the next way that is begun"),
@@ -141,32 +125,20 @@ class Navigator(zmav.Agent):
         """UTC s and m NED, heard since the course began"""
         self.last: Summary | None = None
         """of the last route that was flown to its end, or as far as it was"""
-        self._flight: asyncio.Task[None] | None = None
         self._order, self._route = Fly(), shape("ev3")
         self._ends = False
         self._now: dict[str, float] = {}
 
-    async def run(self) -> None:
-        """Wait for orders, for ever."""
-        self.status("idle", "waits for an order to fly")
-        try:
-            await self._hear()
-        finally:
-            await self._end()
-
     # What it is asked.
 
     async def on_fly(self, args: Fly, report: Any, origin: Origin | None) -> dict[str, Any]:
-        if self._flying:
+        if self.flying:
             raise Refused(f"it flies {self._route.name} already: abort that first")
         await self.z.wait_for(self.vehicle.name, timeout=PATIENCE)
         self._check_airborne()
         here, route = self.vehicle.local, self._made(args)
         self._order, self._route, self._ends = args, route, False
-        started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._flight = asyncio.create_task(self._fly(here, started))
-        self._flight.add_done_callback(_looked_at)
-        await started
+        await self.begin_flight(lambda started: self._fly(here, started))
         return self._told()
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
@@ -178,12 +150,8 @@ class Navigator(zmav.Agent):
         await asyncio.wait({flight})
         return {}
 
-    @property
-    def _flying(self) -> bool:
-        return self._flight is not None and not self._flight.done()
-
     def _under_way(self) -> Course:
-        if not self._flying or self.course is None:
+        if not self.flying or self.course is None:
             raise Refused("it flies nothing: give it 'fly' first")
         return self.course
 
@@ -193,8 +161,6 @@ class Navigator(zmav.Agent):
             raise Refused("it is not in the air: 'zmav fly takeoff' comes first", armed=state.armed)
 
     def _made(self, args: Fly) -> Route:
-        check("dwell", args.dwell, 0.0, 600.0, "s")
-        check("heading", args.heading, -4 * math.pi, 4 * math.pi, "rad")
         Limits(args.speed, self["accel"], self["jerk"])
         if args.yaw is not None:
             check("yaw", args.yaw, -math.tau, math.tau, "rad")
@@ -221,49 +187,29 @@ class Navigator(zmav.Agent):
         seconds = course.trajectory.duration
         return {"route": self._route.name, "length": round(self._route.length, 2), "seconds": round(seconds, 1)}
 
-    async def _fly(self, here: wire.Vector, started: asyncio.Future[None]) -> None:
+    async def _fly(self, here: wire.Vector, started: Started) -> str:
         """To the route's end, until it is aborted, or the vehicle is taken from us."""
         name, controller = self._route.name, self._order.controller
-        text = f"flew {name}"
-        try:
-            async with contextlib.AsyncExitStack() as stack:
-                outlet: Outlet
-                if controller:
-                    outlet = told = ByController(self.vehicle, controller)
-                    stack.callback(told.close)
-                    await told.open()
-                else:
-                    own = self.settings
-                    how = self.vehicle.lease(self.name, ttl=float(own.lease_s), priority=own.priority)
-                    outlet = by = ByLease(self.vehicle, await stack.enter_async_context(how))
-                    listening = asyncio.create_task(self._listen(by))
-                    stack.callback(listening.cancel)
-                self.course = course = self._course(here)
-                await self._give(outlet, course)
-                started.set_result(None)
-                self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
-                await self._follow(outlet, course)
-            if self._ends:
-                text = f"{name} broken off at {course.along(time.time()):.1f} m"
-        except asyncio.CancelledError:
-            text = f"{name} ended with the navigator"
-            raise
-        except Exception as e:
-            why = e.message if isinstance(e, ZmavError) else f"the navigator's own fault: {e!r}"
-            if not started.done():
-                text = f"{name} was not begun: {why}"
-                started.set_exception(e)
-                return
-            text = await self._back(e, f"{name} broken off: {why}")
-            raise
-        finally:
-            flown, self.course = self.course, None
-            if not started.done():
-                started.cancel()
-            self._close(text, flown)
+        async with contextlib.AsyncExitStack() as stack:
+            outlet: Outlet
+            if controller:
+                outlet = told = ByController(self.vehicle, controller)
+                stack.callback(told.close)
+                await told.open()
+            else:
+                outlet = by = ByLease(self.vehicle, await stack.enter_async_context(self.lease()))
+                listening = asyncio.create_task(self._listen(by))
+                stack.callback(listening.cancel)
+            self.course = course = self._course(here)
+            await self._give(outlet, course)
+            started.set_result(None)
+            self.say("fly", "info", f"flies {name}" + (f" by {controller}" if controller else ""), **self._told())
+            await self._follow(outlet, course)
+        return f"broken off at {course.along(time.time()):.1f} m" if self._ends else ""
 
-    async def _back(self, error: Exception, text: str) -> str:
-        """After what ended the flight: a vehicle that nobody else has holds."""
+    async def on_broken_off(self, error: Exception, why: str) -> str:
+        """A vehicle that nobody else has holds."""
+        text = f"broken off: {why}"
         taken = isinstance(error, NotHolder) and error.detail.get("reason") in ("pilot", "preempted", "revoked")
         if not taken:
             try:
@@ -271,7 +217,7 @@ class Navigator(zmav.Agent):
                 text += "; it holds"
             except ZmavError as e:
                 text += f"; it was told to hold, but: {e.message}"
-        self.say("flight", "error", text)
+        self.say("flight", "error", f"{self._route.name} {text}")
         return text
 
     async def _follow(self, outlet: Outlet, course: Course) -> None:
@@ -306,16 +252,12 @@ class Navigator(zmav.Agent):
             if off > self["astray"]:
                 raise Refused(f"it is {off:.1f} m off its reference; at most {self['astray']:g} m are flown", off=off)
 
-    async def _hear(self) -> None:
+    async def listen(self) -> None:
         """Where it is, as often as it is told."""
-        async with self.vehicle.stream("GLOBAL_POSITION_INT", depth=200, hz=HZ) as places:
-            async for message in places:
-                state = self.vehicle.last_state
-                if state is None or state.local is None or state.position is None:
-                    continue
+        async with self.vehicle.places(HZ) as places:
+            async for place in places:
                 if self.course is not None:
-                    place = geo.in_fleet_frame(state.position, state.local, message.fields)
-                    self._note(self._time(message, state), place)
+                    self._note(min(place.t, time.time()), place.pos)
 
     def _note(self, t: float, place: wire.Vector) -> None:
         course = self.course
@@ -331,21 +273,9 @@ class Navigator(zmav.Agent):
         self.z.put(keys.AGENT_OUT, key, wire.Signals(t=t, values=values))
         self._now = values
 
-    def _time(self, message: MavMessage, state: wire.VehicleState) -> float:
-        """UTC at which the autopilot was there; when it came, where its clock is not known or not a real one."""
-        now, clock = time.time(), state.clock
-        if clock is None or abs(clock.drift_ppm) > FAST_CLOCK:
-            return now
-        return min(clock.boot_t + float(message.fields["time_boot_ms"]) / 1e3, now)
-
     async def _listen(self, outlet: ByLease) -> None:
         """What the vehicle says of setpoints that it drops."""
-        key = keys.EVENT.key(self.vehicle.fleet, self.vehicle.name)
-
-        def convert(sample: Any) -> wire.Event:
-            return wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-
-        async with self.z.subscribe(key, convert, depth=50) as events:
+        async with self.vehicle.events() as events:
             async for event in events:
                 if event.kind == "setpoint":
                     outlet.refusal = event.text
@@ -370,8 +300,10 @@ class Navigator(zmav.Agent):
 
     # What it says of it.
 
-    def _close(self, text: str, course: Course | None) -> None:
+    def on_ended(self, text: str) -> None:
         """Idle again, with what was flown of the course summed up."""
+        name, course, self.course = self._route.name, self.course, None
+        text = f"{name} {text}" if text else f"flew {name}"
         detail: dict[str, Any] = {}
         if course is not None and self.times:
             times = np.array(self.times) - course.start
@@ -382,14 +314,3 @@ class Navigator(zmav.Agent):
                 text = f"{text}: {self.last}"
                 self.say("summary", "info", text)
         self.status("idle", text, **detail)
-
-    async def _end(self) -> None:
-        if self._flight is not None:
-            self._flight.cancel()
-            await asyncio.gather(self._flight, return_exceptions=True)
-
-
-def _looked_at(flight: asyncio.Task[None]) -> None:
-    """It was said how it ended: asyncio need not complain that nobody asked."""
-    if not flight.cancelled():
-        flight.exception()

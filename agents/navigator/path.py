@@ -77,44 +77,20 @@ distances (N,): places, unit tangents and their derivatives by the distance.
 """
 
 
-def circle(radius: float) -> Shape:
-    """About zero, clockwise from above, from the north on; the parameter in radians."""
+def lissajous(north: float, east: float, turns: float, phase: float, centre: Array, heading: float) -> Shape:
+    """North ``north`` sin(u + ``phase``), east ``east`` sin(``turns`` u), turned clockwise by ``heading`` (rad), about
+    ``centre`` (m NED); the parameter u in radians.
+    """
+    turn = turned(heading).T
 
     def shape(u: Array) -> tuple[Array, Array, Array]:
-        cos, sin, none = np.cos(u), np.sin(u), np.zeros_like(u)
-        return (
-            radius * np.column_stack((cos, sin, none)),
-            radius * np.column_stack((-sin, cos, none)),
-            radius * np.column_stack((-cos, -sin, none)),
-        )
+        v, w, none = u + phase, turns * u, np.zeros_like(u)
+        place = np.column_stack((north * np.sin(v), east * np.sin(w), none))
+        first = np.column_stack((north * np.cos(v), turns * east * np.cos(w), none))
+        second = np.column_stack((-north * np.sin(v), -turns * turns * east * np.sin(w), none))
+        return centre + place @ turn, first @ turn, second @ turn
 
     return shape
-
-
-def lemniscate(length: float, width: float) -> Shape:
-    """Gerono's figure of eight about zero, from its middle on to the north; the parameter in radians."""
-    a, b = 0.5 * length, 0.5 * width
-
-    def shape(u: Array) -> tuple[Array, Array, Array]:
-        none = np.zeros_like(u)
-        return (
-            np.column_stack((a * np.sin(u), b * np.sin(2.0 * u), none)),
-            np.column_stack((a * np.cos(u), 2.0 * b * np.cos(2.0 * u), none)),
-            np.column_stack((-a * np.sin(u), -4.0 * b * np.sin(2.0 * u), none)),
-        )
-
-    return shape
-
-
-def placed(shape: Shape, centre: Array, heading: float) -> Shape:
-    """The same turned clockwise by ``heading`` (rad) and moved."""
-    turn = turned(heading)
-
-    def elsewhere(u: Array) -> tuple[Array, Array, Array]:
-        place, first, second = shape(u)
-        return centre + place @ turn.T, first @ turn.T, second @ turn.T
-
-    return elsewhere
 
 
 def turned(heading: float) -> Array:

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.navigator.path import Array, Curve, Piece, StraightPiece, circle, lemniscate, placed, turned
+from agents.navigator.path import Array, Curve, Piece, StraightPiece, lissajous, turned
 from zmav.errors import BadInput
 from zmav.wire import Vector
 
@@ -108,9 +108,13 @@ def shape(
     check("dwell", dwell, 0.0, MOST_DWELL, "s")
     given = _sizes(name, sizes)
     middle = np.array(centre, dtype=float)
-    if name in ("circle", "lemniscate"):
-        plain = circle(**given) if name == "circle" else lemniscate(**given)
-        return Route(name, (RoutePiece(Curve(placed(plain, middle, heading), 0.0, math.tau)),))
+    figure = None
+    if name == "circle":
+        figure = lissajous(given["radius"], given["radius"], 1.0, 0.5 * math.pi, middle, heading)
+    elif name == "lemniscate":  # Gerono's
+        figure = lissajous(0.5 * given["length"], 0.5 * given["width"], 2.0, 0.0, middle, heading)
+    if figure is not None:
+        return Route(name, (RoutePiece(Curve(figure, 0.0, math.tau)),))
     sides = [StraightPiece(one, two) for one, two in pairwise(np.array(_corners(**given)) @ turned(heading).T + middle)]
     return Route(name, (*(RoutePiece(side, dwell) for side in sides[:-1]), RoutePiece(sides[-1])))
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import msgspec
 
 from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav import rundir
 from zmav.config import FleetConfig, load_fleet
+from zmav.config.toml import toml_value
 from zmav.errors import BadConfig
 from zmav.session import DEFAULT_PORT, DEFAULT_ROUTER
 from zmav.sim.lineup import KINDS
@@ -114,22 +111,7 @@ def toml(tables: Mapping[str, Any]) -> str:
     lines = []
     for key, value in tables.items():
         if isinstance(value, Mapping):
-            lines += [f"{_key(key)}.{_key(name)} = {_value(inner)}" for name, inner in value.items()]
+            lines += [f"{toml_value(key)}.{toml_value(name)} = {toml_value(inner)}" for name, inner in value.items()]
         else:
-            lines.append(f"{_key(key)} = {_value(value)}")
+            lines.append(f"{toml_value(key)} = {toml_value(value)}")
     return "\n".join(lines) + "\n"
-
-
-def _key(name: str) -> str:
-    return json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    value = msgspec.to_builtins(value)
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return json.dumps(value, ensure_ascii=False)  # TOML writes the rest as JSON does

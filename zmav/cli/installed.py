@@ -6,7 +6,6 @@ Each is ``NAME.toml`` in ``/etc/zmav/agents.d``, and ``NAME.py`` beside it where
 
 from __future__ import annotations
 
-import json
 import os
 import pwd
 import re
@@ -24,6 +23,7 @@ from zmav import systemd
 from zmav.cli.common import assignments, dump, show_table
 from zmav.config import load_fleet
 from zmav.config.table import Table, reading
+from zmav.config.toml import toml_value
 from zmav.errors import BadConfig, BadInput
 from zmav.keys import check_name
 
@@ -55,20 +55,10 @@ class Installed(Table, frozen=True):
     def text(self) -> str:
         """As TOML. JSON's values are TOML's, but for null, which no option needs, and tables."""
         lines = ["# 'zmav agent install' wrote this; after a change: systemctl restart zmav-agent@NAME"]
-        lines += [f"{name} = {_toml(getattr(self, name))}" for name in ("agent", "vehicle", "fleet")]
+        lines += [f"{name} = {toml_value(getattr(self, name))}" for name in ("agent", "vehicle", "fleet")]
         for name, table in (("options", self.options), ("set", self.set)):
-            lines += [f"\n[{name}]", *(f"{_toml(key)} = {_toml(value)}" for key, value in table.items())]
+            lines += [f"\n[{name}]", *(f"{toml_value(key)} = {toml_value(value)}" for key, value in table.items())]
         return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_toml(str(key))} = {_toml(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
-    if value is None:
-        raise BadInput("null is no value of a setting", field="option", value=None, expected="a value")
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def folder(directory: str | None = None) -> Path:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from zmav import host, wire
 from zmav.doctor import topics
 from zmav.doctor.findings import Finding
+from zmav.doctor.words import few
 
 MB, GB = 1 << 20, 1 << 30
 DISK_RED, DISK_AMBER = 256 * MB, 2 * GB
@@ -124,7 +125,7 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
                 topics.VERSIONS.well(f"{number} on {_count(whose)}", package) for number, whose in by_version.items()
             )
             continue
-        found = "; ".join(f"{number}: {_few(whose)}" for number, whose in sorted(by_version.items()))
+        found = "; ".join(f"{number}: {few(sorted(whose), 5)}" for number, whose in sorted(by_version.items()))
         minor = {tuple(number.split(".")[:2]) for number in by_version}
         if package == "eclipse-zenoh" and len(minor) == 1:
             yield topics.VERSIONS.advise(found, "install one version everywhere when there is time", package)
@@ -135,8 +136,3 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
 
 def _count(whose: list[str]) -> str:
     return "this host" if len(whose) == 1 else f"this host and {len(whose) - 1} that tell"
-
-
-def _few(whose: Iterable[str], most: int = 5) -> str:
-    names = sorted(whose)
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import click
 
 from zmav.doctor.findings import FLEET, GROUPS, HOST, VEHICLE, Finding, Level
-from zmav.doctor.words import clean
+from zmav.doctor.words import clean, few
 
 FEW = 4
 """hosts up to which each has all of its lines on the page"""
@@ -48,8 +48,8 @@ def _several(alike: dict[tuple[str, str], list[Finding]], quiet: set[str]) -> It
     """What several hosts have in common, and at which of them there is nothing else."""
     yield click.style("several hosts", bold=True)
     for same in alike.values():
-        yield from _lines(same[0], f"{same[0].topic} at {_few([each.who for each in same])}")
-    yield f"  {MARKS[Level.OK]} nothing else at {_few(sorted(quiet)) or 'none of them'}  (--json has every line)"
+        yield from _lines(same[0], f"{same[0].topic} at {few([each.who for each in same])}")
+    yield f"  {MARKS[Level.OK]} nothing else at {few(sorted(quiet)) or 'none of them'}  (--json has every line)"
 
 
 def _place(finding: Finding) -> tuple[int, str]:
@@ -67,10 +67,6 @@ def _alike(findings: list[Finding]) -> dict[tuple[str, str], list[Finding]]:
         if finding.group == VEHICLE and finding.level is Level.ADVICE:
             found.setdefault(_matter(finding), []).append(finding)
     return {matter: same for matter, same in found.items() if len(same) > 1}
-
-
-def _few(names: list[str], most: int = 6) -> str:
-    return clean(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _lines(finding: Finding, title: str = "") -> Iterator[str]:

@@ -7,7 +7,6 @@ is not heard any more only the rules on its presence speak: the rest of what is 
 
 from __future__ import annotations
 
-import collections
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -106,9 +105,7 @@ def _clash(f: Facts) -> str | None:
 def _autopilot(f: Facts) -> str | None:
     if f.state is None or f.state.connected:
         return None
-    if f.state.sysid is None:
-        return f"no autopilot heard (link {f.state.link})"
-    return f"autopilot silent (link {f.state.link})"
+    return f"{'no autopilot heard' if f.state.sysid is None else 'autopilot silent'} (link {f.state.link})"
 
 
 def _status(f: Facts) -> str | None:
@@ -198,24 +195,19 @@ def _lease_end(f: Facts) -> str | None:
     return f"lease of {end.holder} ended {duration(f.now - end.t)} ago: {end.reason}{by}"
 
 
-def _counted(recent: collections.Counter[str], proofs: bool) -> str:
-    """What was dropped of late, by its reasons: of refused proofs, or of setpoints."""
-    chosen = ((why, count) for why, count in sorted(recent.items()) if why.startswith(PROOF) == proofs)
-    return ", ".join(f"{count} {why.removeprefix(PROOF)}" for why, count in chosen)
-
-
-def _dropped(f: Facts) -> str | None:
-    words = _counted(f.recent, proofs=False)
-    return f"setpoints dropped: {words}" if words else None
-
-
-def _refused(f: Facts) -> str | None:
-    words = _counted(f.recent, proofs=True)
-    return f"orders without proof refused: {words}" if words else None
-
-
 PROOF = "proof:"
 """before the reasons of refused proofs among the recent counts"""
+
+
+def _counted(what: str, *, proofs: bool) -> Judge:
+    """What was dropped of late, by its reasons: of refused proofs, or of setpoints."""
+
+    def says(f: Facts) -> str | None:
+        chosen = ((why, count) for why, count in sorted(f.recent.items()) if why.startswith(PROOF) == proofs)
+        words = ", ".join(f"{count} {why.removeprefix(PROOF)}" for why, count in chosen)
+        return f"{what}: {words}" if words else None
+
+    return says
 
 
 # Its agents, its clock, its words.
@@ -276,8 +268,18 @@ RULES: tuple[Rule, ...] = (
     Rule("weak-hop", "warn", _weak_hop, "antennas, distance, channel and power; watch zmav mesh graph"),
     Rule("slow", "warn", _slow, "zmav mesh graph shows the slow link"),
     Rule("lease-end", "warn", _lease_end, "the one who flew it says why it ended"),
-    Rule("dropped", "warn", _dropped, "synchronise the clocks (chrony, GPS, PTP), and look at the way between"),
-    Rule("refused", "warn", _refused, "who orders needs credentials of this fleet: zmav mesh ca"),
+    Rule(
+        "dropped",
+        "warn",
+        _counted("setpoints dropped", proofs=False),
+        "synchronise the clocks (chrony, GPS, PTP), and look at the way between",
+    ),
+    Rule(
+        "refused",
+        "warn",
+        _counted("orders without proof refused", proofs=True),
+        "who orders needs credentials of this fleet: zmav mesh ca",
+    ),
     Rule("agent-silent", "warn", _agent_silent, f"{LOG}; start it again"),
     Rule("clock", "warn", _clock, "set its computer's clock: chrony"),
     Rule("error", "warn", _error, "zmav echo NAME/event shows what came before"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine
@@ -13,7 +12,6 @@ from typing import Any, TypeVar
 
 import msgspec
 import zenoh
-from zenoh import handlers
 
 from zmav import keys, wire
 from zmav.autopilots.safety import Safety
@@ -23,9 +21,10 @@ from zmav.doctor.credentials import Trust, look_at_trust
 from zmav.doctor.facts import AgentReport
 from zmav.doctor.failsafes import Value, read_safety
 from zmav.errors import BadInput, ZmavError
+from zmav.tokens import find_tokens
 from zmav.trust.credentials import Credentials
 from zmav.vehicle.vehicle import Vehicle
-from zmav.waiting import within
+from zmav.waiting import together, within
 
 PINGS = 5
 PART_S = 15.0
@@ -43,7 +42,7 @@ class ClockOffset(msgspec.Struct, frozen=True):
     within: float
 
 
-class Session(msgspec.Struct, frozen=True):
+class RouterSession(msgspec.Struct, frozen=True):
     """What is linked to a router: another router, or a client."""
 
     peer: str
@@ -55,7 +54,7 @@ class RouterReport(msgspec.Struct, frozen=True):
 
     version: str = ""
     locators: list[str] = []
-    sessions: list[Session] = []
+    sessions: list[RouterSession] = []
 
 
 class Survey(msgspec.Struct, frozen=True):
@@ -88,14 +87,15 @@ async def look(
 ) -> Survey:
     """Listen for ``seconds``, then ask; what is shown to prove who one is, is judged by our ``own`` credentials."""
     listener = StatusListener(z)
-    async with listener:
+    listening = asyncio.create_task(listener.listen())
+    try:
         await asyncio.sleep(seconds)
         vehicles = (await z.settle())[:MOST]
         present = [v for v in vehicles if v.present and keys.NAME.match(v.name)]
         parts: dict[str, Coroutine[Any, Any, Any]] = {
             "links": listener.ask(),
             "routers": find_routers(z),
-            "tokens": find_tokens(z),
+            "tokens": find_present(z),
             "hosts": find_hosts(z),
             "clocks": _of_each(present, _clock_of),
             "safety": _of_each(present, read_safety),
@@ -115,6 +115,9 @@ async def look(
         await asyncio.gather(*(finish(part, work) for part, work in parts.items()))
         found |= {"links": listener.autopilots, "neighbours": listener.neighbours, "agents": listener.agents()}
         return Survey(vehicles=vehicles, unfinished=late, file=file, name=name, **found)
+    finally:
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)
 
 
 async def _of_each(vehicles: list[Vehicle], ask: Callable[[Vehicle], Awaitable[T]]) -> dict[str, T]:
@@ -127,28 +130,19 @@ def label(vehicle: Vehicle) -> str:
 
 
 class StatusListener:
-    """Hears links' qualities and agents' statuses as long as it is entered."""
+    """Hears links' qualities and agents' statuses."""
 
     def __init__(self, z: Client) -> None:
         self._z = z
         self.autopilots: dict[str, list[wire.LinkQuality]] = defaultdict(list)
         self.neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
         self._agents: dict[tuple[str, str, str], tuple[wire.AgentStatus, float]] = {}
-        self._tasks: list[asyncio.Task[None]] = []
 
-    async def __aenter__(self) -> StatusListener:
+    async def listen(self) -> None:
+        """Until cancelled."""
         fleet = self._z.fleet_name
-        for key, take in (
-            (keys.LINK.key(fleet, "*", link="*"), self._on_link),
-            (keys.AGENT_STATUS.key(fleet, "*", agent="*"), self._on_status),
-        ):
-            self._tasks.append(asyncio.create_task(self._hear(key, take)))
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        links, statuses = keys.LINK.key(fleet, "*", link="*"), keys.AGENT_STATUS.key(fleet, "*", agent="*")
+        await together(self._hear(links, self._on_link), self._hear(statuses, self._on_status))
 
     async def _hear(self, key: str, take: Any) -> None:
         def on_sample(sample: zenoh.Sample) -> None:
@@ -201,21 +195,11 @@ async def find_routers(z: Client) -> dict[str, RouterReport]:
     return found
 
 
-async def find_tokens(z: Client) -> list[dict[str, str]]:
-    """Who is present, of every role. Replies are collected as they come: a channel of replies holds only so many."""
+async def find_present(z: Client) -> list[dict[str, str]]:
+    """Who is present, of every role."""
     key = keys.ALIVE.key(z.fleet_name, "*", role="*", sys="*", autopilot="*", uid="*", instance="*")
-    found: list[str] = []
-    over = threading.Event()
-
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is not None and len(found) < 4 * MOST:
-            found.append(str(reply.ok.key_expr))
-
-    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
-    z.session.liveliness().get(key, handler, timeout=1.0)
-    await asyncio.to_thread(over.wait, 2.0)
     tokens = []
-    for each in sorted(set(found)):
+    for each in sorted(set(await asyncio.to_thread(find_tokens, z.session, key, 1.0)))[: 4 * MOST]:
         with contextlib.suppress(BadInput):
             tokens.append(keys.match(each)[1])
     return tokens

@@ -16,6 +16,11 @@ def clean(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c in "\t\r\n" else "?" for c in text if not _combines(c))
 
 
+def few(names: list[str], most: int = 6) -> str:
+    """The first ones, and how many there are besides."""
+    return clean(", ".join(names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def _combines(character: str) -> bool:
     return unicodedata.category(character) in ("Mn", "Me")
 

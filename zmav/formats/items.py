@@ -5,13 +5,12 @@ Formats stand below the dialects, so they are given the dialect's enums (``Diale
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 
 import msgspec
 
-from zmav.errors import BadInput
+from zmav.errors import BadInput, did_you_mean
 from zmav.wire import MissionItem
 
 Enums = Mapping[str, Mapping[str, int]]
@@ -80,7 +79,7 @@ def _number(enum: str, name: str, field: str, enums: Enums) -> int:
     known = enums.get(enum, {})
     if name not in known:
         full = name.upper() if name.upper().startswith("MAV_") else f"{enum}_{name.upper()}"
-        close = difflib.get_close_matches(full, known, n=3)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise BadInput(f"no {field} {name!r}{hint}", field=field, value=name, expected=f"an entry of {enum}")
+        raise BadInput(
+            f"no {field} {name!r}{did_you_mean(full, known)}", field=field, value=name, expected=f"an entry of {enum}"
+        )
     return known[name]

@@ -117,44 +117,32 @@ def encode(
     compid: int,
     seq: int = 0,
     version: int = 2,
+    default: int | None = None,
 ) -> bytes:
     """The unsigned frame of message ``name`` with these ``fields``, as bytes.
 
-    Every base field must be given (but for HEARTBEAT's mavlink_version); extension fields may be left out, which means
-    zero, and do not exist in MAVLink ``version`` 1. Taken are numbers, enum entries by name, flags as "A | B | 64",
-    lists, strings for char arrays, and None for NaN. uint8_t and int8_t arrays may be shorter than the field (zeros
-    follow), and a uint8_t array may be bytes. Raises one :class:`BadMessage` whose ``detail["fields"]`` maps every bad
-    field to what was expected.
+    Every base field must be given (but for HEARTBEAT's mavlink_version) unless there is a ``default``, 0; extension
+    fields may be left out, which means zero, and do not exist in MAVLink ``version`` 1. Taken are numbers, enum entries
+    by name, flags as "A | B | 64", lists, strings for char arrays, and None for NaN. uint8_t and int8_t arrays may be
+    shorter than the field (zeros follow), and a uint8_t array may be bytes. Raises one :class:`BadMessage` whose
+    ``detail["fields"]`` maps every bad field to what was expected.
     """
-    return _encode(dialect, name, fields, sysid, compid, seq, version, default=None)
-
-
-def _encode(
-    dialect: Dialect,
-    name: str,
-    given: Mapping[str, Any],
-    sysid: int,
-    compid: int,
-    seq: int,
-    version: int,
-    default: int | None,
-) -> bytes:
     message = dialect.message(name)
-    if not isinstance(given, Mapping):
+    if not isinstance(fields, Mapping):
         raise BadMessage(
-            f"{message.name}: the fields are a {type(given).__name__}",
+            f"{message.name}: the fields are a {type(fields).__name__}",
             field="fields",
-            value=given,
+            value=fields,
             expected="an object with a value by each field's name",
         )
     bad = _bad_header(message, sysid, compid, seq, version)
-    for unknown in given:
+    for unknown in fields:
         if unknown not in message.by_name:
             bad[str(unknown)] = f"no such field; {message.name} has {', '.join(message.by_name)}"
     flat: list[Any] = []
     for field in message.wire_fields:
         try:
-            flat += _field_values(field, given, dialect, version, default)
+            flat += _field_values(field, fields, dialect, version, default)
         except ValueError as error:
             bad[field.name] = str(error)
     if bad:
@@ -231,14 +219,13 @@ class Packer:
     def pack(self, name: str, /, **fields: Any) -> bytes:
         """The next frame. Raises :class:`BadMessage` as :func:`encode` does; that uses up no sequence number."""
         with self._lock:
-            data = self._pack_fast(name, fields) or _encode(
-                self.dialect, name, fields, self.sysid, self.compid, self._seq, self.version, default=0
-            )
+            head = {"sysid": self.sysid, "compid": self.compid, "seq": self._seq, "version": self.version}
+            data = self._pack_fast(name, fields) or encode(self.dialect, name, fields, **head, default=0)
             self._seq = (self._seq + 1) & 0xFF
         return data
 
     def _pack_fast(self, name: str, fields: dict[str, Any]) -> bytes | None:
-        """The fast path: numbers, whole arrays of numbers and plain text. None: :func:`_encode` will do it, or say what
+        """The fast path: numbers, whole arrays of numbers and plain text. None: :func:`encode` will do it, or say what
         is wrong with it.
         """
         if self.version != 2:

@@ -6,7 +6,6 @@ only when somebody names a command. Schema: https://mavlink.io/en/guide/xml_sche
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 import re
@@ -16,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 
-from zmav.errors import BadInput
+from zmav.errors import BadInput, did_you_mean
 from zmav.mavlink import definitions
 from zmav.mavlink.dialect import Dialect
 
@@ -29,7 +28,6 @@ class CommandParam(msgspec.Struct, frozen=True):
 
     index: int
     label: str = ""
-    description: str = ""
     units: str = ""
     enum: str = ""
     minimum: float | None = None
@@ -47,7 +45,6 @@ class CommandType(msgspec.Struct, frozen=True):
 
     name: str
     id: int
-    description: str
     has_location: bool
     params: tuple[CommandParam, ...]
 
@@ -99,10 +96,7 @@ def _number(param: CommandParam, value: float | str | None, dialect: Dialect) ->
         for name in (part.strip().upper() for part in value.split("|")):
             entry = entries.get(name, entries.get(f"{param.enum}_{name}"))
             if entry is None:
-                close = difflib.get_close_matches(name, entries, n=3)
-                return 0.0, f"{name!r} is no entry of {param.enum or 'any enum'}" + (
-                    f"; did you mean {', '.join(close)}?" if close else ""
-                )
+                return 0.0, f"{name!r} is no entry of {param.enum or 'any enum'}{did_you_mean(name, entries)}"
             total |= entry
         return float(total), ""
     if not math.isfinite(value):
@@ -120,14 +114,8 @@ def command_type(dialect: Dialect, name: str) -> CommandType:
     full = name.upper() if name.upper().startswith("MAV_CMD_") else f"MAV_CMD_{name.upper()}"
     found = known.get(full)
     if found is None:
-        close = difflib.get_close_matches(full, known, n=4, cutoff=0.5)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise BadInput(
-            f"dialect {dialect.name} has no command {name!r}{hint}",
-            field="command",
-            value=name,
-            expected="a MAV_CMD",
-        )
+        text = f"dialect {dialect.name} has no command {name!r}{did_you_mean(full, known, n=4, cutoff=0.5)}"
+        raise BadInput(text, field="command", value=name, expected="a MAV_CMD")
     return found
 
 
@@ -149,7 +137,6 @@ def _command(entry: ET.Element) -> CommandType:
     return CommandType(
         name=entry.get("name", ""),
         id=int(entry.get("value", "0"), 0),
-        description=_text(entry.find("description")),
         has_location=entry.get("hasLocation") == "true",
         params=tuple(params.get(i, CommandParam(i)) for i in range(1, PARAMS + 1)),
     )
@@ -160,7 +147,6 @@ def _param(p: ET.Element) -> CommandParam:
     return CommandParam(
         index=int(p.get("index", 0)),
         label=p.get("label", ""),
-        description=_text(p),
         units=p.get("units", ""),
         enum=p.get("enum", ""),
         minimum=_maybe(p.get("minValue")),
@@ -172,7 +158,3 @@ def _param(p: ET.Element) -> CommandParam:
 
 def _maybe(text: str | None) -> float | None:
     return None if text is None else float(text)
-
-
-def _text(element: ET.Element | None) -> str:
-    return " ".join((element.text or "").split()) if element is not None else ""

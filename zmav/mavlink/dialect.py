@@ -7,12 +7,11 @@ Format: https://mavlink.io/en/guide/xml_schema.html and https://mavlink.io/en/gu
 
 from __future__ import annotations
 
-import difflib
 import struct
 
 import msgspec
 
-from zmav.errors import BadMessage
+from zmav.errors import BadMessage, did_you_mean
 
 #: struct codes of MAVLink's field types; a char array is read as one string.
 TYPE_CODES = {
@@ -141,7 +140,7 @@ class Dialect(msgspec.Struct, frozen=True):
         if found is not None:
             return found
         raise BadMessage(
-            f"dialect {self.name} has no message {name_or_id!r}{_did_you_mean(str(name_or_id), self.by_name)}",
+            f"dialect {self.name} has no message {name_or_id!r}{did_you_mean(str(name_or_id).upper(), self.by_name)}",
             field="name",
             value=name_or_id,
             expected=f"a message of dialect {self.name}",
@@ -157,7 +156,7 @@ class Dialect(msgspec.Struct, frozen=True):
         entries = self.enums.get(enum)
         if entries is None:
             raise BadMessage(
-                f"dialect {self.name} has no enum {enum!r}{_did_you_mean(enum, self.enums)}",
+                f"dialect {self.name} has no enum {enum!r}{did_you_mean(enum.upper(), self.enums)}",
                 field="enum",
                 value=enum,
                 expected=f"an enum of dialect {self.name}",
@@ -165,7 +164,7 @@ class Dialect(msgspec.Struct, frozen=True):
         found = entries.get(name)
         if found is None:
             raise BadMessage(
-                f"{enum} has no entry {name!r}{_did_you_mean(name, entries)}",
+                f"{enum} has no entry {name!r}{did_you_mean(name.upper(), entries)}",
                 field=enum,
                 value=name,
                 expected=f"an entry of {enum}",
@@ -175,8 +174,3 @@ class Dialect(msgspec.Struct, frozen=True):
     def enum_name(self, enum: str, value: int) -> str | None:
         """The entry's name, or None where the enum or the entry is not known."""
         return self.enum_names.get(enum, {}).get(value)
-
-
-def _did_you_mean(given: str, known: dict[str, MessageType] | dict[str, int] | dict[str, dict[str, int]]) -> str:
-    close = difflib.get_close_matches(given.upper(), known, n=3, cutoff=0.6)
-    return f"; did you mean {', '.join(close)}?" if close else ""

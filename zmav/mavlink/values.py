@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import struct
 from typing import Any
 
+from zmav.errors import did_you_mean
 from zmav.mavlink.dialect import Dialect, Field
 
 _RANGES = {
@@ -149,8 +149,7 @@ def _parse_names(field: Field, given: str, dialect: Dialect) -> int:
             try:
                 value = int(part, 0)
             except ValueError:
-                close = difflib.get_close_matches(part.upper(), entries, n=3)
-                hint = f"; did you mean {', '.join(close)}?" if close else ""
+                hint = did_you_mean(part.upper(), entries)
                 raise ValueError(f"{_short(part)} is no entry of {field.enum}{hint}") from None
         number |= value
     return number

@@ -6,15 +6,15 @@ import asyncio
 import contextlib
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import AsyncIterator, Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import msgspec
 import zenoh
 
-from zmav import keys, wire
+from zmav import geo, keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
-from zmav.mavlink import MavMessage, describe, parse_frame
+from zmav.mavlink import MavMessage, decode, describe, parse_frame
 from zmav.services.orders.orders import UNKNOWN
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, take_lease
@@ -36,7 +36,18 @@ LARGE = 1 << 16
 APPEAR = 1.0
 """s for a vehicle that has not been heard to appear: the session may just have been opened"""
 
+FAST_CLOCK = 20_000.0
+"""ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
+
 Progress = Callable[[dict[str, Any]], None]
+
+
+class Place(NamedTuple):
+    """Where the vehicle was at ``t`` (UTC s): m and m/s, NED about the fleet's origin."""
+
+    t: float
+    pos: wire.Vector
+    vel: wire.Vector
 
 
 class Vehicle:
@@ -149,6 +160,33 @@ class Vehicle:
 
         key = keys.RX.key(self._within, self.name, sys="*", comp="*", msg=name)
         return self._client.subscribe(key, convert, depth, token=want_key(key, hz) if hz is not None else "")
+
+    def places(self, hz: float, depth: int = 200) -> Subscription[Place]:
+        """Where it is, ``hz`` times a second: between its states, too. As :meth:`stream`."""
+        dialect = self._client.dialect
+
+        def convert(sample: zenoh.Sample) -> Place:
+            fields, state = decode(parse_frame(sample.payload.to_bytes(), dialect), dialect), self.last_state
+            if state is None or state.local is None or state.position is None:
+                raise BadInput(f"{self.name} has not said where it is", field="position")
+            vx, vy, vz = (float(fields[name]) / 100.0 for name in ("vx", "vy", "vz"))
+            pos = geo.in_fleet_frame(state.position, state.local, fields)
+            return Place(self.time_of(fields), pos, (vx, vy, vz))
+
+        key = keys.RX.key(self._within, self.name, sys="*", comp="*", msg="GLOBAL_POSITION_INT")
+        return self._client.subscribe(key, convert, depth, token=want_key(key, hz))
+
+    def time_of(self, fields: Mapping[str, Any]) -> float:
+        """UTC s of a message's ``time_boot_ms`` by the vehicle's clock; now, where that is not known or no real one."""
+        clock = self.last_state.clock if self.last_state is not None else None
+        if clock is None or abs(clock.drift_ppm) > FAST_CLOCK:
+            return time.time()
+        return clock.boot_t + float(fields["time_boot_ms"]) / 1e3
+
+    def events(self, depth: int = 50) -> Subscription[wire.Event]:
+        """What it says that happened, as it comes."""
+        key = keys.EVENT.key(self._within, self.name)
+        return self._client.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Event, "event"), depth)
 
     @property
     def missions(self) -> Missions:

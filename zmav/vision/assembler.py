@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import zlib
 from typing import NamedTuple
 
@@ -137,7 +138,8 @@ class Assembler:
 
     def _make_room(self) -> None:
         while len(self._parts) > UNDER_WAY:
-            self._settle(_oldest(self._parts), whole=False)
+            oldest = functools.reduce(lambda one, other: other if _later(one, other) else one, self._parts)
+            self._settle(oldest, whole=False)
 
     def _completed(self, part: _Part) -> Whole | None:
         seq = part.head.seq
@@ -171,11 +173,3 @@ class Assembler:
 def _later(a: int, b: int) -> bool:
     """Whether sequence ``a`` comes after ``b``, also where the number began again at zero (RFC 1982)."""
     return 0 < (a - b) % WRAP < WRAP // 2
-
-
-def _oldest(parts: dict[int, _Part]) -> int:
-    first, *others = parts
-    for each in others:
-        if _later(first, each):
-            first = each
-    return first

@@ -35,12 +35,12 @@ LATEST_T = 1e11
 class Header(NamedTuple):
     """What a chunk says of itself and its picture."""
 
+    parity: int
     sender: int
     seq: int
     place: int
     pieces: int
     """chunks of data; parity ones come on top"""
-    parity: int
     length: int
     check: int
     width: int
@@ -78,41 +78,33 @@ def split(jpeg: bytes, *, sender: int, seq: int, t: float, size: tuple[int, int]
     count = count_of(len(jpeg))
     step = -(-len(jpeg) // count)
     count = -(-len(jpeg) // step)  # the last is never empty
-    head = Header(sender, seq, 0, count, spare, len(jpeg), zlib.crc32(jpeg), *size, t)
+    head = Header(spare, sender, seq, 0, count, len(jpeg), zlib.crc32(jpeg), *size, t)
     data = [jpeg[i : i + step] for i in range(0, len(jpeg), step)]
     try:
         return [
-            _packed(head._replace(place=i)) + chunk for i, chunk in enumerate(data + parity.encode(data, step, spare))
+            HEADER.pack(MAGIC, VERSION, *head._replace(place=i)) + chunk
+            for i, chunk in enumerate(data + parity.encode(data, step, spare))
         ]
     except struct.error as e:
         raise BadInput(f"a picture's header cannot hold {head}: {e}", field="header", value=str(head)) from e
-
-
-def _packed(h: Header) -> bytes:
-    return HEADER.pack(
-        MAGIC, VERSION, h.parity, h.sender, h.seq, h.place, h.pieces, h.length, h.check, h.width, h.height, h.t
-    )
 
 
 def parse(data: bytes) -> tuple[Header, bytes]:
     """A chunk's header and what it holds; raises :class:`BadMessage` for what is not a chunk."""
     if not HEADER.size < len(data) <= MOST_CHUNK:
         raise _bad("length", len(data), f"{HEADER.size + 1} to {MOST_CHUNK} bytes")
-    magic, version, spare, sender, seq, index, count, length, check, width, height, t = HEADER.unpack_from(data)
-    head = Header(sender, seq, index, count, spare, length, check, width, height, t)
+    magic, version, *rest = HEADER.unpack_from(data)
+    head = Header(*rest)
+    length, t = head.length, head.t
     if (magic, version) != (MAGIC, VERSION):
         raise _bad("magic", (magic, version), f"{MAGIC!r}, version {VERSION}")
     if not 0 < length <= MOST_JPEG:
         raise _bad("length of the JPEG", length, f"1 to {MOST_JPEG}")
-    if (
-        not 0 < count <= length
-        or not 0 <= index < count + spare
-        or head.step > ROOM
-        or head.step * (count - 1) >= length
-    ):
-        raise _bad("index, count", (index, count), f"the place of a chunk in {length} bytes")
-    if not (math.isfinite(t) and 0.0 <= t < LATEST_T) or not width or not height:
-        raise _bad("t, width, height", (t, width, height), "UTC seconds and a size")
+    fits = 0 < head.pieces <= length and head.place < head.pieces + head.parity
+    if not fits or head.step > ROOM or head.step * (head.pieces - 1) >= length:
+        raise _bad("index, count", (head.place, head.pieces), f"the place of a chunk in {length} bytes")
+    if not (math.isfinite(t) and 0.0 <= t < LATEST_T) or not head.width or not head.height:
+        raise _bad("t, width, height", (t, head.width, head.height), "UTC seconds and a size")
     if len(data) - HEADER.size != head.size():
         raise _bad("length", len(data), f"{HEADER.size + head.size()} bytes")
     return head, data[HEADER.size :]

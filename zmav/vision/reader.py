@@ -106,10 +106,6 @@ class Reader:
         picture, self._newest = self._newest, None
         return picture
 
-    async def info(self, timeout: float = 2.0) -> CameraInfo:
-        """The camera's lens, mount and rate; raises what :func:`camera_info` does."""
-        return await camera_info(self._z, self._vehicle, self._camera, timeout)
-
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         if not keys.hears(f"{keys.ROOT}/{self._z.fleet_name}", key):
@@ -152,7 +148,7 @@ class Reader:
 
 
 async def camera_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0) -> CameraInfo:
-    """What a camera says of itself. Raises :class:`VehicleError` where nobody answers, and what it answers instead."""
+    """A camera's lens, mount and rate. Raises :class:`VehicleError` where nobody answers, or what it answered."""
     key = keys.CAMERA.key(z.fleet_name, vehicle, camera=camera)
     for answer in await z.ask(key, timeout=timeout, channel=keys.CAMERA, enough=lambda answer: True):
         if not isinstance(answer, Answer):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class AttitudeLoop(Controller):
     max_pitch = parameter(math.radians(220.0), 0.1, 30.0, "rad/s", "MC_PITCHRATE_MAX")
     max_yaw = parameter(math.radians(200.0), 0.1, 30.0, "rad/s", "MC_YAWRATE_MAX")
 
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         super().__init__(tuned)
         self.fading: Vector = (0.0, 0.0, 0.0)
         """rad/s that are left of what the autopilot asked for beside this, just before"""
@@ -93,7 +94,7 @@ class RatesLoop(Controller):
     i_max = parameter(0.3, 0.0, 1.0, "", "of each integrator (MC_RR_INT_LIM and its like)")
     d_cutoff = parameter(30.0, 5.0, 100.0, "Hz", "of the low pass before D (IMU_DGYRO_CUTOFF)")
 
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         super().__init__(tuned)
         self.axes = (Axis(), Axis(), Axis())
 

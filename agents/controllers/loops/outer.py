@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -47,7 +48,32 @@ class PositionLoop(Controller):
         return Velocity(np.array((north, east, down)), reference.yaw, reference.yaw_rate)
 
 
-class VelocityLoop(Controller):
+class ThrustLoop(Controller):
+    """What loops have in common that hold a climb by the thrust."""
+
+    d_cutoff = parameter(5.0, 0.5, 50.0, "Hz", "of the low pass before D (MPC_VELD_LP)")
+    thr_min = parameter(0.12, 0.0, 0.5, "", "of full thrust (MPC_THR_MIN)")
+    thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
+    hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
+
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
+        super().__init__(tuned)
+        self.down = Axis()
+        self.hover = Hover()
+        self.given = 0.5
+        """the thrust of the last cycle, 0 to 1"""
+
+    def _learn(self, state: State, tau: float) -> float:
+        """Where the hover thrust changes, the integrator gives way, so that the thrust does not; gives how upright the
+        body is.
+        """
+        upright = down_axis(state.q.tolist())[2]
+        ratio = self.hover.learn(self.given * upright, self.down.slope, state.dt, tau)
+        self.down.integral += GRAVITY * (1.0 - ratio)
+        return upright
+
+
+class VelocityLoop(ThrustLoop):
     """PID on the velocity, and from the acceleration that it asks for to an attitude and a thrust.
 
     D is on the measurement. Where the thrust or the lean is at its limit the integrators do not wind up: vertically
@@ -63,19 +89,12 @@ class VelocityLoop(Controller):
     kp_z = parameter(4.0, 0.0, 12.0, "1/s", "of the climb (MPC_Z_VEL_P_ACC)")
     ki_z = parameter(2.0, 0.0, 6.0, "1/s²", "of the climb (MPC_Z_VEL_I_ACC)")
     kd_z = parameter(0.0, 0.0, 2.0, "", "of the climb (MPC_Z_VEL_D_ACC)")
-    d_cutoff = parameter(5.0, 0.5, 50.0, "Hz", "of the low pass before D (MPC_VELD_LP)")
     tilt_max = parameter(math.radians(45.0), 0.1, 1.4, "rad", "of lean (MPC_TILTMAX_AIR)")
-    thr_min = parameter(0.12, 0.0, 0.5, "", "of full thrust (MPC_THR_MIN)")
-    thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
     thr_xy_marg = parameter(0.3, 0.0, 0.3, "", "of full thrust kept for the way (MPC_THR_XY_MARG)")
-    hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
 
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
+    def __init__(self, tuned: Mapping[str, float] | None = None) -> None:
         super().__init__(tuned)
-        self.axes = (Axis(), Axis(), Axis())
-        self.hover = Hover()
-        self.given = 0.5
-        """the thrust of the last cycle, 0 to 1"""
+        self.axes = (Axis(), Axis(), self.down)
         self.turning = 0.0
         """rad that are left of the heading that the autopilot asked for beside the reference's, just before"""
 
@@ -125,13 +144,6 @@ class VelocityLoop(Controller):
             fz + (rz - vz) * self.kp_z - down.measure(vz, t, cutoff) * self.kd_z,
         )
 
-    def _learn(self, state: State, tau: float) -> None:
-        """Where the hover thrust changes, the integrator gives way, so that the thrust does not."""
-        down = self.axes[2]
-        upright = down_axis(state.q.tolist())[2]
-        ratio = self.hover.learn(self.given * upright, down.slope, state.dt, tau)
-        down.integral += GRAVITY * (1.0 - ratio)
-
     def _thrust(self, ax: float, ay: float, az: float) -> tuple[float, float, float]:
         """The thrust (NED, shares of the full one) that gives an acceleration; leaning no more than allowed."""
         hover = self.hover.share
@@ -167,7 +179,7 @@ class VelocityLoop(Controller):
         down.add(ez * self.ki_z, state.dt, GRAVITY)
 
 
-class AltitudeLoop(Controller):
+class AltitudeLoop(ThrustLoop):
     """P on the height and PID on the climb, to a thrust; the attitude is the reference's. The thrust makes up for the
     lean that there is.
     """
@@ -179,30 +191,20 @@ class AltitudeLoop(Controller):
     vel_kp = parameter(4.0, 0.0, 12.0, "1/s", "of the climb (MPC_Z_VEL_P_ACC)")
     vel_ki = parameter(2.0, 0.0, 6.0, "1/s²", "of the climb (MPC_Z_VEL_I_ACC)")
     vel_kd = parameter(0.0, 0.0, 2.0, "", "of the climb (MPC_Z_VEL_D_ACC)")
-    d_cutoff = parameter(5.0, 0.5, 50.0, "Hz", "of the low pass before D (MPC_VELD_LP)")
     vel_max_up = parameter(3.0, 0.5, 8.0, "m/s", "climbing, at most (MPC_Z_VEL_MAX_UP)")
     vel_max_dn = parameter(1.5, 0.5, 4.0, "m/s", "descending, at most (MPC_Z_VEL_MAX_DN)")
-    thr_min = parameter(0.12, 0.0, 0.5, "", "of full thrust (MPC_THR_MIN)")
-    thr_max = parameter(1.0, 0.3, 1.0, "", "of full thrust (MPC_THR_MAX)")
-    hover_tau = parameter(10.0, 1.0, 100.0, "s", "in which the hover thrust is learned")
-
-    def __init__(self, tuned: dict[str, float] | None = None) -> None:
-        super().__init__(tuned)
-        self.down = Axis()
-        self.hover = Hover()
-        self.given = 0.5
 
     def reset(self, state: State, reference: Reference, trim: Trim) -> None:
         _, partly = self._partly(state, reference)
         self.given = trim.thrust
-        upright = self._learn(state, min(LEARN, self.hover_tau))
+        upright = max(self._learn(state, min(LEARN, self.hover_tau)), STEEPEST)
         wanted = (1.0 - trim.thrust * upright / self.hover.share) * GRAVITY
         self.down.settle(wanted, partly, state.dt)
 
     def update(self, state: State, reference: Reference) -> AttitudeThrust:
         down = self.down
         error, partly = self._partly(state, reference)
-        upright = self._learn(state, self.hover_tau)
+        upright = max(self._learn(state, self.hover_tau), STEEPEST)
         acc = partly + down.integral + down.fading
         thrust = clamp((1.0 - acc / GRAVITY) * self.hover.share / upright, self.thr_min, self.thr_max)
         # At an end the integrator waits: the thrust falls as the wanted climb does.
@@ -225,10 +227,3 @@ class AltitudeLoop(Controller):
         slope = self.down.measure(measured, state.t, self.d_cutoff)
         self.signals["height"] = height
         return error, float(reference.acc[2]) + error * self.vel_kp - slope * self.vel_kd
-
-    def _learn(self, state: State, tau: float) -> float:
-        """Where the hover thrust changes, the integrator gives way; gives how upright the body is, 0.5 to 1."""
-        upright = down_axis(state.q.tolist())[2]
-        ratio = self.hover.learn(self.given * upright, self.down.slope, state.dt, tau)
-        self.down.integral += GRAVITY * (1.0 - ratio)
-        return max(upright, STEEPEST)

@@ -16,9 +16,9 @@ import msgspec
 import zenoh
 
 import zmav
-from mesh.tokens import find_tokens
 from zmav import keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut, ZmavError
+from zmav.tokens import find_tokens
 from zmav.wire import swarm
 
 LOOK = 1.5

@@ -43,7 +43,7 @@ async def test_pictures_arrive_whole_and_in_order(net: Net, run_camera: Run) -> 
             assert (picture.width, picture.height) == (320, 240)
             assert picture.t <= picture.arrived
         assert reader.assembler.torn == reader.assembler.bad == 0
-        info = await reader.info()
+        info = await camera_info(z, "quad1", "down")
     assert (info.camera, info.width, info.height, info.source) == ("down", 320, 240, "painted")
     assert info.center == (159.5, 119.5)
     assert agent.bad == agent.failed == 0

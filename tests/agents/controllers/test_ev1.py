@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from agents.controllers import Array, Controller, Reference, State
-from agents.controllers.ev1 import Ev1, Ev1Altitude, Ev1Attitude, Ev1Position, Ev1Rates, Ev1Velocity
+from agents.controllers.ev1 import Ev1, Ev1Altitude, Ev1Attitude, Ev1Position, Ev1Velocity
 from agents.controllers.stack import Stack
 from tests.agents.controllers.flying import CYCLE, Cycles, Flight, Hexarotor, Log, circle, steps
 
-KINDS: tuple[type[Controller], ...] = (Ev1, Ev1Rates, Ev1Attitude, Ev1Altitude, Ev1Velocity, Ev1Position)
+KINDS: tuple[type[Controller], ...] = (Ev1, Ev1Attitude, Ev1Altitude, Ev1Velocity, Ev1Position)
 TAKEN_OVER, TURNED, JUMP, END = 4.0, 9.0, 10.0, 16.5
 HAND_OVER = round(0.1 / CYCLE)
 """cycles in which a jump would show: PX4's outer loops look at a setpoint every 20 ms"""

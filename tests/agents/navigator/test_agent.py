@@ -13,7 +13,7 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.navigator.agent import Navigator, NavigatorSettings
+from agents.navigator.agent import Navigator
 from agents.navigator.trajectory import WINDOW
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from tests.waiting import until
@@ -91,7 +91,7 @@ async def field() -> AsyncIterator[Field]:
         fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 5.0, failsafe=patient, geofence=fence))
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        navigator = Navigator(z, "quad1", NavigatorSettings(), {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
+        navigator = Navigator(z, "quad1", None, {"settle": 0.5, "accel": 2.0, "jerk": 6.0})
         controller = Controller(z, "quad1")
         for agent in (navigator, controller):
             await stack.enter_async_context(agent)

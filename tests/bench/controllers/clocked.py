@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from agents.controllers.ev1 import Ev1
-from agents.controllers.types import Output, Reference, State
+from agents.controllers.types import Reference, State, TorqueThrust
 
 
 class Clocked(Ev1):
@@ -15,7 +15,7 @@ class Clocked(Ev1):
         super().__init__(tuned)
         self._sum = 0.0
 
-    def update(self, state: State, reference: Reference) -> Output:
+    def update(self, state: State, reference: Reference) -> TorqueThrust:
         output = super().update(state, reference)
         self._sum += state.dt
         self.signals = {**self.signals, "clock": self._sum, "state_t": state.t}

@@ -17,10 +17,10 @@ from typing import Any
 
 import zenoh
 
-from mesh.tokens import find_tokens
 from tests.bench.scale.footprint import TICK_HZ, Copter
 from zmav import keys
 from zmav.session import SessionSettings, open_session
+from zmav.tokens import find_tokens
 
 GET_TIMEOUT = 20.0
 """s"""

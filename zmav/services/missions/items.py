@@ -16,6 +16,7 @@ from zmav.errors import BadInput
 from zmav.formats import fence
 from zmav.formats.items import UNKNOWN, command_name, command_number, frame_number, numbers
 from zmav.mavlink import Dialect, command_type
+from zmav.mavlink.paramvalue import shortest
 from zmav.wire import MissionItem, MissionKind
 
 KINDS: Mapping[MissionKind, int] = {"mission": 0, "fence": 1, "rally": 2}
@@ -159,7 +160,7 @@ class Items:
 
     def _decode(self, kind: MissionKind, raw: Raw) -> MissionItem:
         command, enums = self.name(raw), self._dialect.enum_names
-        params = [None if math.isnan(value) else _shortest(value) for value in raw.params]
+        params = [None if math.isnan(value) else shortest(value) for value in raw.params]
         if command == DO_JUMP and params[0] is not None:
             params[0] -= self.offset(kind)
         scale = self.scale(command, raw.frame)
@@ -167,7 +168,7 @@ class Items:
         frame = enums.get("MAV_FRAME", {}).get(raw.frame, f"MAV_FRAME_{raw.frame}")
         if "GLOBAL" in frame and not self.located(command):
             frame = "MAV_FRAME_MISSION"  # what it says of the frame of no place differs by autopilot
-        z = _shortest(raw.z) if math.isfinite(raw.z) else 0.0
+        z = shortest(raw.z) if math.isfinite(raw.z) else 0.0
         return MissionItem(
             command=command, frame=frame, params=params, x=x, y=y, z=z, autocontinue=bool(raw.autocontinue)
         )
@@ -193,7 +194,7 @@ def same(items: Items, kind: MissionKind, one: Sequence[Raw], other: Sequence[Ra
 
 def home(raws: Sequence[Raw]) -> tuple[float, float, float] | None:
     """Of a plan that carries home as its first item: degrees, metres above mean sea level; None where it is empty."""
-    return (raws[0].x / 1e7, raws[0].y / 1e7, _shortest(raws[0].z)) if raws else None
+    return (raws[0].x / 1e7, raws[0].y / 1e7, shortest(raws[0].z)) if raws else None
 
 
 def ends_at(items: Items, raws: Sequence[Raw]) -> int | None:
@@ -230,12 +231,6 @@ def _singles(values: Sequence[float]) -> Any:
     """As single precision holds them."""
     form = f"<{len(values)}f"
     return struct.unpack(form, struct.pack(form, *values))
-
-
-def _shortest(value: float) -> float:
-    """The shortest decimal of a number in single precision: 12.3 and not 12.300000190734863."""
-    found = (float(f"{value:.{digits}g}") for digits in (6, 7, 8, 9))
-    return next((number for number in found if _singles([number])[0] == value), value)
 
 
 def _plain(frame: int) -> int:
