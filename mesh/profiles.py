@@ -63,7 +63,7 @@ class Rules:
 #   0.8 s    four streams, 8         25
 #   0.8 s    seven streams, 8         0
 #
-# So ``wds`` and ``mesh`` notice a cut within 0.8 s. Ten words a second are much for a radio with a budget: see ``SLOW``.
+# So ``wds`` and ``mesh`` notice a cut within 0.8 s. Ten words a second are much for a radio with a budget: ``SLOW``.
 #
 # An outage that is shorter than the lease loses nothing on the reliable lane and delivers it late, in
 # a burst as old as the outage: the lease is also the greatest age of what is repeated.
