@@ -47,7 +47,7 @@ LANES = tuple(
 """of what must arrive: QUIC has a stream for each. A link is lost when nothing came of it for a lease, and Zenoh's own
 words all take one stream, where a datagram that is lost holds up each word behind it until it has come again. On seven
 streams a loss holds up every seventh word; see ``mesh/profiles.py`` for what that is worth"""
-WORDS = 8
+WORDS = 10
 """within a lease"""
 STAMP_BYTES = 120
 """of a probe on the wire, IP and UDP headers included, over ``udp/``"""

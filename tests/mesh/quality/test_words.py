@@ -39,8 +39,8 @@ def arrivals(hours: float, lease: float, streams: int, rng: random.Random) -> li
 
 
 def single(hours: float, lease: float, rng: random.Random) -> list[float]:
-    """When a word comes that nobody repeats."""
-    every = lease / WORDS
+    """When one of Zenoh's own words comes that nobody repeats."""
+    every = lease / PROFILES["mesh"].keep_alive
     return [number * every for number in range(int(hours * 3600 / every)) if rng.random() >= LOSS]
 
 
