@@ -14,7 +14,7 @@ from mesh.credentials.acl import access_control
 from mesh.credentials.exposure import check_opened
 from mesh.endpoint import between, bound, bracketed, host_port, place
 from mesh.neighbours import Neighbour, Way, neighbours
-from mesh.profiles import PROFILES, Rules
+from mesh.profiles import PROFILES, Rules, timers
 from mesh.radios import FoundRadio, Interfaces, interfaces, stand
 from mesh.shaping import downsampling, thinned
 from zmav import keys
@@ -146,17 +146,19 @@ def _check_member(plan: RouterPlan, credentials: Credentials) -> None:
 def _timers(plan: RouterPlan) -> dict[str, Setting]:
     """Leases, words within them, how often a neighbour is called and how long opening a link may take."""
     mesh, rules, profile = plan.file.mesh, PROFILES[plan.profile], f"profile {plan.profile}"
+    budget = any(radio.budget for host in plan.file.hosts().values() for radio in host.mesh.radios)
+    usual, words = timers(plan.profile, budget)
 
     def setting(name: str, value: Any, ours: Any) -> Setting:
         return Setting(value, profile if ours is None else f"fleet file: mesh.{name}")
 
-    lease = round((mesh.lease or rules.lease) * 1000)
+    lease = round((mesh.lease or usual) * 1000)
     retry = round((mesh.retry or rules.retry) * 1000)
     backoff = {"period_init_ms": min(200, retry), "period_max_ms": retry, "period_increase_factor": 1.5}
     opening = Setting(round(rules.opening * 1000), profile)
     return {
         "transport/link/tx/lease": setting("lease", lease, mesh.lease),
-        "transport/link/tx/keep_alive": setting("keep_alive", mesh.keep_alive or rules.keep_alive, mesh.keep_alive),
+        "transport/link/tx/keep_alive": setting("keep_alive", mesh.keep_alive or words, mesh.keep_alive),
         "transport/unicast/open_timeout": opening,
         "transport/unicast/accept_timeout": opening,
         "connect/retry": setting("retry", backoff, mesh.retry),

@@ -201,6 +201,11 @@ class Meter:
         silence = now - self.heard
         return int(silence / self.period) if silence > self._quiet() else 0
 
+    def loses(self, now: float) -> bool:
+        """Whether the link has lost anything lately, in either direction; True as long as it is not known."""
+        told = self._last.loss if self._last else None
+        return self._loss.share(self._overdue(now)) != 0.0 or told != 0.0
+
     def _quiet(self) -> float:
         return max(PATIENCE, QUIET * (self.period or 0.0))
 

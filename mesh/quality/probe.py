@@ -4,6 +4,9 @@ A router listens on ``@probe/{its own id}/*``, a key that nobody else answers, a
 straight to it: who gives links weights of his own (``transport_weights``) so that a way around is the shorter one
 measures that way. A neighbour's name comes with the certificate by which its link was opened, or else with the key of
 what it sends.
+
+Where a link loses, words without content go beside the probes, on the lanes of what must arrive, each on the next one:
+see ``LANES``.
 """
 
 from __future__ import annotations
@@ -29,6 +32,23 @@ KEEP = 60.0
 """s for which a neighbour that went away is still told of"""
 MOST_WAITING = 4096
 """probes that wait for the next turn; of a flood the oldest go"""
+LANES = tuple(
+    getattr(zenoh.Priority, name)
+    for name in (
+        "REAL_TIME",
+        "INTERACTIVE_HIGH",
+        "INTERACTIVE_LOW",
+        "DATA_HIGH",
+        "DATA",
+        "DATA_LOW",
+        "BACKGROUND",
+    )
+)
+"""of what must arrive: QUIC has a stream for each. A link is lost when nothing came of it for a lease, and Zenoh's own
+words all take one stream, where a datagram that is lost holds up each word behind it until it has come again. On seven
+streams a loss holds up every seventh word; see ``mesh/profiles.py`` for what that is worth"""
+WORDS = 10
+"""within a lease"""
 STAMP_BYTES = 120
 """of a probe on the wire, IP and UDP headers included, over ``udp/``"""
 
@@ -71,6 +91,8 @@ class Neighbour:
     url: str = ""
     interface: str | None = None
     next_probe: float = 0.0
+    next_word: float = 0.0
+    lane: int = 0
     publisher: zenoh.Publisher | None = None
 
     def close(self) -> None:
@@ -90,8 +112,11 @@ class Prober:
         name: str,
         pace: Pace | None = None,
         budget: Callable[[str | None], float | None] = lambda interface: None,
+        lease: float = 1.0,
     ) -> None:
+        """``lease``: s, what the session was opened with."""
         self._session, self._fleet, self._name = session, fleet, name
+        self._word_s = lease / WORDS
         self._pace, self._budget = pace or Pace(), budget
         self.zid = str(session.info.zid())
         self.neighbours: dict[str, Neighbour] = {}
@@ -104,7 +129,8 @@ class Prober:
 
     def start(self) -> None:
         def on_sample(sample: zenoh.Sample) -> None:
-            self._came.append((time.monotonic(), sample))
+            if len(sample.payload):  # a word tells Zenoh enough by coming
+                self._came.append((time.monotonic(), sample))
 
         # Straight on Zenoh's thread, so that the time is that of the arrival.
         key = keys.PROBE.key(self._fleet, "*", to=self.zid)
@@ -134,6 +160,9 @@ class Prober:
                 if neighbour.linked:
                     self._send(neighbour)
                     turn = min(turn, neighbour.next_probe - time.monotonic())
+                    if neighbour.meter.loses(now):
+                        self._speak(neighbour, now)
+                        turn = min(turn, neighbour.next_word - time.monotonic())
             await asyncio.sleep(max(turn, 0.01))
 
     # The links there are.
@@ -200,6 +229,15 @@ class Prober:
             neighbour.publisher.put(neighbour.meter.stamp(time.monotonic(), period))
         except zenoh.ZError:
             neighbour.close()  # declared again the next time
+
+    def _speak(self, neighbour: Neighbour, now: float) -> None:
+        """A word on the next lane, where it is due."""
+        if now < neighbour.next_word or neighbour.publisher is None:
+            return
+        neighbour.next_word, neighbour.lane = now + self._word_s, (neighbour.lane + 1) % len(LANES)
+        with contextlib.suppress(zenoh.ZError):  # while the session closes
+            key, drop = neighbour.publisher.key_expr, zenoh.CongestionControl.DROP
+            self._session.put(key, b"", priority=LANES[neighbour.lane], congestion_control=drop)
 
 
 def _reliable(link: zenoh.Link) -> bool:

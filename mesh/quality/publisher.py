@@ -146,7 +146,8 @@ def _rounded(value: float | None, digits: int) -> float | None:
 @contextlib.asynccontextmanager
 async def link_qualities(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[LinkQualities]:
     """The part of :class:`mesh.router.Router`."""
-    prober = Prober(session, plan.fleet, plan.name, budget=budgets(plan.host))
+    lease = (plan.value("transport/link/tx/lease") or 1000) / 1000
+    prober = Prober(session, plan.fleet, plan.name, budget=budgets(plan.host), lease=lease)
     async with LinkQualities(session, plan.fleet, plan.name, prober) as running:
         yield running
 

@@ -96,10 +96,19 @@ async def _delays(z: zmav.Client, lab: Lab, name: str, seconds: float) -> list[f
 
 
 async def ring6(credentials: bool, quick: bool) -> None:
-    """Six hosts in a ring, 2 ms a hop; the path in use is cut, with orders and setpoints under way."""
-    async with running(rigs.ring(credentials=credentials, delay="2 ms")) as (lab, z):
+    """Six hosts in a ring, 2 ms a hop; the path in use is cut, with orders and setpoints under way.
+
+    With links that are given up after 3 s first, for comparison, and then with the profile's own.
+    """
+    for lease, cuts in ((3.0, 4 if quick else 10), (None, 4 if quick else 20)):
+        print(f"  lease {lease or 'of the profile'}:")
+        await _cut_ring(rigs.ring(credentials=credentials, delay="2 ms", lease=lease), cuts)
+
+
+async def _cut_ring(scenario: Scenario, cuts: int) -> None:
+    async with running(scenario) as (lab, z):
         await rigs.in_the_air(z.vehicle("quad1"))
-        saw = await proofs.recovery(lab, z, 4 if quick else 20)
+        saw = await proofs.recovery(lab, z, cuts)
         gaps = sorted(saw.gaps)
         print(f"  {len(gaps)} cuts: without telemetry {rigs.milliseconds(gaps)} median (worst)")
         print(f"  orders: {saw.orders.done} done, {len(saw.orders.lost)} lost, slowest {saw.orders.slowest:.1f} s")

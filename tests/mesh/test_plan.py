@@ -194,6 +194,19 @@ def test_a_radio_that_is_not_there_yet_is_waited_for(plan: Plan) -> None:
     assert plan(there={}).settings["scouting/multicast/enabled"].source == "no radio is there yet"
 
 
+def test_where_a_radio_has_a_budget_there_are_fewer_words(plan: Plan) -> None:
+    paths = ("transport/link/tx/lease", "transport/link/tx/keep_alive")
+    slow = FLEET.replace('address = "10.77.0.1"\n', 'address = "10.77.0.1"\nbudget = "60 kB/s"\n', 1)
+    for profile in ("wds", "mesh"):
+        plain, budget, other = plan(profile=profile), plan(slow, profile=profile), plan(slow, "quad2", profile)
+        assert plain.value(paths[0]) < 1000
+        for found in (budget, other):
+            assert [found.value(path) for path in paths] == [3000, 6]
+    for profile in ("lan", "multi"):
+        before, after = plan(profile=profile), plan(slow, profile=profile)
+        assert [before.value(path) for path in paths] == [after.value(path) for path in paths]
+
+
 def test_timers_come_from_the_profile_or_the_file(plan: Plan) -> None:
     by_profile = plan(profile="cloud").settings["transport/link/tx/lease"]
     assert by_profile.source == "profile cloud"
