@@ -40,6 +40,9 @@ _NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
 _WARNING = 4  # MAV_SEVERITY
 GIT_HASH = "zmav-sim"
 
+CLOCKS = {"time_boot_ms": 1e3, "time_usec": 1e6}
+"""fields that carry the time since boot, and their units a second; :meth:`Node.fields` fills them in"""
+
 Brain = ArduVehicle | Px4Copter
 Fields = dict[str, Any]
 Report = Callable[[Any], "Fields | None"]
@@ -92,7 +95,11 @@ class Node(ABC):
         self.hung = False
         """a fault: it hears and says nothing"""
         self._ticking: list[Part] = []  # those that do something at a tick
-        self._ids = {dialect.by_name[name].id: name for name in self.REPORTS if name in dialect.by_name}
+        reported = {name: dialect.by_name[name] for name in self.REPORTS if name in dialect.by_name}
+        self._ids = {message.id: name for name, message in reported.items()}
+        self._clocks = {
+            name: clock for name, message in reported.items() for clock in CLOCKS if clock in message.by_name
+        }
         self._answers: dict[int, Answer] = {}
         self._pending: list[tuple[Channel, str]] = []
         self._next_timesync = self.TIMESYNC_PERIOD_S
@@ -231,7 +238,11 @@ class Node(ABC):
     def fields(self, name: str) -> Fields | None:
         """What it reports in that message now; None where there is nothing to say yet."""
         report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
-        return None if report is None else report(self)
+        fields = None if report is None else report(self)
+        clock = self._clocks.get(name)
+        if fields is None or clock is None:
+            return fields
+        return {clock: int(self.brain.uptime * CLOCKS[clock]), **fields}
 
     def report(self, channel: Channel, name: str) -> None:
         """Send one message, unless there is nothing to say yet."""

@@ -21,7 +21,6 @@ from zmav.sim.protocol.ardupilot.commands import Handlers
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.base import Fields, Handler, Report, Target
 from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, Command
-from zmav.sim.protocol.reports import boot_us
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
@@ -134,7 +133,7 @@ def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
     """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
     plane, s = node.vehicle, node.vehicle.sense
     if plane.eas < plane.params["AIRSPEED_MIN"]:
-        return {"time_usec": boot_us(node), "AOA": 0.0, "SSA": 0.0}
+        return {"AOA": 0.0, "SSA": 0.0}
     wind = node.seat.wind
     north, east, down = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
     w, x, y, z = s.qw, s.qx, s.qy, s.qz
@@ -142,7 +141,6 @@ def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
     right = 2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down
     below = 2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down
     return {
-        "time_usec": boot_us(node),
         "AOA": math.degrees(math.atan2(below, forward)),
         "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),
     }
@@ -177,7 +175,7 @@ def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:
     for index, value in enumerate(node.seat.outputs()):
         pulse = _motor_pulse if index == MOTOR else common.centred_pulse
         outputs[index] = pulse(node, index + 1, value)
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+    return reports.numbered("servo{}_raw", outputs)
 
 
 def _motor_pulse(node: MavNode[ArduPlane], channel: int, value: float) -> int:

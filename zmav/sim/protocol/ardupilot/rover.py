@@ -21,7 +21,6 @@ from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.setpoint import BODY_FRAMES, LOCAL_FRAMES, local_place, point
 from zmav.sim.protocol.base import Fields, Report, Target
 from zmav.sim.protocol.channel import DENIED, Channel, Command, Sender
-from zmav.sim.protocol.reports import boot_ms, boot_us
 
 _AUTO, _RTL = 10, 11
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
@@ -199,14 +198,13 @@ def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
     first, third = node.seat.outputs()
     outputs = list(node.vehicle.servos)
     outputs[0], outputs[2] = common.centred_pulse(node, 1, first), common.centred_pulse(node, 3, third)
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+    return reports.numbered("servo{}_raw", outputs)
 
 
 def rc_channels_scaled(node: MavNode[ArduRover]) -> Fields:
     """Steering and throttle, -10000 to 10000."""
     first, third = node.seat.outputs()
-    fields = {"chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
-    return {"time_boot_ms": boot_ms(node), "rssi": 255, **fields}
+    return {"rssi": 255, "chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
 
 
 REPORTS: dict[str, Report] = {

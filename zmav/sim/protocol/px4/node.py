@@ -19,7 +19,6 @@ from zmav.sim.protocol.px4 import setpoint
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
-from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4
@@ -168,7 +167,7 @@ class Px4Node(Node):
             channel.send(
                 "EVENT",
                 id=event.id,
-                event_time_boot_ms=boot_ms(self),
+                event_time_boot_ms=int(self.copter.uptime * 1000.0),
                 sequence=self.events_sent,
                 log_levels=event.levels,
                 arguments=list(arguments.ljust(_ARGUMENTS, b"\0")),
