@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.arduplane.base import INITIALISING
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
@@ -20,7 +21,7 @@ from zmav.sim.protocol.ardupilot import reports as common
 from zmav.sim.protocol.ardupilot.commands import Handlers
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.base import Fields, Handler, Report, Target
-from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, Command
+from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
@@ -43,7 +44,7 @@ def _go(number: int) -> Handler:
 
     def handler(node: MavNode[ArduPlane], c: Command) -> int:
         node.vehicle.set_mode(number)
-        return ACCEPTED
+        return CommandResult.ACCEPTED
 
     return handler
 
@@ -51,7 +52,7 @@ def _go(number: int) -> Handler:
 def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     plane = node.vehicle
     if not plane.mode.changes_speed:
-        return FAILED
+        return CommandResult.FAILED
     return math.isfinite(c.p1) and math.isfinite(c.p2) and plane.ask_speed(int(c.p1), c.p2)
 
 
@@ -65,10 +66,14 @@ HANDLERS: Handlers = {
     **commands.HANDLERS,
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
-    22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
+    22: lambda node, c: CommandResult.FAILED,  # NAV_TAKEOFF, for planes that hover
     178: _change_speed,
-    192: lambda node, c: commands.reposition(node, c, _circle, unasked=FAILED, outside=DENIED),
-    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or ACCEPTED,
+    192: lambda node, c: commands.reposition(
+        node, c, _circle, unasked=CommandResult.FAILED, outside=CommandResult.DENIED
+    ),
+    300: lambda node, c: (
+        CommandResult.DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or CommandResult.ACCEPTED
+    ),
 }
 
 

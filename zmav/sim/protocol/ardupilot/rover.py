@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.ardupilot.state import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.control.setpoints import Vector
@@ -20,7 +21,7 @@ from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.setpoint import BODY_FRAMES, LOCAL_FRAMES, local_place, point
 from zmav.sim.protocol.base import Fields, Report, Target
-from zmav.sim.protocol.channel import DENIED, Channel, Command, Sender
+from zmav.sim.protocol.channel import Channel, Command, Sender
 
 _AUTO, _RTL = 10, 11
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
@@ -41,7 +42,7 @@ _STABILISES, _DRIVES = 0x0C00, 0x5000
 def _change_speed(node: MavNode[ArduRover], c: Command) -> int:
     """Airspeed is taken for ground speed; climbs and descents there are none."""
     if int(c.p1) in (2, 3):
-        return DENIED
+        return CommandResult.DENIED
     return node.vehicle.driving_mode.set_speed(c.p2)
 
 
@@ -58,7 +59,7 @@ HANDLERS: Handlers = {
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: lambda node, c: commands.reposition(node, c, _go),
-    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
+    300: lambda node, c: CommandResult.DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
 }
 
 

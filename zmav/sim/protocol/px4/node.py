@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav.mavlink import Dialect, Field, MessageType, load_dialect
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.events import Event
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node, Target
-from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, TEMPORARILY_REJECTED, Channel, Sender
+from zmav.sim.protocol.channel import Channel, Sender
 from zmav.sim.protocol.px4 import setpoint
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
@@ -96,11 +97,15 @@ class Px4Node(Node):
     SYSID_PARAM: ClassVar[str] = "MAV_SYS_ID"
     TIMESYNC_PERIOD_S: ClassVar[float] = math.inf  # it is one of the streams
     STANDS_IN: ClassVar[bool] = False
-    REFUSED: ClassVar[int] = TEMPORARILY_REJECTED
+    REFUSED: ClassVar[int] = CommandResult.TEMPORARILY_REJECTED
     ANSWERED_TWICE: ClassVar[tuple[int, ...]] = (176,)  # DO_SET_MODE: by the receiver, that passes it on, as well
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (34, 35, 186, 310)
     # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
-    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = FAILED, DENIED, ACCEPTED
+    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = (
+        CommandResult.FAILED,
+        CommandResult.DENIED,
+        CommandResult.ACCEPTED,
+    )
     ACKS_FIRST: ClassVar[bool] = False
     TEXT_END: ClassVar[str] = "\t"
     TARGETS: ClassVar[Mapping[str, Target]] = {
