@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
 from zmav.sim.fleets.base import Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
+
+A = TypeVar("A")
+H = TypeVar("H")
+
+
+@dataclass(frozen=True)
+class Installation(Generic[A, H]):
+    """What an autopilot is built into: its airframe and the handle of its controllers, its parameters, what it senses
+    first, the origin of the world's NED, and how many seconds it takes to boot.
+    """
+
+    airframe: A
+    setpoint: H
+    params: ParamStore
+    sense: Sense
+    world: Position
+    ready_s: float
 
 
 class Autopilot:
@@ -17,8 +36,9 @@ class Autopilot:
     ``say(severity, text)``, ``beat()`` (a heartbeat now) and ``announce()`` (home and origin) are the protocol's.
     """
 
-    def __init__(self, params: ParamStore, sense: Sense, world: Position) -> None:
-        self.params, self.sense, self.world = params, sense, world
+    def __init__(self, into: Installation[Any, Any]) -> None:
+        sense = into.sense
+        self.params, self.sense, self.world = into.params, sense, into.world
         self.origin_world: Vector = (sense.true_north, sense.true_east, sense.true_down)
         self.home_world: Vector = self.origin_world
         self.now = self.booted_at = 0.0
