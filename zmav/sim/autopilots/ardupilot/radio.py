@@ -54,16 +54,16 @@ class Radio(Sticks):
                 self.set_override(index, RELEASED if value == RELEASED_UPPER else value)
 
     def manual(self, msg: dict[str, Any]) -> None:
-        """Apply a MANUAL_CONTROL: sticks as -1000 to 1000, the throttle 0 to 1000. Negative thrust is not taken."""
-        if msg["z"] < 0:
+        """Apply a MANUAL_CONTROL by the vehicle's :attr:`~.VehicleState.AXES`; none with a thrust below the lowest."""
+        if any(name == "z" and msg["z"] < lowest for name, _, _, lowest in self._vehicle.AXES):
             return
-        axes = ((0, msg["y"], 1000, 2000), (1, -msg["x"] if msg["x"] != NO_AXIS else NO_AXIS, 1000, 2000))
-        for index, value, offset, scale in (*axes, (2, msg["z"], 0, 1000), (3, msg["r"], 1000, 2000)):
-            if value == NO_AXIS:
+        for name, index, sign, lowest in self._vehicle.AXES:
+            if msg[name] == NO_AXIS:
                 self.set_override(index, RELEASED)
                 continue
             low, high = (int(self._vehicle.params[f"RC{index + 1}_{end}"]) for end in ("MIN", "MAX"))
-            self.set_override(index, max(int(low + (high - low) * (value + offset) / scale), 0))
+            pwm = low + (high - low) * (sign * msg[name] - lowest) / (1000 - lowest)
+            self.set_override(index, max(int(pwm), 0))
 
     def set_override(self, index: int, pwm: int) -> None:
         self._overrides[index] = (pwm, self._vehicle.now)

@@ -40,6 +40,7 @@ class RoverBase(ArduVehicle, ABC):
         12: "SMART_RTL",
     }
     MODE_PARAM: ClassVar[str] = "MODE"
+    AXES = (("y", 0, 1, -1000), ("z", 2, 1, -1000))  # the throttle goes both ways
     STAGES: ClassVar[tuple[Stage, ...]] = ROVER_STAGES
     HOME_ON_ARMING: ClassVar[bool] = False
     KEEPS_MISSION: ClassVar[bool] = True

@@ -140,11 +140,8 @@ def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
     if plane.eas < plane.params["AIRSPEED_MIN"]:
         return {"AOA": 0.0, "SSA": 0.0}
     wind = node.seat.wind
-    north, east, down = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
-    w, x, y, z = s.qw, s.qx, s.qy, s.qz
-    forward = (1 - 2 * (y * y + z * z)) * north + 2 * (x * y + w * z) * east + 2 * (x * z - w * y) * down
-    right = 2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down
-    below = 2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down
+    flow = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
+    forward, right, below = rotation.to_body((s.qw, s.qx, s.qy, s.qz), flow)
     return {
         "AOA": math.degrees(math.atan2(below, forward)),
         "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),

@@ -21,7 +21,7 @@ from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.setpoint import BODY_FRAMES, LOCAL_FRAMES, local_place, point
 from zmav.sim.protocol.base import Fields, Report, Target
-from zmav.sim.protocol.channel import Channel, Command, Sender
+from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL = 10, 11
 _ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
@@ -29,7 +29,6 @@ _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # P
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
 _GLOBAL = (0, 3, 5, 6, 10, 11)
 _FARTHEST, _FASTEST_TURN = 1e7, 100.0
-_NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
 _PRESENT, _ENABLED, _HEALTHY = 0x1331DC0F, 0x1201800F, 0x0311810F
 _GPS, _AHRS, _PREARM, _LOGGING = 0x20, 0x00200000, 0x10000000, 0x01000000
@@ -235,13 +234,3 @@ class RoverNode(MavNode[ArduRover]):
         "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
         "SET_ATTITUDE_TARGET": _attitude_target,
     }
-
-    def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        """Steering and throttle, -1000 to 1000: the throttle goes both ways."""
-        if msg["target"] != self.sysid or not self._from_gcs(sender):
-            return
-        rover = self.vehicle
-        for number, value in ((1, msg["y"]), (3, msg["z"])):
-            low, high = rover.params[f"RC{number}_MIN"], rover.params[f"RC{number}_MAX"]
-            pwm = 0 if value == _NO_AXIS else max(int(low + (high - low) * (value + 1000) / 2000.0), 0)
-            rover.rc.set_override(number - 1, pwm)
