@@ -42,7 +42,7 @@ class Px4Cascade(Cascade):
     def __init__(self, airframe: Airframe, setpoints: Setpoints, start: Array, yaw: Array) -> None:
         super().__init__(airframe, setpoints, start, yaw)
         n = start.shape[1]
-        self.gains.hover[:] = airframe.hover_thrust_n / airframe.thrust_max_n
+        self.gains.hover[:] = airframe.hover_share
         self._full = airframe.thrust_max_n * len(airframe.rotors)
         self._allocator = Allocator(airframe)
         self._vel_before: Array = np.zeros((3, n))

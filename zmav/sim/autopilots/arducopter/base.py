@@ -148,11 +148,6 @@ class CopterBase(ArduVehicle, ABC):
         """When it has thrust, if it is to lift off now."""
         return max(self.now + SPOOL_UP_S, self._armed_at + ARMING_S)
 
-    @property
-    def hover_thrust(self) -> float:
-        """Share of full thrust that carries the weight."""
-        return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
-
     # ---- what it can be told
 
     def mode_refusal(self, mode: Mode) -> str:

@@ -239,7 +239,7 @@ class Px4Copter(Px4Parts):
             if isinstance(wish, Motion):
                 z, vz = wish.pos[2], wish.vel[2]
                 return (z is not None and z > self.sense.down + 0.1) or (z is None and vz is not None and vz > 0.1)
-            return wish is not None and wish.thrust < 0.6 * self.hover_thrust
+            return wish is not None and wish.thrust < 0.6 * self.airframe.hover_share
         if self.mode.manual:
             return not self.sticks.alive or self.sticks.descends(self.mode)
         return self.navigator.descends

@@ -89,11 +89,6 @@ class Px4State(Autopilot, ABC):
     def touched_down(self) -> None:
         """The land detector has it on the ground."""
 
-    @property
-    def hover_thrust(self) -> float:
-        """Share of full thrust that carries the weight."""
-        return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
-
     def stop_here(self) -> None:
         """Brake to a stop and stay there, nose as it is."""
         self.sp.raw(False)
