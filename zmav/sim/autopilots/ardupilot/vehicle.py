@@ -350,8 +350,6 @@ class ArduVehicle(ArmingChecks, ABC):
         self.gcs.update()
         self.battery.update()
         self.ekf.update()
-        if self.boot.has("initialised"):
-            self.rc.tell_switches()
 
     def _wake(self, stage: Stage) -> None:
         for text in stage.text:

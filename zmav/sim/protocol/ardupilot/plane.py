@@ -25,7 +25,6 @@ from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
-_ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
 _PRESENT, _ENABLED, _HEALTHY = 0x1361FC1F, 0x1241801F, 0x0311800F
 _AIRSPEED, _GPS, _AHRS, _PREARM = 0x10, 0x20, 0x00200000, 0x10000000
@@ -101,14 +100,9 @@ def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
 
 def heartbeat(node: MavNode[ArduPlane]) -> Fields:
     plane = node.vehicle
-    mode = _STABILIZE | _CUSTOM
-    if plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0:
-        mode |= _MANUAL_INPUT
-    if isinstance(plane.mode, PlaneMode) and plane.mode.navigates:
-        mode |= _GUIDED
-    if plane.armed:
-        mode |= _ARMED
-    return {**common.heartbeat(node), "base_mode": mode}
+    mixes = plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0
+    navigates = isinstance(plane.mode, PlaneMode) and plane.mode.navigates
+    return common.heartbeat_with(node, manual=mixes, stabilised=True, guided=navigates)
 
 
 def sys_status(node: MavNode[ArduPlane]) -> Fields:
@@ -132,20 +126,6 @@ def airspeed(node: MavNode[ArduPlane]) -> Fields:
     """Of the pitot tube: equivalent, and the pressure behind it in pascals."""
     eas = node.vehicle.eas
     return {"airspeed": eas, "temperature": _NO_TEMPERATURE, "raw_press": eas * eas / 2.0, "flags": 2}
-
-
-def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
-    """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
-    plane, s = node.vehicle, node.vehicle.sense
-    if plane.eas < plane.params["AIRSPEED_MIN"]:
-        return {"AOA": 0.0, "SSA": 0.0}
-    wind = node.seat.wind
-    flow = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
-    forward, right, below = rotation.to_body((s.qw, s.qx, s.qy, s.qz), flow)
-    return {
-        "AOA": math.degrees(math.atan2(below, forward)),
-        "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),
-    }
 
 
 def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
@@ -227,7 +207,6 @@ REPORTS: dict[str, Report] = {
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,
     "AIRSPEED": airspeed,
-    "AOA_SSA": aoa_ssa,
     "NAV_CONTROLLER_OUTPUT": nav_controller_output,
     "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
     "POSITION_TARGET_LOCAL_NED": lambda node: None,

@@ -142,20 +142,6 @@ def target_place(node: ArduNode, pos: Vector | None) -> Fields | None:
     }
 
 
-def simstate(node: ArduNode) -> Fields:
-    vehicle, s = node.vehicle, node.vehicle.sense
-    true: Position = vehicle.place((s.true_north, s.true_east, s.true_down))
-    return {
-        "roll": s.roll,
-        "pitch": s.pitch,
-        "yaw": s.yaw,
-        **axes("{}acc", (s.fx, s.fy, s.fz)),
-        **axes("{}gyro", (s.p, s.q, s.r)),
-        "lat": e7(true.lat_deg),
-        "lng": e7(true.lon_deg),
-    }
-
-
 def ahrs2(node: ArduNode) -> Fields | None:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("ekf_started"):
@@ -239,15 +225,6 @@ def distance_sensor(node: ArduNode) -> Fields | None:
     }
 
 
-def terrain_report(node: ArduNode) -> Fields | None:
-    """The flat ground, as one who has no terrain data says it."""
-    vehicle = node.vehicle
-    if not vehicle.boot.has("gps"):
-        return {"spacing": 100, "pending": 56}
-    here = vehicle.position
-    return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
-
-
 def esc_telemetry(node: ArduNode) -> Fields:
     turning = [round(MOST_RPM * speed) for speed in node.seat.rotor_speeds()[:4]]
     volts = round(node.vehicle.voltage * 100)
@@ -306,16 +283,21 @@ def wind(node: ArduNode) -> Fields | None:
 
 
 def heartbeat(node: ArduNode) -> Fields:
+    """Copter's."""
+    mode, status = node.vehicle.mode, node.vehicle.system_status
+    return heartbeat_with(
+        node, manual=True, stabilised=True, guided=mode.needs_position or mode.number == 9 or status == 1
+    )
+
+
+def heartbeat_with(node: ArduNode, *, manual: bool, stabilised: bool, guided: bool) -> Fields:
+    """HEARTBEAT with those MAV_MODE_FLAG; whether it is armed is added."""
     vehicle = node.vehicle
-    mode = _MANUAL | _STABILIZE | _CUSTOM
-    if vehicle.mode.needs_position or vehicle.mode.number == 9 or vehicle.system_status == 1:
-        mode |= _GUIDED
-    if vehicle.armed:
-        mode |= _ARMED
+    flags = _ARMED * vehicle.armed | _MANUAL * manual | _STABILIZE * stabilised | _GUIDED * guided | _CUSTOM
     return {
         "type": vehicle.MAV_TYPE,
         "autopilot": 3,
-        "base_mode": mode,
+        "base_mode": flags,
         "custom_mode": vehicle.mode.number,
         "system_status": vehicle.system_status,
         "mavlink_version": 3,
@@ -451,14 +433,12 @@ REPORTS: dict[str, Report] = {
     "SCALED_PRESSURE2": lambda node: {**scaled_pressure(node), "press_diff": 0.0},  # without a pitot tube
     "RANGEFINDER": rangefinder,
     "DISTANCE_SENSOR": distance_sensor,
-    "TERRAIN_REPORT": terrain_report,
     "ESC_TELEMETRY_1_TO_4": esc_telemetry,
     "POWER_STATUS": lambda node: {"Vcc": 5000},
     "BATTERY_STATUS": battery_status,
     "AUTOPILOT_VERSION": autopilot_version,
     "MEMINFO": lambda node: {"freemem": 65535, "freemem32": 524288},
     "AHRS": lambda node: {"error_rp": 0.004, "error_yaw": 0.004},
-    "SIMSTATE": simstate,
     "WIND": wind,
     "AHRS2": ahrs2,
     "EKF_STATUS_REPORT": ekf_status_report,

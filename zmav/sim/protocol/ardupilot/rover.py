@@ -24,7 +24,6 @@ from zmav.sim.protocol.base import Fields, Report, Target
 from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL = 10, 11
-_ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
 _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
 _GLOBAL = (0, 3, 5, 6, 10, 11)
@@ -143,15 +142,9 @@ def _attitude_target(rover: ArduRover, msg: dict[str, Any]) -> None:
 
 
 def heartbeat(node: MavNode[ArduRover]) -> Fields:
-    rover = node.vehicle
-    mode = _CUSTOM
-    if rover.driving_mode.by_stick or rover.params["STICK_MIXING"] > 0:
-        mode |= _MANUAL
-    if rover.driving_mode.autopilot:
-        mode |= _GUIDED
-    if rover.armed:
-        mode |= _ARMED
-    return {**common.heartbeat(node), "base_mode": mode}
+    mode = node.vehicle.driving_mode
+    steered = mode.by_stick or node.vehicle.params["STICK_MIXING"] > 0
+    return common.heartbeat_with(node, manual=steered, stabilised=False, guided=mode.autopilot)
 
 
 def sys_status(node: MavNode[ArduRover]) -> Fields:
@@ -219,7 +212,6 @@ REPORTS: dict[str, Report] = {
     "RC_CHANNELS_SCALED": rc_channels_scaled,
     "EXTENDED_SYS_STATE": lambda node: {"landed_state": 0},  # it does not say whether it has landed
     "ESC_TELEMETRY_1_TO_4": lambda node: None,
-    "TERRAIN_REPORT": lambda node: None,
     "WIND": lambda node: None,
 }
 

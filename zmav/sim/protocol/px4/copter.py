@@ -16,7 +16,7 @@ from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.base import GIT_HASH, Fields, Handler, Report
 from zmav.sim.protocol.px4.commands import HANDLERS
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import axes, centidegrees, e7, int16
+from zmav.sim.protocol.reports import axes, e7, int16
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
@@ -83,39 +83,6 @@ def altitude(node: Px4Node) -> Fields:
 def vfr_hud(node: Px4Node) -> Fields:
     copter = node.copter
     return base.vfr_hud(node, turning=copter.armed and not copter.landed, located=copter.position_ok)
-
-
-def open_drone_id_location(node: Px4Node) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    here = copter.position
-    return {
-        "status": 1 if copter.landed else 2,
-        "direction": centidegrees(math.atan2(s.ve, s.vn)),
-        "speed_horizontal": min(round(math.hypot(s.vn, s.ve) * 100), 25500),
-        "speed_vertical": round(min(max(-s.vd, -62.0), 62.0) * 100),
-        "latitude": e7(here.lat_deg),
-        "longitude": e7(here.lon_deg),
-        "altitude_barometric": here.alt_amsl_m,
-        "altitude_geodetic": here.alt_amsl_m,
-        "height": copter.home_world[2] - s.down,
-        "horizontal_accuracy": 12,
-        "vertical_accuracy": 5,
-        "speed_accuracy": 3,
-        "timestamp": 65535.0,
-    }
-
-
-def open_drone_id_system(node: Px4Node) -> Fields:
-    copter = node.copter
-    home = copter.place(copter.home_world)
-    return {
-        "operator_latitude": e7(home.lat_deg),
-        "operator_longitude": e7(home.lon_deg),
-        "area_count": 1,
-        "area_ceiling": -1000.0,
-        "area_floor": -1000.0,
-        "operator_altitude_geo": home.alt_amsl_m,
-    }
 
 
 # ---- where it wants to go
@@ -350,12 +317,6 @@ def link_node_status(node: Px4Node) -> Fields:
     return {"timestamp": int(node.copter.uptime * 1e6), "tx_rate": 24000, "messages_sent": sent}
 
 
-def time_estimate_to_target(node: Px4Node) -> Fields:
-    copter = node.copter
-    home = 0 if copter.landed or not copter.has_home else round(copter.navigator.way_home_s)
-    return {"safe_return": home, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
-
-
 def autopilot_version(node: Px4Node) -> Fields:
     version = VERSIONS[node.firmware]
     return {
@@ -426,11 +387,8 @@ REPORTS: dict[str, Report] = {
     "EXTENDED_SYS_STATE": extended_sys_state,
     "PROTOCOL_VERSION": lambda node: {"version": 200, "min_version": 100, "max_version": 200},
     "ODOMETRY": _located(odometry),
-    "TIME_ESTIMATE_TO_TARGET": time_estimate_to_target,
     "CURRENT_EVENT_SEQUENCE": lambda node: {"sequence": node.events_sent},
     "CURRENT_MODE": current_mode,
-    "OPEN_DRONE_ID_LOCATION": _located(open_drone_id_location),
-    "OPEN_DRONE_ID_SYSTEM": _located(open_drone_id_system),
 }
 
 

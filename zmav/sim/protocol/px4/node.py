@@ -62,11 +62,8 @@ HZ: Mapping[str, tuple[float, float]] = {
     "HOME_POSITION": (0.5, 0.5),
     "EXTENDED_SYS_STATE": (5, 1),
     "ODOMETRY": (30, 0),
-    "TIME_ESTIMATE_TO_TARGET": (0.5, 0.5),
     "CURRENT_EVENT_SEQUENCE": (1 / 3, 1 / 3),
     "CURRENT_MODE": (0.5, 0.5),
-    "OPEN_DRONE_ID_LOCATION": (1, 1),
-    "OPEN_DRONE_ID_SYSTEM": (1, 1),
 }
 """message -> Hz on the onboard link, and on the ground link; 0: it is not sent"""
 # Numbers of the lists of items, which newer definitions have behind the others.
