@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from zmav.sim.autopilots.navigation import NavigationFilter
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
 
@@ -36,6 +37,8 @@ class Autopilot:
     ``say(severity, text)``, ``beat()`` (a heartbeat now) and ``announce()`` (home and origin) are the protocol's.
     """
 
+    filter: NavigationFilter
+
     def __init__(self, into: Installation[Any, Any]) -> None:
         sense = into.sense
         self.params, self.sense, self.world = into.params, sense, into.world
@@ -48,6 +51,14 @@ class Autopilot:
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.beat: Callable[[], None] = lambda: None
         self.announce: Callable[[], None] = lambda: None
+
+    def plug(self, power: BatteryHandle) -> None:
+        """Take the battery of the body that it sits in."""
+        self.power = power
+
+    def sit(self, seat: Seat) -> None:
+        """Take the sensors of the body that it sits in."""
+        self.filter.attach(seat.belief())
 
     @property
     def uptime(self) -> float:

@@ -23,7 +23,7 @@ from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Seat, Sense
+from zmav.sim.fleets.base import Sense
 
 PREARM_REMINDER_S = 30.0
 TICK_S = 0.01
@@ -143,10 +143,6 @@ class ArduVehicle(ArmingChecks, ABC):
     def _battery_changed(self, name: str, value: float) -> None:
         if name in ("SIM_BATT_VOLTAGE", "SIM_BATT_CAP_AH"):
             self._fit_battery()
-
-    def sit(self, seat: Seat) -> None:
-        """Take the sensors of the body that it sits in."""
-        self.filter.attach(seat.belief())
 
     def _fit_battery(self) -> None:
         volts, capacity = self.params["SIM_BATT_VOLTAGE"], max(self.params["SIM_BATT_CAP_AH"], 0.0) * 1e3

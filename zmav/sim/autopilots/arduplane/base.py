@@ -82,7 +82,6 @@ class PlaneBase(ArduVehicle, ABC):
         self.flying_since = self.last_flying = self.now
         self.throttle_suppressed = self.taken_off = True
         self.takeoff_direction: float | None = None
-        self.fastest = 0.0
         self.airspeed_chosen: float | None = None
         self.sp.off()
 
@@ -221,7 +220,3 @@ class PlaneBase(ArduVehicle, ABC):
     def on_turn(self) -> bool:
         """It is time for new targets."""
         return self._ticks % TURN == 0
-
-    @property
-    def turn_s(self) -> float:
-        return TURN * self.dt

@@ -165,4 +165,3 @@ class ArduPlane(PlaneParts):
             if not before:
                 self.flying_since = self.now
         self.landed = not self.flying
-        self.fastest = max(self.fastest, self.eas) if self.armed else 0.0
