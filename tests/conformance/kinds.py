@@ -89,7 +89,7 @@ KINDS = (
         "ardupilot",
         "plane",
         ("--planes", "1"),
-        "CRUISE",
+        "CIRCLE",
         ("WP_RADIUS",),
         ARDUPILOT_LOG,
         height=50.0,
