@@ -57,3 +57,13 @@ def heading(q: Iterable[float]) -> float:
     """Yaw, radians clockwise from north."""
     w, x, y, z = q
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def to_body(q: Iterable[float], vector: Iterable[float]) -> tuple[float, float, float]:
+    """A vector of the world in body axes: by the transpose of the rotation matrix."""
+    (w, x, y, z), (north, east, down) = q, vector
+    return (
+        (1 - 2 * (y * y + z * z)) * north + 2 * (x * y + w * z) * east + 2 * (x * z - w * y) * down,
+        2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down,
+        2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down,
+    )

@@ -138,7 +138,7 @@ async def test_it_flies(client: Client) -> None:
     await client.near(6.0, 4.0, -7.0)
     await offboard.set_velocity_ned(VelocityNedYaw(0.0, 2.0, 0.0, 0.0))
     await until(telemetry.subscribe_velocity_ned(), lambda v: abs(v.east_m_s - 2.0) < 0.2)
-    await offboard.set_attitude(Attitude(0.0, -8.0, 0.0, client.vehicle.px4.hover_thrust))
+    await offboard.set_attitude(Attitude(0.0, -8.0, 0.0, client.vehicle.px4.airframe.hover_share))
     await until(telemetry.subscribe_attitude_euler(), lambda a: abs(a.pitch_deg + 8.0) < 2.0)
     await offboard.stop()
     await client.mode("HOLD")

@@ -256,7 +256,7 @@ class TestAttitude:
 
     def test_thrust_is_thrust_with_that_option(self, up: Desk) -> None:
         up.send("PARAM_SET", param_id="GUID_OPTIONS", param_value=8.0, param_type=6)
-        self.lean(up, q=[1.0, 0.0, 0.0, 0.0], thrust=up.vehicle.copter.hover_thrust * 1.2)
+        self.lean(up, q=[1.0, 0.0, 0.0, 0.0], thrust=up.vehicle.copter.airframe.hover_share * 1.2)
         up.world.step(1.0)
         assert up.vehicle.copter.sense.vd == pytest.approx(-0.2 * 9.81, abs=0.5)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from zmav import rotation
 from zmav.hil.craft import Craft, drive, settle
 from zmav.sim.dynamics.airframe import GRAVITY
 from zmav.sim.fleets.base import Fleet, Sense, Surroundings
@@ -34,13 +35,8 @@ class Truth:
         self.contact = bool(body.contact[0])
 
     def to_body(self, x: float, y: float, z: float) -> Vector:
-        """A world vector in body axes: the transpose of the quaternion's rotation matrix."""
-        a, b, c, d = self.q
-        return (
-            (1 - 2 * (c * c + d * d)) * x + 2 * (b * c + a * d) * y + 2 * (b * d - a * c) * z,
-            2 * (b * c - a * d) * x + (1 - 2 * (b * b + d * d)) * y + 2 * (c * d + a * b) * z,
-            2 * (b * d + a * c) * x + 2 * (c * d - a * b) * y + (1 - 2 * (b * b + c * c)) * z,
-        )
+        """A world vector in body axes."""
+        return rotation.to_body(self.q, (x, y, z))
 
     @property
     def specific_force(self) -> Vector:
@@ -56,12 +52,7 @@ class Truth:
     @property
     def euler(self) -> Vector:
         """Roll, pitch, yaw, rad."""
-        w, x, y, z = self.q
-        return (
-            math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-            math.asin(min(max(2 * (w * y - x * z), -1.0), 1.0)),
-            math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-        )
+        return rotation.euler(self.q)
 
 
 class Plant(Fleet):

@@ -23,12 +23,21 @@ class CommandResult(enum.IntEnum):
 
 
 class MissionResult(enum.IntEnum):
-    """MAV_MISSION_RESULT: those that are given or looked at here."""
+    """MAV_MISSION_RESULT."""
 
     ACCEPTED = 0
     ERROR = 1
+    UNSUPPORTED_FRAME = 2
     UNSUPPORTED = 3
+    NO_SPACE = 4
     INVALID = 5
+    INVALID_PARAM1 = 6
+    INVALID_PARAM2 = 7
+    INVALID_PARAM3 = 8
+    INVALID_PARAM4 = 9
+    INVALID_PARAM5_X = 10
+    INVALID_PARAM6_Y = 11
+    INVALID_PARAM7 = 12
     INVALID_SEQUENCE = 13
     DENIED = 14
     OPERATION_CANCELLED = 15

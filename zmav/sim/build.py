@@ -12,6 +12,7 @@ from zmav.sim.arrays import Array
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
 from zmav.sim.autopilots.ardurover.rover import ArduRover
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.tuning import rows_for
 from zmav.sim.dynamics.airframe import airframe
@@ -26,11 +27,10 @@ from zmav.sim.geo import Position
 from zmav.sim.protocol.ardupilot.copter import CopterNode
 from zmav.sim.protocol.ardupilot.plane import PlaneNode
 from zmav.sim.protocol.ardupilot.rover import RoverNode
-from zmav.sim.protocol.base import Node
 from zmav.sim.protocol.params import ParamStore, defaults
 from zmav.sim.protocol.px4.copter import Px4CopterNode
 from zmav.sim.spec import AIRFRAMES, ARDUPLANE, ARDUROVER, PX4, PX4_FIRMWARE, Home, VehicleSpec, airframe_of
-from zmav.sim.vehicle import Autopilot, SimVehicle
+from zmav.sim.vehicle import SimVehicle
 
 AnyFleet = CopterFleet | RoverFleet | PlaneFleet
 ROVERS, PLANES = AIRFRAMES[ARDUROVER], AIRFRAMES[ARDUPLANE]
@@ -76,13 +76,9 @@ def build(
         senses = squad.fleet.senses()
         for place, i in enumerate(members):
             uid = specs[i].uid
-            vehicle = _wire(
-                specs[i],
-                (squad.fleet, place, senses[place], home.position, ready_s),
-                dialect,
-                uid=_uid(seed, i) if uid is None else uid,
-                epoch_us=epoch_us,
-            )
+            uid = _uid(seed, i) if uid is None else uid
+            first = (senses[place], home.position, ready_s)
+            vehicle = _wire(specs[i], squad.fleet, place, first, dialect, uid=uid, epoch_us=epoch_us)
             vehicle.node.seat = Seat(squad.fleet, place)
             vehicle.brain.plug(vehicle.node.seat.battery)
             vehicle.brain.sit(vehicle.node.seat)
@@ -101,36 +97,27 @@ def _fleet(kind: str, autopilot: str, start: Array, yaw: Array, dt: float, aroun
 
 
 def _wire(
-    spec: VehicleSpec,
-    body: tuple[AnyFleet, int, Sense, Position, float],
-    dialect: Dialect,
-    *,
-    uid: int,
-    epoch_us: int,
+    spec: VehicleSpec, fleet: AnyFleet, place: int, first: tuple[Sense, Position, float], dialect: Dialect, **node: int
 ) -> SimVehicle:
-    """An autopilot on a ``body`` (fleet and place there, senses, origin of the world, seconds to readiness), and its
-    MAVLink face.
+    """An autopilot on a body, by its fleet and its place there, and its MAVLink face. ``first``: what it senses, the
+    origin of the world, and seconds to readiness; ``node``: the uid and the epoch of its node.
     """
-    fleet, place, sense, world, ready_s = body
     own = rows_for(fleet.airframe) if spec.autopilot == PX4 and isinstance(fleet, CopterFleet) else ()
     params = ParamStore(defaults(spec.autopilot), own)
     params.preset(spec.params)
     params.set("MAV_SYS_ID" if spec.autopilot == PX4 else "MAV_SYSID", spec.sysid or 1)
-    brain: Autopilot
-    node: Node
     if isinstance(fleet, RoverFleet):
-        brain = ArduRover(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
-        node = RoverNode(brain, dialect, uid=uid, epoch_us=epoch_us)
-    elif isinstance(fleet, PlaneFleet):
-        brain = ArduPlane(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
-        node = PlaneNode(brain, dialect, uid=uid, epoch_us=epoch_us)
-    elif spec.autopilot == PX4:
-        brain = Px4Copter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
-        node = Px4CopterNode(brain, uid=uid, epoch_us=epoch_us, firmware=spec.firmware or PX4_FIRMWARE[0])
-    else:
-        brain = ArduCopter(fleet.airframe, params, fleet.handle(place), sense, world, ready_s)
-        node = CopterNode(brain, dialect, uid=uid, epoch_us=epoch_us)
-    return SimVehicle(spec, brain, node)
+        rover = ArduRover(Installation(fleet.airframe, fleet.handle(place), params, *first))
+        return SimVehicle(spec, rover, RoverNode(rover, dialect, **node))
+    if isinstance(fleet, PlaneFleet):
+        plane = ArduPlane(Installation(fleet.airframe, fleet.handle(place), params, *first))
+        return SimVehicle(spec, plane, PlaneNode(plane, dialect, **node))
+    into = Installation(fleet.airframe, fleet.handle(place), params, *first)
+    if spec.autopilot == PX4:
+        px4 = Px4Copter(into)
+        return SimVehicle(spec, px4, Px4CopterNode(px4, firmware=spec.firmware or PX4_FIRMWARE[0], **node))
+    copter = ArduCopter(into)
+    return SimVehicle(spec, copter, CopterNode(copter, dialect, **node))
 
 
 def _uid(seed: int, index: int) -> int:

@@ -41,6 +41,9 @@ KNOWN = {
 PASSING = {"yaw", "rollspeed", "pitchspeed", "xgyro", "ygyro", "yacc", "vy", "y", "xtrack_error"}
 NOT_SENT = {
     "TERRAIN_REQUEST": "the simulated ground is flat, and nobody is asked for it",
+    "TERRAIN_REPORT": "nobody on the link reads it",
+    "AOA_SSA": "the same",
+    "SIMSTATE": "the same",
     "PARAM_VALUE": "what the real one learns and saves in flight",
 }
 NOT_SAID = {

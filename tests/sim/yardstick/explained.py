@@ -13,11 +13,17 @@ _DCM = "before its EKF the real rover takes the place where it stands for the he
 _ROVER = "the real simulation's rover rolls without resistance, and draws its current accordingly"
 _GUST = "the real simulation's plane stands in an air that stirs a little"
 _CLIMB = "the real plane, lighter on its wings, has climbed and turned further when GUIDED comes"
+_UNREAD = "nobody on the link reads it"
 _TERRAIN = "the estimate of the ground below wanders"
 
 # (recording, kind and what, phase) -> reason; all three are patterns.
 EXPLAINED: tuple[tuple[str, str, str, str], ...] = (
     ("*", "message TERRAIN_REQUEST", "*", "the simulated ground is a plane, and nobody is asked for it"),
+    ("*", "message TERRAIN_REPORT", "*", _UNREAD),
+    ("*", "message SIMSTATE", "*", _UNREAD),
+    ("plane", "message AOA_SSA", "*", _UNREAD),
+    ("px4*", "message OPEN_DRONE_ID_*", "*", _UNREAD),
+    ("px4*", "message TIME_ESTIMATE_TO_TARGET", "*", _UNREAD),
     ("*", "message PARAM_VALUE", "*", _LEARNT),
     ("*", "value PARAM_VALUE.*", "*", _LEARNT),
     ("*", "constant ESC_TELEMETRY_1_TO_4.*", "*", _ESC),
@@ -28,6 +34,7 @@ EXPLAINED: tuple[tuple[str, str, str, str], ...] = (
     ("*", "rate LOCAL_POSITION_NED", "standing", "how long it stood with a position before it was armed"),
     ("*", "value GPS_RAW_INT.cog", "*", "without motion it is noise"),
     ("copter", "words EKF# IMU# MAG# in-flight yaw alignment complete", "*", "the compass has no errors to learn"),
+    ("*", "words RC#: SaveWaypoint *", "*", "what an auxiliary switch does is not simulated"),
     ("rover", "words INS: alloc *", "*", "there is no memory to speak of"),
     ("rover", "* *.alt*", "*", _DCM),
     ("rover", "constant GLOBAL_POSITION_INT.relative_alt", "*", _DCM),
@@ -51,7 +58,6 @@ EXPLAINED: tuple[tuple[str, str, str, str], ...] = (
     ("px4", "constant SYS_STATUS.load", "*", "there is no computer to load"),
     ("px4", "constant VFR_HUD.heading", "*", "the real nose wanders about north"),
     ("px4", "value ODOMETRY.reset_counter", "*", "this estimate is not reset"),
-    ("px4", "value OPEN_DRONE_ID_LOCATION.height", "*", "a landing that takes a little less time"),
     ("px4_ground", "rate VFR_HUD", "landing", "the recording ends on the way down"),
     ("px4_ground", "words [[]logger] *", "*", "the real one names its logs by the date"),
     ("px4_ground", "constant HOME_POSITION.?", "*", "the real one had flown before, and was armed elsewhere"),

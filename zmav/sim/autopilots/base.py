@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
+from zmav.sim.autopilots.navigation import NavigationFilter
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Sense
+from zmav.sim.fleets.base import Seat, Sense
 from zmav.sim.geo import Position, from_ned
 from zmav.sim.protocol.params import ParamStore
+
+A = TypeVar("A")
+H = TypeVar("H")
+
+
+@dataclass(frozen=True)
+class Installation(Generic[A, H]):
+    """What an autopilot is built into: its airframe and the handle of its controllers, its parameters, what it senses
+    first, the origin of the world's NED, and how many seconds it takes to boot.
+    """
+
+    airframe: A
+    setpoint: H
+    params: ParamStore
+    sense: Sense
+    world: Position
+    ready_s: float
 
 
 class Autopilot:
@@ -17,8 +37,11 @@ class Autopilot:
     ``say(severity, text)``, ``beat()`` (a heartbeat now) and ``announce()`` (home and origin) are the protocol's.
     """
 
-    def __init__(self, params: ParamStore, sense: Sense, world: Position) -> None:
-        self.params, self.sense, self.world = params, sense, world
+    filter: NavigationFilter
+
+    def __init__(self, into: Installation[Any, Any]) -> None:
+        sense = into.sense
+        self.params, self.sense, self.world = into.params, sense, into.world
         self.origin_world: Vector = (sense.true_north, sense.true_east, sense.true_down)
         self.home_world: Vector = self.origin_world
         self.now = self.booted_at = 0.0
@@ -28,6 +51,14 @@ class Autopilot:
         self.say: Callable[[int, str], None] = lambda severity, text: None
         self.beat: Callable[[], None] = lambda: None
         self.announce: Callable[[], None] = lambda: None
+
+    def plug(self, power: BatteryHandle) -> None:
+        """Take the battery of the body that it sits in."""
+        self.power = power
+
+    def sit(self, seat: Seat) -> None:
+        """Take the sensors of the body that it sits in."""
+        self.filter.attach(seat.belief())
 
     @property
     def uptime(self) -> float:

@@ -6,7 +6,6 @@ Missions, fences and rally points are such lists. Protocol: https://mavlink.io/e
 
 from __future__ import annotations
 
-import enum
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -14,6 +13,7 @@ from typing import ClassVar
 
 import msgspec
 
+from zmav.mavlink.results import MissionResult
 from zmav.sim.geo import Position, to_ned
 
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
@@ -21,27 +21,6 @@ MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
 # MAV_CMD whose items name a place: x and y are latitude and longitude, z an altitude.
 _MISSION_PLACES = (16, 17, 19, 21, 22, 31, 179, 189, 195, 201)
 LOCATED = frozenset((*_MISSION_PLACES, 5000, 5001, 5002, 5003, 5004, 5100))
-
-
-class Result(enum.IntEnum):
-    """MAV_MISSION_RESULT."""
-
-    ACCEPTED = 0
-    ERROR = 1
-    UNSUPPORTED_FRAME = 2
-    UNSUPPORTED = 3
-    NO_SPACE = 4
-    INVALID = 5
-    INVALID_PARAM1 = 6
-    INVALID_PARAM2 = 7
-    INVALID_PARAM3 = 8
-    INVALID_PARAM4 = 9
-    INVALID_PARAM5_X = 10
-    INVALID_PARAM6_Y = 11
-    INVALID_PARAM7 = 12
-    INVALID_SEQUENCE = 13
-    DENIED = 14
-    OPERATION_CANCELLED = 15
 
 
 class Item(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,20 +66,20 @@ class ItemStore(ABC):
         """How many items a download gives."""
 
     @abstractmethod
-    def read(self, seq: int) -> Item | Result:
+    def read(self, seq: int) -> Item | MissionResult:
         """One item, or why there is none."""
 
     @abstractmethod
-    def open(self, count: int) -> Result:
+    def open(self, count: int) -> MissionResult:
         """A new list of ``count`` items is about to come, one :meth:`put` each."""
 
     @abstractmethod
-    def put(self, item: Item, last: int) -> Result:
+    def put(self, item: Item, last: int) -> MissionResult:
         """Take one item of an upload that ends with number ``last``."""
 
-    def close(self) -> Result:
+    def close(self) -> MissionResult:
         """All have come: the verdict on the whole."""
-        return Result.ACCEPTED
+        return MissionResult.ACCEPTED
 
     def abandon(self) -> None:  # noqa: B027 - what has come stays
         """The upload ends without its rest."""
@@ -120,25 +99,25 @@ class WholeList(ItemStore):
     def __len__(self) -> int:
         return len(self.items)
 
-    def read(self, seq: int) -> Item | Result:
-        return self.items[seq] if 0 <= seq < len(self.items) else Result.INVALID_SEQUENCE
+    def read(self, seq: int) -> Item | MissionResult:
+        return self.items[seq] if 0 <= seq < len(self.items) else MissionResult.INVALID_SEQUENCE
 
-    def open(self, count: int) -> Result:
+    def open(self, count: int) -> MissionResult:
         self._coming = {}
-        return Result.ACCEPTED if count <= self.most else Result.NO_SPACE
+        return MissionResult.ACCEPTED if count <= self.most else MissionResult.NO_SPACE
 
-    def put(self, item: Item, last: int) -> Result:
+    def put(self, item: Item, last: int) -> MissionResult:
         kept = self.kept(item)
-        if isinstance(kept, Result):
+        if isinstance(kept, MissionResult):
             return kept
         self._coming[item.seq] = kept
-        return Result.ACCEPTED
+        return MissionResult.ACCEPTED
 
-    def close(self) -> Result:
+    def close(self) -> MissionResult:
         new = tuple(self._coming[seq] for seq in sorted(self._coming))
         self._coming = {}
         verdict = self.judge(new)
-        if verdict is Result.ACCEPTED:
+        if verdict is MissionResult.ACCEPTED:
             self.items = new
             self.changed()
         return verdict
@@ -152,22 +131,22 @@ class WholeList(ItemStore):
         return True
 
     @abstractmethod
-    def kept(self, item: Item) -> Item | Result:
+    def kept(self, item: Item) -> Item | MissionResult:
         """The item as it is kept, or why it is not taken."""
 
-    def judge(self, new: tuple[Item, ...]) -> Result:
+    def judge(self, new: tuple[Item, ...]) -> MissionResult:
         """Whether the whole makes sense."""
-        return Result.ACCEPTED
+        return MissionResult.ACCEPTED
 
     def changed(self) -> None:
         """There is another list."""
 
 
-def check_place(item: Item) -> Result:
+def check_place(item: Item) -> MissionResult:
     """Whether ``x`` and ``y`` can be a latitude and a longitude."""
     if abs(item.x) > 900_000_000:
-        return Result.INVALID_PARAM5_X
-    return Result.INVALID_PARAM6_Y if abs(item.y) > 1_800_000_000 else Result.ACCEPTED
+        return MissionResult.INVALID_PARAM5_X
+    return MissionResult.INVALID_PARAM6_Y if abs(item.y) > 1_800_000_000 else MissionResult.ACCEPTED
 
 
 # ---- the polygons and circles of a fence

@@ -104,15 +104,15 @@ class Cascade:
         want_vel = ref.vel + (ref.pos - est.pos) * gains.pos_p
         if any_of(raw):
             limits = sp.limits
-            want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits.speed[raw])
-            want_vel[2, raw] = clamp(want_vel[2, raw], -limits.speed_up[raw], limits.speed_down[raw])
+            want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits["speed"][raw])
+            want_vel[2, raw] = clamp(want_vel[2, raw], -limits["speed_up"][raw], limits["speed_down"][raw])
         error = want_vel - est.vel
         self._vel_i = clamp(self._vel_i + error * gains.vel_i * dt, -VEL_I_MAX, VEL_I_MAX)
         self._vel_i[:2] *= ~by_hand
         self._vel_i[2] *= ~ballistic
         acc = ref.acc + error * gains.vel_p + self._vel_i
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
-        acc[:2] = limit_length(acc[:2], np.minimum(GRAVITY, GRAVITY - acc[2]) * np.tan(sp.limits.lean))
+        acc[:2] = limit_length(acc[:2], np.minimum(GRAVITY, GRAVITY - acc[2]) * np.tan(sp.limits["lean"]))
         self.want_vel, self.want_acc = want_vel, acc
         self._lean_and_lift(est, acc, by_hand, ballistic)
 
@@ -143,7 +143,7 @@ class Cascade:
 
     def _head(self, est: Estimated, grounded: Flags, dt: float) -> None:
         sp = self.setpoints
-        slew = sp.limits.yaw_slew
+        slew = sp.limits["yaw_slew"]
         toward = clamp(wrap(sp.yaw - self.yaw) * YAW_P, -slew, slew)
         rate = np.where(sp.yaw_kind == YAW_ANGLE, toward, sp.yaw_rate)
         # Easing in and out: the rate asked for may change by about 150 deg/s^2.

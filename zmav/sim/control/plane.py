@@ -185,7 +185,6 @@ class PlaneControl:
             float(l1.distance[index]),
             float(tecs.speed_error[index]) if by_energy else 0.0,
             float(t.height[index]),
-            bool(tecs.underspeed[index]),
         )
 
 

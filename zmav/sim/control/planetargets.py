@@ -122,7 +122,6 @@ class Flown(NamedTuple):
     """true airspeed wanted minus flown"""
     height: float
     """wanted, over the world's origin"""
-    underspeed: bool
 
 
 class PlaneTargets:

@@ -44,7 +44,7 @@ class Px4Cascade(Cascade):
     def __init__(self, airframe: Airframe, setpoints: Setpoints, start: Array, yaw: Array) -> None:
         super().__init__(airframe, setpoints, start, yaw)
         n = start.shape[1]
-        self.gains.hover[:] = airframe.hover_thrust_n / airframe.thrust_max_n
+        self.gains.hover[:] = airframe.hover_share
         self._full = airframe.thrust_max_n * len(airframe.rotors)
         self._allocator = Allocator(airframe)
         self._vel_before: Array = np.zeros((3, n))
@@ -65,8 +65,8 @@ class Px4Cascade(Cascade):
     def _drive(self, est: Estimated, raw: Flags, by_hand: Flags, ballistic: Flags, dt: float) -> None:
         g, ref, limits = self.gains, self.reference, self.setpoints.limits
         want = ref.vel + (ref.pos - est.pos) * g.pos_p
-        want[:2] = limit_length(want[:2], limits.speed)
-        want[2] = clamp(want[2], -limits.speed_up, limits.speed_down)
+        want[:2] = limit_length(want[:2], limits["speed"])
+        want[2] = clamp(want[2], -limits["speed_up"], limits["speed_down"])
         error = want - est.vel
         share = dt / (dt + 1.0 / (2.0 * np.pi * VEL_D_CUTOFF_HZ))
         self._vel_dot += ((est.vel - self._vel_before) / dt - self._vel_dot) * share
@@ -82,7 +82,7 @@ class Px4Cascade(Cascade):
 
     def _thrust_vector(self, acc: Array) -> Array:
         """The thrust (3, N), shares of the full one, that gives an acceleration; leaning no more than allowed."""
-        g, lean = self.gains, self.setpoints.limits.lean
+        g, lean = self.gains, self.setpoints.limits["lean"]
         # The direction is that of a level flight (MPC_ACC_DECOUPLE): height and way do not disturb each other.
         level = limit_length(acc[:2], GRAVITY * np.tan(lean))
         up = 1.0 / np.sqrt(1.0 + dot(level, level) / GRAVITY**2)  # cosine of the lean

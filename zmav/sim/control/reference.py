@@ -60,23 +60,23 @@ class Reference:
         sp, lim = self._sp, self._sp.limits
         error = sp.pos[:2] - self.pos[:2]
         distance = np.maximum(np.sqrt((error * error).sum(0)), 1e-9)
-        speed = np.minimum(root_speed(distance, POSITION_GAIN, BRAKING * lim.accel), lim.speed)
+        speed = np.minimum(root_speed(distance, POSITION_GAIN, BRAKING * lim["accel"]), lim["speed"])
         holding = sp.horizontal == POSITION
         wanted = sp.vel[:2] + error * (holding * speed / distance)
-        wanted = limit_length(wanted, lim.speed)
+        wanted = limit_length(wanted, lim["speed"])
         acc = sp.acc[:2] + (wanted - self.vel[:2]) * (SPEED_GAIN * (sp.horizontal != ACCELERATION))
-        acc = limit_length(acc, lim.accel)
-        self.acc[:2] += limit_length(acc - self.acc[:2], lim.jerk * dt)
+        acc = limit_length(acc, lim["accel"])
+        self.acc[:2] += limit_length(acc - self.acc[:2], lim["jerk"] * dt)
 
     def _vertical(self, dt: float) -> None:
         sp, lim = self._sp, self._sp.limits
         error = sp.pos[2] - self.pos[2]
-        speed = root_speed(np.abs(error), POSITION_GAIN, BRAKING * lim.accel_z)
+        speed = root_speed(np.abs(error), POSITION_GAIN, BRAKING * lim["accel_z"])
         holding = sp.vertical == POSITION
-        wanted = clamp(sp.vel[2] + holding * np.sign(error) * speed, -lim.speed_up, lim.speed_down)
+        wanted = clamp(sp.vel[2] + holding * np.sign(error) * speed, -lim["speed_up"], lim["speed_down"])
         acc = sp.acc[2] + (wanted - self.vel[2]) * (SPEED_GAIN * (sp.vertical != ACCELERATION))
-        acc = clamp(acc, -lim.accel_z, lim.accel_z)
-        self.acc[2] += clamp(acc - self.acc[2], -lim.jerk_z * dt, lim.jerk_z * dt)
+        acc = clamp(acc, -lim["accel_z"], lim["accel_z"])
+        self.acc[2] += clamp(acc - self.acc[2], -lim["jerk_z"] * dt, lim["jerk_z"] * dt)
 
 
 def root_speed(distance: Array, gain: float, braking: Array) -> Array:

@@ -47,36 +47,20 @@ DIRECT, RATES, TORQUE = int(Axis.DIRECT), int(Axis.RATES), int(Axis.TORQUE)
 YAW_ANGLE = int(Yaw.ANGLE)
 
 
-class Limits:
-    """What a vehicle may do at most: (N,) rows, SI units; defaults are ArduCopter's parameters."""
-
-    def __init__(self, n: int) -> None:
-        def row(value: float) -> Array:
-            return np.full(n, value)
-
-        self.speed = row(10.0)  # WPNAV_SPEED
-        self.speed_up = row(2.5)  # WPNAV_SPEED_UP
-        self.speed_down = row(1.5)  # WPNAV_SPEED_DN
-        self.accel = row(2.5)  # WPNAV_ACCEL
-        self.accel_z = row(1.0)  # WPNAV_ACCEL_Z
-        self.jerk = row(5.0)  # PSC_JERK_XY
-        self.jerk_z = row(5.0)  # PSC_JERK_Z
-        self.lean = row(math.radians(30.0))  # ANGLE_MAX
-        self.yaw_slew = row(math.radians(60.0))  # ATC_SLEW_YAW
-
-
-# What no parameter raises a limit above: beyond it the numbers, not the vehicle, would fly away.
-HIGHEST = {
-    "speed": 50.0,
-    "speed_up": 20.0,
-    "speed_down": 20.0,
-    "accel": 20.0,
-    "accel_z": 10.0,
-    "jerk": 100.0,
-    "jerk_z": 100.0,
-    "lean": math.radians(80.0),
-    "yaw_slew": 6.0,
+# What a vehicle may do at most, SI units: at ArduCopter's defaults, and what no parameter raises it above, since beyond
+# it the numbers, not the vehicle, would fly away.
+LIMITS = {
+    "speed": (10.0, 50.0),  # WPNAV_SPEED
+    "speed_up": (2.5, 20.0),  # WPNAV_SPEED_UP
+    "speed_down": (1.5, 20.0),  # WPNAV_SPEED_DN
+    "accel": (2.5, 20.0),  # WPNAV_ACCEL
+    "accel_z": (1.0, 10.0),  # WPNAV_ACCEL_Z
+    "jerk": (5.0, 100.0),  # PSC_JERK_XY
+    "jerk_z": (5.0, 100.0),  # PSC_JERK_Z
+    "lean": (math.radians(30.0), math.radians(80.0)),  # ANGLE_MAX
+    "yaw_slew": (math.radians(60.0), 6.0),  # ATC_SLEW_YAW
 }
+FASTEST_TURN = LIMITS["yaw_slew"][1]
 
 
 class Setpoints:
@@ -100,7 +84,7 @@ class Setpoints:
         self.yaw_rate: Array = np.zeros(n)
         self.body: Array = np.zeros((3, n))  # body rates, rad/s; or torque, -1..1
         self.raw = np.zeros(n, dtype=bool)
-        self.limits = Limits(n)
+        self.limits = {name: np.full(n, usual) for name, (usual, _) in LIMITS.items()}  # (N,) rows
         self.gains = gains or arducopter_gains(n)
 
     def handle(self, index: int) -> SetpointHandle:
@@ -185,15 +169,15 @@ class SetpointHandle:
     def turn(self, rate: float) -> None:
         """Turn at ``rate`` rad/s, clockwise from above."""
         self._t.yaw_kind[self._i] = Yaw.RATE
-        self._t.yaw_rate[self._i] = min(max(rate, -HIGHEST["yaw_slew"]), HIGHEST["yaw_slew"])
+        self._t.yaw_rate[self._i] = min(max(rate, -FASTEST_TURN), FASTEST_TURN)
 
     def limit(self, name: str, value: float) -> None:
-        """Set one of :class:`Limits` by its name; never beyond :data:`HIGHEST`."""
-        getattr(self._t.limits, name)[self._i] = min(max(value, 1e-3), HIGHEST[name])
+        """Set one of :data:`LIMITS` by its name; never beyond its highest."""
+        self._t.limits[name][self._i] = min(max(value, 1e-3), LIMITS[name][1])
 
     def tune(self, gain: str, axes: tuple[int, ...], value: float) -> None:
         """Set one of :class:`~zmav.sim.control.gains.Gains` by its name, on some of its rows."""
         self._t.gains.tune(self._i, gain, axes, value)
 
     def limit_of(self, name: str) -> float:
-        return float(getattr(self._t.limits, name)[self._i])
+        return float(self._t.limits[name][self._i])

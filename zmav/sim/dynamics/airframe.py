@@ -68,9 +68,14 @@ class Airframe(msgspec.Struct, frozen=True, kw_only=True):
         return self.weight_n / len(self.rotors)
 
     @property
+    def hover_share(self) -> float:
+        """Of full thrust, what carries the weight."""
+        return self.hover_thrust_n / self.thrust_max_n
+
+    @property
     def hover_throttle(self) -> float:
         """Throttle (0..1) that hovers in still air: the thrust curve solved for the weight."""
-        share, expo = self.hover_thrust_n / self.thrust_max_n, self.thrust_expo
+        share, expo = self.hover_share, self.thrust_expo
         if expo < 1e-6:
             return share
         linear = 1.0 - expo

@@ -13,22 +13,11 @@ from zmav.errors import BadMessage
 from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.fleets.base import Seat
-from zmav.sim.protocol.channel import (
-    ACCEPTED,
-    DENIED,
-    FAILED,
-    UNSUPPORTED,
-    Answer,
-    Channel,
-    Command,
-    Outlet,
-    Part,
-    Sender,
-    read_command,
-)
+from zmav.sim.protocol.channel import FORCE, Answer, Channel, Command, Outlet, Part, Sender, read_command
 from zmav.sim.protocol.router import Router
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 from zmav.sim.sensors.magnetic import earth_field
@@ -39,6 +28,9 @@ THINKING_S = 0.019  # between two thoughts of an autopilot, and a little less
 _NO_NUMBER = (BadMessage, ArithmeticError, ValueError)
 _WARNING = 4  # MAV_SEVERITY
 GIT_HASH = "zmav-sim"
+
+CLOCKS = {"time_boot_ms": 1e3, "time_usec": 1e6}
+"""fields that carry the time since boot, and their units a second; :meth:`Node.fields` fills them in"""
 
 Brain = ArduVehicle | Px4Copter
 Fields = dict[str, Any]
@@ -71,7 +63,7 @@ class Node(ABC):
     TEXT_END: ClassVar[str] = ""
     """of every text"""
     TIMESYNC_PERIOD_S: ClassVar[float] = 10.0
-    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = DENIED, FAILED, FAILED
+    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = CommandResult.DENIED, CommandResult.FAILED, CommandResult.FAILED
     """MAV_RESULT of SET_MESSAGE_INTERVAL, REQUEST_MESSAGE and GET_MESSAGE_INTERVAL for a message that there is not"""
     ACKS_FIRST: ClassVar[bool] = True
     """a message that was asked for comes after the acknowledgement"""
@@ -92,7 +84,11 @@ class Node(ABC):
         self.hung = False
         """a fault: it hears and says nothing"""
         self._ticking: list[Part] = []  # those that do something at a tick
-        self._ids = {dialect.by_name[name].id: name for name in self.REPORTS if name in dialect.by_name}
+        reported = {name: dialect.by_name[name] for name in self.REPORTS if name in dialect.by_name}
+        self._ids = {message.id: name for name, message in reported.items()}
+        self._clocks = {
+            name: clock for name, message in reported.items() for clock in CLOCKS if clock in message.by_name
+        }
         self._answers: dict[int, Answer] = {}
         self._pending: list[tuple[Channel, str]] = []
         self._next_timesync = self.TIMESYNC_PERIOD_S
@@ -231,7 +227,11 @@ class Node(ABC):
     def fields(self, name: str) -> Fields | None:
         """What it reports in that message now; None where there is nothing to say yet."""
         report = self.REPORTS.get(name)  # a stream may name what this kind of vehicle does not report
-        return None if report is None else report(self)
+        fields = None if report is None else report(self)
+        clock = self._clocks.get(name)
+        if fields is None or clock is None:
+            return fields
+        return {clock: int(self.brain.uptime * CLOCKS[clock]), **fields}
 
     def report(self, channel: Channel, name: str) -> None:
         """Send one message, unless there is nothing to say yet."""
@@ -310,15 +310,15 @@ class Node(ABC):
         command = read_command(msg, channel, sender)
         number, handler = command.number, self.HANDLERS.get(command.number)
         if number in self.ANSWERED_TWICE:
-            channel.acknowledge(number, ACCEPTED, sender)
+            channel.acknowledge(number, CommandResult.ACCEPTED, sender)
         if number in self.COMMANDS_NOT_SIMULATED:
             self.say(_WARNING, f"MAV_CMD {number} is not simulated{self.TEXT_END}")
         if handler is None:
-            result: int = UNSUPPORTED
+            result: int = CommandResult.UNSUPPORTED
         else:
-            result = handler(self, command) if self.takes(command) else DENIED
+            result = handler(self, command) if self.takes(command) else CommandResult.DENIED
         if isinstance(result, bool):
-            result = ACCEPTED if result else self.REFUSED
+            result = CommandResult.ACCEPTED if result else self.REFUSED
         channel.acknowledge(number, result, sender)
 
     def _timesync(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
@@ -348,7 +348,16 @@ def _raise(error: Exception) -> None:
     raise error
 
 
-# ---- what messages a client gets, by command: https://mavlink.io/en/services/command.html
+# ---- the commands that every autopilot takes: https://mavlink.io/en/services/command.html
+
+
+def arm_disarm(node: Node, c: Command) -> int:
+    forced = c.p2 == FORCE
+    if c.p1 == 1:
+        return node.brain.arm(forced=forced)
+    if c.p1 == 0:
+        return node.brain.disarm(forced=forced)
+    return CommandResult.UNSUPPORTED
 
 
 def set_interval(node: Node, c: Command) -> int:
@@ -357,7 +366,7 @@ def set_interval(node: Node, c: Command) -> int:
         return node.UNKNOWN_INTERVAL
     period = node.usual_period(c.channel, name) if c.p2 == 0 else node.asked_period(c.p2)
     c.channel.streams.set_period(name, period, node.brain.now)
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def get_interval(node: Node, c: Command) -> int:
@@ -368,7 +377,7 @@ def get_interval(node: Node, c: Command) -> int:
     c.channel.send(
         "MESSAGE_INTERVAL", message_id=int(c.p1) & 0xFFFF if math.isfinite(c.p1) else 0, interval_us=interval
     )
-    return ACCEPTED if name else node.UNKNOWN_PERIOD
+    return CommandResult.ACCEPTED if name else node.UNKNOWN_PERIOD
 
 
 def request_message(node: Node, c: Command) -> int:
@@ -382,4 +391,12 @@ def send_message(node: Node, c: Command, name: str) -> int:
         node.after_ack(c.channel, name)
     else:
         node.report(c.channel, name)
-    return ACCEPTED
+    return CommandResult.ACCEPTED
+
+
+SHARED_HANDLERS: Mapping[int, Handler] = {
+    400: arm_disarm,
+    510: get_interval,
+    511: set_interval,
+    512: request_message,
+}

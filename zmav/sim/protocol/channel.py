@@ -129,8 +129,6 @@ class Part:
 
 # ---- commands: https://mavlink.io/en/services/command.html
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)  # MAV_RESULT
-COMMAND_INT_ONLY = 8
 FORCE = 21196  # param2 of arming that skips the checks, and of disarming in flight
 CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from zmav.sim.autopilots.items import LOCATED, Item, ItemStore, Result, check_place
+from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.items import LOCATED, Item, ItemStore, check_place
 from zmav.sim.protocol.channel import Answer, Channel, Part, Sender
 
 _E7 = 1e7
@@ -68,7 +69,7 @@ class ItemPart(Part):
             "MISSION_ITEM": _read(lambda *asked: self.item(*asked, as_int=False)),
             "MISSION_ITEM_INT": _read(lambda *asked: self.item(*asked, as_int=True)),
             "MISSION_WRITE_PARTIAL_LIST": _read(
-                lambda client, kind, msg: acknowledge(client, Result.UNSUPPORTED, kind)
+                lambda client, kind, msg: acknowledge(client, MissionResult.UNSUPPORTED, kind)
             ),
             "MISSION_CLEAR_ALL": _read(self.clear_all),
             "MISSION_ACK": _read(self.ack),
@@ -81,7 +82,7 @@ class ItemPart(Part):
             if kind in self.stores:
                 service(client, kind, msg)
             else:
-                acknowledge(client, Result.UNSUPPORTED, kind)
+                acknowledge(client, MissionResult.UNSUPPORTED, kind)
 
         return _read(check)
 
@@ -157,7 +158,7 @@ def send_item(client: Client, item: Item, kind: int, *, as_int: bool) -> None:
     client.reply("MISSION_ITEM_INT" if as_int else "MISSION_ITEM", **fields, x=x, y=y, mission_type=kind)
 
 
-def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | Result:
+def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | MissionResult:
     """The item of a message; of a MISSION_ITEM the place is brought to degrees times 1e7."""
     item = Item(**{name: msg[field] for field, name in _FIELDS.items()})
     if as_int:
@@ -165,10 +166,10 @@ def read_item(msg: dict[str, Any], *, as_int: bool) -> Item | Result:
     scale = _E7 if item.command in LOCATED else 1.0
     x, y = msg["x"] * scale, msg["y"] * scale
     if not (math.isfinite(x) and math.isfinite(y)):
-        return Result.INVALID_PARAM5_X if not math.isfinite(x) else Result.INVALID_PARAM6_Y
+        return MissionResult.INVALID_PARAM5_X if not math.isfinite(x) else MissionResult.INVALID_PARAM6_Y
     placed = msgspec.structs.replace(item, x=_int32(x), y=_int32(y))
-    bad = check_place(placed) if scale != 1.0 else Result.ACCEPTED
-    return placed if bad is Result.ACCEPTED else bad
+    bad = check_place(placed) if scale != 1.0 else MissionResult.ACCEPTED
+    return placed if bad is MissionResult.ACCEPTED else bad
 
 
 def _int32(value: float) -> int:

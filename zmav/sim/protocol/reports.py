@@ -15,14 +15,6 @@ def e7(degrees: float) -> int:
     return round(degrees * 1e7)
 
 
-def boot_ms(node: Node) -> int:
-    return int(node.brain.uptime * 1000.0)
-
-
-def boot_us(node: Node) -> int:
-    return int(node.brain.uptime * 1e6)
-
-
 def centidegrees(yaw: float) -> int:
     """An angle in radians as 0 to 35999."""
     return round(math.degrees(yaw) * 100.0) % 36000
@@ -38,6 +30,11 @@ def axes(form: str, values: Iterable[float]) -> Fields:
     return {form.format(axis): value for axis, value in zip("xyz", values, strict=True)}
 
 
+def numbered(form: str, values: Iterable[int]) -> Fields:
+    """Fields that are called by ``form`` with 1, 2, ... in it."""
+    return {form.format(i): value for i, value in enumerate(values, start=1)}
+
+
 # ---- what every simulated autopilot says in the same way, or begins with
 
 
@@ -45,7 +42,6 @@ def gps_raw_int(node: Node, fix: GpsFix) -> Fields:
     """The place, the motion and the satellites of a solution; not how good it is."""
     here = node.brain.place((fix.north, fix.east, fix.down))
     return {
-        "time_usec": boot_us(node),
         "fix_type": fix.fix_type,
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
@@ -72,20 +68,19 @@ def vfr_hud(node: Node, *, turning: bool, located: bool) -> Fields:
 def attitude(node: Node) -> Fields:
     s = node.brain.sense
     rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
-    return {"time_boot_ms": boot_ms(node), "roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
+    return {"roll": s.roll, "pitch": s.pitch, "yaw": s.yaw, **rates}
 
 
 def attitude_quaternion(node: Node) -> Fields:
     s = node.brain.sense
     rates = {"rollspeed": s.p, "pitchspeed": s.q, "yawspeed": s.r}
-    return {"time_boot_ms": boot_ms(node), "q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
+    return {"q1": s.qw, "q2": s.qx, "q3": s.qy, "q4": s.qz, **rates}
 
 
 def attitude_target(node: Node, rate: tuple[float, float, float], thrust: float) -> Fields:
     """What a multirotor's loops ask for: body rates (rad/s), and the share of full thrust before the motors' curve."""
     s = node.brain.sense
     return {
-        "time_boot_ms": boot_ms(node),
         "q": [s.want_qw, s.want_qx, s.want_qy, s.want_qz],
         "body_roll_rate": rate[0],
         "body_pitch_rate": rate[1],
@@ -98,14 +93,13 @@ def local_position_ned(node: Node) -> Fields | None:
     brain, s = node.brain, node.brain.sense
     if not brain.position_ok:
         return None
-    return {"time_boot_ms": boot_ms(node), **axes("{}", brain.local), **axes("v{}", (s.vn, s.ve, s.vd))}
+    return {**axes("{}", brain.local), **axes("v{}", (s.vn, s.ve, s.vd))}
 
 
 def global_position_int(node: Node) -> Fields:
     """To be told by those who know where they are."""
     brain, s, here = node.brain, node.brain.sense, node.brain.position
     return {
-        "time_boot_ms": boot_ms(node),
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
         "alt": round(here.alt_amsl_m * 1000),
@@ -137,5 +131,4 @@ def _place(node: Node, world: Vector) -> Fields:
         "latitude": e7(place.lat_deg),
         "longitude": e7(place.lon_deg),
         "altitude": round(place.alt_amsl_m * 1000),
-        "time_usec": boot_us(node),
     }

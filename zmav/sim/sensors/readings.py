@@ -26,9 +26,8 @@ class GpsFix(NamedTuple):
     hdop: float
     vdop: float
     eph_m: float
-    """accuracy that the receiver claims, horizontal and vertical (m), of speed (m/s)"""
+    """accuracy that the receiver claims, horizontal and vertical, m"""
     epv_m: float
-    speed_mps: float
 
 
 class Readings(NamedTuple):

@@ -259,7 +259,6 @@ class SensorSuite:
             vdop=VDOP,
             eph_m=eph,
             epv_m=max(noise.gps_wander_down_m, 0.3),
-            speed_mps=max(noise.gps_speed_mps, 0.04),
         )
 
 

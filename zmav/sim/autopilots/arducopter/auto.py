@@ -11,7 +11,6 @@ from abc import ABC, abstractmethod
 from zmav.sim.autopilots.arducopter.base import CopterBase
 from zmav.sim.autopilots.arducopter.modes import Rtl, descend
 from zmav.sim.autopilots.arducopter.travel import Travel
-from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, AutoMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Axis, Spool, Vector
@@ -33,7 +32,6 @@ class Auto(AutoMode):
         self.copter, self.travel, self.rtl = copter, travel, rtl
         self.leg: Leg | None = None
         self.travelled = False  # a place was flown to in this run
-        self.waiting = False
 
     # ---- the mode
 
@@ -58,18 +56,17 @@ class Auto(AutoMode):
         """The mission runs already; arming changes nothing about it."""
 
     def leave(self) -> None:
-        if self.copter.mission.state is State.RUNNING:
-            self.copter.mission.stop()
+        super().leave()
         self.leg = None
         self.travel.release()
 
     def idle(self) -> None:
         """A mission that was chosen before arming runs as far as it gets on the ground."""
-        self._run_mission()
+        self.run_mission()
 
     def update(self) -> None:
         copter = self.copter
-        self._run_mission()
+        self.run_mission()
         if not copter.armed or copter.mode is not self:
             return
         if int(copter.params["AUTO_OPTIONS"]) & ALLOW_TAKEOFF_WITHOUT_THROTTLE and isinstance(self.leg, Takeoff):
@@ -79,14 +76,6 @@ class Auto(AutoMode):
             self.travel.update()
         else:
             self.leg.run()
-
-    def _run_mission(self) -> None:
-        copter, mission = self.copter, self.copter.mission
-        if not self.waiting:
-            mission.update()
-        elif copter.boot.has("origin"):
-            self.waiting = False
-            mission.start_or_resume()
 
     @property
     def is_landing(self) -> bool:

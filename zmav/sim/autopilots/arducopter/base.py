@@ -9,11 +9,10 @@ from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.state import Mode
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.setpoints import Axis, SetpointHandle, Spool
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.fleets.base import Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
 LANDED_AFTER_S = 1.0  # of standing on the ground without thrust
 SOFTENED_AFTER_S = 0.2  # of that, from which on a landing gives up its place
@@ -114,26 +113,17 @@ class CopterBase(ArduVehicle, ABC):
         28: "TURTLE",
     }
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        params: ParamStore,
-        setpoint: SetpointHandle,
-        sense: Sense,
-        world: Position,
-        ready_s: float,
-    ) -> None:
-        self.airframe = airframe
-        self.MOTORS = len(airframe.rotors)
+    def __init__(self, into: Installation[Airframe, SetpointHandle]) -> None:
+        self.airframe, self.sp = into.airframe, into.setpoint
+        self.MOTORS = len(self.airframe.rotors)
         hexa = self.MOTORS == 6
         self.MAV_TYPE = MAV_TYPE_HEXAROTOR if hexa else MAV_TYPE_QUADROTOR
         self.FRAME = "HEXA/X" if hexa else "QUAD/PLUS"
-        self.sp = setpoint
         self.speeds: dict[str, float] = {}  # chosen for this mode: limits of the cascade, m/s
-        self.heading = Heading(setpoint)
-        super().__init__(params, sense, world, ready_s)
+        self.heading = Heading(self.sp)
+        super().__init__(into)
         for name in (*_LIMITS, *GAINS):
-            self.param_changed(name, params[name])
+            self.param_changed(name, self.params[name])
 
     def on_power(self) -> None:
         self._quiet_since: float | None = None
@@ -157,11 +147,6 @@ class CopterBase(ArduVehicle, ABC):
     def spun_up_at(self) -> float:
         """When it has thrust, if it is to lift off now."""
         return max(self.now + SPOOL_UP_S, self._armed_at + ARMING_S)
-
-    @property
-    def hover_thrust(self) -> float:
-        """Share of full thrust that carries the weight."""
-        return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
 
     # ---- what it can be told
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from zmav import rotation
 from zmav.sim.autopilots.arducopter.auto import Auto
 from zmav.sim.autopilots.arducopter.base import LANDED_AFTER_S, CopterBase
 from zmav.sim.autopilots.arducopter.guided import Guided
@@ -59,10 +60,8 @@ class CrashCheck:
     def _felt(self) -> float:
         """Acceleration over the ground, m/s^2: what the accelerometers feel but for gravity."""
         s = self._copter.sense
-        w, x, y, z = s.qw, s.qx, s.qy, s.qz
-        # Gravity in body axes: the last row of the attitude's matrix.
-        gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-        return math.sqrt((s.fx + GRAVITY * gx) ** 2 + (s.fy + GRAVITY * gy) ** 2 + (s.fz + GRAVITY * gz) ** 2)
+        gx, gy, gz = rotation.to_body((s.qw, s.qx, s.qy, s.qz), (0.0, 0.0, GRAVITY))
+        return math.sqrt((s.fx + gx) ** 2 + (s.fy + gy) ** 2 + (s.fz + gz) ** 2)
 
 
 def _down(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:

@@ -39,7 +39,7 @@ class Stabilize(CopterMode):
         copter.sp.spool(Spool.FLY)
         copter.sp.lean(pilot.roll * LEAN_MAX, -pilot.pitch * LEAN_MAX)
         copter.sp.turn(pilot.yaw * math.radians(copter.params["PILOT_Y_RATE"]))
-        hover = copter.hover_thrust
+        hover = copter.airframe.hover_share
         stick = pilot.throttle
         copter.sp.direct_thrust(stick * 2 * hover if stick < 0.5 else hover + (stick - 0.5) * 2 * (1.0 - hover))
 

@@ -56,12 +56,6 @@ class Travel(Legs):
         self._leg = self._last = self._next = self._onward = None
         self._copter.sp.raw(False)
 
-    @property
-    def distance(self) -> float:
-        """To the destination over the ground, m."""
-        s, d = self._copter.sense, self.destination
-        return math.hypot(d[0] - s.north, d[1] - s.east)
-
     def update(self) -> None:
         """Once a tick: the next target, and whether it is there."""
         if self._leg is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots import items
 from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE, RELATIVE, TERRAIN
 from zmav.sim.autopilots.ardupilot.state import DEBUG, INFO, NOTICE, WARNING, VehicleState
@@ -17,7 +18,6 @@ from zmav.sim.autopilots.items import (
     POLYGON_OUT,
     Area,
     Item,
-    Result,
     WholeList,
     areas_of,
     check_place,
@@ -50,24 +50,24 @@ class FenceItems(WholeList):
         self._vehicle = vehicle
         self.areas: list[Area] = []
 
-    def kept(self, item: Item) -> Item | Result:
+    def kept(self, item: Item) -> Item | MissionResult:
         if item.frame not in _FRAMES:
-            return Result.UNSUPPORTED_FRAME
+            return MissionResult.UNSUPPORTED_FRAME
         if not RETURN_POINT <= item.command <= CIRCLE_OUT:
-            return Result.UNSUPPORTED
+            return MissionResult.UNSUPPORTED
         if item.command in (POLYGON_IN, POLYGON_OUT) and not item.p1 <= 255:
-            return Result.INVALID_PARAM1
+            return MissionResult.INVALID_PARAM1
         p1 = float(int(item.p1)) if item.command in (POLYGON_IN, POLYGON_OUT) and item.p1 > 0 else item.p1
         p1 = 0.0 if item.command == RETURN_POINT else p1
         return Item(command=item.command, frame=0, p1=p1, x=item.x, y=item.y, seq=item.seq, autocontinue=0)
 
-    def judge(self, new: tuple[Item, ...]) -> Result:
+    def judge(self, new: tuple[Item, ...]) -> MissionResult:
         fault = self._fault(new)
         if not fault:
-            return Result.ACCEPTED
+            return MissionResult.ACCEPTED
         self._vehicle.say(WARNING, fault)
         self._vehicle.say(WARNING, "Fence validation failed")
-        return Result.ERROR
+        return MissionResult.ERROR
 
     def changed(self) -> None:
         self.areas = list(areas_of(self.items, self._vehicle.world))
@@ -97,7 +97,7 @@ class FenceItems(WholeList):
                     return "Multiple return points"
             elif not item.p1 > 0:
                 return "Non-positive circle radius"
-            if check_place(item) is not Result.ACCEPTED:
+            if check_place(item) is not MissionResult.ACCEPTED:
                 return "Bad lat or lon"
         return "Incorrect item count" if left else ""
 
@@ -260,18 +260,18 @@ class Rally(WholeList):
         super().__init__()
         self._vehicle, self._fence = vehicle, fence
 
-    def kept(self, item: Item) -> Item | Result:
+    def kept(self, item: Item) -> Item | MissionResult:
         if item.command != RALLY_POINT:
-            return Result.UNSUPPORTED
+            return MissionResult.UNSUPPORTED
         bad = check_place(item)
-        if bad is not Result.ACCEPTED:
+        if bad is not MissionResult.ACCEPTED:
             return bad
         if not -_FARTHEST_M - 1 <= item.z <= _FARTHEST_M:
-            return Result.INVALID_PARAM7
+            return MissionResult.INVALID_PARAM7
         frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
         frame = next((kept for group, kept in frames if item.frame in group and item.frame != 2), None)
         if frame is None:
-            return Result.UNSUPPORTED_FRAME
+            return MissionResult.UNSUPPORTED_FRAME
         z = float(int(item.z))
         return Item(command=RALLY_POINT, frame=frame, x=item.x, y=item.y, z=z, seq=item.seq, autocontinue=0)
 

@@ -14,9 +14,10 @@ from typing import ClassVar, Protocol
 
 import msgspec
 
+from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots import items
-from zmav.sim.autopilots.ardupilot.plan import NAMES, is_navigation, stored
-from zmav.sim.autopilots.items import Item, ItemStore, Result
+from zmav.sim.autopilots.ardupilot.plan import KINDS, is_navigation, stored
+from zmav.sim.autopilots.items import Item, ItemStore
 
 JUMP, TAKEOFF = 177, 22
 FOREVER = -1  # of a jump
@@ -87,30 +88,30 @@ class Mission(ItemStore):
             self._items.append(self._home())
             self._resized()
 
-    def read(self, seq: int) -> Item | Result:
+    def read(self, seq: int) -> Item | MissionResult:
         if seq == 0:
             return self._home()
-        return self._items[seq] if seq < len(self._items) else Result.INVALID_SEQUENCE
+        return self._items[seq] if seq < len(self._items) else MissionResult.INVALID_SEQUENCE
 
-    def open(self, count: int) -> Result:
+    def open(self, count: int) -> MissionResult:
         self._truncate(count)
-        return Result.ACCEPTED
+        return MissionResult.ACCEPTED
 
-    def put(self, item: Item, last: int) -> Result:
+    def put(self, item: Item, last: int) -> MissionResult:
         kept = stored(item)
-        if kept is Result.UNSUPPORTED:
+        if kept is MissionResult.UNSUPPORTED:
             self._say(WARNING, f"Mission: MAV_CMD {item.command} is not simulated")
-        if isinstance(kept, Result):
+        if isinstance(kept, MissionResult):
             return kept
         if kept.command == JUMP:
             target = int(kept.p1)
             if target == 0 or (target >= len(self._items) and target > last):
-                return Result.ERROR
+                return MissionResult.ERROR
         if kept.seq < len(self._items):
             if kept.seq > 0:
                 self._items[kept.seq] = kept
-            return Result.ACCEPTED
-        return Result.ACCEPTED if self.add(kept) else Result.ERROR
+            return MissionResult.ACCEPTED
+        return MissionResult.ACCEPTED if self.add(kept) else MissionResult.ERROR
 
     def add(self, item: Item) -> bool:
         """Append a command; home comes first where the list is empty. False where it is full."""
@@ -278,7 +279,7 @@ class Mission(ItemStore):
         return item.seq + 1
 
     def _start(self, item: Item) -> None:
-        self._say(INFO, f"Mission: {item.seq} {NAMES.get(item.command, '?')}")
+        self._say(INFO, f"Mission: {item.seq} {KINDS[item.command].name}")
         if self.performer is not None:
             self.performer.start(item)
 

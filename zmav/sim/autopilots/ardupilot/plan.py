@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
+from typing import NamedTuple
 
 import msgspec
 
-from zmav.sim.autopilots.items import LOCATED, Item, Result, check_place
+from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.items import LOCATED, Item, check_place
 
 HIGHEST_M = 83_000.0
 MISSION_FRAME = 2
@@ -43,72 +45,51 @@ def _side(value: float) -> float:
     return -1.0 if value < 0 else 1.0
 
 
-# MAV_CMD -> how its parameters 1 to 4 are kept; missing ones are not. Regions of interest, relays, mounts and cameras
-# are kept and do nothing.
-_KEPT: dict[int, tuple[Keep, ...]] = {
-    16: (_whole,),  # NAV_WAYPOINT
-    17: (_none, _none, _whole),  # NAV_LOITER_UNLIM
-    19: (_whole, _none, _side, _flag),  # NAV_LOITER_TIME
-    20: (),  # NAV_RETURN_TO_LAUNCH
-    21: (_whole, _none, _none, _side),  # NAV_LAND
-    22: (_whole,),  # NAV_TAKEOFF
-    31: (_none, _whole, _none, _flag),  # NAV_LOITER_TO_ALT
-    177: (_whole, _whole),  # DO_JUMP
-    178: (_whole, _single, _single),  # DO_CHANGE_SPEED
-    179: (_whole,),  # DO_SET_HOME
-    181: (_whole, _whole),  # DO_SET_RELAY
-    183: (_whole, _whole),  # DO_SET_SERVO
-    189: (),
-    195: (_whole,),  # DO_SET_ROI_LOCATION
-    197: (_whole,),  # DO_SET_ROI_NONE
-    201: (_whole,),  # DO_SET_ROI
-    203: (_whole, _whole, _whole, _whole),  # DO_DIGICAM_CONTROL
-    205: (_single, _single, _single),  # DO_MOUNT_CONTROL
-    206: (_single, _none, _whole),  # DO_SET_CAM_TRIGG_DIST
-    1000: (_whole, _whole, _whole, _whole),  # DO_GIMBAL_MANAGER_PITCHYAW
-    2000: (_whole, _single, _whole, _whole),  # IMAGE_START_CAPTURE
-    2001: (_whole,),
+class Kind(NamedTuple):
+    """A command: what STATUSTEXT calls it as it starts, and how its first parameters are kept; the others are lost."""
+
+    name: str
+    kept: tuple[Keep, ...] = ()
+
+
+# By MAV_CMD. Regions of interest, relays, mounts and cameras are kept and do nothing.
+KINDS: dict[int, Kind] = {
+    16: Kind("WP", (_whole,)),
+    17: Kind("LoitUnlim", (_none, _none, _whole)),
+    19: Kind("LoitTime", (_whole, _none, _side, _flag)),
+    20: Kind("RTL"),
+    21: Kind("Land", (_whole, _none, _none, _side)),
+    22: Kind("Takeoff", (_whole,)),
+    31: Kind("LoitAltitude", (_none, _whole, _none, _flag)),
+    177: Kind("Jump", (_whole, _whole)),
+    178: Kind("ChangeSpeed", (_whole, _single, _single)),
+    179: Kind("SetHome", (_whole,)),
+    181: Kind("SetRelay", (_whole, _whole)),
+    183: Kind("SetServo", (_whole, _whole)),
+    189: Kind("LandStart"),
+    195: Kind("SetROILocation", (_whole,)),
+    197: Kind("SetROINone", (_whole,)),
+    201: Kind("SetROI", (_whole,)),
+    203: Kind("DigiCamCtrl", (_whole, _whole, _whole, _whole)),
+    205: Kind("MountControl", (_single, _single, _single)),
+    206: Kind("SetCamTrigDst", (_single, _none, _whole)),
+    1000: Kind("GimbalPitchYaw", (_whole, _whole, _whole, _whole)),
+    2000: Kind("ImageStartCapture", (_whole, _single, _whole, _whole)),
+    2001: Kind("ImageStopCapture", (_whole,)),
 }
 _NAN_ALLOWED = {16: (3,), 17: (3,), 21: (3,), 22: (3,)}
-_INVALID_PARAM = (Result.INVALID_PARAM1, Result.INVALID_PARAM2, Result.INVALID_PARAM3, Result.INVALID_PARAM4)
-
-NAMES: dict[int, str] = {
-    16: "WP",
-    17: "LoitUnlim",
-    19: "LoitTime",
-    20: "RTL",
-    21: "Land",
-    22: "Takeoff",
-    31: "LoitAltitude",
-    177: "Jump",
-    178: "ChangeSpeed",
-    179: "SetHome",
-    181: "SetRelay",
-    183: "SetServo",
-    189: "LandStart",
-    195: "SetROILocation",
-    197: "SetROINone",
-    201: "SetROI",
-    203: "DigiCamCtrl",
-    205: "MountControl",
-    206: "SetCamTrigDst",
-    1000: "GimbalPitchYaw",
-    2000: "ImageStartCapture",
-    2001: "ImageStopCapture",
-}
-"""What STATUSTEXT calls a command that starts; "?" where there is no name here."""
 
 
-def stored(item: Item) -> Item | Result:
+def stored(item: Item) -> Item | MissionResult:
     """The item as it is kept, and given back by a download; or why it is not taken."""
-    if item.command not in _KEPT:
-        return Result.INVALID if item.command in (0, 1) else Result.UNSUPPORTED
+    if item.command not in KINDS:
+        return MissionResult.INVALID if item.command in (0, 1) else MissionResult.UNSUPPORTED
     allowed = _NAN_ALLOWED.get(item.command, ())
     for index, value in enumerate(item.params):
         if math.isinf(value) or (math.isnan(value) and index not in allowed):
-            return _INVALID_PARAM[index]
+            return MissionResult(MissionResult.INVALID_PARAM1 + index)
     given = [0.0 if math.isnan(value) else value for value in item.params]
-    kept = [keep(value) for keep, value in zip(_KEPT[item.command], given, strict=False)]
+    kept = [keep(value) for keep, value in zip(KINDS[item.command].kept, given, strict=False)]
     p1, p2, p3, p4 = kept + [0.0] * (4 - len(kept))
     bare = Item(command=item.command, p1=p1, p2=p2, p3=p3, p4=p4, frame=0, seq=item.seq)
     if item.command in LOCATED:
@@ -116,16 +97,16 @@ def stored(item: Item) -> Item | Result:
     return bare
 
 
-def _placed(item: Item, bare: Item) -> Item | Result:
+def _placed(item: Item, bare: Item) -> Item | MissionResult:
     bad = check_place(item)
-    if bad is not Result.ACCEPTED:
+    if bad is not MissionResult.ACCEPTED:
         return bad
     if not abs(item.z) < HIGHEST_M:
-        return Result.INVALID_PARAM7
+        return MissionResult.INVALID_PARAM7
     frames = ((ABSOLUTE, 0), (RELATIVE, 3), (TERRAIN, 10))
     frame = next((kept for group, kept in frames if item.frame in group), None)
     if frame is None:
-        return Result.UNSUPPORTED_FRAME
+        return MissionResult.UNSUPPORTED_FRAME
     # Altitudes are kept in whole centimetres.
     z = _single(int(_single(item.z * 100.0)) * 0.01)
     return msgspec.structs.replace(bare, frame=frame, x=item.x, y=item.y, z=z)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from zmav.sim.autopilots.ardupilot.state import INFO, VehicleState
+from zmav.sim.autopilots.ardupilot.state import VehicleState
 from zmav.sim.autopilots.pilot import Pilot, Sticks
 
 CHANNELS = 16
@@ -18,10 +18,6 @@ NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 FRAME_S = 0.02
 CONFIRMATIONS = 3  # throttle values in a row that start or end the failsafe
 USUAL_TIMEOUT_S = 1.0
-
-
-SWITCHES = {7: "SaveWaypoint"}  # RCn_OPTION of the real simulation's defaults; what a switch does is not simulated
-LOW_PWM, HIGH_PWM = 1200, 1800
 
 
 class Radio(Sticks):
@@ -37,7 +33,6 @@ class Radio(Sticks):
         self._next = self._heard = vehicle.now
         self._low = 0
         self._had_receiver = False
-        self._switches_told = False
 
     # ---- from the ground
 
@@ -54,16 +49,16 @@ class Radio(Sticks):
                 self.set_override(index, RELEASED if value == RELEASED_UPPER else value)
 
     def manual(self, msg: dict[str, Any]) -> None:
-        """Apply a MANUAL_CONTROL: sticks as -1000 to 1000, the throttle 0 to 1000. Negative thrust is not taken."""
-        if msg["z"] < 0:
+        """Apply a MANUAL_CONTROL by the vehicle's :attr:`~.VehicleState.AXES`; none with a thrust below the lowest."""
+        if any(name == "z" and msg["z"] < lowest for name, _, _, lowest in self._vehicle.AXES):
             return
-        axes = ((0, msg["y"], 1000, 2000), (1, -msg["x"] if msg["x"] != NO_AXIS else NO_AXIS, 1000, 2000))
-        for index, value, offset, scale in (*axes, (2, msg["z"], 0, 1000), (3, msg["r"], 1000, 2000)):
-            if value == NO_AXIS:
+        for name, index, sign, lowest in self._vehicle.AXES:
+            if msg[name] == NO_AXIS:
                 self.set_override(index, RELEASED)
                 continue
             low, high = (int(self._vehicle.params[f"RC{index + 1}_{end}"]) for end in ("MIN", "MAX"))
-            self.set_override(index, max(int(low + (high - low) * (value + offset) / scale), 0))
+            pwm = low + (high - low) * (sign * msg[name] - lowest) / (1000 - lowest)
+            self.set_override(index, max(int(pwm), 0))
 
     def set_override(self, index: int, pwm: int) -> None:
         self._overrides[index] = (pwm, self._vehicle.now)
@@ -147,15 +142,3 @@ class Radio(Sticks):
     def valid(self) -> bool:
         """The sticks may be believed."""
         return not self.lost and self._low == 0
-
-    def tell_switches(self) -> None:
-        """Say once after the boot how the auxiliary switches stand."""
-        if self._switches_told or not self.valid:
-            return
-        self._switches_told = True
-        for channel in range(5, len(self.pwm) + 1):
-            name = SWITCHES.get(int(self._vehicle.params[f"RC{channel}_OPTION"]))
-            pwm = self.pwm[channel - 1]
-            if name is not None and pwm:
-                stands = "LOW" if pwm < LOW_PWM else "HIGH" if pwm > HIGH_PWM else "MIDDLE"
-                self._vehicle.say(INFO, f"RC{channel}: {name} {stands}")

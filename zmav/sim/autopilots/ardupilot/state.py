@@ -14,7 +14,7 @@ from typing import ClassVar
 import msgspec
 
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Stage
-from zmav.sim.autopilots.ardupilot.mission import Mission, Performer
+from zmav.sim.autopilots.ardupilot.mission import Mission, Performer, State
 from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
 from zmav.sim.autopilots.base import Autopilot
 from zmav.sim.autopilots.items import Item
@@ -90,6 +90,13 @@ class VehicleState(Autopilot, ABC):
     STAGES: ClassVar[tuple[Stage, ...]] = STAGES
     """how it wakes up"""
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("FS_THR_ENABLE", "FS_THR_VALUE")
+    AXES: ClassVar[tuple[tuple[str, int, int, int], ...]] = (
+        ("y", 0, 1, -1000),
+        ("x", 1, -1, -1000),
+        ("z", 2, 1, 0),
+        ("r", 3, 1, -1000),
+    )
+    """of MANUAL_CONTROL: which channel (from 0) each moves, its sign, and its lowest value; the highest is 1000"""
     GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABLE", "FS_GCS_TIMEOUT")
 
     mode: Mode
@@ -224,6 +231,8 @@ class AutoMode(Mode, Performer):
 
     NAVIGATION: ClassVar[Collection[int]]
     """the commands that it flies or drives, one at a time; any other is done as soon as it is begun"""
+    waiting = False
+    """for an origin, to begin the mission then"""
 
     @property
     @abstractmethod
@@ -241,6 +250,18 @@ class AutoMode(Mode, Performer):
     @abstractmethod
     def change_speed(self, item: Item) -> None:
         """DO_CHANGE_SPEED."""
+
+    def leave(self) -> None:
+        if self.vehicle.mission.state is State.RUNNING:
+            self.vehicle.mission.stop()
+
+    def run_mission(self) -> None:
+        """Go on with it, or begin it."""
+        if not self.waiting:
+            self.vehicle.mission.update()
+        elif self.vehicle.boot.has("origin"):
+            self.waiting = False
+            self.vehicle.mission.start_or_resume()
 
     def start(self, item: Item) -> None:
         vehicle, command = self.vehicle, item.command

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import ArmingChecks
 from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
@@ -18,13 +18,12 @@ from zmav.sim.autopilots.ardupilot.fence import Fence, Rally
 from zmav.sim.autopilots.ardupilot.mission import Mission
 from zmav.sim.autopilots.ardupilot.radio import Radio
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, WARNING, Mode, Reactions
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Seat, Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
+from zmav.sim.fleets.base import Sense
 
 PREARM_REMINDER_S = 30.0
 TICK_S = 0.01
@@ -58,14 +57,15 @@ class ArduVehicle(ArmingChecks, ABC):
     """disarmed in AUTO it keeps its place in the mission"""
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Arming motors", "Disarming motors")
 
-    def __init__(self, params: ParamStore, sense: Sense, world: Position, ready_s: float) -> None:
-        super().__init__(params, sense, world)
+    def __init__(self, into: Installation[Any, Any]) -> None:
+        super().__init__(into)
+        params = self.params
         self.dt = 0.01
         self.report: Callable[[str], None] = lambda name: None  # a message of the reports, on every link
         self.reached: Callable[[int], None] = lambda seq: None  # a mission item
         self.learned: Callable[[str], None] = lambda name: None  # a parameter that it set by itself
         self.filter = Ekf3(self)
-        self._ready_s = ready_s
+        self._ready_s = into.ready_s
         self._ticks = 0
         self.pilot = Pilot()
         self.rc = Radio(self, self.pilot)
@@ -143,10 +143,6 @@ class ArduVehicle(ArmingChecks, ABC):
     def _battery_changed(self, name: str, value: float) -> None:
         if name in ("SIM_BATT_VOLTAGE", "SIM_BATT_CAP_AH"):
             self._fit_battery()
-
-    def sit(self, seat: Seat) -> None:
-        """Take the sensors of the body that it sits in."""
-        self.filter.attach(seat.belief())
 
     def _fit_battery(self) -> None:
         volts, capacity = self.params["SIM_BATT_VOLTAGE"], max(self.params["SIM_BATT_CAP_AH"], 0.0) * 1e3
@@ -350,8 +346,6 @@ class ArduVehicle(ArmingChecks, ABC):
         self.gcs.update()
         self.battery.update()
         self.ekf.update()
-        if self.boot.has("initialised"):
-            self.rc.tell_switches()
 
     def _wake(self, stage: Stage) -> None:
         for text in stage.text:

@@ -10,12 +10,10 @@ from typing import ClassVar
 from zmav.sim.autopilots.ardupilot.boot import Stage as BootStage
 from zmav.sim.autopilots.ardupilot.state import INFO
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.planetargets import GAINS, PlaneHandle, Stage
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.dynamics.wing import Wing
-from zmav.sim.fleets.base import Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
 INITIALISING = 16
 TURN = 5  # ticks: how often modes set their targets
@@ -71,23 +69,19 @@ class PlaneBase(ArduVehicle, ABC):
     RADIO_PARAMS: ClassVar[tuple[str, str]] = ("THR_FAILSAFE", "THR_FS_VALUE")
     GCS_PARAMS: ClassVar[tuple[str, str]] = ("FS_GCS_ENABL", "FS_LONG_TIMEOUT")
 
-    def __init__(
-        self, wing: Wing, params: ParamStore, sp: PlaneHandle, sense: Sense, world: Position, ready_s: float
-    ) -> None:
-        self.airframe = wing
-        self.sp = sp
-        self.eas2tas = sp.eas2tas
-        super().__init__(params, sense, world, ready_s)
+    def __init__(self, into: Installation[Wing, PlaneHandle]) -> None:
+        self.airframe, self.sp = into.airframe, into.setpoint
+        self.eas2tas = self.sp.eas2tas
+        super().__init__(into)
         for name in GAINS:
-            if name in params:
-                sp.gain(name, params[name])
+            if name in self.params:
+                self.sp.gain(name, self.params[name])
 
     def on_power(self) -> None:
         self._flying = 0.0
         self.flying_since = self.last_flying = self.now
         self.throttle_suppressed = self.taken_off = True
         self.takeoff_direction: float | None = None
-        self.fastest = 0.0
         self.airspeed_chosen: float | None = None
         self.sp.off()
 

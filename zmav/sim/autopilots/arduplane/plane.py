@@ -14,11 +14,10 @@ from zmav.sim.autopilots.arduplane.launch import Launch
 from zmav.sim.autopilots.arduplane.modes import Guided, PlaneMode, PlaneParts
 from zmav.sim.autopilots.arduplane.reactions import PlaneReactions
 from zmav.sim.autopilots.arduplane.way import Way
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.planetargets import PlaneHandle
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
 QUADPLANE_MODES = frozenset((17, 18, 19, 20, 21, 22, 23, 25))
 FLYING_EVERY = 20  # ticks: how often it asks itself whether it flies
@@ -37,13 +36,11 @@ class ArduPlane(PlaneParts):
     guided: Guided
     reactions: PlaneReactions
 
-    def __init__(
-        self, wing: Wing, params: ParamStore, sp: PlaneHandle, sense: Sense, world: Position, ready_s: float
-    ) -> None:
-        self.params, self.sense, self.now = params, sense, 0.0  # for those that look at once
+    def __init__(self, into: Installation[Wing, PlaneHandle]) -> None:
+        self.params, self.sense, self.now = into.params, into.sense, 0.0  # for those that look at once
         self.way, self.launch = Way(self), Launch(self)
         self.landing = Landing(self, self.way)
-        super().__init__(wing, params, sp, sense, world, ready_s)
+        super().__init__(into)
 
     def make_modes(self) -> list[Mode]:
         self.guided, self.auto = Guided(self), Auto(self)
@@ -168,4 +165,3 @@ class ArduPlane(PlaneParts):
             if not before:
                 self.flying_since = self.now
         self.landed = not self.flying
-        self.fastest = max(self.fastest, self.eas) if self.armed else 0.0

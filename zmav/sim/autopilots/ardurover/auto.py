@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.state import INFO, NOTICE, WARNING, AutoMode
 from zmav.sim.autopilots.ardurover.base import RoverBase
 from zmav.sim.autopilots.ardurover.modes import Loiter, RoverMode, Rtl
@@ -27,7 +26,6 @@ class Auto(RoverMode, AutoMode):
         self._under_way = False
         self._as: RoverMode | None = None
         """the mode that it drives as, once it is not under way by itself"""
-        self._waiting = False
         self._stay = 0
         self._there_at: float | None = None
 
@@ -41,17 +39,13 @@ class Auto(RoverMode, AutoMode):
 
     def enter(self) -> None:
         self.travel.begin()
-        self._under_way, self._as, self._waiting = False, None, True
-
-    def leave(self) -> None:
-        if self.rover.mission.state is State.RUNNING:
-            self.rover.mission.stop()
+        self._under_way, self._as, self.waiting = False, None, True
 
     def update(self) -> None:
         rover = self.rover
         if not rover.armed and not rover.mission.present:
             self._under_way, self._as = False, None
-        self._run_mission()
+        self.run_mission()
         if rover.mode is not self:
             return
         if self._as is not None:
@@ -60,14 +54,6 @@ class Auto(RoverMode, AutoMode):
             self.travel.update()
         else:
             rover.sp.stop()
-
-    def _run_mission(self) -> None:
-        rover = self.rover
-        if not self._waiting:
-            rover.mission.update()
-        elif rover.boot.has("origin"):
-            self._waiting = False
-            rover.mission.start_or_resume()
 
     # ---- what it tells
 

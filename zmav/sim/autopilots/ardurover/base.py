@@ -9,11 +9,9 @@ from typing import ClassVar
 
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Stage
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.base import Installation
 from zmav.sim.control.roversetpoints import BY_PARAM, Point, RoverHandle
 from zmav.sim.dynamics.roverframe import RoverFrame
-from zmav.sim.fleets.base import Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
 MAV_TYPE_GROUND_ROVER = 10
 _TEXTS: dict[str, tuple[str, ...]] = {
@@ -30,6 +28,8 @@ class RoverBase(ArduVehicle, ABC):
     """One rover, without the modes that drive it."""
 
     FIRMWARE: ClassVar[str] = "ArduRover"
+    FRAME = ""
+    MAV_TYPE = MAV_TYPE_GROUND_ROVER
     NOT_SIMULATED: ClassVar[Mapping[int, str]] = {
         1: "ACRO",
         3: "STEERING",
@@ -40,27 +40,17 @@ class RoverBase(ArduVehicle, ABC):
         12: "SMART_RTL",
     }
     MODE_PARAM: ClassVar[str] = "MODE"
+    AXES = (("y", 0, 1, -1000), ("z", 2, 1, -1000))  # the throttle goes both ways
     STAGES: ClassVar[tuple[Stage, ...]] = ROVER_STAGES
     HOME_ON_ARMING: ClassVar[bool] = False
     KEEPS_MISSION: ClassVar[bool] = True
     ARMING_TEXTS: ClassVar[tuple[str, str]] = ("Throttle armed", "Throttle disarmed")
 
-    def __init__(
-        self,
-        frame: RoverFrame,
-        params: ParamStore,
-        setpoint: RoverHandle,
-        sense: Sense,
-        world: Position,
-        ready_s: float,
-    ) -> None:
-        self.frame = self.airframe = frame
-        self.MAV_TYPE = MAV_TYPE_GROUND_ROVER
-        self.FRAME = ""
-        self.sp = setpoint
-        super().__init__(params, sense, world, ready_s)
+    def __init__(self, into: Installation[RoverFrame, RoverHandle]) -> None:
+        self.airframe, self.sp = into.airframe, into.setpoint
+        super().__init__(into)
         for name in BY_PARAM:
-            self.param_changed(name, params[name])
+            self.param_changed(name, self.params[name])
 
     # ---- what it knows
 

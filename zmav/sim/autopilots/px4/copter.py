@@ -14,8 +14,7 @@ from zmav.sim.autopilots.px4.navigator import Mission, Navigator
 from zmav.sim.autopilots.px4.offboard import Motion, Offboard
 from zmav.sim.autopilots.px4.sticks import Sticks
 from zmav.sim.control.setpoints import Spool
-from zmav.sim.dynamics.battery import BatteryHandle
-from zmav.sim.fleets.base import Seat, Sense
+from zmav.sim.fleets.base import Sense
 
 TICK_S = 0.01
 CHECK_EVERY, FENCE_EVERY = 10, 20  # ticks
@@ -59,14 +58,6 @@ class Px4Copter(Px4Parts):
         self._fused = True
         self.sp.spool(Spool.OFF)
         self.sp.limit("lean", self.params["MPC_TILTMAX_AIR"] * _DEGREES)
-
-    def plug(self, power: BatteryHandle) -> None:
-        """Take the battery of the body that it sits in."""
-        self.power = power
-
-    def sit(self, seat: Seat) -> None:
-        """Take the sensors of the body that it sits in."""
-        self.filter.attach(seat.belief())
 
     # ---- what it knows
 
@@ -239,7 +230,7 @@ class Px4Copter(Px4Parts):
             if isinstance(wish, Motion):
                 z, vz = wish.pos[2], wish.vel[2]
                 return (z is not None and z > self.sense.down + 0.1) or (z is None and vz is not None and vz > 0.1)
-            return wish is not None and wish.thrust < 0.6 * self.hover_thrust
+            return wish is not None and wish.thrust < 0.6 * self.airframe.hover_share
         if self.mode.manual:
             return not self.sticks.alive or self.sticks.descends(self.mode)
         return self.navigator.descends

@@ -16,23 +16,11 @@ from collections.abc import Iterator
 
 import msgspec
 
-from zmav.sim.autopilots.px4 import events
+from zmav.sim.autopilots.px4 import events, modes
 from zmav.sim.autopilots.px4.battery import Battery, Warning
 from zmav.sim.autopilots.px4.ekf import Ekf2
 from zmav.sim.autopilots.px4.items import Fence
-from zmav.sim.autopilots.px4.modes import (
-    ALTCTL,
-    DESCEND,
-    HOLD,
-    LAND,
-    MISSION,
-    OFFBOARD,
-    POSCTL,
-    RTL,
-    STABILIZED,
-    TERMINATION,
-    Mode,
-)
+from zmav.sim.autopilots.px4.modes import Mode
 from zmav.sim.autopilots.px4.navigator import Mission
 from zmav.sim.autopilots.px4.offboard import Offboard
 from zmav.sim.autopilots.px4.state import Px4State
@@ -92,15 +80,8 @@ class Demand(msgspec.Struct, frozen=True):
     waits: bool = True
 
 
-MODE_OF: dict[Action, Mode] = {
-    Action.POSCTL: POSCTL,
-    Action.ALTCTL: ALTCTL,
-    Action.STABILIZED: STABILIZED,
-    Action.HOLD: HOLD,
-    Action.RTL: RTL,
-    Action.LAND: LAND,
-    Action.DESCEND: DESCEND,
-}
+_FLYABLE = (modes.POSCTL, modes.ALTCTL, modes.STABILIZED, modes.HOLD, modes.RTL, modes.LAND, modes.DESCEND)
+MODE_OF: dict[Action, Mode] = {Action[mode.name]: mode for mode in _FLYABLE}
 # Where an action is not possible now, the next one that is takes its place.
 _LADDER = tuple(MODE_OF)
 _ESCAPABLE = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
@@ -191,11 +172,11 @@ class Failsafe:
     def can_run(self, mode: Mode) -> bool:
         """All that the mode needs is there; sticks are another matter."""
         copter = self._copter
-        if mode is OFFBOARD:
+        if mode is modes.OFFBOARD:
             return copter.offboard.alive
-        if mode is MISSION and not copter.mission.able:
+        if mode is modes.MISSION and not copter.mission.able:
             return False
-        if mode is RTL and not copter.has_home:
+        if mode is modes.RTL and not copter.has_home:
             return False
         return (copter.position_ok or not mode.position) and (copter.booted or not mode.height)
 
@@ -209,7 +190,7 @@ class Failsafe:
             self._drop(Ends.WITH_MODE)
         self._wait = max(self._wait - dt, 0.0)
         self._collect()
-        if self.action > Action.HOLD or not self.can_run(HOLD) or self._taken_over:
+        if self.action > Action.HOLD or not self.can_run(modes.HOLD) or self._taken_over:
             self._wait = 0.0
         self._select(asked)
 
@@ -219,7 +200,7 @@ class Failsafe:
         if self.action is Action.DISARM:
             return None
         if self.action is Action.TERMINATE:
-            return TERMINATION
+            return modes.TERMINATION
         return MODE_OF.get(self.action, self._copter.wanted)
 
     def _drop(self, ends: Ends) -> None:
@@ -266,7 +247,7 @@ class Failsafe:
         else:
             self._taken_over = False
         action = self._possible(action)
-        if self._copter.wanted is LAND and Action.RTL in (action, delayed) and self.can_run(LAND):
+        if self._copter.wanted is modes.LAND and Action.RTL in (action, delayed) and self.can_run(modes.LAND):
             action, delayed = Action.WARN, Action.NONE
         if action > max(self.action, Action.WARN):
             self._notify(worst, action, delayed)
@@ -289,7 +270,12 @@ class Failsafe:
         if missed and not copter.sticks.alive and not _excepted(wanted, p["COM_RCL_EXCEPT"]):
             yield from _link("pilot", int(p["NAV_RCL_ACT"]), Cause.PILOT)
         ground_known = self._ground_heard is not None  # who never had one does not miss it
-        if ground_known and self.ground_lost and wanted is not LAND and not _excepted(wanted, p["COM_DLL_EXCEPT"]):
+        if (
+            ground_known
+            and self.ground_lost
+            and wanted is not modes.LAND
+            and not _excepted(wanted, p["COM_DLL_EXCEPT"])
+        ):
             yield from _link("ground", int(p["NAV_DLL_ACT"]), Cause.GROUND)
         if copter.geofence.acts:
             yield _fence(int(p["GF_ACTION"]))
@@ -318,14 +304,14 @@ class Failsafe:
         """What flies where the mode asked for cannot; None where it can."""
         copter, mode = self._copter, self._copter.wanted
         action: Action | None = None
-        if mode is OFFBOARD and not copter.offboard.alive:
+        if mode is modes.OFFBOARD and not copter.offboard.alive:
             rule = int(copter.params["COM_OBL_RC_ACT"])
             action = OFFBOARD_LOSS[rule] if 0 <= rule < len(OFFBOARD_LOSS) else Action.POSCTL
-            mode = MODE_OF.get(action, TERMINATION)
-        if mode is POSCTL and not self.can_run(mode):
-            action, mode = Action.ALTCTL, ALTCTL
-        if mode is ALTCTL and not self.can_run(mode):
-            action, mode = Action.STABILIZED, STABILIZED
+            mode = MODE_OF.get(action, modes.TERMINATION)
+        if mode is modes.POSCTL and not self.can_run(mode):
+            action, mode = Action.ALTCTL, modes.ALTCTL
+        if mode is modes.ALTCTL and not self.can_run(mode):
+            action, mode = Action.STABILIZED, modes.STABILIZED
         return Action.RTL if not self.can_run(mode) else action
 
     # ---- words
@@ -350,7 +336,7 @@ class Failsafe:
 
 def _excepted(mode: Mode, mask: float) -> bool:
     """COM_RCL_EXCEPT and COM_DLL_EXCEPT: modes that go on without the link."""
-    bit = 1 if mode is MISSION else 2 if mode.auto else 4 if mode is OFFBOARD else 0
+    bit = 1 if mode is modes.MISSION else 2 if mode.auto else 4 if mode is modes.OFFBOARD else 0
     return bool(int(mask) & bit)
 
 

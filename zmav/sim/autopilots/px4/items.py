@@ -14,7 +14,8 @@ from typing import ClassVar, NamedTuple
 
 import msgspec
 
-from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Area, Item, Result, WholeList, areas_of, check_place
+from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.items import FENCE, MISSION, RALLY, Area, Item, WholeList, areas_of, check_place
 from zmav.sim.autopilots.px4 import events
 from zmav.sim.autopilots.px4.state import Px4State
 from zmav.sim.control.setpoints import Vector
@@ -38,9 +39,9 @@ class Px4Items(WholeList):
     placed: ClassVar[set[int]]
     opaque_id = 0
 
-    def kept(self, item: Item) -> Item | Result:
+    def kept(self, item: Item) -> Item | MissionResult:
         verdict = self._judge(item)
-        return msgspec.structs.replace(item, current=0) if verdict is Result.ACCEPTED else verdict
+        return msgspec.structs.replace(item, current=0) if verdict is MissionResult.ACCEPTED else verdict
 
     def changed(self) -> None:
         sums = 0
@@ -49,19 +50,19 @@ class Px4Items(WholeList):
             sums = zlib.crc32(numbers, sums)
         self.opaque_id = (sums or 1) if self.items else 0
 
-    def _judge(self, item: Item) -> Result:
+    def _judge(self, item: Item) -> MissionResult:
         if item.command not in self.known:
-            return Result.UNSUPPORTED
+            return MissionResult.UNSUPPORTED
         if item.frame not in (*ABSOLUTE, *RELATIVE, MISSION_FRAME):
-            return Result.UNSUPPORTED_FRAME
+            return MissionResult.UNSUPPORTED_FRAME
         if item.frame == MISSION_FRAME:
             # An action: x, y and z are parameters like the others, NaN where not used. "No region of interest" is one.
-            return Result.UNSUPPORTED if item.command in self.placed - {201} else Result.ACCEPTED
+            return MissionResult.UNSUPPORTED if item.command in self.placed - {201} else MissionResult.ACCEPTED
         if item.command not in self.placed:
-            return Result.UNSUPPORTED
+            return MissionResult.UNSUPPORTED
         if not math.isfinite(item.z):
-            return Result.INVALID_PARAM7
-        return check_place(item) if item.x != _NO_PLACE else Result.ACCEPTED
+            return MissionResult.INVALID_PARAM7
+        return check_place(item) if item.x != _NO_PLACE else MissionResult.ACCEPTED
 
 
 class MissionItems(Px4Items):

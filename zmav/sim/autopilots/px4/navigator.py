@@ -223,17 +223,6 @@ class Navigator:
         return self.target or (sense.north, sense.east, sense.down)
 
     @property
-    def way_home_s(self) -> float:
-        """Seconds that a return to home would take, by its legs and with PX4's margins."""
-        copter, sense, p = self._copter, self._copter.sense, self._copter.params
-        north, east, down = copter.home_world
-        away, height = math.hypot(north - sense.north, east - sense.east), down - sense.down
-        up = max(self._return_height() - height, 0.0) if away > CLOSE_M else 0.0
-        slow = p["MPC_LAND_SPEED"]
-        takes = up / p["MPC_Z_V_AUTO_UP"] + away / p["MPC_XY_CRUISE"] + max(height + up, 0.0) / max(slow, 0.1)
-        return float(takes * p["RTL_TIME_FACTOR"] + p["RTL_TIME_MARGIN"])
-
-    @property
     def lifts(self) -> bool:
         """A standing vehicle is to leave the ground."""
         mission = self._mission

@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from zmav.sim.autopilots.base import Autopilot
+from zmav.sim.autopilots.base import Autopilot, Installation
 from zmav.sim.autopilots.px4.events import Event
 from zmav.sim.autopilots.px4.modes import HOLD, Mode
 from zmav.sim.autopilots.px4.tuning import Tuning
 from zmav.sim.control.setpoints import Axis, SetpointHandle
 from zmav.sim.dynamics.airframe import Airframe
-from zmav.sim.fleets.base import Sense
-from zmav.sim.geo import Position
-from zmav.sim.protocol.params import ParamStore
 
 REAL_READY_S = 4.0  # from boot to arming, as measured: it is not slower where an ArduPilot beside it is
 HOME_SHARE = 0.9  # of that, home is known
@@ -33,20 +30,12 @@ class Px4State(Autopilot, ABC):
     where one acts. ``event`` is the protocol's.
     """
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        params: ParamStore,
-        setpoint: SetpointHandle,
-        sense: Sense,
-        world: Position,
-        ready_s: float,
-    ) -> None:
-        super().__init__(params, sense, world)
-        self.airframe, self.sp = airframe, setpoint
+    def __init__(self, into: Installation[Airframe, SetpointHandle]) -> None:
+        super().__init__(into)
+        self.airframe, self.sp = into.airframe, into.setpoint
         self.event: Callable[[Event, bytes], None] = lambda event, arguments: None
-        self.tuning = Tuning(params, setpoint, airframe)
-        self._ready_s = min(ready_s, REAL_READY_S)
+        self.tuning = Tuning(self.params, self.sp, self.airframe)
+        self._ready_s = min(into.ready_s, REAL_READY_S)
         self.wanted: Mode = HOLD
         self.mode: Mode = HOLD
         self.armed_at = 0.0
@@ -99,11 +88,6 @@ class Px4State(Autopilot, ABC):
     @abstractmethod
     def touched_down(self) -> None:
         """The land detector has it on the ground."""
-
-    @property
-    def hover_thrust(self) -> float:
-        """Share of full thrust that carries the weight."""
-        return self.airframe.hover_thrust_n / self.airframe.thrust_max_n
 
     def stop_here(self) -> None:
         """Brake to a stop and stay there, nose as it is."""

@@ -113,7 +113,7 @@ class Sticks:
         if mode is ALTCTL:
             self._by_climb()
         else:
-            hover = copter.hover_thrust
+            hover = copter.airframe.hover_share
             sp.direct_thrust(throttle * 2 * hover if throttle < 0.5 else hover + (throttle - 0.5) * 2 * (1.0 - hover))
 
     def _by_speed(self, roll: float, pitch: float) -> None:

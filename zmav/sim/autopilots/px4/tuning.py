@@ -67,7 +67,7 @@ class Tuning:
         """What the thrust estimator finds while it flies (MPC_USE_HTE), or what the parameter says."""
         frame = self._airframe
         if self._params["MPC_USE_HTE"]:
-            return frame.hover_thrust_n / frame.thrust_max_n
+            return frame.hover_share
         return min(max(self._params["MPC_THR_HOVER"], 0.1), 0.8)
 
 
@@ -83,7 +83,7 @@ def rows_for(airframe: Airframe) -> tuple[tuple[str, float, int], ...]:
         ("CA_FAILURE_MODE", 1, _INT),
         ("CA_ROTOR_COUNT", len(airframe.rotors), _INT),
         ("THR_MDL_FAC", airframe.thrust_expo, _FLOAT),
-        ("MPC_THR_HOVER", round(airframe.hover_thrust_n / airframe.thrust_max_n, 2), _FLOAT),
+        ("MPC_THR_HOVER", round(airframe.hover_share, 2), _FLOAT),
     ]
     for i, rotor in enumerate(airframe.rotors):
         rows += [

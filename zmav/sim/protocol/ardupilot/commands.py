@@ -10,44 +10,25 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.ardupilot.mission import State
 from zmav.sim.autopilots.ardupilot.state import Target
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.ardupilot.setpoint import point
-from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
-from zmav.sim.protocol.channel import (
-    ACCEPTED,
-    CHANGE_MODE,
-    COMMAND_INT_ONLY,
-    CUSTOM_MODE,
-    DENIED,
-    FAILED,
-    FORCE,
-    TEMPORARILY_REJECTED,
-    UNSUPPORTED,
-    Command,
-)
+from zmav.sim.protocol.base import SHARED_HANDLERS, Handler, send_message
+from zmav.sim.protocol.channel import CHANGE_MODE, CUSTOM_MODE, FORCE, Command
 
 _E7 = 1e7
 _AUTO = 3
 Handlers = Mapping[int, Handler]
 
 
-def _arm_disarm(node: ArduNode, c: Command) -> int:
-    forced = round(c.p2) == FORCE
-    if c.p1 == 1:
-        return node.vehicle.arm(forced=forced)
-    if c.p1 == 0:
-        return node.vehicle.disarm(forced=forced)
-    return UNSUPPORTED
-
-
 def _set_mode(node: ArduNode, c: Command) -> int:
     if not int(c.p1) & CUSTOM_MODE:
-        return DENIED
+        return CommandResult.DENIED
     done = node.vehicle.set_mode(int(c.p2))
-    return UNSUPPORTED if int(c.p2) in node.vehicle.NOT_SIMULATED else done
+    return CommandResult.UNSUPPORTED if int(c.p2) in node.vehicle.NOT_SIMULATED else done
 
 
 def enter(number: int) -> Handler:
@@ -58,13 +39,13 @@ def enter(number: int) -> Handler:
 
 def _request_version(node: ArduNode, c: Command) -> int:
     if c.p1 != 1:
-        return DENIED
+        return CommandResult.DENIED
     return send_message(node, c, "AUTOPILOT_VERSION")
 
 
 def _get_home(node: ArduNode, c: Command) -> int:
     if not node.vehicle.boot.has("origin"):
-        return FAILED
+        return CommandResult.FAILED
     return send_message(node, c, "HOME_POSITION")
 
 
@@ -73,9 +54,9 @@ def _set_home(node: ArduNode, c: Command) -> int:
     if c.p1 == 1 or (x == 0 and y == 0):
         return node.vehicle.move_home(None, lock=True)
     if c.p1 != 0:
-        return FAILED
+        return CommandResult.FAILED
     where = place(node, x, y, c.z, c.frame if c.as_int else 0)
-    return DENIED if where is None else node.vehicle.move_home(where, lock=True)
+    return CommandResult.DENIED if where is None else node.vehicle.move_home(where, lock=True)
 
 
 def place(node: ArduNode, x: float, y: float, z: float, frame: int) -> tuple[float, float, float] | None:
@@ -95,78 +76,86 @@ def _aim(node: ArduNode, c: Command, where: Vector) -> bool:
     return True
 
 
-def reposition(node: ArduNode, c: Command, go: Go = _aim, *, unasked: int = DENIED, outside: int = FAILED) -> int:
+def reposition(
+    node: ArduNode,
+    c: Command,
+    go: Go = _aim,
+    *,
+    unasked: int = CommandResult.DENIED,
+    outside: int = CommandResult.FAILED,
+) -> int:
     """DO_REPOSITION; ``unasked``, ``outside``: the verdicts without the flag to enter GUIDED, and beyond the fence."""
     if not c.as_int:
-        return COMMAND_INT_ONLY
+        return CommandResult.COMMAND_INT_ONLY
     vehicle = node.vehicle
     where = place(node, c.x, c.y, c.z, c.frame)
     if where is None or (c.x == 0 and c.y == 0):
-        return DENIED
+        return CommandResult.DENIED
     if not vehicle.takes_targets and not (math.isfinite(c.p2) and int(c.p2) & CHANGE_MODE):
         return unasked
     if not vehicle.fence.allows(where):
         return outside
     if not vehicle.takes_targets and not vehicle.set_mode(vehicle.guided.number):
-        return FAILED
-    return ACCEPTED if go(node, c, where) else FAILED
+        return CommandResult.FAILED
+    return CommandResult.ACCEPTED if go(node, c, where) else CommandResult.FAILED
 
 
 def _change_speed(node: ArduNode, c: Command) -> int:
     limit = {0: "speed", 1: "speed", 2: "speed_up", 3: "speed_down"}.get(int(c.p1))
     if c.p2 <= 0:
-        return DENIED
+        return CommandResult.DENIED
     if limit is None or not node.vehicle.mode.changes_speed:
-        return FAILED
+        return CommandResult.FAILED
     node.vehicle.change_speed(limit, c.p2)
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _run_prearm(node: ArduNode, c: Command) -> int:
     if node.vehicle.armed:
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     node.say_prearm()
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _reboot(node: ArduNode, c: Command) -> int:
     if c.p1 not in (1, 3):
-        return UNSUPPORTED
+        return CommandResult.UNSUPPORTED
     if node.vehicle.armed and round(c.y) != FORCE:
-        return FAILED
+        return CommandResult.FAILED
     node.reboot_after_ack()
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _mission_start(node: ArduNode, c: Command) -> int:
     """AUTO, and off the ground with the throttle stick down too."""
     if c.p1 or c.p2:
-        return DENIED
+        return CommandResult.DENIED
     vehicle = node.vehicle
     if not vehicle.set_mode(_AUTO):
-        return FAILED
+        return CommandResult.FAILED
     vehicle.auto_armed = vehicle.armed
     if vehicle.mission.state is not State.RUNNING:
         vehicle.mission.start_or_resume()
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _set_current(node: ArduNode, c: Command) -> int:
     """DO_SET_MISSION_CURRENT; ``p2`` 1: with the jumps' counters back at zero, and running again."""
     mission, seq = node.vehicle.mission, int(c.p1)
     if not 0 <= seq < len(mission):
-        return DENIED
+        return CommandResult.DENIED
     again = c.p2 == 1
     if again:
         mission.reset()
     if not mission.set_current(seq):
-        return FAILED
+        return CommandResult.FAILED
     if again:
         mission.resume()
     return send_message(node, c, "MISSION_CURRENT")
 
 
 HANDLERS: Handlers = {
+    **SHARED_HANDLERS,
     176: _set_mode,
     178: _change_speed,
     179: _set_home,
@@ -176,12 +165,8 @@ HANDLERS: Handlers = {
     224: _set_current,
     246: _reboot,
     300: _mission_start,
-    400: _arm_disarm,
     401: _run_prearm,
     410: _get_home,
-    510: get_interval,
-    511: set_interval,
-    512: request_message,
     520: _request_version,
-    42428: lambda node, c: node.banner(c.channel) or ACCEPTED,
+    42428: lambda node, c: node.banner(c.channel) or CommandResult.ACCEPTED,
 }

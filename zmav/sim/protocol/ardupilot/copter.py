@@ -6,20 +6,21 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.sim.protocol.ardupilot import commands
 from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.reports import REPORTS
 from zmav.sim.protocol.base import Report
-from zmav.sim.protocol.channel import DENIED, RELATIVE_ALT, Command
+from zmav.sim.protocol.channel import RELATIVE_ALT, Command
 
 _LOITER, _RTL, _LAND = 5, 6, 9
 
 
 def _takeoff(node: MavNode[ArduCopter], c: Command) -> int:
     if c.frame != RELATIVE_ALT:
-        return DENIED
+        return CommandResult.DENIED
     return math.isfinite(c.z) and node.vehicle.take_off(c.z)
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from zmav.sim.autopilots.items import MISSION, Item, ItemStore, Result
+from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.items import MISSION, Item, ItemStore
 from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
 WARNING, INFO = 4, 6  # MAV_SEVERITY
@@ -29,7 +30,7 @@ class MissionProtocol(ItemPart):
         stores: Sequence[ItemStore],
         say: Callable[[int, str], None],
         now: Callable[[], float],
-        guided: Callable[[Item], Result],
+        guided: Callable[[Item], MissionResult],
     ) -> None:
         super().__init__(stores, say, now)
         self._guided = guided
@@ -38,7 +39,7 @@ class MissionProtocol(ItemPart):
 
     def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if kind in self._uploads:
-            acknowledge(client, Result.DENIED, kind)
+            acknowledge(client, MissionResult.DENIED, kind)
         else:
             client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
 
@@ -46,11 +47,11 @@ class MissionProtocol(ItemPart):
         if kind not in self.stores:
             return
         if as_int and kind in self._uploads:
-            acknowledge(client, Result.DENIED, kind)
+            acknowledge(client, MissionResult.DENIED, kind)
             return
         item = self.stores[kind].read(msg["seq"])
-        if isinstance(item, Result):
-            if as_int and item is Result.INVALID_SEQUENCE:
+        if isinstance(item, MissionResult):
+            if as_int and item is MissionResult.INVALID_SEQUENCE:
                 client.reply("MISSION_COUNT", count=len(self.stores[kind]), mission_type=kind)
             acknowledge(client, item, kind)
             return
@@ -63,11 +64,11 @@ class MissionProtocol(ItemPart):
             return
         store, count = self.stores[kind], msg["count"]
         if count > store.most:
-            acknowledge(client, Result.NO_SPACE, kind)
+            acknowledge(client, MissionResult.NO_SPACE, kind)
             self._say(WARNING, f"Only {store.most} items are supported")
             return
         result = store.open(count)
-        if result is not Result.ACCEPTED:
+        if result is not MissionResult.ACCEPTED:
             acknowledge(client, result, kind)
         elif count == 0:
             self._complete(client, kind)
@@ -76,22 +77,22 @@ class MissionProtocol(ItemPart):
 
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if kind not in self.stores:
-            acknowledge(client, Result.UNSUPPORTED, kind)
+            acknowledge(client, MissionResult.UNSUPPORTED, kind)
             return
         # A stranger is told twice: that the upload is another's, and that nothing was cleared.
         cleared = self._may_restart(client, kind) and self.stores[kind].clear()
-        acknowledge(client, Result.ACCEPTED if cleared else Result.ERROR, kind)
+        acknowledge(client, MissionResult.ACCEPTED if cleared else MissionResult.ERROR, kind)
 
     def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
         item = read_item(msg, as_int=as_int)
-        if isinstance(item, Result):
+        if isinstance(item, MissionResult):
             acknowledge(client, item, kind)
         elif kind == MISSION and item.current in (_GUIDED, _CHANGE_ALT):
             acknowledge(client, self._guided(item), MISSION)
         elif kind not in self.stores:
-            acknowledge(client, Result.UNSUPPORTED, kind)
+            acknowledge(client, MissionResult.UNSUPPORTED, kind)
         elif kind not in self._uploads:
-            acknowledge(client, Result.ERROR, kind)
+            acknowledge(client, MissionResult.ERROR, kind)
         else:
             self._take(client, kind, item)
 
@@ -100,15 +101,15 @@ class MissionProtocol(ItemPart):
         # Answers go to the link of the upload, no matter who sent the item.
         client = Client(upload.client.channel, client.sender)
         if item.seq != upload.next:
-            acknowledge(client, Result.INVALID_SEQUENCE, kind)
+            acknowledge(client, MissionResult.INVALID_SEQUENCE, kind)
             return
         if client.sender != upload.client.sender:
-            acknowledge(client, Result.DENIED, kind)
+            acknowledge(client, MissionResult.DENIED, kind)
             return
         # A mission grows as it comes; fences and points are put together first.
         fits = kind != MISSION or item.seq <= len(store)
-        result = store.put(item, upload.last) if fits else Result.ERROR
-        if result is not Result.ACCEPTED:
+        result = store.put(item, upload.last) if fits else MissionResult.ERROR
+        if result is not MissionResult.ACCEPTED:
             acknowledge(client, result, kind)
             self.drop(kind)
             return
@@ -126,7 +127,7 @@ class MissionProtocol(ItemPart):
         if upload is None:
             return True
         if upload.client.sender != client.sender:
-            acknowledge(client, Result.DENIED, kind)
+            acknowledge(client, MissionResult.DENIED, kind)
             return False
         self.drop(kind)
         return True
@@ -140,4 +141,4 @@ class MissionProtocol(ItemPart):
     def gave_up(self, upload: Upload, kind: int) -> None:
         title = self.stores[kind].title
         upload.client.channel.send("STATUSTEXT", severity=WARNING, text=f"{title} upload timeout")
-        acknowledge(upload.client, Result.OPERATION_CANCELLED, kind)
+        acknowledge(upload.client, MissionResult.OPERATION_CANCELLED, kind)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 from zmav.mavlink.dialect import Dialect
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.protocol.ardupilot import setpoint
@@ -17,7 +18,7 @@ from zmav.sim.protocol.ardupilot.setpoint import guided_item
 from zmav.sim.protocol.ardupilot.signing import SigningPart
 from zmav.sim.protocol.ardupilot.storage import Storage
 from zmav.sim.protocol.base import GIT_HASH, Node, Target
-from zmav.sim.protocol.channel import FAILED, Channel, Command, Sender
+from zmav.sim.protocol.channel import Channel, Command, Sender
 from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
@@ -30,7 +31,7 @@ class MavNode(Node, Generic[V_co]):
     """Speaks for one :class:`ArduVehicle`; a kind of vehicle adds the commands that only it knows."""
 
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
-    REFUSED: ClassVar[int] = FAILED
+    REFUSED: ClassVar[int] = CommandResult.FAILED
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (
         *(84, 85, 115, 181, 182, 184, 186, 189, 191, 193, 194, 195, 197, 201, 203, 204, 205, 206, 207, 209, 218, 245),
         *(601, 1000, 2000, 2001, 43000, 43001, 43002),

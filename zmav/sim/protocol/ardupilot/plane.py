@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.arduplane.base import INITIALISING
 from zmav.sim.autopilots.arduplane.modes import PlaneMode
 from zmav.sim.autopilots.arduplane.plane import ArduPlane
@@ -20,12 +21,10 @@ from zmav.sim.protocol.ardupilot import reports as common
 from zmav.sim.protocol.ardupilot.commands import Handlers
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.base import Fields, Handler, Report, Target
-from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, Command
-from zmav.sim.protocol.reports import boot_us
+from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL, _LOITER = 10, 11, 12
 _NO_ROLL, _NO_PITCH, _NO_YAW, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128  # ATTITUDE_TARGET_TYPEMASK
-_ARMED, _MANUAL_INPUT, _STABILIZE, _GUIDED, _CUSTOM = 128, 64, 16, 8, 1  # MAV_MODE_FLAG
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
 _PRESENT, _ENABLED, _HEALTHY = 0x1361FC1F, 0x1241801F, 0x0311800F
 _AIRSPEED, _GPS, _AHRS, _PREARM = 0x10, 0x20, 0x00200000, 0x10000000
@@ -44,7 +43,7 @@ def _go(number: int) -> Handler:
 
     def handler(node: MavNode[ArduPlane], c: Command) -> int:
         node.vehicle.set_mode(number)
-        return ACCEPTED
+        return CommandResult.ACCEPTED
 
     return handler
 
@@ -52,7 +51,7 @@ def _go(number: int) -> Handler:
 def _change_speed(node: MavNode[ArduPlane], c: Command) -> int:
     plane = node.vehicle
     if not plane.mode.changes_speed:
-        return FAILED
+        return CommandResult.FAILED
     return math.isfinite(c.p1) and math.isfinite(c.p2) and plane.ask_speed(int(c.p1), c.p2)
 
 
@@ -66,10 +65,14 @@ HANDLERS: Handlers = {
     **commands.HANDLERS,
     17: _go(_LOITER),  # NAV_LOITER_UNLIM
     20: _go(_RTL),  # NAV_RETURN_TO_LAUNCH
-    22: lambda node, c: FAILED,  # NAV_TAKEOFF, for planes that hover
+    22: lambda node, c: CommandResult.FAILED,  # NAV_TAKEOFF, for planes that hover
     178: _change_speed,
-    192: lambda node, c: commands.reposition(node, c, _circle, unasked=FAILED, outside=DENIED),
-    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or ACCEPTED,
+    192: lambda node, c: commands.reposition(
+        node, c, _circle, unasked=CommandResult.FAILED, outside=CommandResult.DENIED
+    ),
+    300: lambda node, c: (
+        CommandResult.DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO) or CommandResult.ACCEPTED
+    ),
 }
 
 
@@ -97,14 +100,9 @@ def _attitude_target(plane: ArduPlane, msg: dict[str, Any]) -> None:
 
 def heartbeat(node: MavNode[ArduPlane]) -> Fields:
     plane = node.vehicle
-    mode = _STABILIZE | _CUSTOM
-    if plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0:
-        mode |= _MANUAL_INPUT
-    if isinstance(plane.mode, PlaneMode) and plane.mode.navigates:
-        mode |= _GUIDED
-    if plane.armed:
-        mode |= _ARMED
-    return {**common.heartbeat(node), "base_mode": mode}
+    mixes = plane.mode.number != INITIALISING and plane.params["STICK_MIXING"] > 0
+    navigates = isinstance(plane.mode, PlaneMode) and plane.mode.navigates
+    return common.heartbeat_with(node, manual=mixes, stabilised=True, guided=navigates)
 
 
 def sys_status(node: MavNode[ArduPlane]) -> Fields:
@@ -128,24 +126,6 @@ def airspeed(node: MavNode[ArduPlane]) -> Fields:
     """Of the pitot tube: equivalent, and the pressure behind it in pascals."""
     eas = node.vehicle.eas
     return {"airspeed": eas, "temperature": _NO_TEMPERATURE, "raw_press": eas * eas / 2.0, "flags": 2}
-
-
-def aoa_ssa(node: MavNode[ArduPlane]) -> Fields:
-    """Angles of the flow, degrees, from the estimates of wind and attitude; nothing where it does not move."""
-    plane, s = node.vehicle, node.vehicle.sense
-    if plane.eas < plane.params["AIRSPEED_MIN"]:
-        return {"time_usec": boot_us(node), "AOA": 0.0, "SSA": 0.0}
-    wind = node.seat.wind
-    north, east, down = s.vn - wind[0], s.ve - wind[1], s.vd - wind[2]
-    w, x, y, z = s.qw, s.qx, s.qy, s.qz
-    forward = (1 - 2 * (y * y + z * z)) * north + 2 * (x * y + w * z) * east + 2 * (x * z - w * y) * down
-    right = 2 * (x * y - w * z) * north + (1 - 2 * (x * x + z * z)) * east + 2 * (y * z + w * x) * down
-    below = 2 * (x * z + w * y) * north + 2 * (y * z - w * x) * east + (1 - 2 * (x * x + y * y)) * down
-    return {
-        "time_usec": boot_us(node),
-        "AOA": math.degrees(math.atan2(below, forward)),
-        "SSA": math.degrees(math.atan2(right, math.hypot(forward, below))),
-    }
 
 
 def nav_controller_output(node: MavNode[ArduPlane]) -> Fields | None:
@@ -177,7 +157,7 @@ def servo_output_raw(node: MavNode[ArduPlane]) -> Fields:
     for index, value in enumerate(node.seat.outputs()):
         pulse = _motor_pulse if index == MOTOR else common.centred_pulse
         outputs[index] = pulse(node, index + 1, value)
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+    return reports.numbered("servo{}_raw", outputs)
 
 
 def _motor_pulse(node: MavNode[ArduPlane], channel: int, value: float) -> int:
@@ -227,7 +207,6 @@ REPORTS: dict[str, Report] = {
     "SYS_STATUS": sys_status,
     "VFR_HUD": vfr_hud,
     "AIRSPEED": airspeed,
-    "AOA_SSA": aoa_ssa,
     "NAV_CONTROLLER_OUTPUT": nav_controller_output,
     "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
     "POSITION_TARGET_LOCAL_NED": lambda node: None,

@@ -20,7 +20,7 @@ from zmav.sim.geo import Position
 from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import GIT_HASH, Fields, Report
-from zmav.sim.protocol.reports import axes, boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.protocol.reports import axes, centidegrees, e7, int16, numbered
 from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
 
@@ -49,7 +49,7 @@ _SENSORS_BOOTING = 0x5331FC0F, 0x52019C0F, 0x45119C0B
 def global_position_int(node: ArduNode) -> Fields:
     vehicle, s = node.vehicle, node.vehicle.sense
     if not vehicle.boot.has("gps"):
-        return {"time_boot_ms": boot_ms(node), "hdg": centidegrees(s.yaw)}
+        return {"hdg": centidegrees(s.yaw)}
     return base.global_position_int(node)
 
 
@@ -108,7 +108,7 @@ def position_target_local_ned(node: ArduNode) -> Fields | None:
     if vehicle.mode is not guided or guided.doing in (Doing.HOLD, Doing.ATTITUDE):
         return None
     mask = 0xC00  # yaw and yaw rate
-    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1}
+    fields: Fields = {"coordinate_frame": 1}
     north, east, down = vehicle.origin_world
     pos = guided.target.pos
     about = (pos[0] - north, pos[1] - east, pos[2] - down) if pos is not None else None
@@ -135,25 +135,10 @@ def target_place(node: ArduNode, pos: Vector | None) -> Fields | None:
         return None
     place = node.vehicle.place(pos)
     return {
-        "time_boot_ms": boot_ms(node),
         "type_mask": 0xFDF8,
         "lat_int": e7(place.lat_deg),
         "lon_int": e7(place.lon_deg),
         "alt": place.alt_amsl_m,
-    }
-
-
-def simstate(node: ArduNode) -> Fields:
-    vehicle, s = node.vehicle, node.vehicle.sense
-    true: Position = vehicle.place((s.true_north, s.true_east, s.true_down))
-    return {
-        "roll": s.roll,
-        "pitch": s.pitch,
-        "yaw": s.yaw,
-        **axes("{}acc", (s.fx, s.fy, s.fz)),
-        **axes("{}gyro", (s.p, s.q, s.r)),
-        "lat": e7(true.lat_deg),
-        "lng": e7(true.lon_deg),
     }
 
 
@@ -178,7 +163,7 @@ def ahrs2(node: ArduNode) -> Fields | None:
 def gps_raw_int(node: ArduNode) -> Fields:
     fix = node.seat.fix() if node.vehicle.boot.has("gps") else None
     if fix is None:
-        return {"eph": 65535, "epv": 65535}
+        return {"time_usec": 0, "eph": 65535, "epv": 65535}
     return {
         **base.gps_raw_int(node, fix),
         "fix_type": _RTK if fix.fix_type >= 3 else fix.fix_type,
@@ -208,7 +193,6 @@ def compass(seen: Readings) -> Fields:
 def scaled_pressure(node: ArduNode) -> Fields:
     seen = node.seat.readings()
     return {
-        "time_boot_ms": boot_ms(node),
         "press_abs": seen.pressure_hpa,
         "press_diff": _pitot(node, seen),
         "temperature": 3100,
@@ -234,21 +218,11 @@ def distance_sensor(node: ArduNode) -> Fields | None:
         return None
     metres = node.seat.readings().range_m
     return {
-        "time_boot_ms": boot_ms(node),
         "min_distance": round(RANGE_MIN_M * 100),
         "max_distance": round(RANGE_MAX_M * 100),
         "current_distance": 0 if math.isnan(metres) else round(metres * 100),
         "orientation": _DOWNWARD,
     }
-
-
-def terrain_report(node: ArduNode) -> Fields | None:
-    """The flat ground, as one who has no terrain data says it."""
-    vehicle = node.vehicle
-    if not vehicle.boot.has("gps"):
-        return {"spacing": 100, "pending": 56}
-    here = vehicle.position
-    return {"lat": e7(here.lat_deg), "lon": e7(here.lon_deg), "current_height": here.alt_amsl_m, "pending": 504}
 
 
 def esc_telemetry(node: ArduNode) -> Fields:
@@ -267,22 +241,20 @@ def esc_telemetry(node: ArduNode) -> Fields:
 
 def vibration(node: ArduNode) -> Fields:
     level = (0.02 if not node.vehicle.landed else 0.003) + node.seat.vibration
-    axes = {f"vibration_{axis}": level for axis in "xyz"}
     clipped = int(node.seat.clipped)
-    return {"time_usec": boot_us(node), **axes, "clipping_0": clipped, "clipping_1": clipped}
+    return {**axes("vibration_{}", [level] * 3), "clipping_0": clipped, "clipping_1": clipped}
 
 
 def rc_channels(node: ArduNode) -> Fields:
-    pwm = node.vehicle.rc.pwm
-    fields: Fields = {f"chan{i}_raw": value % 65536 for i, value in enumerate(pwm, start=1)}
-    return {"time_boot_ms": boot_ms(node), "chancount": RECEIVED, "rssi": 255, **fields}
+    pwm = [value % 65536 for value in node.vehicle.rc.pwm]
+    return {"chancount": RECEIVED, "rssi": 255, **numbered("chan{}_raw", pwm)}
 
 
 def servo_output_raw(node: ArduNode) -> Fields:
     """The motors on the first outputs, what DO_SET_SERVO set on the others; 0 where there is no signal."""
     outputs = [round(1000 + 1000 * u) for u in node.seat.outputs()]
     outputs += node.vehicle.servos[len(outputs) :]
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+    return numbered("servo{}_raw", outputs)
 
 
 def centred_pulse(node: ArduNode, channel: int, value: float) -> int:
@@ -311,16 +283,21 @@ def wind(node: ArduNode) -> Fields | None:
 
 
 def heartbeat(node: ArduNode) -> Fields:
+    """Copter's."""
+    mode, status = node.vehicle.mode, node.vehicle.system_status
+    return heartbeat_with(
+        node, manual=True, stabilised=True, guided=mode.needs_position or mode.number == 9 or status == 1
+    )
+
+
+def heartbeat_with(node: ArduNode, *, manual: bool, stabilised: bool, guided: bool) -> Fields:
+    """HEARTBEAT with those MAV_MODE_FLAG; whether it is armed is added."""
     vehicle = node.vehicle
-    mode = _MANUAL | _STABILIZE | _CUSTOM
-    if vehicle.mode.needs_position or vehicle.mode.number == 9 or vehicle.system_status == 1:
-        mode |= _GUIDED
-    if vehicle.armed:
-        mode |= _ARMED
+    flags = _ARMED * vehicle.armed | _MANUAL * manual | _STABILIZE * stabilised | _GUIDED * guided | _CUSTOM
     return {
         "type": vehicle.MAV_TYPE,
         "autopilot": 3,
-        "base_mode": mode,
+        "base_mode": flags,
         "custom_mode": vehicle.mode.number,
         "system_status": vehicle.system_status,
         "mavlink_version": 3,
@@ -371,11 +348,6 @@ def battery_status(node: ArduNode) -> Fields:
 
 def _battery_left(node: ArduNode) -> int:
     return round(100.0 * node.vehicle.battery_left)
-
-
-def system_time(node: ArduNode) -> Fields:
-    unix = node.unix_us if node.vehicle.boot.has("gps") else 0
-    return {"time_unix_usec": unix, "time_boot_ms": boot_ms(node)}
 
 
 def ekf_status_report(node: ArduNode) -> Fields:
@@ -438,9 +410,9 @@ def autopilot_version(node: ArduNode) -> Fields:
 REPORTS: dict[str, Report] = {
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
-    "SYSTEM_TIME": system_time,
+    "SYSTEM_TIME": lambda node: {"time_unix_usec": node.unix_us if node.vehicle.boot.has("gps") else 0},
     "GPS_RAW_INT": gps_raw_int,
-    "RAW_IMU": lambda node: {"time_usec": boot_us(node), **imu(node)},
+    "RAW_IMU": imu,
     "SCALED_PRESSURE": scaled_pressure,
     "ATTITUDE": base.attitude,
     "ATTITUDE_QUATERNION": base.attitude_quaternion,
@@ -455,20 +427,18 @@ REPORTS: dict[str, Report] = {
     "VFR_HUD": vfr_hud,
     "POSITION_TARGET_LOCAL_NED": position_target_local_ned,
     "POSITION_TARGET_GLOBAL_INT": position_target_global_int,
-    "SCALED_IMU2": lambda node: {"time_boot_ms": boot_ms(node), **imu(node)},
+    "SCALED_IMU2": imu,
     # There is no third IMU, but a compass.
-    "SCALED_IMU3": lambda node: {"time_boot_ms": boot_ms(node), **compass(node.seat.readings())},
+    "SCALED_IMU3": lambda node: compass(node.seat.readings()),
     "SCALED_PRESSURE2": lambda node: {**scaled_pressure(node), "press_diff": 0.0},  # without a pitot tube
     "RANGEFINDER": rangefinder,
     "DISTANCE_SENSOR": distance_sensor,
-    "TERRAIN_REPORT": terrain_report,
     "ESC_TELEMETRY_1_TO_4": esc_telemetry,
     "POWER_STATUS": lambda node: {"Vcc": 5000},
     "BATTERY_STATUS": battery_status,
     "AUTOPILOT_VERSION": autopilot_version,
     "MEMINFO": lambda node: {"freemem": 65535, "freemem32": 524288},
     "AHRS": lambda node: {"error_rp": 0.004, "error_yaw": 0.004},
-    "SIMSTATE": simstate,
     "WIND": wind,
     "AHRS2": ahrs2,
     "EKF_STATUS_REPORT": ekf_status_report,

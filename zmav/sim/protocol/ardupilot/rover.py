@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav import rotation
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.ardupilot.state import INFO
 from zmav.sim.autopilots.ardurover.rover import ArduRover
 from zmav.sim.control.setpoints import Vector
@@ -20,16 +21,13 @@ from zmav.sim.protocol.ardupilot.commands import Handlers, enter
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.setpoint import BODY_FRAMES, LOCAL_FRAMES, local_place, point
 from zmav.sim.protocol.base import Fields, Report, Target
-from zmav.sim.protocol.channel import DENIED, Channel, Command, Sender
-from zmav.sim.protocol.reports import boot_ms, boot_us
+from zmav.sim.protocol.channel import Command
 
 _AUTO, _RTL = 10, 11
-_ARMED, _MANUAL, _GUIDED, _CUSTOM = 128, 64, 8, 1  # MAV_MODE_FLAG
 _POS, _VEL, _ACC, _NO_YAW, _NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800  # POSITION_TARGET_TYPEMASK
 _NO_TURN, _NO_THRUST = 4, 64  # ATTITUDE_TARGET_TYPEMASK
 _GLOBAL = (0, 3, 5, 6, 10, 11)
 _FARTHEST, _FASTEST_TURN = 1e7, 100.0
-_NO_AXIS = 32767  # INT16_MAX in MANUAL_CONTROL
 # MAV_SYS_STATUS_SENSOR: what there is, is used and works, as recorded; then what comes and goes.
 _PRESENT, _ENABLED, _HEALTHY = 0x1331DC0F, 0x1201800F, 0x0311810F
 _GPS, _AHRS, _PREARM, _LOGGING = 0x20, 0x00200000, 0x10000000, 0x01000000
@@ -42,7 +40,7 @@ _STABILISES, _DRIVES = 0x0C00, 0x5000
 def _change_speed(node: MavNode[ArduRover], c: Command) -> int:
     """Airspeed is taken for ground speed; climbs and descents there are none."""
     if int(c.p1) in (2, 3):
-        return DENIED
+        return CommandResult.DENIED
     return node.vehicle.driving_mode.set_speed(c.p2)
 
 
@@ -59,7 +57,7 @@ HANDLERS: Handlers = {
     20: enter(_RTL),  # NAV_RETURN_TO_LAUNCH
     178: _change_speed,
     192: lambda node, c: commands.reposition(node, c, _go),
-    300: lambda node, c: DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
+    300: lambda node, c: CommandResult.DENIED if c.p1 or c.p2 else node.vehicle.set_mode(_AUTO),
 }
 
 
@@ -144,15 +142,9 @@ def _attitude_target(rover: ArduRover, msg: dict[str, Any]) -> None:
 
 
 def heartbeat(node: MavNode[ArduRover]) -> Fields:
-    rover = node.vehicle
-    mode = _CUSTOM
-    if rover.driving_mode.by_stick or rover.params["STICK_MIXING"] > 0:
-        mode |= _MANUAL
-    if rover.driving_mode.autopilot:
-        mode |= _GUIDED
-    if rover.armed:
-        mode |= _ARMED
-    return {**common.heartbeat(node), "base_mode": mode}
+    mode = node.vehicle.driving_mode
+    steered = mode.by_stick or node.vehicle.params["STICK_MIXING"] > 0
+    return common.heartbeat_with(node, manual=steered, stabilised=False, guided=mode.autopilot)
 
 
 def sys_status(node: MavNode[ArduRover]) -> Fields:
@@ -199,14 +191,13 @@ def servo_output_raw(node: MavNode[ArduRover]) -> Fields:
     first, third = node.seat.outputs()
     outputs = list(node.vehicle.servos)
     outputs[0], outputs[2] = common.centred_pulse(node, 1, first), common.centred_pulse(node, 3, third)
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": pwm for i, pwm in enumerate(outputs, start=1)}}
+    return reports.numbered("servo{}_raw", outputs)
 
 
 def rc_channels_scaled(node: MavNode[ArduRover]) -> Fields:
     """Steering and throttle, -10000 to 10000."""
     first, third = node.seat.outputs()
-    fields = {"chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
-    return {"time_boot_ms": boot_ms(node), "rssi": 255, **fields}
+    return {"rssi": 255, "chan1_scaled": round(first * 10000.0), "chan3_scaled": round(third * 10000.0)}
 
 
 REPORTS: dict[str, Report] = {
@@ -221,7 +212,6 @@ REPORTS: dict[str, Report] = {
     "RC_CHANNELS_SCALED": rc_channels_scaled,
     "EXTENDED_SYS_STATE": lambda node: {"landed_state": 0},  # it does not say whether it has landed
     "ESC_TELEMETRY_1_TO_4": lambda node: None,
-    "TERRAIN_REPORT": lambda node: None,
     "WIND": lambda node: None,
 }
 
@@ -236,13 +226,3 @@ class RoverNode(MavNode[ArduRover]):
         "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
         "SET_ATTITUDE_TARGET": _attitude_target,
     }
-
-    def _manual_control(self, channel: Channel, msg: dict[str, Any], sender: Sender) -> None:
-        """Steering and throttle, -1000 to 1000: the throttle goes both ways."""
-        if msg["target"] != self.sysid or not self._from_gcs(sender):
-            return
-        rover = self.vehicle
-        for number, value in ((1, msg["y"]), (3, msg["z"])):
-            low, high = rover.params[f"RC{number}_MIN"], rover.params[f"RC{number}_MAX"]
-            pwm = 0 if value == _NO_AXIS else max(int(low + (high - low) * (value + 1000) / 2000.0), 0)
-            rover.rc.set_override(number - 1, pwm)

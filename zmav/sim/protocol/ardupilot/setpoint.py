@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from zmav.mavlink.results import MissionResult
 from zmav.sim.autopilots.ardupilot.state import AttitudeTarget, Quaternion, Target, YawWish
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
-from zmav.sim.autopilots.items import Item, Result
+from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.geo import Position, to_ned
 
@@ -83,15 +84,15 @@ def point(vehicle: ArduVehicle, lat_e7: int, lon_e7: int, alt: float, frame: int
     return north, east, down
 
 
-def guided_item(vehicle: ArduVehicle, item: Item) -> Result:
+def guided_item(vehicle: ArduVehicle, item: Item) -> MissionResult:
     """A mission item that is to be flown at once: a waypoint, in GUIDED only; others of that kind are merely taken."""
     if item.current != _GUIDED_ITEM:
-        return Result.ACCEPTED
+        return MissionResult.ACCEPTED
     place = point(vehicle, item.x, item.y, item.z, item.frame)
     if not vehicle.takes_targets or item.command != _WAYPOINT or place is None or not vehicle.fence.allows(place):
-        return Result.ERROR
+        return MissionResult.ERROR
     vehicle.guided.aim(Target(pos=place))
-    return Result.ACCEPTED
+    return MissionResult.ACCEPTED
 
 
 def attitude_target(vehicle: ArduVehicle, msg: dict[str, Any]) -> None:

@@ -9,32 +9,12 @@ from __future__ import annotations
 
 import math
 
-from zmav.sim.autopilots.px4 import events
-from zmav.sim.autopilots.px4.modes import (
-    BY_NUMBERS,
-    HOLD,
-    LAND,
-    MISSION,
-    MODES,
-    NOT_SIMULATED,
-    RTL,
-    TAKEOFF,
-    TERMINATION,
-    Mode,
-)
+from zmav.mavlink.results import CommandResult
+from zmav.sim.autopilots.px4 import events, modes
+from zmav.sim.autopilots.px4.modes import Mode
 from zmav.sim.control.setpoints import Vector
-from zmav.sim.protocol.base import Handler, get_interval, request_message, send_message, set_interval
-from zmav.sim.protocol.channel import (
-    ACCEPTED,
-    CHANGE_MODE,
-    CUSTOM_MODE,
-    DENIED,
-    FAILED,
-    FORCE,
-    TEMPORARILY_REJECTED,
-    UNSUPPORTED,
-    Command,
-)
+from zmav.sim.protocol.base import SHARED_HANDLERS, Handler, request_message, send_message, set_interval
+from zmav.sim.protocol.channel import CHANGE_MODE, CUSTOM_MODE, Command
 from zmav.sim.protocol.px4.node import UDP, Px4Node
 from zmav.sim.protocol.px4.setpoint import point
 
@@ -47,22 +27,13 @@ _AVAILABLE_MODES = 435
 
 def _set_mode(node: Px4Node, c: Command) -> int:
     if not (math.isfinite(c.p1) and math.isfinite(c.p2) and int(c.p1) & CUSTOM_MODE):
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     numbers = (int(c.p2), int(c.p3) if math.isfinite(c.p3) else 0)
-    if numbers in NOT_SIMULATED:
-        node.copter.say(4, f"{NOT_SIMULATED[numbers]} is not simulated\t")
-        return UNSUPPORTED
-    mode = BY_NUMBERS.get(numbers)
+    if numbers in modes.NOT_SIMULATED:
+        node.copter.say(4, f"{modes.NOT_SIMULATED[numbers]} is not simulated\t")
+        return CommandResult.UNSUPPORTED
+    mode = modes.BY_NUMBERS.get(numbers)
     return mode is not None and node.copter.set_mode(mode)
-
-
-def _arm_disarm(node: Px4Node, c: Command) -> int:
-    forced = c.p2 == FORCE
-    if c.p1 == 1:
-        return node.copter.arm(forced=forced)
-    if c.p1 == 0:
-        return node.copter.disarm(forced=forced)
-    return UNSUPPORTED
 
 
 def _enter(mode: Mode) -> Handler:
@@ -72,7 +43,7 @@ def _enter(mode: Mode) -> Handler:
 def _takeoff(node: Px4Node, c: Command) -> int:
     navigator = node.copter.navigator
     navigator.takeoff_amsl = c.z if math.isfinite(c.z) else None
-    done = node.copter.set_mode(TAKEOFF)
+    done = node.copter.set_mode(modes.TAKEOFF)
     if not done:
         navigator.takeoff_amsl = None
     return done
@@ -82,17 +53,17 @@ def _reposition(node: Px4Node, c: Command) -> int:
     """Fly to a place and HOLD there; what is NaN stays as it is."""
     copter = node.copter
     if not math.isfinite(c.p2) or int(c.p2) != CHANGE_MODE:
-        return UNSUPPORTED
+        return CommandResult.UNSUPPORTED
     here = copter.position
     lat, lon = c.degrees if all(map(math.isfinite, c.degrees)) else (here.lat_deg, here.lon_deg)
     place = point(copter, lat, lon, c.z if math.isfinite(c.z) else here.alt_amsl_m, 0)
     if place is None:
-        return DENIED
-    if not copter.set_mode(HOLD):
-        return TEMPORARILY_REJECTED
+        return CommandResult.DENIED
+    if not copter.set_mode(modes.HOLD):
+        return CommandResult.TEMPORARILY_REJECTED
     speed = c.p1 if math.isfinite(c.p1) and c.p1 > 0 else None
     _go(node, place, c.p4 if math.isfinite(c.p4) else None, speed)
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _go(node: Px4Node, place: Vector, yaw: float | None, speed: float | None) -> None:
@@ -107,49 +78,49 @@ def _go(node: Px4Node, place: Vector, yaw: float | None, speed: float | None) ->
 def _change_speed(node: Px4Node, c: Command) -> int:
     """A speed that is not above zero goes back to the parameter's."""
     node.copter.cruise_speed = c.p2 if math.isfinite(c.p2) and c.p2 > 0 else None
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _set_home(node: Px4Node, c: Command) -> int:
     copter = node.copter
     if not copter.position_ok:
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     if c.p1 == 1:
         copter.home_world = (copter.sense.north, copter.sense.east, copter.sense.down)
     else:
         place = point(copter, *c.degrees, c.z, 0)
         if place is None:
-            return DENIED
+            return CommandResult.DENIED
         copter.home_world = place
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _terminate(node: Px4Node, c: Command) -> int:
     """The motors stop, and the mode is left by a reboot only."""
     if not c.p1 > 0.5:
-        return DENIED
+        return CommandResult.DENIED
     node.copter.terminate()
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _reboot(node: Px4Node, c: Command) -> int:
     if node.copter.armed:
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     if c.p1 != _REBOOT or c.channel.link in UDP:  # in software in the loop it has nothing to start it again
-        return DENIED
+        return CommandResult.DENIED
     node.reboot_after_ack()
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _mission_start(node: Px4Node, c: Command) -> int:
     copter = node.copter
     if not copter.mission.able:
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     if math.isfinite(c.p1) and c.p1 > 0 and not copter.mission.jump(int(c.p1)):
-        return TEMPORARILY_REJECTED
+        return CommandResult.TEMPORARILY_REJECTED
     if not copter.armed and not copter.arm():
-        return TEMPORARILY_REJECTED
-    return copter.set_mode(MISSION)
+        return CommandResult.TEMPORARILY_REJECTED
+    return copter.set_mode(modes.MISSION)
 
 
 # ---- the receiver's
@@ -157,15 +128,15 @@ def _mission_start(node: Px4Node, c: Command) -> int:
 
 def _set_interval(node: Px4Node, c: Command) -> int:
     """Two messages are sent at a rate of their own."""
-    return FAILED if node.name_in(c) in ("HEARTBEAT", "MISSION_CURRENT") else set_interval(node, c)
+    return CommandResult.FAILED if node.name_in(c) in ("HEARTBEAT", "MISSION_CURRENT") else set_interval(node, c)
 
 
 def _available_modes(node: Px4Node, c: Command) -> int:
     """One mode by its index (from 1), or all of them: https://mavlink.io/en/services/standard_modes.html"""
     wanted = int(c.p2) if math.isfinite(c.p2) else 0
-    shown = [mode for mode in MODES if mode is not TERMINATION]
+    shown = [mode for mode in modes.MODES if mode is not modes.TERMINATION]
     if not 0 <= wanted <= len(shown):
-        return DENIED
+        return CommandResult.DENIED
     for index, mode in enumerate(shown, start=1):
         if wanted in (0, index):
             c.channel.send(
@@ -177,7 +148,7 @@ def _available_modes(node: Px4Node, c: Command) -> int:
                 properties=0,
                 mode_name=mode.name.replace("_", " ").capitalize(),
             )
-    return ACCEPTED
+    return CommandResult.ACCEPTED
 
 
 def _request_message(node: Px4Node, c: Command) -> int:
@@ -191,9 +162,10 @@ def _ask_for(name: str) -> Handler:
 
 
 HANDLERS: dict[int, Handler] = {
-    17: _enter(HOLD),  # NAV_LOITER_UNLIM
-    20: _enter(RTL),
-    21: _enter(LAND),
+    **SHARED_HANDLERS,
+    17: _enter(modes.HOLD),  # NAV_LOITER_UNLIM
+    20: _enter(modes.RTL),
+    21: _enter(modes.LAND),
     22: _takeoff,
     176: _set_mode,
     178: _change_speed,
@@ -202,10 +174,8 @@ HANDLERS: dict[int, Handler] = {
     192: _reposition,
     246: _reboot,
     300: _mission_start,
-    400: _arm_disarm,
-    401: lambda node, c: node.copter.health.tell() or ACCEPTED,
+    401: lambda node, c: node.copter.health.tell() or CommandResult.ACCEPTED,
     410: _ask_for("HOME_POSITION"),
-    510: get_interval,
     511: _set_interval,
     512: _request_message,
     519: _ask_for("PROTOCOL_VERSION"),

@@ -16,7 +16,7 @@ from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.base import GIT_HASH, Fields, Handler, Report
 from zmav.sim.protocol.px4.commands import HANDLERS
 from zmav.sim.protocol.px4.node import Px4Node
-from zmav.sim.protocol.reports import axes, boot_ms, boot_us, centidegrees, e7, int16
+from zmav.sim.protocol.reports import axes, e7, int16
 
 FARTHEST_M = 100.0  # of the rangefinder of PX4's own simulation
 _DISARMED_PWM, _LEAST_PWM = 900, 1000
@@ -41,7 +41,6 @@ _NOT_MEASURED = -100  # cA
 def odometry(node: Px4Node) -> Fields:
     copter, s = node.copter, node.copter.sense
     return {
-        "time_usec": boot_us(node),
         "frame_id": 1,
         "child_frame_id": 1,
         **axes("{}", copter.local),
@@ -72,7 +71,6 @@ def altitude(node: Px4Node) -> Fields:
     copter = node.copter
     amsl, height = copter.position.alt_amsl_m, copter.home_world[2] - copter.sense.down
     return {
-        "time_usec": boot_us(node),
         "altitude_monotonic": amsl,
         "altitude_amsl": amsl,
         "altitude_local": -copter.local[2],
@@ -85,39 +83,6 @@ def altitude(node: Px4Node) -> Fields:
 def vfr_hud(node: Px4Node) -> Fields:
     copter = node.copter
     return base.vfr_hud(node, turning=copter.armed and not copter.landed, located=copter.position_ok)
-
-
-def open_drone_id_location(node: Px4Node) -> Fields:
-    copter, s = node.copter, node.copter.sense
-    here = copter.position
-    return {
-        "status": 1 if copter.landed else 2,
-        "direction": centidegrees(math.atan2(s.ve, s.vn)),
-        "speed_horizontal": min(round(math.hypot(s.vn, s.ve) * 100), 25500),
-        "speed_vertical": round(min(max(-s.vd, -62.0), 62.0) * 100),
-        "latitude": e7(here.lat_deg),
-        "longitude": e7(here.lon_deg),
-        "altitude_barometric": here.alt_amsl_m,
-        "altitude_geodetic": here.alt_amsl_m,
-        "height": copter.home_world[2] - s.down,
-        "horizontal_accuracy": 12,
-        "vertical_accuracy": 5,
-        "speed_accuracy": 3,
-        "timestamp": 65535.0,
-    }
-
-
-def open_drone_id_system(node: Px4Node) -> Fields:
-    copter = node.copter
-    home = copter.place(copter.home_world)
-    return {
-        "operator_latitude": e7(home.lat_deg),
-        "operator_longitude": e7(home.lon_deg),
-        "area_count": 1,
-        "area_ceiling": -1000.0,
-        "area_floor": -1000.0,
-        "operator_altitude_geo": home.alt_amsl_m,
-    }
 
 
 # ---- where it wants to go
@@ -146,7 +111,7 @@ def position_target_local_ned(node: Px4Node) -> Fields | None:
     wish = copter.offboard.wish if copter.armed and copter.mode is OFFBOARD else None
     if wish is not None and not isinstance(wish, Motion):
         return None
-    fields: Fields = {"time_boot_ms": boot_ms(node), "coordinate_frame": 1}
+    fields: Fields = {"coordinate_frame": 1}
     nowhere = {"x": _NO, "y": _NO, "z": _NO}
     if not copter.armed or copter.ground.stage in (Stage.STANDING, Stage.TOUCHED):
         return {**fields, **nowhere, **_STANDING, "type_mask": 63, "yaw": copter.sense.want_yaw}
@@ -172,7 +137,6 @@ def position_target_global_int(node: Px4Node) -> Fields | None:
     standing = copter.ground.stage in (Stage.STANDING, Stage.TOUCHED)
     loops = {**_STANDING, "yaw": copter.sense.want_yaw} if standing else _loops(node)
     return {
-        "time_boot_ms": boot_ms(node),
         "coordinate_frame": 5,
         "lat_int": e7(place.lat_deg),
         "lon_int": e7(place.lon_deg),
@@ -196,7 +160,6 @@ def highres_imu(node: Px4Node) -> Fields:
     sampled, node.imu_seen = node.imu_seen, (int(now * _MAG_HZ), int(now * _BARO_HZ))
     fresh = [_MAG * (sampled[0] != node.imu_seen[0]), _BARO * (sampled[1] != node.imu_seen[1])]
     return {
-        "time_usec": boot_us(node),
         **axes("{}acc", seen.accel),
         **axes("{}gyro", seen.gyro),
         **axes("{}mag", seen.mag),
@@ -212,7 +175,6 @@ def distance_sensor(node: Px4Node) -> Fields:
     metres = node.seat.distance(nearest=0.0, farthest=FARTHEST_M, mount=0.0)
     metres = FARTHEST_M if math.isnan(metres) else metres
     return {
-        "time_boot_ms": boot_ms(node),
         "max_distance": round(FARTHEST_M * 100),
         "current_distance": round(100.0 * metres),
         "orientation": 25,
@@ -223,14 +185,14 @@ def servo_output_raw(node: Px4Node) -> Fields:
     armed = node.copter.armed
     pwm = [round(_LEAST_PWM + 1000 * u) if armed else _DISARMED_PWM for u in node.seat.outputs()]
     pwm += [_DISARMED_PWM] * (16 - len(pwm))
-    return {"time_usec": boot_us(node), **{f"servo{i}_raw": value for i, value in enumerate(pwm, start=1)}}
+    return base.numbered("servo{}_raw", pwm)
 
 
 def actuator_output_status(node: Px4Node) -> Fields:
     """The outputs in use, µs of PWM."""
     armed, outputs = node.copter.armed, node.seat.outputs()
     pwm = [_LEAST_PWM + 1000.0 * u if armed else float(_DISARMED_PWM) for u in outputs]
-    return {"time_usec": boot_us(node), "active": len(pwm), "actuator": pwm + [0.0] * (_MOST_OUTPUTS - len(pwm))}
+    return {"active": len(pwm), "actuator": pwm + [0.0] * (_MOST_OUTPUTS - len(pwm))}
 
 
 def rc_channels(node: Px4Node) -> Fields | None:
@@ -240,10 +202,9 @@ def rc_channels(node: Px4Node) -> Fields | None:
         return None
     pwm = [*sticks.pilot.pwm, *[_NO_CHANNEL] * (_CHANNELS - len(sticks.pilot.pwm))]
     return {
-        "time_boot_ms": boot_ms(node),
         "chancount": len(sticks.pilot.pwm),
         "rssi": 100,
-        **{f"chan{i}_raw": value for i, value in enumerate(pwm, start=1)},
+        **base.numbered("chan{}_raw", pwm),
     }
 
 
@@ -253,7 +214,6 @@ def estimator_status(node: Px4Node) -> Fields | None:
         return None  # it has not been there yet
     ratios = copter.filter.ratios
     return {
-        "time_usec": boot_us(node),
         "flags": copter.filter.flags,
         "vel_ratio": ratios["velocity"],
         "pos_horiz_ratio": ratios["position"],
@@ -270,7 +230,6 @@ def vibration(node: Px4Node) -> Fields:
     level, shaken = 0.0 if node.copter.landed else 0.02, node.seat.vibration
     clipped = int(node.seat.clipped)
     return {
-        "time_usec": boot_us(node),
         "vibration_x": shaken,
         "vibration_y": 0.01 + shaken,
         "vibration_z": 0.11 + level + shaken,
@@ -354,13 +313,8 @@ def extended_sys_state(node: Px4Node) -> Fields:
 
 
 def link_node_status(node: Px4Node) -> Fields:
-    return {"timestamp": boot_us(node), "tx_rate": 24000, "messages_sent": sum(c.sent for c in node.channels)}
-
-
-def time_estimate_to_target(node: Px4Node) -> Fields:
-    copter = node.copter
-    home = 0 if copter.landed or not copter.has_home else round(copter.navigator.way_home_s)
-    return {"safe_return": home, "land": -1, "mission_next_item": -1, "mission_end": -1, "commanded_action": -1}
+    sent = sum(channel.sent for channel in node.channels)
+    return {"timestamp": int(node.copter.uptime * 1e6), "tx_rate": 24000, "messages_sent": sent}
 
 
 def autopilot_version(node: Px4Node) -> Fields:
@@ -400,12 +354,11 @@ def _located(report: Report) -> Report:
 REPORTS: dict[str, Report] = {
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
-    "SYSTEM_TIME": lambda node: {"time_unix_usec": node.unix_us, "time_boot_ms": boot_ms(node)},
-    "PING": lambda node: {"time_usec": boot_us(node), "seq": int(node.copter.uptime)},
+    "SYSTEM_TIME": lambda node: {"time_unix_usec": node.unix_us},
+    "PING": lambda node: {"seq": int(node.copter.uptime)},
     "LINK_NODE_STATUS": link_node_status,
     "GPS_RAW_INT": gps_raw_int,
     "SCALED_PRESSURE": lambda node: {
-        "time_boot_ms": boot_ms(node),
         "press_abs": node.seat.readings().pressure_hpa,
         "temperature": 1180,
     },
@@ -434,11 +387,8 @@ REPORTS: dict[str, Report] = {
     "EXTENDED_SYS_STATE": extended_sys_state,
     "PROTOCOL_VERSION": lambda node: {"version": 200, "min_version": 100, "max_version": 200},
     "ODOMETRY": _located(odometry),
-    "TIME_ESTIMATE_TO_TARGET": time_estimate_to_target,
     "CURRENT_EVENT_SEQUENCE": lambda node: {"sequence": node.events_sent},
     "CURRENT_MODE": current_mode,
-    "OPEN_DRONE_ID_LOCATION": _located(open_drone_id_location),
-    "OPEN_DRONE_ID_SYSTEM": _located(open_drone_id_system),
 }
 
 

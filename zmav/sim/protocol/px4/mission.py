@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from zmav.sim.autopilots.items import ALL, Item, Result
+from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.items import ALL, Item
 from zmav.sim.autopilots.px4.items import Px4Items
 from zmav.sim.protocol.items import Client, ItemPart, Upload, acknowledge, read_item, send_item
 
@@ -36,13 +37,13 @@ class Px4MissionProtocol(ItemPart):
 
     def request_list(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if self._uploads:
-            acknowledge(client, Result.ERROR, kind)
+            acknowledge(client, MissionResult.ERROR, kind)
         else:
             items = self._lists[kind]
             client.reply("MISSION_COUNT", count=len(items), mission_type=kind, opaque_id=items.opaque_id)
 
     def request_item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
-        found = self._lists[kind].read(msg["seq"]) if kind in self._lists else Result.UNSUPPORTED
+        found = self._lists[kind].read(msg["seq"]) if kind in self._lists else MissionResult.UNSUPPORTED
         if isinstance(found, Item):
             send_item(client, found, kind, as_int=as_int)
         else:
@@ -53,10 +54,10 @@ class Px4MissionProtocol(ItemPart):
     def count(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if self._uploads and not self._of(client, kind):
             self._say(_CRITICAL, "Mission upload busy, already receiving seq 0\t")
-            acknowledge(client, Result.ERROR, kind)
+            acknowledge(client, MissionResult.ERROR, kind)
             return
         result = self._lists[kind].open(msg["count"])
-        if result is not Result.ACCEPTED:
+        if result is not MissionResult.ACCEPTED:
             acknowledge(client, result, kind)
         elif msg["count"] == 0:
             self._finish(client, kind)
@@ -65,7 +66,7 @@ class Px4MissionProtocol(ItemPart):
 
     def item(self, client: Client, kind: int, msg: dict[str, Any], *, as_int: bool) -> None:
         if not self._of(client, kind):
-            acknowledge(client, Result.ERROR, kind)
+            acknowledge(client, MissionResult.ERROR, kind)
             return
         upload = self._uploads[kind]
         upload.heard = self._now()
@@ -73,8 +74,8 @@ class Px4MissionProtocol(ItemPart):
             self.ask(kind)  # lost, or twice: the right one, please
             return
         item = read_item(msg, as_int=as_int)
-        result = item if isinstance(item, Result) else self._lists[kind].put(item, upload.last)
-        if result is not Result.ACCEPTED:
+        result = item if isinstance(item, MissionResult) else self._lists[kind].put(item, upload.last)
+        if result is not MissionResult.ACCEPTED:
             self.drop(kind)
             acknowledge(client, result, kind)
             return
@@ -87,12 +88,14 @@ class Px4MissionProtocol(ItemPart):
 
     def clear_all(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         if self._uploads:
-            acknowledge(client, Result.ERROR, kind)
+            acknowledge(client, MissionResult.ERROR, kind)
             return
         for each in self._lists.values() if kind == ALL else filter(None, [self._lists.get(kind)]):
             each.clear()
         self._changed()
-        acknowledge(client, Result.ACCEPTED if kind == ALL or kind in self._lists else Result.UNSUPPORTED, kind)
+        acknowledge(
+            client, MissionResult.ACCEPTED if kind == ALL or kind in self._lists else MissionResult.UNSUPPORTED, kind
+        )
 
     def ack(self, client: Client, kind: int, msg: dict[str, Any]) -> None:
         """A client that breaks its upload off."""

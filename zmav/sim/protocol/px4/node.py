@@ -10,16 +10,16 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from zmav.mavlink import Dialect, Field, MessageType, load_dialect
+from zmav.mavlink.results import CommandResult
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.autopilots.px4.events import Event
 from zmav.sim.autopilots.px4.modes import BY_NUMBERS
 from zmav.sim.protocol.base import Node, Target
-from zmav.sim.protocol.channel import ACCEPTED, DENIED, FAILED, TEMPORARILY_REJECTED, Channel, Sender
+from zmav.sim.protocol.channel import Channel, Sender
 from zmav.sim.protocol.px4 import setpoint
 from zmav.sim.protocol.px4.mission import Px4MissionProtocol
 from zmav.sim.protocol.px4.params import Px4ParamProtocol
 from zmav.sim.protocol.px4.storage import Px4Storage
-from zmav.sim.protocol.reports import boot_ms
 
 _GCS = 6  # MAV_TYPE_GCS
 _WARNING = 4
@@ -62,11 +62,8 @@ HZ: Mapping[str, tuple[float, float]] = {
     "HOME_POSITION": (0.5, 0.5),
     "EXTENDED_SYS_STATE": (5, 1),
     "ODOMETRY": (30, 0),
-    "TIME_ESTIMATE_TO_TARGET": (0.5, 0.5),
     "CURRENT_EVENT_SEQUENCE": (1 / 3, 1 / 3),
     "CURRENT_MODE": (0.5, 0.5),
-    "OPEN_DRONE_ID_LOCATION": (1, 1),
-    "OPEN_DRONE_ID_SYSTEM": (1, 1),
 }
 """message -> Hz on the onboard link, and on the ground link; 0: it is not sent"""
 # Numbers of the lists of items, which newer definitions have behind the others.
@@ -97,11 +94,15 @@ class Px4Node(Node):
     SYSID_PARAM: ClassVar[str] = "MAV_SYS_ID"
     TIMESYNC_PERIOD_S: ClassVar[float] = math.inf  # it is one of the streams
     STANDS_IN: ClassVar[bool] = False
-    REFUSED: ClassVar[int] = TEMPORARILY_REJECTED
+    REFUSED: ClassVar[int] = CommandResult.TEMPORARILY_REJECTED
     ANSWERED_TWICE: ClassVar[tuple[int, ...]] = (176,)  # DO_SET_MODE: by the receiver, that passes it on, as well
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (34, 35, 186, 310)
     # DO_ORBIT, DO_FIGURE_EIGHT, DO_CHANGE_ALTITUDE, ACTUATOR_TEST
-    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = FAILED, DENIED, ACCEPTED
+    UNKNOWN_INTERVAL, UNKNOWN_REQUEST, UNKNOWN_PERIOD = (
+        CommandResult.FAILED,
+        CommandResult.DENIED,
+        CommandResult.ACCEPTED,
+    )
     ACKS_FIRST: ClassVar[bool] = False
     TEXT_END: ClassVar[str] = "\t"
     TARGETS: ClassVar[Mapping[str, Target]] = {
@@ -168,7 +169,7 @@ class Px4Node(Node):
             channel.send(
                 "EVENT",
                 id=event.id,
-                event_time_boot_ms=boot_ms(self),
+                event_time_boot_ms=int(self.copter.uptime * 1000.0),
                 sequence=self.events_sent,
                 log_levels=event.levels,
                 arguments=list(arguments.ljust(_ARGUMENTS, b"\0")),
