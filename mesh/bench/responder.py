@@ -13,7 +13,6 @@ from collections.abc import AsyncIterator, Callable
 
 import zenoh
 
-from mesh.bearer.shaper import parse_budget
 from mesh.bench.run import Run, check
 from mesh.plan import RouterPlan
 from zmav import keys, wire
@@ -54,7 +53,6 @@ class Responder:
         self._questions = Questions(session, Answers(None, None), anybody)
         self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
-        self._budget = budget_of(plan)
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
@@ -107,7 +105,6 @@ class Responder:
             left_ns=time.monotonic_ns(),
             t=time.time(),
             busy=busy.describe() if busy else "",
-            budget=self._budget,
         )
         with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
             query.reply(keys.BENCH_PING.key(self._fleet, self._host), wire.encode(pong), encoding=keys.JSON)
@@ -160,9 +157,3 @@ def _answer(query: zenoh.Query, prove: Prove, work: Work, loop: asyncio.Abstract
 
     yield (report := asyncio.run_coroutine_threadsafe(done(), loop))
     yield Reply(asked, wire.encode(report.result()))
-
-
-def budget_of(plan: RouterPlan) -> float | None:
-    """Bytes a second: the smallest budget among the host's radios; None where none has one."""
-    found = [parse_budget(radio.budget) for radio in plan.host.radios if radio.budget]
-    return min(found, default=None)

@@ -1,4 +1,4 @@
-"""``zmav mesh bench``: bandwidth, jitter, loss, round trips, outages and capacity between two hosts."""
+"""``zmav mesh bench``: bandwidth, jitter, loss, round trips and outages between two hosts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import msgspec
 
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Flow, Stream
-from mesh.bench.search import Limits, Trial, search
 from mesh.units import bits_per_second, duration, rate, size
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
@@ -103,7 +102,6 @@ STREAM = Stream(seconds=20.0, hz=RATE / 8.0 / 1000.0, size=1000, qos="latest-win
 RTT = Stream(seconds=10.0, hz=50.0, size=64, qos="realtime")
 RECOVER = Stream(seconds=3600.0, hz=50.0, size=100, qos="realtime", guard=0.0, patience=60.0)
 """it goes on unasked for a minute: the cut may part us from the hosts"""
-MAX = Stream(seconds=60.0, qos="bulk", size=1000)
 
 
 class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
@@ -117,7 +115,6 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     rate: str | None = None
     hz: float | None = None
     size: int | None = None
-    limit: str = "50Mbit/s"
     as_json: bool = False
 
 
@@ -129,15 +126,13 @@ class BenchOptions(msgspec.Struct, kw_only=True, frozen=True):
     "--class",
     "qos",
     type=click.Choice([each.value for each in keys.Qos]),
-    help="Class of service.  [default: latest-wins; --rtt and --recover realtime, --max bulk]",
+    help="Class of service.  [default: latest-wins; --rtt and --recover realtime]",
 )
 @click.option("--rate", help="Payload offered: 1Mbit/s, 60kB/s.  [default: 1Mbit/s]")
 @click.option("--hz", type=click.FloatRange(0.01), help="Datagrams a second, instead of --rate.")
 @click.option("--size", type=click.IntRange(20, 65_000), help="Bytes of payload.  [default: 1000; --rtt 64]")
 @click.option("--rtt", "kind", flag_value="rtt", help="Round trips by query.")
 @click.option("--recover", "kind", flag_value="recover", help="Watch for outages, until Ctrl-C.")
-@click.option("--max", "kind", flag_value="max", help="The highest rate that gets through with 1 % lost at most.")
-@click.option("--limit", default="50Mbit/s", show_default=True, help="With --max: never more than this.")
 @json_option
 @connected
 def command(**given: Any) -> Work:
@@ -151,7 +146,7 @@ def command(**given: Any) -> Work:
 
 
 async def measure(z: Client, options: BenchOptions) -> None:
-    work = {"stream": _stream, "recover": _stream, "rtt": _rtt, "max": _max}[options.kind]
+    work = {"stream": _stream, "recover": _stream, "rtt": _rtt}[options.kind]
     until = asyncio.Event()  # set by the first Ctrl-C, so that the hosts are told and what they saw is shown
     stopped = asyncio.ensure_future(until_stopped())
     stopped.add_done_callback(lambda _: until.set())
@@ -218,28 +213,3 @@ async def _rtt(bench: Bench, options: BenchOptions, until: asyncio.Event) -> Non
     click.echo(f"{first.host} > {second.host}: {stream.qos}, {stream.size} B, {stream.hz:g} Hz")
     for line in trip_lines(trip):
         click.echo(line)
-
-
-async def _max(bench: Bench, options: BenchOptions, until: asyncio.Event) -> None:
-    stream, defaults = wanted(options, MAX), Limits()
-    limits = Limits(
-        start=stream.bits if options.hz or options.rate else defaults.start,
-        most=bits_per_second(options.limit, "limit"),
-        seconds=stream.seconds,
-        trial=min(defaults.trial, max(stream.seconds / 20.0, 0.5)),
-    )
-
-    def on_trial(trial: Trial) -> None:
-        if options.as_json:
-            click.echo(dump({"trial": msgspec.to_builtins(trial)}, pretty=False))
-            return
-        rtt = f", realtime round trip {duration(trial.rtt)}" if trial.rtt else ""
-        words = "passes" if trial.passed else f"fails: {trial.why}"
-        click.echo(f"{rate(trial.bits):>14}  {100.0 * trial.loss:5.2f} % lost{rtt}: {words}")
-
-    found = await search(bench, options.a, options.b, stream, limits, until=until, on_trial=on_trial)
-    if options.as_json:
-        click.echo(dump(msgspec.to_builtins(found), pretty=False))
-        return
-    best = rate(found.best) if found.best else "nothing"
-    click.echo(f"{options.a} > {options.b}, {stream.qos}, {stream.size} B: {best} of payload (ended by: {found.ended})")

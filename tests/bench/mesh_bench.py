@@ -30,7 +30,6 @@ import msgspec
 import zmav
 from mesh.bench.asker import Bench
 from mesh.bench.flow import Stream
-from mesh.bench.search import Limits, search
 from mesh.lab.lab import Lab
 from mesh.lab.scenario import Scenario, check
 from tests.bench._load import _cpu_ns, end
@@ -102,8 +101,6 @@ async def _rate(table: Table, lab: Lab, bench: Bench, label: str) -> None:
         most,
         flow.bandwidth / 1e6,
     )
-    found = await search(bench, "a", "b", Stream(qos="bulk", size=1000), Limits(start=250e3, seconds=60.0))
-    table.add(f"{label}: --max over 2 Mbit/s, payload", "Mbit/s", 2.0 * 1000 / frame, found.best / 1e6)
     lab.set(LINK, rate=None)
 
 

@@ -147,5 +147,3 @@ class Pong(Wire, kw_only=True):
     """UTC seconds when it left"""
     busy: str = ""
     """who measures there now, in words"""
-    budget: float | None = None
-    """bytes/s: the smallest of its radios' budgets"""

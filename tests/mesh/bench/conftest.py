@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import replace
 
 import pytest
 import zenoh
@@ -63,14 +62,10 @@ async def line(net: Net) -> AsyncIterator[Start]:
     """``await line("quad1", "quad2")``: their routers know of each other when it returns."""
     async with contextlib.AsyncExitStack() as stack:
 
-        async def start(*names: str, budget: str | None = None) -> tuple[Line, Bench]:
+        async def start(*names: str) -> tuple[Line, Bench]:
             made, before = Line(net, stack), list[str]()
             for name in names:
-                plan = plan_of(name)
-                if budget:
-                    host = Host(radios=[zmav.config.Radio(address="127.0.0.1", budget=budget)])
-                    plan = replace(plan, host=host)
-                await made.add(plan, *before)
+                await made.add(plan_of(name), *before)
                 before = [made.endpoints[name]]
             first, last = made.sessions[names[0]], made.sessions[names[-1]]
             # A subscriber at each end that is known at the other: what is declared later is known soon, too.

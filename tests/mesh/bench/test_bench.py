@@ -16,7 +16,6 @@ from mesh.bench.asker import HERE, Bench
 from mesh.bench.flow import Flow, Stream
 from mesh.bench.responder import responder
 from mesh.bench.run import HEAD, check, tag_of
-from mesh.bench.search import Limits, Trial, judge, search
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import watch_roster
 from mesh.router import Router
@@ -31,7 +30,7 @@ from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within
-from zmav.wire.bench import BenchInterval, BenchOrder, BenchReport, BenchTrip, Spread
+from zmav.wire.bench import BenchInterval, BenchOrder
 
 SHORT = Stream(seconds=1.0, hz=50.0, size=100, guard=5.0)
 
@@ -305,71 +304,6 @@ async def test_a_cut_is_an_outage_with_its_losses(line: Start) -> None:
     assert outage.lost > 0
     assert flow.total.lost >= outage.lost
     assert flow.total.received > 0
-
-
-# The search for the capacity.
-
-
-async def test_the_search_goes_no_further_than_the_budget(line: Start) -> None:
-    _, bench = await line("quad1", "quad2", budget="10 kB/s")
-    trials: list[Trial] = []
-    limits = Limits(start=40e3, trial=0.5, most=1e9)
-    stream = Stream(qos="bulk", size=250)
-    found = await search(bench, "quad1", "quad2", stream, limits, on_trial=trials.append)
-    assert trials == found.trials
-    assert all(trial.bits <= 80e3 for trial in trials)
-    if all(trial.passed for trial in trials):  # on a machine that is not choked
-        assert found.best == 80e3
-        assert "budget of quad1" in found.ended
-
-
-def _trip(median: float, *, lost: int = 0, sent: int = 20) -> BenchTrip:
-    spread = Spread(count=20, min=median, median=median, p95=median, p99=median, max=median)
-    return BenchTrip(peer="quad2", sent=sent, lost=lost, rtt=spread)
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({}, ""),
-        ({"received": 98}, "2.0 % lost"),
-        ({"received": 99}, ""),
-        ({"seconds": 1.2}, "a buffer fills"),
-        ({"loaded": _trip(0.2)}, "round trips took"),
-        ({"loaded": _trip(0.09)}, ""),
-        ({"loaded": _trip(0.01, lost=6)}, "unanswered"),
-        ({"faults": ["quad2 does not answer any more"]}, "does not answer"),
-    ],
-)
-def test_what_passes(change: dict[str, Any], why: str) -> None:
-    trial = judge(_flow(**change), 8e3, 0.01)
-    assert trial.passed is not bool(why)
-    assert why in trial.why
-
-
-def _flow(
-    received: int = 100, seconds: float = 1.0, loaded: BenchTrip | None = None, faults: list[str] | None = None
-) -> Flow:
-    total = BenchInterval(
-        start=0.0,
-        end=seconds,
-        bytes=10 * received,
-        received=received,
-        expected=100,
-        jitter=0.0,
-    )
-    report = BenchReport(
-        run="r",
-        host="quad1",
-        role="send",
-        state="done",
-        sent=100,
-        send_seconds=1.0,
-        trips=[_trip(0.01), loaded or _trip(0.02)],
-    )
-    receiver = BenchReport(run="r", host="quad2", role="receive", state="done", total=total)
-    stream = Stream(seconds=1.0, hz=100.0, size=10)
-    return Flow(stream=stream, source="quad1", target="quad2", sender=report, receiver=receiver, faults=faults or [])
 
 
 # Who may.
