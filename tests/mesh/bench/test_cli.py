@@ -31,7 +31,6 @@ KINDS: list[tuple[str, dict[str, Any], list[str]]] = [
     ("rtt", {"seconds": 0.3}, ["quad1 > quad2: realtime, 64 B, 50 Hz", "0/15"]),
     ("stream", {"seconds": 0.2, "hz": 50.0}, ["quad1 > quad2", "one way", "(0 %)"]),
     ("recover", {"seconds": 0.2, "hz": 5.0}, ["silences of 1.00 s", "no outage longer than 1.00 s"]),
-    ("max", {"limit": "20kbit/s", "rate": "20kbit/s", "size": 100, "seconds": 1.0}, ["passes", "20.00 kbit/s"]),
 ]
 
 
