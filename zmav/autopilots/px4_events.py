@@ -5,6 +5,7 @@ What is not here is shown by its number. Names: PX4's calls of ``events::ID``.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 
 from zmav.mavlink.event import event_id
@@ -37,8 +38,8 @@ EVENTS: Mapping[int, tuple[str, str]] = _by_id(
         "navigator_reposition_outside_geofence": "Not flown: the place is outside the geofence",
         "commander_failsafe_enter_generic": "Failsafe",
         "commander_failsafe_enter": "Failsafe",
-        "commander_failsafe_enter_generic_hold": "Failsafe: it holds first",
-        "commander_failsafe_enter_hold": "Failsafe: it holds first",
+        "commander_failsafe_enter_generic_hold": "Failsafe",
+        "commander_failsafe_enter_hold": "Failsafe",
         "commander_failsafe_enter_generic_warn": "Failsafe, nothing is done",
         "commander_failsafe_enter_warn": "Failsafe, nothing is done",
         "commander_failsafe_enter_low_bat": "Battery low: return",
@@ -48,6 +49,37 @@ EVENTS: Mapping[int, tuple[str, str]] = _by_id(
 )
 WITH_CHECKS = frozenset(event_id(f"commander_failsafe_enter_generic{end}") for end in ("", "_hold", "_warn"))
 """what failed checks are the cause of; the first argument (uint32) is the custom mode that they stand against"""
+
+ACTIONS = ("", "a warning", "POSCTL", "ALTCTL", "STABILIZED", "HOLD", "RTL", "LAND", "DESCEND", "disarmed", "the end")
+CAUSES = ("", "Sticks lost", "Ground station lost", "Battery low", "Battery critical", "Battery empty", "Time is low")
+"""PX4's failsafe_action_t and failsafe_cause_t"""
+_FAILSAFES = {
+    event_id(f"commander_failsafe_enter{end}"): (struct.Struct(layout), fields)
+    for end, layout, fields in (
+        ("", "<4xBB", ("action", "cause")),
+        ("_hold", "<4xBHB", ("action", "delay", "cause")),
+        ("_warn", "<4xB", ("cause",)),
+        ("_generic", "<4xB", ("action",)),
+        ("_generic_hold", "<4xBH", ("action", "delay")),
+    )
+}
+"""what follows the custom mode in the arguments"""
+
+
+def event_text(number: int, arguments: bytes) -> str:
+    """What an event of ``EVENTS`` says, a failsafe with its cause and with what PX4 does and when."""
+    text = EVENTS[number][1]
+    layout, names = _FAILSAFES.get(number, (None, ()))
+    if layout is None or len(arguments) < layout.size:
+        return text
+    given = dict(zip(names, layout.unpack_from(arguments), strict=True))
+    action, cause = given.get("action", 0), given.get("cause", 0)
+    if cause:
+        text = CAUSES[cause] if cause < len(CAUSES) else f"Failsafe (cause {cause})"
+    does = ACTIONS[action] if action < len(ACTIONS) else f"action {action}"
+    when = f"HOLD, and {does} in {given['delay']} s" if "delay" in given else f"now {does}"
+    return f"{text}: {when}" if action else f"{text}; nothing is done" if cause else text
+
 
 CHECKS: Mapping[int, tuple[str, str]] = _by_id(
     {

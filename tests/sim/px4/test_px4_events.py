@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.sim.yardstick.reading import from_tlog
-from zmav.autopilots.px4_events import ARMING_SUMMARY, CHECKS, EVENTS, HEALTH_SUMMARY, MODE_BITS
+from zmav.autopilots.px4_events import ARMING_SUMMARY, CHECKS, EVENTS, HEALTH_SUMMARY, MODE_BITS, event_text
 from zmav.mavlink.event import event_id
 from zmav.sim.autopilots.px4 import events, health
 from zmav.sim.autopilots.px4.modes import MODES
@@ -36,17 +38,35 @@ def test_the_modes_have_their_bits() -> None:
 
 
 def test_what_a_real_px4_sent_has_words(shared_data: Path) -> None:
-    ids = [v["id"] for _, name, v in from_tlog(shared_data / "px4.tlog", px4_dialect()) if name == "EVENT"]
-    assert [EVENTS[each][1] for each in ids if each not in SUMMARIES | CHECKS.keys()] == [
+    found = [v for _, name, v in from_tlog(shared_data / "px4.tlog", px4_dialect()) if name == "EVENT"]
+    ids = [v["id"] for v in found]
+    said = [event_text(v["id"], bytes(v["arguments"])) for v in found if v["id"] not in SUMMARIES | CHECKS.keys()]
+    assert said == [
         "Not armed: a health or arming check fails",
         "Armed",
         "Takeoff to the default height",
         "Off the ground",
-        "Failsafe",
+        "Failsafe: now POSCTL",
         "On the ground",
         "Disarmed",
     ]
     assert [each for each in ids if each in SUMMARIES] == [ARMING_SUMMARY, HEALTH_SUMMARY] * 2
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "text"),
+    [
+        ("", "000000000703", "Battery low: now LAND"),
+        ("_hold", "0000000006050002", "Ground station lost: HOLD, and RTL in 5 s"),
+        ("_warn", "0000000001", "Sticks lost; nothing is done"),
+        ("_generic_hold", "00000000060300", "Failsafe: HOLD, and RTL in 3 s"),
+        ("_generic", "0000000063", "Failsafe: now action 99"),
+        ("", "000000000663", "Failsafe (cause 99): now RTL"),
+        ("", "00", "Failsafe"),
+    ],
+)
+def test_a_failsafe_says_why_and_what_px4_does(name: str, arguments: str, text: str) -> None:
+    assert event_text(event_id(f"commander_failsafe_enter{name}"), bytes.fromhex(arguments)) == text
 
 
 def test_a_report_of_the_checks_can_be_asked_for(companion: Companion) -> None:

@@ -13,7 +13,15 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from zmav.autopilots.px4_events import ARMING_SUMMARY, CHECKS, EVENTS, HEALTH_SUMMARY, MODE_BITS, WITH_CHECKS
+from zmav.autopilots.px4_events import (
+    ARMING_SUMMARY,
+    CHECKS,
+    EVENTS,
+    HEALTH_SUMMARY,
+    MODE_BITS,
+    WITH_CHECKS,
+    event_text,
+)
 from zmav.errors import Refused, ZmavError
 from zmav.mavlink import Frame
 from zmav.mavlink.event import Event, read_event
@@ -168,7 +176,9 @@ def with_reasons(refusal: Refused, checks: Sequence[str]) -> Refused:
 
 def _words(event: Event) -> tuple[str, str]:
     """Its name and its text; without a name where there are no words for it."""
-    return EVENTS.get(event.id) or CHECKS.get(event.id) or ("", str(event))
+    if event.id in EVENTS:
+        return EVENTS[event.id][0], event_text(event.id, event.arguments)
+    return CHECKS.get(event.id) or ("", str(event))
 
 
 def _key(check: Event) -> tuple[int, int, bytes]:
