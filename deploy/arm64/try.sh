@@ -9,11 +9,11 @@ ROOT=/var/tmp/zmav-arm64
 MIRROR="" SUITE=bookworm STEPS="install demo tests live"
 PACKAGES=ca-certificates,make,passwd,python3,python3-venv,systemd,udev,util-linux
 QEMU=qemu-aarch64
-# Those that wait for no clock: under QEMU a second is soon over.
+# The core's: frames, signing, files, keys, configuration, proofs, bounds.
 TESTS=(tests/mavlink tests/formats tests/trust tests/test_config.py tests/test_geo.py tests/test_keys.py tests/test_wire.py
     tests/services/authority/test_bounds.py tests/services/authority/test_limits.py
     tests/services/authority/test_trajectory.py tests/services/params/test_values.py)
-# Those that open Zenoh's sessions, links and a simulator.
+# Those of sessions, links and flights, whose times are real ones: on a busy computer some may be late.
 LIVE=(tests/test_session.py tests/test_adapter.py tests/test_zenoh_codec.py tests/services/orders/test_flight.py)
 
 usage() {
