@@ -120,13 +120,21 @@ define install
 @rm $(VENV)/.installing
 endef
 
-# Takes the first candidate that will do; if none will, says what is wrong with each.
+# Takes the first candidate that will do; if none will, says what is wrong with each. A 32-bit system may run on a 64-bit
+# kernel, as Raspberry Pi OS does: 'uname -m' tells the kernel's.
 $(VENV)/.made: $(if $(STALE),FORCE)
+	@if [ "$$(getconf LONG_BIT 2>/dev/null)" = 32 ]; then \
+	    echo "==> 64-bit only: this system is 32-bit, for which msgspec, numpy and OpenCV have no wheels" \
+	        "(on a Raspberry Pi, install the 64-bit system)" >&2; \
+	    exit 1; \
+	fi
 	@chosen=; found=; \
 	for python in $(CANDIDATES); do \
 	    version=$$($$python -c 'import platform; print(platform.python_version())' 2>/dev/null) || continue; \
 	    if ! $$python -c 'import sys; sys.exit(sys.version_info < (3, 10))'; then \
 	        found="$$found\n    $$python is Python $$version"; \
+	    elif ! $$python -c 'import sys; sys.exit(sys.maxsize < 2**32)'; then \
+	        found="$$found\n    $$python (Python $$version) is a 32-bit program, and zmav is 64-bit only"; \
 	    elif ! $$python -c 'import ensurepip, venv' 2>/dev/null; then \
 	        found="$$found\n    $$python (Python $$version) lacks venv or ensurepip; Debian and Ubuntu: apt install python3-venv"; \
 	    else chosen=$$python; break; fi; \

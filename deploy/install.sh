@@ -46,6 +46,12 @@ version_in() { as zmav "$1/bin/python" -c 'from importlib.metadata import versio
 as() { local who=$1; shift; (cd / && runuser -u "$who" -- env -u ZMAV_CREDENTIALS -u ZMAV_FLEET HOME=/ "$@"); }
 setting() { [ ! -f "$ETC/vehicle.env" ] || sed -n "s/^$1=//p" "$ETC/vehicle.env" | tail -n 1; }
 
+# Before all else: a 32-bit system may run on a 64-bit kernel, as Raspberry Pi OS does, and 'uname -m' tells the kernel's.
+check_bits() {
+    [ "$(getconf LONG_BIT 2>/dev/null)" != 32 ] ||
+        fail "64-bit only: this system is 32-bit, for which msgspec, numpy and OpenCV have no wheels (on a Raspberry Pi, install the 64-bit system)"
+}
+
 check_machine() {
     [ "$(id -u)" = 0 ] || fail "needs root: sudo $0"
     [ "$(uname -s)" = Linux ] || fail "this is $(uname -s): a vehicle's computer runs Linux"
@@ -64,7 +70,7 @@ check_machine() {
 find_python() {
     local each
     for each in ${PYTHON:-python3 python3.13 python3.12 python3.11 python3.10}; do
-        "$each" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || continue
+        "$each" -c 'import sys; sys.exit(sys.version_info < (3, 10) or sys.maxsize < 2**32)' 2>/dev/null || continue
         PYTHON=$(command -v "$each")
         "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null && return
         command -v apt-get >/dev/null || fail "$PYTHON lacks venv: install it with your system's packages"
@@ -74,7 +80,7 @@ find_python() {
         "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null && return
         fail "$PYTHON still lacks venv: name another with --python"
     done
-    fail "zmav needs Python 3.10 or newer, found none among ${PYTHON:-python3, python3.10 to python3.13}: see --python"
+    fail "zmav needs a 64-bit Python, 3.10 or newer, found none among ${PYTHON:-python3, python3.10 to python3.13}: see --python"
 }
 
 make_user() {
@@ -294,6 +300,7 @@ switch() {
 }
 
 do_install() {
+    check_bits
     check_machine
     find_python
     local old

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 import zenoh
+from click.testing import CliRunner
 
 import zmav
 from zmav import host, keys, wire
-from zmav.doctor.computer import check_packages
+from zmav.cli.doctor import command
+from zmav.doctor.computer import check_bits, check_packages
 from zmav.doctor.routers import check_routers
 from zmav.doctor.survey import RouterReport, Survey
 from zmav.mavlink import encode, load_dialect
@@ -218,6 +221,13 @@ def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     missing, rest = check_packages()
     assert (missing.ok, missing.found) == (False, "not installed: no-such-package")
     assert rest.ok
+
+
+def test_a_32_bit_system_is_the_first_line_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not [*check_bits()]
+    monkeypatch.setattr(sys, "maxsize", 2**31 - 1)
+    told = CliRunner().invoke(command, ["--link", "tcp:127.0.0.1:1", "--for", "0.1"]).output.splitlines()
+    assert "RED" in told[1] and "64-bit only" in told[1], told
 
 
 # A link without a router.

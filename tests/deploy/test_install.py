@@ -75,6 +75,59 @@ def test_it_needs_root_and_says_so(arguments: list[str]) -> None:
     assert "needs root: sudo " in done.stderr
 
 
+@pytest.fixture
+def in_32_bit(tmp_path: Path) -> dict[str, str]:
+    """An environment in which the system says that it is a 32-bit one, whatever its kernel."""
+    real = shutil.which("getconf")
+    assert real is not None
+    fake = tmp_path / "bin" / "getconf"
+    fake.parent.mkdir()
+    fake.write_text(f'#!/bin/sh\n[ "$1" != LONG_BIT ] || {{ echo 32; exit; }}\nexec {real} "$@"\n')
+    fake.chmod(0o755)
+    return {**os.environ, "PATH": f"{fake.parent}:{os.environ['PATH']}"}
+
+
+@pytest.mark.parametrize("arguments", [[], ["--name", "quad1"]])
+def test_a_32_bit_system_is_told_in_the_first_line(arguments: list[str], in_32_bit: dict[str, str]) -> None:
+    done = subprocess.run([SCRIPT, *arguments], capture_output=True, text=True, env=in_32_bit, check=False, timeout=60)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("install.sh: 64-bit only: ")
+
+
+@pytest.mark.parametrize("target", ["demo", "test", "check"])
+def test_make_tells_it_too_and_makes_no_environment(target: str, in_32_bit: dict[str, str], tmp_path: Path) -> None:
+    tree = tmp_path / "tree"
+    tree.mkdir()
+    for name in ("Makefile", "pyproject.toml", "requirements.lock"):
+        shutil.copy(ROOT / name, tree)
+    command = ["make", "-C", str(tree), "--no-print-directory", target]
+    done = subprocess.run(command, capture_output=True, text=True, env=in_32_bit, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("==> 64-bit only: ")
+    assert not (tree / ".venv").exists()
+
+
+def test_a_32_bit_python_will_not_do(tmp_path: Path) -> None:
+    """A program of 32 bits runs on a system of 64, too."""
+    fake = tmp_path / "python3"
+    fake.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import sys; sys.maxsize = 2**31 - 1; $2"\n')
+    fake.chmod(0o755)
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    command = ["make", "-C", str(tmp_path), ".venv/.made", f"PYTHON={fake}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert f"{fake} (Python " in done.stderr and "32-bit program, and zmav is 64-bit only" in done.stderr
+    find = (
+        f"sed '/^DO=do_install/,$d' {SCRIPT} >{tmp_path}/functions; . {tmp_path}/functions; PYTHON={fake} find_python"
+    )
+    done = subprocess.run(["bash", "-c", find], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "zmav needs a 64-bit Python" in done.stderr
+
+
 def usable_python() -> str | None:
     """A Python that has venv, and that a service's user can run."""
     for each in (Path(sys.base_prefix) / "bin" / "python3", Path("/usr/bin/python3"), Path("/usr/local/bin/python3")):

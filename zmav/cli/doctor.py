@@ -16,7 +16,7 @@ from zmav import host
 from zmav.cli.common import dump, json_option, run, seconds_option, zenoh_options
 from zmav.config import FleetConfig, VehicleConfig
 from zmav.doctor import topics
-from zmav.doctor.computer import check_host, check_packages
+from zmav.doctor.computer import check_bits, check_host, check_packages
 from zmav.doctor.credentials import check_folder
 from zmav.doctor.findings import Finding
 from zmav.doctor.fleet_file import check_file, own_router
@@ -85,7 +85,7 @@ async def _examine(options: Options) -> list[Finding]:
     """What is told of this host, the link and the fleet, in the page's order."""
     disks: list[str | Path] = ["/", default_directory(), *options.disks]
     own_report = await asyncio.to_thread(host.report, platform.node(), "", disks)
-    here = [*check_packages(), *check_host(own_report)]
+    here = [*check_bits(), *check_packages(), *check_host(own_report)]
     told, own = check_folder(options.settings.credentials)
     here += told
     if options.link is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 
 from zmav import host, wire
@@ -18,6 +19,13 @@ HOT = 80.0
 """°C"""
 THROTTLES = ("under-voltage", "processor capped", "processor throttled", "soft temperature limit")
 """by the firmware's bits; those of what was since the start are 16 higher"""
+
+
+def check_bits() -> Iterator[Finding]:
+    """Nothing on a 64-bit system; a 32-bit one may run on a 64-bit kernel, so the kernel is not asked."""
+    if sys.maxsize < 2**32:
+        advice = "install the 64-bit system (Raspberry Pi OS comes as both) and zmav on it"
+        yield topics.COMPUTER.wrong("64-bit only: this Python is 32-bit, for which packages have no wheels", advice)
 
 
 def check_packages() -> Iterator[Finding]:
