@@ -29,8 +29,7 @@ from deploy.demos.drive import eight
 from tests.bench._follow_rig import QUAD, READY, SEEN, Demonstration, Rig, scene
 from tests.bench.controllers.flight import airborne, follow
 from tests.bench.controllers.processes import children, cpu_seconds
-from zmav.children import Children
-from zmav.client import connect_once_up
+from zmav.children import Children, connect_once_up
 
 SETTLE = 5.0
 """s after which a flight goes its usual way"""
