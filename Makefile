@@ -43,7 +43,10 @@ demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked route
 	@echo "==> zmav demo $(ARGS)"
 	@$(BIN)/zmav demo $(ARGS)
 
-test: lint kernels ## lint, then run every test
+# The linters and the compiler take one core each.
+test: $(VENV)/.dev ## lint, then run every test
+	@$(MAKE) --no-print-directory kernels & kernels=$$!; \
+	    $(MAKE) --no-print-directory lint; linted=$$?; wait $$kernels && exit $$linted
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
