@@ -9,23 +9,14 @@ from typing import Any
 from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
-from zmav import rundir
 from zmav.config import FleetConfig, load_fleet
 from zmav.config.toml import toml_value
 from zmav.errors import BadConfig
-from zmav.session import DEFAULT_PORT, DEFAULT_ROUTER
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
 
 ORIGIN = {"lat_deg": 52.756, "lon_deg": -1.246, "alt_amsl": 60.0}
 """where labs are that do not say it"""
-
-
-def socket_of(network: Network, host: str) -> str:
-    """The endpoint of the unix socket of a host's router. A socket that others may call would be another way between
-    the hosts.
-    """
-    return f"{rundir.PROTOCOL}/{network.sockets(host)}/{DEFAULT_PORT}.sock"
 
 
 def write_fleet(network: Network, directory: Path) -> FleetConfig:
@@ -42,7 +33,7 @@ def write_fleet(network: Network, directory: Path) -> FleetConfig:
     vehicles, stations = _table(whole, "vehicles"), _table(whole, "stations")
     sysid = 0
     for name, host in scenario.hosts.items():
-        ours = {"mesh": _place(scenario, wiring, name), "listen": [DEFAULT_ROUTER, socket_of(network, name)]}
+        ours = {"mesh": _place(scenario, wiring, name)}
         if host.vehicle is None:
             stations[name] = _merged(ours, _table(stations, name, "stations."))
             continue

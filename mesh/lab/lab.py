@@ -28,7 +28,8 @@ from typing import Any
 
 from mesh.credentials.ca import Authority
 from mesh.lab.channel import Counters
-from mesh.lab.fleetfile import socket_of, write_fleet
+from mesh.lab.door import door_of
+from mesh.lab.fleetfile import write_fleet
 from mesh.lab.network import LabError, Network, exit_of
 from mesh.lab.scenario import SIMULATOR, Scenario, load_scenario
 from zmav import rundir
@@ -136,6 +137,7 @@ class Lab:
         self.failed: asyncio.Future[str] | None = None
         """done, with what happened, when something of the lab ended that was not told to"""
         self._with_programs = programs
+        self._doors: dict[str, str] = {}
         self._stack = contextlib.AsyncExitStack()
 
     # ---- its life
@@ -287,9 +289,16 @@ class Lab:
                     await asyncio.sleep(_LOOK_AGAIN_S)
 
     async def endpoint(self, host: str) -> str:
-        """The unix socket of the host's router: it leads to it from here as from the host's own programs."""
+        """An endpoint here that leads to the host's router as the host's own programs reach it.
+
+        It is the router's unix socket where the lab has credentials, else a port of our loopback.
+        """
         self.network.namespace(host)
-        return socket_of(self.network, host)
+        if self.scenario.credentials:
+            return f"{rundir.PROTOCOL}/{self.network.sockets(host)}/{DEFAULT_PORT}.sock"
+        if host not in self._doors:
+            self._doors[host] = await self._stack.enter_async_context(door_of(self.network, host))
+        return self._doors[host]
 
     # ---- programs of yours
 

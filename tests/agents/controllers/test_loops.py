@@ -61,7 +61,7 @@ def cascade() -> tuple[Px4Cascade, Setpoints]:
     setpoints.spool[:] = Spool.FLY
     setpoints.raw[:] = True
     for name, value in (("speed", 12.0), ("speed_up", 3.0), ("speed_down", 1.5), ("lean", math.radians(45.0))):
-        getattr(setpoints.limits, name)[:] = value
+        setpoints.limits[name][:] = value
     return loops, setpoints
 
 
