@@ -44,10 +44,11 @@ GROUP = {
     "do": "Orders",
     "agent": "Orders",
     "fleet": "Orders",
+    "swarm": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
@@ -93,6 +94,10 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
     ),
     ("post", "/fleet/{verb}"): (
         "vehicles (a list of names or patterns; all without), id and wait, and the order's arguments",
+        {JSON: OBJECT},
+    ),
+    ("post", "/swarm/{verb}"): (
+        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle",
         {JSON: OBJECT},
     ),
     ("post", "/agent/{vehicle}/{agent}/{verb}"): (

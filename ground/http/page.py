@@ -21,7 +21,10 @@ from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
 
-LINKED = re.compile(r'<link rel="stylesheet" href="([a-z]+\.css)">|<script src="([a-z]+\.js)"></script>')
+LINKED = re.compile(
+    r'<link rel="stylesheet" href="([a-z/]+\.css)">|<script src="([a-z/]+\.js)"></script>'
+    r'|(<script type="application/json" id="[a-z]+") src="([a-z0-9/-]+\.json)"></script>'
+)
 POLICY = (
     "default-src 'none'",
     "connect-src 'self'",
@@ -45,6 +48,8 @@ class Page:
         self._packed = gzip.compress(self._body, mtime=0)
 
     def _put_in(self, found: re.Match[str]) -> str:
+        if found[3]:  # data, which no policy need let run
+            return f"{found[3]}>{_read(found[4])}</script>"
         text = _read(found[1] or found[2])
         if found[1]:
             self._styles.append(_hash(text))

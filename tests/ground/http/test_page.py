@@ -295,6 +295,11 @@ def card(name: str) -> str:
     return f"document.querySelector('[data-vehicle={name}]')"
 
 
+def row(name: str) -> str:
+    """A vehicle's row in the table."""
+    return f"document.querySelector('[data-row={name}]')"
+
+
 def press(name: str, label: str) -> str:
     """A script that presses a button of a vehicle's card by its label."""
     return f"[...{card(name)}.querySelectorAll('button')].find((each) => each.textContent === '{label}').click()"
@@ -303,8 +308,10 @@ def press(name: str, label: str) -> str:
 async def show(tab: Tab, served: Served) -> None:
     """The page again, once it hears the fleet: a test may be the first of them, or the only one."""
     await tab.open(f"http://127.0.0.1:{served.port}/")
-    await tab.until(f"{card('quad1')} !== null && {card('quad2')} !== null")
+    await tab.until(f"{row('quad1')} !== null && {row('quad2')} !== null")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
+    await tab.run("document.getElementById('select-all').click()")  # the selected have cards
+    await tab.until(f"{card('quad1')} !== null && {card('quad2')} !== null")
 
 
 @pytest.mark.asyncio(loop_scope="module")
@@ -338,6 +345,8 @@ async def test_a_broken_vehicle_spoils_its_own_card_only(tab: Tab, served: Serve
         (b'{"mode": 5}', b'{"position": {"lat_deg": "x"}, "not_ready": 7}', b"[]", b"7", b"{"), 1
     ):
         served.session.put(keys.STATE.key("demo", f"wreck{number}"), state)
+    await tab.until(f"{row('wreck2')} !== null")
+    await tab.run("document.getElementById('select-all').click()")
     await tab.until(f"{card('wreck2')}.innerText.includes('not understood')")
     fleet.height = 45.6
     await tab.until(f"{card('quad1')}.innerText.includes('45.6 m')")
@@ -392,6 +401,8 @@ async def test_a_lost_connection_is_unmistakable(tab: Tab, serve: Serve) -> None
     await tab.open(f"http://127.0.0.1:{guarded.port}/?token=secret")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     guarded.vehicle("quad5", 5)
+    await tab.until(f"{row('quad5')} !== null")
+    await tab.run(f"{row('quad5')}.click()")
     await tab.until("document.querySelectorAll('article.card').length === 1")
     assert await tab.run("document.querySelectorAll('.card button').length") == 0, "orders that would be refused"
     assert await tab.run("document.getElementById('everybody').hidden")
