@@ -14,7 +14,19 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http import keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, planner, setpoints, watching, ws
+from ground.http import (
+    keyspace,
+    mavlink2rest,
+    mavnode,
+    metrics,
+    openapi,
+    orders,
+    page,
+    planner,
+    setpoints,
+    watching,
+    ws,
+)
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal

@@ -1,6 +1,4 @@
-"""``POST /swarm/{verb}``: the verbs of ``zmav swarm``, asked of the planner in charge: goals and their previews, pause and
-resume, obstacles.
-"""
+"""``POST /swarm/{verb}``: the verbs of ``zmav swarm``, asked of the planner in charge."""
 
 from __future__ import annotations
 

@@ -27,6 +27,8 @@ class FleetLayer {
     this.labels = make("div", "labels");
     this.labels.setAttribute("aria-hidden", "true");
     view.element.append(this.labels);
+    this.ink = make("canvas").getContext("2d");
+    this.ink.font = `700 13px ${getComputedStyle(document.body).fontFamily}`;
     this.tracksAt = 0;
     this.map.on("move zoom", () => this.placeLabels());
   }
@@ -137,7 +139,7 @@ class FleetLayer {
     const free = (box) => taken.every((other) => box[2] <= other[0] || box[0] >= other[2] || box[3] <= other[1] || box[1] >= other[3]);
     for (const [vehicle, point] of [...points].sort((a, b) => rank(a[0]) - rank(b[0]))) {
       const label = this.drawn.get(vehicle.id).label;
-      const width = label.textContent.length * 7 + 4;
+      const width = this.ink.measureText(label.textContent).width + 4;
       const boxes = SIDES.map(([dx, dy]) => {
         const left = dx > 0 ? point.x + dx : dx < 0 ? point.x + dx - width : point.x - width / 2;
         return [left, point.y + dy, left + width, point.y + dy + 15];

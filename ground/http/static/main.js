@@ -153,6 +153,7 @@ link.subscribe("*/event", { history: 10 });
 link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
 link.subscribe("*/HOME_POSITION", { hz: 0.1 });
+store.changed = draw;
 setInterval(draw, DRAW_MS);
 setInterval(readReport, REPORT_MS);
 setInterval(readTargets, REPORT_MS);

@@ -124,6 +124,8 @@ class Store {
     this.lastWord = 0;
     /** @type {Record<string, string[]>} groups of vehicles by a name that a person gave them */
     this.groups = kept("groups", {});
+    /** Called when a person has changed what is selected: it is shown at once. */
+    this.changed = () => {};
   }
 
   /** @param {any} message of the gateway's */
@@ -239,11 +241,13 @@ class Store {
   /** @param {Iterable<string>} ids */
   select(ids) {
     this.selected = new Set(ids);
+    this.changed();
   }
 
   /** @param {string} id */
   toggle(id) {
     if (!this.selected.delete(id)) this.selected.add(id);
+    this.changed();
   }
 
   /** @param {string} name */
