@@ -173,7 +173,7 @@ async function planFirst(goal, plans) {
   plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : `, ${metres(preview.clearance)} between the nearest two`;
-  const yes = await confirmed(`${goal.kind} with ${names}?`, `${span(preview.makespan)}${clear}. The dotted ways on the map are what would be flown.`, "Fly it");
+  const yes = await confirmed(`${goal.kind} with ${names}?`, `${span(preview.makespan)}${clear}. The dotted ways on the map are what would be flown.`, "Fly it", null, true);
   plans.preview([]);
   if (yes) await askPlanner("submit", { goal });
 }

@@ -50,13 +50,16 @@ class FleetLayer {
   make(vehicle) {
     const svg = document.createElementNS(SVG, "svg");
     svg.setAttribute("viewBox", "-16 -16 32 32");
-    const ring = document.createElementNS(SVG, "circle");
-    ring.setAttribute("r", "15");
-    ring.setAttribute("class", "ring");
+    const circle = (radius, name) => {
+      const made = document.createElementNS(SVG, "circle");
+      made.setAttribute("r", String(radius));
+      made.setAttribute("class", name);
+      return made;
+    };
     const shape = document.createElementNS(SVG, "path");
     shape.setAttribute("d", SHAPES[vehicle.state.kind] || SHAPES.other);
     shape.setAttribute("fill", vehicle.colour);
-    svg.append(ring, shape);
+    svg.append(circle(19, "halo"), circle(15, "ring"), shape);
     const icon = L.divIcon({ className: "craft", html: /** @type {any} */ (svg), iconSize: [34, 34] });
     const marker = L.marker([vehicle.place.lat, vehicle.place.lon], { icon, keyboard: true, title: vehicle.name, alt: vehicle.name }).addTo(this.map);
     marker.on("click", (event) => this.clicked(vehicle, event));
@@ -88,7 +91,7 @@ class FleetLayer {
     const level = vehicle.level;
     for (const [name, on] of Object.entries({ selected: this.store.selected.has(vehicle.id), stale: vehicle.stale, bad: level === "bad", warn: level === "warn", armed: vehicle.state.armed === true }))
       element.classList.toggle(name, on);
-    element.setAttribute("aria-label", `${vehicle.name}, ${vehicle.state.mode || "mode unknown"}, ${LEVEL_WORD[level]}`);
+    mark(element, "aria-label", `${vehicle.name}, ${vehicle.state.mode || "mode unknown"}, ${LEVEL_WORD[level]}`);
     say(drawn.label, vehicle.height === null ? vehicle.name : `${vehicle.name} ${fixed(vehicle.height, 0)} m`);
     if (drawn.colour !== vehicle.colour) {
       drawn.colour = vehicle.colour;
@@ -136,6 +139,8 @@ class FleetLayer {
       taken.push([point.x - 9, point.y - 9, point.x + 9, point.y + 9]);
     }
     const rank = (vehicle) => (this.store.selected.has(vehicle.id) ? 0 : 1 + LEVELS.indexOf(vehicle.level));
+    const size = this.map.getSize();
+    const inside = (box) => box[0] >= 2 && box[1] >= 2 && box[2] <= size.x - 2 && box[3] <= size.y - 2;
     const free = (box) => taken.every((other) => box[2] <= other[0] || box[0] >= other[2] || box[3] <= other[1] || box[1] >= other[3]);
     for (const [vehicle, point] of [...points].sort((a, b) => rank(a[0]) - rank(b[0]))) {
       const label = this.drawn.get(vehicle.id).label;
@@ -144,7 +149,7 @@ class FleetLayer {
         const left = dx > 0 ? point.x + dx : dx < 0 ? point.x + dx - width : point.x - width / 2;
         return [left, point.y + dy, left + width, point.y + dy + 15];
       });
-      const box = boxes.find(free);
+      const box = boxes.find((each) => inside(each) && free(each));
       label.hidden = !box;
       label.classList.toggle("selected", this.store.selected.has(vehicle.id));
       if (!box) continue;

@@ -42,6 +42,19 @@ function polygonsOf(topology) {
     let x = 0, y = 0;
     return arc.map(([dx, dy]) => [(y += dy) * scale[1] + translate[1], (x += dx) * scale[0] + translate[0]]);
   });
-  const ring = (numbers) => numbers.flatMap((number) => (number < 0 ? [...arcs[~number]].reverse() : arcs[number]));
-  return topology.objects.land.geometries.flatMap((each) => (each.type === "Polygon" ? [each.arcs] : each.arcs)).map((rings) => rings.map(ring));
+  // A ring that goes over the antimeridian goes on beyond 180 degrees; one around a pole is closed along it.
+  const ring = (numbers) => {
+    const points = numbers.flatMap((number) => (number < 0 ? [...arcs[~number]].reverse() : arcs[number]));
+    let turns = 0;
+    const found = points.map(([lat, lon], index) => {
+      if (index) turns += Math.round((points[index - 1][1] - lon) / 360);
+      return /** @type {[number, number]} */ ([lat, lon + 360 * turns]);
+    });
+    if (turns) found.push([-85, found[found.length - 1][1]], [-85, found[0][1]]);
+    return found;
+  };
+  const polygons = topology.objects.land.geometries.flatMap((each) => (each.type === "Polygon" ? [each.arcs] : each.arcs)).map((rings) => rings.map(ring));
+  const beyond = polygons.filter((rings) => rings[0].some((point) => Math.abs(point[1]) > 180.01));
+  const shifted = beyond.map((rings) => rings.map((points) => points.map(([lat, lon]) => [lat, lon - 360 * Math.sign(Math.max(...points.map((p) => p[1])) - 180.005)])));
+  return [...polygons, ...shifted];
 }

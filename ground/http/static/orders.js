@@ -78,9 +78,11 @@ function armTwice(button, act) {
 /**
  * Ask, and give what was entered (or true), or null for no. One question at a time. The answer is the button's own, taken as
  * it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
- * @param {string} title @param {string} text @param {string} yes @param {Field | null} field @returns {Promise<any>}
+ * @param {string} title @param {string} text @param {string} yes @param {Field | null} field
+ * @param {boolean} aside beside what is shown on the map
+ * @returns {Promise<any>}
  */
-function confirmed(title, text, yes, field = null) {
+function confirmed(title, text, yes, field = null, aside = false) {
   const dialog = byId("confirm");
   if (dialog.open) return Promise.resolve(null);
   const form = dialog.querySelector("form");
@@ -101,6 +103,7 @@ function confirmed(title, text, yes, field = null) {
     input.required = true;
     input.value = field.value;
   }
+  dialog.classList.toggle("aside", aside);
   dialog.showModal();
   return new Promise((resolve) => {
     form.onsubmit = (event) => {

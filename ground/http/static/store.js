@@ -29,6 +29,9 @@ class Vehicle {
     /** @type {any} what GET /report says of it */
     this.report = null;
     this.colour = "gray";
+    /** @type {Alarm[]} */
+    this.found = [];
+    this.judged = this.judgedAt = 0;
   }
 
   take(state, alarms, place) {
@@ -74,8 +77,15 @@ class Vehicle {
     return [mover, lease ? `for ${lease.holder}` : ""].filter(Boolean).join(" ");
   }
 
-  /** All that is not well, the worst first: what the state tells, at once, and what is known beside it, a second later. */
+  /** All that is not well, the worst first. Several views ask for it while the page is drawn. @returns {Alarm[]} */
   get troubles() {
+    const now = Math.floor(Date.now() / 100);
+    if (this.judged !== now || this.judgedAt !== this.at) [this.judged, this.judgedAt, this.found] = [now, this.at, this.judge()];
+    return this.found;
+  }
+
+  /** What the state tells, at once, and what is known beside it, a second later. @returns {Alarm[]} */
+  judge() {
     if (this.stale) return [{ rule: "state", level: "bad", text: `no word for ${span(this.age)}`, advice: "is its computer on, and its router linked to this one?" }];
     const more = this.report ? this.report.reasons.filter((each) => !this.alarms.some((alarm) => alarm.rule === each.rule)) : [];
     return [...this.alarms, ...more].sort((a, b) => LEVELS.indexOf(a.level) - LEVELS.indexOf(b.level));

@@ -138,7 +138,7 @@ class FleetTable {
     const { element, cells } = row;
     const selected = this.store.selected.has(vehicle.id);
     element.classList.toggle("selected", selected);
-    element.setAttribute("aria-selected", String(selected));
+    mark(element, "aria-selected", String(selected));
     row.box.checked = selected;
     row.swatch.style.background = vehicle.colour;
     try {
@@ -146,10 +146,10 @@ class FleetTable {
       const level = vehicle.level;
       for (const each of LEVELS) element.classList.toggle(each, each === level);
       element.classList.toggle("stale", vehicle.stale);
-      element.title = vehicle.troubles.map((each) => each.text).join("\n");
+      mark(element, "title", vehicle.troubles.map((each) => each.text).join("\n"));
       say(row.kind, s.kind || "");
       say(cells.mode, `${s.mode || "–"}${s.armed ? "" : s.armed === false ? " · disarmed" : " · armed?"}`);
-      say(cells.doing, vehicle.troubles.length ? vehicle.troubles[0].text : vehicle.doing || "–");
+      say(cells.doing, [vehicle.troubles.length ? vehicle.troubles[0].text : "", vehicle.doing].filter(Boolean).join(" · ") || "–");
       say(cells.height, shown(vehicle.height, 1, " m"));
       say(cells.speed, shown(vehicle.speed, 1));
       const battery = s.battery || {};

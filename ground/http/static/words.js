@@ -36,6 +36,11 @@ function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** @param {Element} element @param {string} name @param {string} text */
+function mark(element, name, text) {
+  if (element.getAttribute(name) !== text) element.setAttribute(name, text);
+}
+
 /** A height of -0.04 m is 0.0, not -0.0. @param {number} value @param {number} digits */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "");
 /** A dash for what is not known. @param {number | null | undefined} value @param {number} digits */
