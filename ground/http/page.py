@@ -28,7 +28,7 @@ LINKED = re.compile(
 POLICY = (
     "default-src 'none'",
     "connect-src 'self'",
-    "img-src data:",
+    "img-src data: blob: 'self'",
     "base-uri 'none'",
     "form-action 'none'",
     "frame-ancestors 'none'",
@@ -76,6 +76,8 @@ class Page:
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
     fields = {"fleet": gateway.client.fleet_name, "read_only": "yes" if gateway.read_only else "no"}
+    tiles = gateway.tiles
+    fields["tiles"] = "" if tiles is None else f"{tiles.kind} {tiles.closest or ''}"
     pages = {"fleet": Page("index.html", fields), "docs": Page("docs.html")}
 
     async def fleet(request: Request) -> Response:

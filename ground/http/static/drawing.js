@@ -98,7 +98,7 @@ class Drawing {
   drawShape(shape) {
     const editing = this.editing === shape.id;
     const style = { color: this.colourOf(shape.kind), weight: editing ? 3 : 2, dashArray: shape.kind === "geofence" ? "12 6" : null, fillOpacity: shape.kind === "geofence" ? 0 : 0.1, bubblingMouseEvents: true };
-    const corners = shape.points.map((point) => [point.lat, point.lon]);
+    const corners = shape.points.map((point) => /** @type {[number, number]} */ ([point.lat, point.lon]));
     const drawn = shape.kind === "obstacle" ? L.circle(corners[0], { ...style, radius: shape.radius }) : L.polygon(corners, style);
     drawn.addTo(this.layer).bindTooltip(make("span", "", shape.name), { permanent: true, direction: "center", className: "named" });
     drawn.on("click", () => {
@@ -194,7 +194,7 @@ class Drawing {
     if (!this.origin) return;
     const vehicles = this.store.chosen.map((vehicle) => vehicle.name);
     if (!vehicles.length) return toast("Select who is to search it", "bad");
-    const polygon = obstacleOf(shape, this.origin).what.polygon;
+    const polygon = /** @type {any} */ (obstacleOf(shape, this.origin).what).polygon;
     await planFirst({ kind: "search", vehicles, polygon, height: shape.ceiling }, this.plans);
   }
 

@@ -23,6 +23,7 @@ const link = new Link(
 const explorer = new Explorer(link);
 const map = new FleetMap(store, byId("map"), byId("map-note"));
 const tools = new MapTools(store, map);
+showGround(map);
 const plans = new PlanLayer(store, map);
 const drawing = new Drawing(store, map, plans);
 const views = [new FleetTable(store), new FleetLayer(store, map), plans, new Alarms(store), new Goals(store), new Preflight(store), new OrderBar(store, map, plans)];

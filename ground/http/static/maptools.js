@@ -74,7 +74,7 @@ class MapTools {
     };
     element.addEventListener("pointerdown", (event) => {
       const tool = this.map.tool && this.map.tool.name === "box";
-      if (event.button !== 0 || !(tool || event.shiftKey) || event.target.closest(".map-buttons, .leaflet-control")) return;
+      if (event.button !== 0 || !(tool || event.shiftKey) || /** @type {Element} */ (event.target).closest(".map-buttons, .leaflet-control")) return;
       event.preventDefault();
       event.stopPropagation();
       this.map.map.dragging.disable();

@@ -53,8 +53,10 @@ class PlanLayer {
     for (const tracks of this.previewed) for (const [name, track] of Object.entries(tracks)) line(name, track, { weight: 4, dashArray: "1 8", opacity: 0.9 });
   }
 
+  /** @param {any} obstacle see zmav/wire/swarm.py @param {number} now UTC seconds */
   shape(obstacle, now) {
     const what = obstacle.what;
+    /** @returns {[number, number]} */
     const at = (north, east) => {
       const place = toGlobal(this.store.origin, north, east);
       return [place.lat, place.lon];

@@ -39,7 +39,7 @@ class FleetTable {
   }
 
   async saveGroup() {
-    const field = { label: "Name of the group", value: "", type: "text" };
+    const field = { label: "Name of the group", value: "", type: /** @type {"text"} */ ("text") };
     const names = this.store.chosen.map((vehicle) => vehicle.name);
     const name = await confirmed(`Save ${names.length} vehicles as a group`, few(names, 12), "Save", field);
     if (name) this.store.saveGroup(name);
@@ -114,7 +114,7 @@ class FleetTable {
   pick(vehicle, event) {
     if (event.ctrlKey || event.metaKey) this.store.toggle(vehicle.id);
     else if (event.shiftKey && this.from) {
-      const ids = [...this.body.children].filter((row) => !row.hidden).map((row) => [...this.rows].find((each) => each[1].element === row)[0]);
+      const ids = [...this.body.children].filter((row) => !(/** @type {HTMLElement} */ (row).hidden)).map((row) => [...this.rows].find((each) => each[1].element === row)[0]);
       const [a, b] = [ids.indexOf(this.from), ids.indexOf(vehicle.id)].sort((x, y) => x - y);
       this.store.select(ids.slice(Math.max(a, 0), b + 1));
       return;

@@ -1,8 +1,8 @@
 "use strict";
 // What every view is made of: elements, numbers and times in words, colours of vehicles.
 
-const READ_ONLY = document.querySelector("meta[name=zmav-read-only]").content === "yes";
-const FLEET = document.querySelector("meta[name=zmav-fleet]").content;
+const READ_ONLY = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=zmav-read-only]")).content === "yes";
+const FLEET = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=zmav-fleet]")).content;
 const LEVELS = ["bad", "warn", "note", "ok"];
 /** What a level is called on the page. @type {Record<string, string>} */
 const LEVEL_WORD = { bad: "act now", warn: "warning", note: "note", ok: "well" };

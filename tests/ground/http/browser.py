@@ -308,7 +308,7 @@ class FakePlanner:
         self._thread.start()
 
     def _speak(self) -> None:
-        about = {"planner": "base", "instance": "base1", "term": 1}
+        about: dict[str, Any] = {"planner": "base", "instance": "base1", "term": 1}
         while not self._stop.wait(0.2):
             charge, book = swarm.Charge(t=time.time(), **about), swarm.Book(t=time.time(), goals=self.goals, **about)
             self._session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(charge))
