@@ -1,21 +1,14 @@
-"""``/tiles``: the user's own pictures of the ground, out of one file: PMTiles by ranges, MBTiles tile by tile.
+"""The user's own pictures of the ground, out of one file: PMTiles by ranges, MBTiles tile by tile.
 
 https://github.com/protomaps/PMTiles/blob/main/spec/v3/spec.md, https://github.com/mapbox/mbtiles-spec
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import sqlite3
 from pathlib import Path
 
-from starlette.requests import Request
-from starlette.responses import FileResponse, Response
-from starlette.routing import BaseRoute, Route
-
-from ground.http.gateway import Gateway
-from ground.http.reply import Failure
 from zmav.errors import BadConfig
 
 MAGIC = {b"PMTiles\x03": "pmtiles", b"SQLite f": "mbtiles"}
@@ -48,28 +41,3 @@ class Tiles:
         where = "zoom_level=? AND tile_column=? AND tile_row=?"
         found = self._query(f"SELECT tile_data FROM tiles WHERE {where}", z, x, (1 << z) - 1 - y)
         return found if isinstance(found, bytes) else None
-
-
-def routes(gateway: Gateway) -> list[BaseRoute]:
-    tiles = gateway.tiles
-
-    async def file(request: Request) -> Response:
-        """The file of tiles that the gateway was started with, or the part that a Range header asks for."""
-        if tiles is None or tiles.kind != "pmtiles":
-            raise Failure(404, "not_found", "no PMTiles here: zmav http --tiles FILE.pmtiles")
-        return FileResponse(tiles.path, media_type="application/vnd.pmtiles")
-
-    async def tile(request: Request) -> Response:
-        """One tile of the MBTiles that the gateway was started with."""
-        z, x, y = (request.path_params[name] for name in "zxy")
-        inside = tiles is not None and tiles.kind == "mbtiles" and z <= 30 and x < 1 << z and y < 1 << z
-        data = await asyncio.to_thread(tiles.tile, z, x, y) if tiles is not None and inside else None
-        if data is None:
-            raise Failure(404, "not_found", "there is no such tile")
-        kind = next((kind for magic, kind in PICTURES.items() if data.startswith(magic)), "application/octet-stream")
-        return Response(data, media_type=kind, headers={"X-Content-Type-Options": "nosniff"})
-
-    return [
-        Route("/tiles", file, methods=["GET"]),
-        Route("/tiles/{z:int}/{x:int}/{y:int}", tile, methods=["GET"]),
-    ]

@@ -17,8 +17,9 @@ class OrderBar {
     this.pause = add("Pause", "safe", () => this.pauseOrResume(), "come to rest along what is flown; the goals stay");
     this.land = add("Land", "safe", null, "land where they are; who is disarmed is left out");
     this.rtl = add("Return", "safe", null, "home and land: by a plan in which nobody meets, where a planner is; who is disarmed is left out");
-    armTwice(this.land, () => order(this.ids, "land"));
-    armTwice(this.rtl, () => order(this.ids, "rtl"));
+    /** A second press is for whom the first one named: another selection takes it back. */
+    this.asked = [armTwice(this.land, () => order(this.ids, "land")), armTwice(this.rtl, () => order(this.ids, "rtl"))];
+    this.meant = "";
     this.land.dataset.verb = "land";
     this.rtl.dataset.verb = "rtl";
     this.hold.dataset.verb = "hold";
@@ -46,6 +47,9 @@ class OrderBar {
     const all = this.store.all.length;
     const live = this.store.connection === "live";
     byId("everybody").hidden = READ_ONLY || all === 0;
+    const meant = this.ids.join(" ");
+    if (meant !== this.meant) for (const rest of this.asked) rest();
+    this.meant = meant;
     say(byId("whom-names"), this.store.selected.size ? `${few(this.names, 6)}${all > 1 ? ` (${this.names.length} of ${all})` : ""}` : `all ${all}`);
     const count = this.store.selected.size;
     const suffix = count === 0 ? " all" : count === 1 ? ` ${this.names[0] || ""}` : ` ${count}`;

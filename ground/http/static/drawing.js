@@ -100,13 +100,20 @@ class Drawing {
     const style = { color: this.colourOf(shape.kind), weight: editing ? 3 : 2, dashArray: shape.kind === "geofence" ? "12 6" : null, fillOpacity: shape.kind === "geofence" ? 0 : 0.1, bubblingMouseEvents: true };
     const corners = shape.points.map((point) => /** @type {[number, number]} */ ([point.lat, point.lon]));
     const drawn = shape.kind === "obstacle" ? L.circle(corners[0], { ...style, radius: shape.radius }) : L.polygon(corners, style);
-    drawn.addTo(this.layer).bindTooltip(make("span", "", shape.name), { permanent: true, direction: "center", className: "named" });
+    drawn.addTo(this.layer);
+    const name = L.tooltip({ permanent: true, direction: "top", offset: [0, -8], className: "named" }).setLatLng(corners[0]).setContent(make("span", "", shape.name));
+    if (!this.store.obstacles.has(shape.name)) name.addTo(this.layer); // else the planner's own has it
     drawn.on("click", () => {
       if (this.view.tool) return;
       this.editing = shape.id;
       this.refresh();
     });
-    if (!editing) return;
+    this.handles(shape, drawn);
+  }
+
+  /** What moves the corners of the one that is edited. @param {Shape} shape @param {any} drawn */
+  handles(shape, drawn) {
+    if (this.editing !== shape.id) return;
     shape.points.forEach((point, index) => this.corner(shape, drawn, index, point, false));
     if (shape.kind === "obstacle") return;
     shape.points.forEach((point, index) => {
@@ -202,6 +209,7 @@ class Drawing {
     if (!this.origin) return;
     const text = shape.kind === "geofence" ? "Every plan stays inside of it from now on; it takes the place of the one before." : "Every plan keeps clear of it from now on. What is flown is checked against it.";
     if (await confirmed(`Give ${KIND_WORD[shape.kind]} ${shape.name} to the planner?`, text, "Give")) await askPlanner("obstacle", { obstacle: obstacleOf(shape, this.origin) });
+    setTimeout(() => this.refresh(), 1500); // by then the planner says what it keeps clear of
   }
 
   async copy(shape) {

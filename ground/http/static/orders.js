@@ -50,7 +50,7 @@ async function order(vehicles, verb, args = {}) {
 }
 
 // A button that does nothing until it is pressed a second time within four seconds.
-/** @param {any} button @param {() => void} act */
+/** Returns what has it asked from the beginning again. @param {any} button @param {() => void} act @returns {() => void} */
 function armTwice(button, act) {
   let label = button.textContent;
   let timer = null;
@@ -71,6 +71,7 @@ function armTwice(button, act) {
       timer = setTimeout(rest, 4000);
     }
   });
+  return () => timer && rest();
 }
 
 /** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */

@@ -244,7 +244,10 @@ async def test_the_bar_names_whom_it_means(tab: Tab, served: Served, fleet: Flee
         f"{TOASTS}.includes('quad1: land done') && {TOASTS}.includes('quad2: land left out: it is disarmed')"
     )
     assert [order for order in fleet.orders if order != "quad1/do/hold"] == ["quad1/do/land"]
+    await tab.run(f"{bar('Return')}.click()")
+    await tab.until(f"{bar('Return')}.textContent.endsWith('?')")
     await tab.click("[data-row=quad2]")
+    assert not await tab.run(f"{bar('Return')}.classList.contains('asking')"), "the first press was for others"
     await tab.run(f"{bar('Mode')}.click()")
     await tab.call("Input.insertText", text="LOITER")
     await tab.click("#confirm-yes")
