@@ -14,7 +14,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http import keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, setpoints, ws
+from ground.http import keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, setpoints, watching, ws
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal
@@ -59,7 +59,7 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-FACES = (page, openapi, metrics, mavnode, mavlink2rest, orders, setpoints, ws, keyspace)
+FACES = (page, openapi, metrics, mavnode, mavlink2rest, orders, setpoints, watching, ws, keyspace)
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:

@@ -15,6 +15,7 @@ from zmav.process import leave, say, until_stopped
 
 if TYPE_CHECKING:
     from ground.http.guard import Rules
+    from ground.http.tiles import Tiles
     from zmav.client import Client
 
 VARIABLE = "ZMAV_HTTP_TOKEN"
@@ -34,6 +35,7 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--read-only", is_flag=True, help="Refuse whatever writes to vehicles.")
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
+@click.option("--tiles", type=click.Path(dir_okay=False), help="Pictures of the ground: FILE.pmtiles or FILE.mbtiles.")
 @dialect_option
 @connected
 def command(
@@ -44,6 +46,7 @@ def command(
     read_only: bool,
     allow_host: tuple[str, ...],
     allow_origin: tuple[str, ...],
+    tiles: str | None,
 ) -> Work:
     """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
 
@@ -65,21 +68,23 @@ def command(
         raise missing_extra("'zmav http'", e.name, "ground") from e
     from ground.http.guard import LOOPBACK, Rules
     from ground.http.server import bound
+    from ground.http.tiles import Tiles
 
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
     rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
     sock = bound(host, port)
-    return lambda z: _serve(z, host, sock, rules)
+    ground = Tiles(Path(tiles)) if tiles else None
+    return lambda z: _serve(z, host, sock, rules, ground)
 
 
-async def _serve(z: Client, host: str, sock: socket.socket, rules: Rules) -> None:
+async def _serve(z: Client, host: str, sock: socket.socket, rules: Rules, tiles: Tiles | None) -> None:
     from ground.http.app import make_app
     from ground.http.gateway import Gateway
     from ground.http.server import serving
 
     async with (
-        Gateway(z, rules.read_only) as gateway,
+        Gateway(z, rules.read_only, tiles=tiles) as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host

@@ -8,7 +8,7 @@ import itertools
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import zenoh
 
@@ -22,6 +22,9 @@ from zmav.services.rates.demand import NOT_STREAMED
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
 from zmav.waiting import within
+
+if TYPE_CHECKING:
+    from ground.http.tiles import Tiles
 
 LASTING = 30.0
 """s that an asked message is wanted for"""
@@ -122,8 +125,10 @@ class Gateway:
     ``on_frame`` of the feed stores bytes and counts, and no more: anyone who asks has them decoded.
     """
 
-    def __init__(self, client: Client, read_only: bool = False, stream_timeout: float = 60.0) -> None:
-        self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
+    def __init__(
+        self, client: Client, read_only: bool = False, stream_timeout: float = 60.0, tiles: Tiles | None = None
+    ) -> None:
+        self.client, self.read_only, self.stream_timeout, self.tiles = client, read_only, stream_timeout, tiles
         self.started = time.time()
         self.wants = Wants(client)
         self.sent = 0

@@ -44,10 +44,11 @@ GROUP = {
     "do": "Orders",
     "agent": "Orders",
     "fleet": "Orders",
+    "swarm": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "tiles"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
@@ -55,6 +56,9 @@ PATH = {
     "agent": "the agent's name, as in ev1: what 'zmav agent run' was started with",
     "verb": "the order",
     "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
+    "z": "zoom of a tile",
+    "x": "its column, from the west",
+    "y": "its row, from the north",
     "sys": "MAVLink system id",
     "comp": "MAVLink component id; 0: all of the system's",
     "message": "name of a MAVLink message",
@@ -93,6 +97,10 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
     ),
     ("post", "/fleet/{verb}"): (
         "vehicles (a list of names or patterns; all without), id and wait, and the order's arguments",
+        {JSON: OBJECT},
+    ),
+    ("post", "/swarm/{verb}"): (
+        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle",
         {JSON: OBJECT},
     ),
     ("post", "/agent/{vehicle}/{agent}/{verb}"): (

@@ -1,6 +1,6 @@
 """Orders: ``POST /do/{vehicle}/{verb}``, the same by ``GET`` for who can do no more; to several vehicles by ``POST
 /fleet/{verb}``, under the rule of :mod:`zmav.swarm`; to the agents that run for a vehicle by ``POST
-/agent/{vehicle}/{agent}/{verb}``.
+/agent/{vehicle}/{agent}/{verb}``. ``POST /swarm/{verb}`` asks the planner in charge, as ``zmav swarm`` does.
 
 The answer is the vehicle's outcome. Without an ``id`` it comes when the order has ended, which the vehicle sees to by
 itself even where nobody waits any longer; with one it says after ``wait`` seconds that it is still ``running``, and the
@@ -12,10 +12,12 @@ from __future__ import annotations
 import asyncio
 import fnmatch
 import time
-from collections.abc import Coroutine
+import uuid
+from collections.abc import Coroutine, Mapping
 from typing import Any
 
 import msgspec
+import zenoh
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -24,14 +26,21 @@ from ground.http.arguments import arguments_of
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from zmav import keys, wire
+from zmav.client import Client
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
 from zmav.services.orders.orders import Operations, Report
 from zmav.swarm import FleetOrder
 from zmav.vehicle import Vehicle
-from zmav.verbs import VERBS
+from zmav.verbs import SWARM_VERBS, VERBS, Verb
+from zmav.waiting import within
+from zmav.wire import swarm
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
+LOOK, ANSWER, END = 1.5, 3.0, 30.0
+"""s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
+would be flown
+"""
 
 
 class FleetOrders:
@@ -111,9 +120,19 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         vehicle = gateway.client.vehicle(parts["vehicle"])
         return answer(await tell(gateway, vehicle, parts["agent"], parts["verb"], request))
 
+    async def planner(request: Request) -> Response:
+        """Ask the planner in charge; the body holds the verb's arguments, as {"goal": {"kind": "goto", ...}}."""
+        verb = _known(request.path_params["verb"], SWARM_VERBS)
+        kind = SWARM_VERBS[verb].args
+        values = await arguments_of(request, kind)
+        values["id"] = values.get("id") or uuid.uuid4().hex
+        args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
+        return answer({"verb": verb, "result": await _asked(gateway.client, verb, args)})
+
     return [
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
         Route("/fleet/{verb}", fleet_orders.give, methods=["POST"]),
+        Route("/swarm/{verb}", planner, methods=["POST"]),
         Route("/agent/{vehicle}/{agent}/{verb}", agent, methods=["POST"]),
     ]
 
@@ -131,9 +150,9 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
 
 
-def _known(verb: str) -> str:
-    if verb not in VERBS:
-        known = ", ".join(VERBS)
+def _known(verb: str, verbs: Mapping[str, Verb] = VERBS) -> str:
+    if verb not in verbs:
+        known = ", ".join(verbs)
         raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
     return verb
 
@@ -163,3 +182,36 @@ async def _once(gateway: Gateway, vehicle: Vehicle, key: str, payload: bytes) ->
     if vehicle.present:
         raise TimedOut(f"{vehicle.name} does not answer on {key}", vehicle=vehicle.name)
     raise NoSuchVehicle(f"no vehicle {vehicle.name} is present in fleet {vehicle.fleet}", vehicle=vehicle.name)
+
+
+async def _asked(z: Client, verb: str, args: wire.Order) -> dict[str, Any]:
+    """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` where it falls silent."""
+    fleet, planner = await _in_charge(z)
+    key, payload, until = keys.SWARM.key(fleet, planner, verb=verb), wire.encode(args), time.monotonic() + END
+    silent = 0
+    while time.monotonic() < until and silent < 2:
+        answers = await z.ask(key, payload, ANSWER, keys.SWARM)
+        silent = 0 if answers else silent + 1
+        for each in answers[:1]:
+            if isinstance(each, ZmavError):
+                raise each
+            outcome = wire.decode(each.payload, wire.Outcome, f"reply to {key}")
+            if outcome.status == "done":
+                return outcome.result
+    raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)
+
+
+async def _in_charge(z: Client) -> tuple[str, str]:
+    """The fleet and the name of the planner in charge, by its own word; raises :class:`NoSuchVehicle`."""
+
+    def convert(sample: zenoh.Sample) -> tuple[str, str]:
+        key = str(sample.key_expr)
+        charge = wire.decode(sample.payload.to_bytes(), swarm.Charge, key)
+        return key.split("/")[1], keys.check_name(charge.planner, "planner")
+
+    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="charge"), convert) as told:
+        try:
+            return await within(LOOK, told.get())
+        except asyncio.TimeoutError:
+            text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
+            raise NoSuchVehicle(text, fleet=z.fleet_name) from None

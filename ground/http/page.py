@@ -1,4 +1,4 @@
-"""The gateway's pages: ``/`` shows the fleet, ``/docs`` the HTTP interface.
+"""The gateway's pages: ``/`` shows the fleet, ``/docs`` the HTTP interface, ``/tiles`` what the map stands on.
 
 The files are in ``static``: plain HTML, CSS and JavaScript, and nothing from elsewhere. What a page links to is put
 into it when the gateway starts: one request brings it all, also where a token would have to go along with each, and
@@ -7,6 +7,7 @@ its policy (Content-Security-Policy) lets run exactly what we wrote, by its hash
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import gzip
 import hashlib
@@ -16,16 +17,21 @@ from collections.abc import Mapping
 from importlib import resources
 
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from ground.http.gateway import Gateway
+from ground.http.reply import Failure
+from ground.http.tiles import PICTURES
 
-LINKED = re.compile(r'<link rel="stylesheet" href="([a-z]+\.css)">|<script src="([a-z]+\.js)"></script>')
+LINKED = re.compile(
+    r'<link rel="stylesheet" href="([a-z/]+\.css)">|<script src="([a-z/]+\.js)"></script>'
+    r'|(<script type="application/json" id="[a-z]+") src="([a-z0-9/-]+\.json)"></script>'
+)
 POLICY = (
     "default-src 'none'",
     "connect-src 'self'",
-    "img-src data:",
+    "img-src data: blob: 'self'",
     "base-uri 'none'",
     "form-action 'none'",
     "frame-ancestors 'none'",
@@ -45,6 +51,8 @@ class Page:
         self._packed = gzip.compress(self._body, mtime=0)
 
     def _put_in(self, found: re.Match[str]) -> str:
+        if found[3]:  # data, which no policy need let run
+            return f"{found[3]}>{_read(found[4])}</script>"
         text = _read(found[1] or found[2])
         if found[1]:
             self._styles.append(_hash(text))
@@ -71,6 +79,8 @@ class Page:
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
     fields = {"fleet": gateway.client.fleet_name, "read_only": "yes" if gateway.read_only else "no"}
+    tiles = gateway.tiles
+    fields["tiles"] = "" if tiles is None else f"{tiles.kind} {tiles.closest or ''}"
     pages = {"fleet": Page("index.html", fields), "docs": Page("docs.html")}
 
     async def fleet(request: Request) -> Response:
@@ -81,7 +91,28 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         """This interface, to read and to try."""
         return pages["docs"].response(request)
 
-    return [Route("/", fleet, methods=["GET"]), Route("/docs", docs, methods=["GET"])]
+    async def file(request: Request) -> Response:
+        """The file of tiles that the gateway was started with, or the part that a Range header asks for."""
+        if tiles is None or tiles.kind != "pmtiles":
+            raise Failure(404, "not_found", "no PMTiles here: zmav http --tiles FILE.pmtiles")
+        return FileResponse(tiles.path, media_type="application/vnd.pmtiles")
+
+    async def tile(request: Request) -> Response:
+        """One tile of the MBTiles that the gateway was started with."""
+        z, x, y = (request.path_params[name] for name in "zxy")
+        inside = tiles is not None and tiles.kind == "mbtiles" and z <= 30 and x < 1 << z and y < 1 << z
+        data = await asyncio.to_thread(tiles.tile, z, x, y) if tiles is not None and inside else None
+        if data is None:
+            raise Failure(404, "not_found", "there is no such tile")
+        kind = next((kind for magic, kind in PICTURES.items() if data.startswith(magic)), "application/octet-stream")
+        return Response(data, media_type=kind, headers={"X-Content-Type-Options": "nosniff"})
+
+    return [
+        Route("/", fleet, methods=["GET"]),
+        Route("/docs", docs, methods=["GET"]),
+        Route("/tiles", file, methods=["GET"]),
+        Route("/tiles/{z:int}/{x:int}/{y:int}", tile, methods=["GET"]),
+    ]
 
 
 def _read(name: str) -> str:

@@ -18,6 +18,7 @@ from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of
 from zmav.doctor.rules import PROOF
+from zmav.doctor.ways import Link
 from zmav.errors import BadInput, ZmavError
 from zmav.trust.member import Place
 from zmav.vehicle import Vehicle
@@ -192,6 +193,11 @@ class Watch:
         return Report(
             t=time.time(), fleet=self._z.fleet_name, router=self._linked(), vehicles=vehicles, agents=list(agents)
         )
+
+    @property
+    def links(self) -> list[Link]:
+        """Between routers, as their ends last measured them."""
+        return list(self._graph.links) if self._graph is not None else []
 
     def _linked(self) -> bool:
         info = self._z.session.info

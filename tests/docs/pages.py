@@ -89,6 +89,10 @@ NOT_RUN: dict[str, str] = {
         "the first is this; the others take minutes: tests/agents/demo"
     ),
     r"(sudo|systemctl|journalctl|git|ssh|scp) .*": "changes this machine, or wants another one: tests/deploy",
+    r"docs/page.md: zmav .*": (
+        "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
+        "tests/ground/http"
+    ),
     r"docs/(install|vehicle-setup).md: .*": (
         "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py"
     ),

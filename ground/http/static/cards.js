@@ -1,29 +1,13 @@
 "use strict";
-// One card a vehicle: what it is and does, how old that is, and its orders.
+// One card a selected vehicle: what it is and does, how old that is, and its orders.
 
-const STALE_S = 2;
 const SURFACE = new Set(["rover", "boat"]);
 
-// A height of -0.04 m is 0.0, not -0.0.
-const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "");
-// A dash for what is not known.
-const shown = (value, digits, unit = "") => (value === null || value === undefined ? "–" : `${fixed(value, digits)}${unit}`);
-
-function span(seconds) {
-  if (seconds < 10) return `${seconds.toFixed(1)} s`;
-  if (seconds < 90) return `${Math.round(seconds)} s`;
-  return seconds < 5400 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`;
-}
-
 class Card {
-  constructor(fleet, name) {
-    this.fleet = fleet;
-    this.name = name;
-    this.id = `${fleet}/${name}`;
-    this.state = null;
-    this.alarms = []; // by the gateway, the worst first
-    this.at = 0;
-    this.trail = [];
+  /** @param {Vehicle} vehicle */
+  constructor(vehicle) {
+    this.vehicle = vehicle;
+    /** @type {Record<string, any>} */
     this.parts = {};
     this.element = this.build();
   }
@@ -31,60 +15,34 @@ class Card {
   build() {
     const part = (name, element) => (this.parts[name] = element);
     const fact = (name, label) => make("div", "fact", "", make("dt", "", label), part(name, make("dd", "", "–")));
-    const head = make("div", "card-head", "", make("h2", "", this.name), part("what", make("span", "muted")), part("age", make("span", "age")));
+    const head = make("div", "card-head", "", make("h2", "", this.vehicle.name), part("what", make("span", "muted")), part("age", make("span", "age")));
     const mode = make("div", "card-mode", "", part("mode", make("span", "mode", "–")), part("armed", make("span", "pill")), part("holder", make("span", "pill info")));
     const battery = make("div", "battery", "", part("fill", make("i")));
     const facts = make("dl", "facts", "", fact("alt", "height"), fact("speed", "speed"), fact("heading", "heading"), fact("battery", "battery"), fact("gps", "GPS"), fact("loss", "link loss"), fact("place", "position"));
     const card = make("article", "card", "", head, mode, part("note", make("p", "note")), battery, facts);
-    card.dataset.vehicle = this.name;
+    card.dataset.vehicle = this.vehicle.name;
     if (!READ_ONLY) card.append(this.buttons());
     return card;
   }
 
   buttons() {
-    const button = (label, className, act) => {
-      const made = make("button", className, label);
-      made.type = "button";
-      if (act) made.addEventListener("click", act);
-      return made;
-    };
-    const hold = button("Hold", "safe", () => order([this.id], "hold"));
-    const land = button("Land", "safe");
-    const rtl = button("RTL", "safe");
-    armTwice(land, () => order([this.id], "land"));
-    armTwice(rtl, () => order([this.id], "rtl"));
-    const arm = button("Arm…", "", () => askArm(this.id, this.name, this.state && this.state.armed));
-    const takeoff = button("Take off…", "", () => askTakeoff(this.id, this.name));
+    const hold = makeButton("Hold", "safe", () => order([this.vehicle.id], "hold"));
+    const land = makeButton("Land", "safe", null);
+    const rtl = makeButton("RTL", "safe", null);
+    armTwice(land, () => order([this.vehicle.id], "land"));
+    armTwice(rtl, () => order([this.vehicle.id], "rtl"));
+    const arm = makeButton("Arm…", "", () => askArm(this.vehicle.id, this.vehicle.name, this.vehicle.state && this.vehicle.state.armed));
+    const takeoff = makeButton("Take off…", "", () => askTakeoff(this.vehicle.id, this.vehicle.name));
     const orders = make("div", "orders", "", hold, land, rtl, arm, takeoff);
     Object.assign(this.parts, { land, arm, takeoff, orders });
     return orders;
   }
 
-  take(state, alarms) {
-    this.state = state;
-    this.alarms = alarms || [];
-    this.at = Date.now();
-    const here = state.position;
-    this.placed = Boolean(here) && [here.lat_deg, here.lon_deg, here.alt_rel].every(Number.isFinite);
-    if (!this.placed) return;
-    const last = this.trail[this.trail.length - 1];
-    if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, lat: here.lat_deg, lon: here.lon_deg });
-    while (this.trail.length > 300) this.trail.shift();
-  }
-
-  get age() {
-    return (Date.now() - this.at) / 1000;
-  }
-
-  get stale() {
-    return this.age > STALE_S;
-  }
-
   say(part, text) {
-    if (this.parts[part].textContent !== text) this.parts[part].textContent = text;
+    say(this.parts[part], text);
   }
 
-  // A state that is not as it should be spoils its own card and no other.
+  /** A state that is not as it should be spoils its own card and no other. */
   drawSafely() {
     try {
       this.draw();
@@ -96,21 +54,22 @@ class Card {
   }
 
   draw() {
-    const s = this.state;
-    const worst = this.alarms.length ? this.alarms[0].level : "";
-    this.element.classList.toggle("stale", this.stale);
+    const s = this.vehicle.state;
+    const alarms = this.vehicle.stale ? this.vehicle.alarms : this.vehicle.troubles;
+    const worst = alarms.length ? alarms[0].level : "";
+    this.element.classList.toggle("stale", this.vehicle.stale);
     this.element.classList.toggle("trouble", worst === "bad");
     this.element.classList.toggle("armed", Boolean(s.armed));
     this.say("what", [s.kind, s.autopilot, s.sysid === null ? null : `id ${s.sysid}`].filter(Boolean).join(" · "));
-    this.say("age", this.stale ? `no word for ${span(this.age)}` : `${span(this.age)} ago`);
+    this.say("age", this.vehicle.stale ? `no word for ${span(this.vehicle.age)}` : `${span(this.vehicle.age)} ago`);
     this.say("mode", s.mode || "–");
     this.say("armed", s.armed === null ? "armed?" : s.armed ? "ARMED" : "disarmed");
-    this.parts.armed.className = `pill ${s.armed ? "hot" : ""}`;
+    this.parts.armed.className = `pill ${s.armed ? "armed" : ""}`;
     this.parts.holder.hidden = !s.lease;
     this.say("holder", s.lease ? `held by ${s.lease.holder}` : "");
-    this.parts.note.hidden = !this.alarms.length;
-    this.parts.note.title = this.alarms.map((alarm) => alarm.advice).join("\n");
-    this.say("note", this.alarms.map((alarm) => alarm.text).join(". "));
+    this.parts.note.hidden = !alarms.length;
+    this.parts.note.title = alarms.map((alarm) => alarm.advice).join("\n");
+    this.say("note", alarms.map((alarm) => alarm.text).join(". "));
     this.drawFacts(s);
     if (READ_ONLY) return;
     this.parts.orders.hidden = s.replayed === true;
@@ -130,6 +89,6 @@ class Card {
     const volts = s.battery && s.battery.voltage;
     this.say("battery", [left === null ? null : `${Math.round(left * 100)} %`, volts === null ? null : `${volts.toFixed(1)} V`].filter(Boolean).join(" · ") || "–");
     this.parts.fill.style.width = `${Math.max(0, Math.min(1, left ?? 0)) * 100}%`;
-    this.parts.fill.className = left === null ? "" : (this.alarms.find((alarm) => alarm.rule.startsWith("battery")) || { level: "good" }).level;
+    this.parts.fill.className = left === null ? "" : (this.vehicle.alarms.find((alarm) => alarm.rule.startsWith("battery")) || { level: "good" }).level;
   }
 }

@@ -38,8 +38,8 @@ class Explorer {
     this.list = document.getElementById("subscriptions");
     this.values = document.getElementById("values");
     this.trouble = document.getElementById("trouble");
-    this.field = document.getElementById("key");
-    document.getElementById("subscribe").addEventListener("submit", (event) => {
+    this.field = byId("key");
+    byId("subscribe").addEventListener("submit", (event) => {
       event.preventDefault();
       this.ask(this.field.value.trim());
     });
@@ -52,7 +52,7 @@ class Explorer {
     if (!text) return;
     this.say("");
     this.asked = text;
-    this.link.subscribe(text, { hz: Number(document.getElementById("hz").value) || 2 });
+    this.link.subscribe(text, { hz: Number(byId("hz").value) || 2 });
   }
 
   say(text) {

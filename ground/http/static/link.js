@@ -56,7 +56,7 @@ class Link {
     if (this.socket.readyState === WebSocket.OPEN) this.ping();
     if (Date.now() - Math.max(this.heard, this.opened) > SILENCE_MS) {
       const dead = this.socket;
-      dead.onclose();
+      dead.onclose(null);
       dead.close();
     }
   }

@@ -1,95 +1,161 @@
 "use strict";
-// The page as a whole: who is there, whether we are connected, and what is drawn when.
+// The page as a whole: the socket writes to the store, and every view is drawn from it five times a second.
 
 const DRAW_MS = 200;
-const MOST_EVENTS = 100;
-const MOST_CARDS = 500;
+const REPORT_MS = 1000;
 const SEVERE = new Set(["emergency", "alert", "critical", "error"]);
+/** @type {Map<string, Card>} of the selected */
 const cards = new Map();
-const banner = document.getElementById("lost");
-const pill = document.getElementById("link");
-const events = document.getElementById("events");
-let eventCount = 0;
-let lastWord = 0;
-let connection = "connecting";
+const MOST_CARDS = 12;
 
-function onMessage(message) {
-  if (message.key === undefined) return explorer.told(message);
-  const chunks = message.key.split("/");
-  if (chunks.length === 4 && chunks[3] === "state") onState(chunks[1], chunks[2], message.value, message.alarms);
-  else if (chunks.length === 4 && chunks[3] === "event") onEvent(chunks[2], message.value);
-  explorer.take(message);
-}
-
-function onState(fleet, name, state, alarms) {
-  if (!state || typeof state !== "object") return;
-  const id = `${fleet}/${name}`;
-  let card = cards.get(id);
-  if (!card) {
-    if (cards.size >= MOST_CARDS) return;
-    card = new Card(fleet, name);
-    cards.set(id, card);
-    const after = [...cards.keys()].sort()[[...cards.keys()].sort().indexOf(id) + 1];
-    document.getElementById("fleet").insertBefore(card.element, after ? cards.get(after).element : null);
-    document.getElementById("nobody").hidden = true;
-    document.getElementById("everybody").hidden = READ_ONLY;
-  }
-  card.take(state, alarms);
-}
-
-function onEvent(name, event) {
-  if (!event || typeof event.text !== "string") return;
-  const same = [...events.children].some((item) => item.dataset.t === String(event.t) && item.lastChild.textContent === event.text);
-  if (same) return; // what was heard before the connection was lost
-  if (!eventCount++) events.replaceChildren();
-  const when = new Date(event.t * 1000).toLocaleTimeString([], { hour12: false });
-  const kind = SEVERE.has(event.severity) ? "bad" : event.severity === "warning" ? "warn" : "";
-  const item = make("li", kind, "", make("time", "", when), make("b", "", name), make("span", "", event.text));
-  item.dataset.t = event.t;
-  events.insertBefore(item, [...events.children].find((other) => Number(other.dataset.t) <= event.t) || null);
-  while (events.children.length > MOST_EVENTS) events.lastChild.remove();
-  document.getElementById("event-count").textContent = `${eventCount} so far`;
-}
-
-function onLink(state, heard) {
-  connection = state;
-  lastWord = heard;
-}
+const store = new Store();
+const link = new Link(
+  (message) => {
+    if (message.key === undefined) return explorer.told(message);
+    store.take(message);
+    explorer.take(message);
+  },
+  (state, heard) => {
+    store.connection = state;
+    store.lastWord = heard;
+  },
+);
+const explorer = new Explorer(link);
+const map = new FleetMap(store, byId("map"), byId("map-note"));
+const tools = new MapTools(store, map);
+showGround(map);
+const plans = new PlanLayer(store, map);
+const drawing = new Drawing(store, map, plans);
+const views = [new FleetTable(store), new FleetLayer(store, map), plans, new Alarms(store), new Goals(store), new Preflight(store), new OrderBar(store, map, plans)];
 
 function drawLink() {
-  const lost = connection === "lost";
+  const lost = store.connection === "lost";
   document.body.classList.toggle("lost", lost);
-  pill.className = `pill ${connection === "live" ? "good" : lost ? "hot" : ""}`;
-  pill.textContent = connection === "live" ? (link.rtt === null ? "live" : `live · ${link.rtt} ms`) : lost ? "CONNECTION LOST" : "connecting";
-  banner.hidden = !lost;
+  const pill = byId("link");
+  pill.className = `pill ${store.connection === "live" ? "good" : lost ? "hot" : ""}`;
+  say(pill, store.connection === "live" ? (link.rtt === null ? "live" : `live · ${link.rtt} ms`) : lost ? "CONNECTION LOST" : "connecting");
+  byId("lost").hidden = !lost;
   if (!lost) return;
-  const since = lastWord ? ` What you see is ${span((Date.now() - lastWord) / 1000)} old.` : "";
-  banner.textContent = `Connection to the gateway lost.${since} Trying again; the vehicles fly on by themselves.`;
+  const since = store.lastWord ? ` What you see is ${span((Date.now() - store.lastWord) / 1000)} old.` : "";
+  say(byId("lost"), `Connection to the gateway lost.${since} Trying again; the vehicles fly on by themselves.`);
+}
+
+function drawSummary() {
+  const all = store.all;
+  if (!all.length) return;
+  const stale = all.filter((vehicle) => vehicle.stale).length;
+  const parts = [`${all.length} vehicle${all.length > 1 ? "s" : ""}`, `${all.filter((vehicle) => vehicle.state.armed).length} armed`];
+  if (stale && store.connection === "live") parts.push(`${stale} silent`);
+  say(byId("summary"), parts.join(" · "));
+  const title = `${stale || store.connection === "lost" ? "⚠ " : ""}zmav · ${all.length} vehicles`;
+  if (document.title !== title) document.title = title;
+}
+
+function drawCards() {
+  const wanted = store.chosen.slice(0, MOST_CARDS);
+  const ids = new Set(wanted.map((vehicle) => vehicle.id));
+  for (const [id, card] of cards) {
+    if (ids.has(id)) continue;
+    card.element.remove();
+    cards.delete(id);
+  }
+  wanted.forEach((vehicle, index) => {
+    let card = cards.get(vehicle.id);
+    if (!card) cards.set(vehicle.id, (card = new Card(vehicle)));
+    const place = byId("fleet").children[index];
+    if (place !== card.element) byId("fleet").insertBefore(card.element, place || null);
+    card.drawSafely();
+  });
+}
+
+let eventsDrawn = -1;
+function drawEvents() {
+  if (store.eventCount === eventsDrawn) return;
+  eventsDrawn = store.eventCount;
+  if (!store.eventCount) return;
+  say(byId("event-count"), String(store.eventCount));
+  byId("events").replaceChildren(
+    ...store.events.map((event) => {
+      const when = new Date(event.t * 1000).toLocaleTimeString([], { hour12: false });
+      const kind = SEVERE.has(event.severity) ? "bad" : event.severity === "warning" ? "warn" : "";
+      return make("li", kind, "", make("time", "", when), make("b", "", event.name), make("span", "", event.text));
+    }),
+  );
 }
 
 function draw() {
   drawLink();
-  const all = [...cards.values()];
-  for (const card of all) card.drawSafely();
-  const count = (true_) => all.filter(true_).length;
-  const stale = count((card) => card.stale);
-  if (all.length) {
-    const parts = [`${all.length} vehicle${all.length > 1 ? "s" : ""}`, `${count((card) => card.state.armed)} armed`];
-    if (stale && connection === "live") parts.push(`${stale} silent`);
-    document.getElementById("summary").textContent = parts.join(" · ");
-    document.title = `${stale || connection === "lost" ? "⚠ " : ""}zmav · ${all.length} vehicles`;
-  }
-  for (const button of document.querySelectorAll(".orders button[type=button]")) button.disabled = connection !== "live";
-  map.draw(all);
+  drawSummary();
+  map.draw();
+  for (const view of views) view.draw();
+  drawCards();
+  drawEvents();
+  const orders = document.querySelectorAll(".card .orders button, #bar button[data-verb], #goals .orders button");
+  for (const button of orders) /** @type {HTMLButtonElement} */ (button).disabled = store.connection !== "live";
   explorer.draw();
 }
 
-const link = new Link(onMessage, onLink);
-const explorer = new Explorer(link);
-const map = new FleetMap(document.getElementById("map"), document.getElementById("map-note"));
-for (const button of document.querySelectorAll("#everybody button")) armTwice(button, () => order(["*"], button.dataset.verb));
-for (const anchor of document.querySelectorAll("footer a")) anchor.href = address(anchor.getAttribute("href"));
+/** @param {string} name */
+function showTab(name) {
+  for (const tab of document.querySelectorAll("[role=tab]")) {
+    const on = /** @type {HTMLElement} */ (tab).dataset.tab === name;
+    tab.setAttribute("aria-selected", String(on));
+    /** @type {HTMLElement} */ (tab).tabIndex = on ? 0 : -1;
+    byId(/** @type {HTMLElement} */ (tab).dataset.tab).hidden = !on;
+  }
+}
+
+async function readReport() {
+  if (store.connection !== "live" || document.hidden) return;
+  try {
+    const answer = await fetch(address("report"));
+    if (answer.ok) store.takeReport(await answer.json());
+  } catch (error) {
+    // The WebSocket says that the gateway is lost.
+  }
+}
+
+/** Where the autopilot of each selected one flies to: asked for while it is selected. */
+let aimed = new Set();
+function readTargets() {
+  const wanted = new Set(store.chosen.slice(0, 8).map((vehicle) => `zmav/${vehicle.id}/mav/rx/*/*/POSITION_TARGET_GLOBAL_INT`));
+  for (const key of aimed) if (!wanted.has(key)) link.unsubscribe(key);
+  for (const key of wanted) if (!aimed.has(key)) link.subscribe(key, { hz: 1 });
+  aimed = wanted;
+  for (const vehicle of store.all) if (!store.selected.has(vehicle.id)) vehicle.target = null;
+}
+
+const KEYS = { "/": () => byId("filter").focus(), a: () => byId("select-all").click(), f: () => byId("fit").click(), m: () => byId("measure").click(), b: () => byId("box").click() };
+document.addEventListener("keydown", (event) => {
+  const target = /** @type {HTMLElement} */ (event.target);
+  if (byId("confirm").open) return;
+  if (event.key === "Escape") {
+    if (map.tool) map.end();
+    else if (target.id === "filter" && byId("filter").value) byId("filter").value = "";
+    else store.select([]);
+  }
+  if (target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
+  event.preventDefault();
+  KEYS[event.key]();
+});
+for (const tab of document.querySelectorAll("[role=tab]")) {
+  tab.addEventListener("click", () => showTab(/** @type {HTMLElement} */ (tab).dataset.tab));
+  tab.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: "nextElementSibling", ArrowLeft: "previousElementSibling" }[/** @type {KeyboardEvent} */ (event).key];
+    const next = step && /** @type {any} */ (tab)[step];
+    if (!next) return;
+    next.focus();
+    next.click();
+  });
+}
+for (const anchor of document.querySelectorAll("footer a")) /** @type {HTMLAnchorElement} */ (anchor).href = address(anchor.getAttribute("href"));
 link.subscribe("*", { hz: 5 });
 link.subscribe("*/event", { history: 10 });
+link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
+link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
+link.subscribe("*/HOME_POSITION", { hz: 0.1 });
+store.changed = draw;
 setInterval(draw, DRAW_MS);
+setInterval(readReport, REPORT_MS);
+setInterval(readTargets, REPORT_MS);
 draw();

@@ -1,156 +1,163 @@
 "use strict";
-// Positions on a plane, north up, in metres: no tiles, so that it works where there is no network.
+// The map: what it stands on (outline of the world, a square grid in metres), how it is moved, and its tools. What flies is
+// drawn by fleetlayer.js, what is planned by planlayer.js.
 
-const EARTH_M = 6371008.8;
-const TRAIL_MS = 120000;
-const LEAST_M = 40; // the least that is shown from edge to edge
+const CLOSEST = 23;
+const OUTLINE_TO = 11; // zoom up to which the outline of the world says anything: it is a kilometre coarse
 
 class FleetMap {
-  constructor(canvas, note) {
-    this.canvas = canvas;
+  /** @param {Store} store @param {HTMLElement} element @param {HTMLElement} note */
+  constructor(store, element, note) {
+    this.store = store;
     this.note = note;
-    this.center = null;
-    this.span = null;
+    this.element = element;
+    this.map = L.map(element, {
+      attributionControl: false, zoomControl: false, boxZoom: false, doubleClickZoom: false,
+      zoomAnimation: false, fadeAnimation: false, markerZoomAnimation: false, // pictures are drawn by the processor here
+      worldCopyJump: true, maxZoom: CLOSEST, minZoom: 1, zoomSnap: 0.5, center: [20, 0], zoom: 1,
+    });
+    this.map.createPane("world").style.zIndex = "150";
+    this.outline = L.layerGroup();
+    const land = polygonsOf(JSON.parse(byId("land").textContent));
+    this.land = L.polygon(land, { pane: "world", renderer: L.canvas({ pane: "world" }), className: "land", weight: 1, interactive: false });
+    this.scale = L.control.scale({ imperial: false, position: "bottomleft" }).addTo(this.map);
+    this.grid = make("canvas", "grid");
+    this.grid.setAttribute("aria-hidden", "true");
+    element.prepend(this.grid);
+    this.following = true;
+    this.fitted = false;
+    /** @type {null | {name: string, click: (place: Place) => void, move?: (place: Place) => void, end?: () => void}} what a click does */
+    this.tool = null;
+    this.map.on("move zoomend resize", () => this.drawGrid());
+    this.map.on("zoomend", () => this.drawOutline());
+    this.map.on("dragstart", () => this.follow(false));
+    this.map.on("click", (event) => this.tool && this.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng }));
+    this.map.on("mousemove", (event) => this.tool && this.tool.move && this.tool.move({ lat: event.latlng.lat, lon: event.latlng.lng }));
+    element.addEventListener("wheel", () => this.follow(false), { passive: true });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paint());
+    this.paint();
   }
 
-  draw(cards) {
-    const placed = cards.filter((card) => card.placed);
+  /** A colour of the style sheet's, for what is drawn on a canvas. @param {string} name */
+  colour(name) {
+    return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  }
+
+  paint() {
+    this.land.setStyle({ color: this.colour("--coast"), fillColor: this.colour("--land"), fillOpacity: 1 });
+    this.drawOutline();
+    this.drawGrid();
+  }
+
+  drawOutline() {
+    const wanted = !this.store.nowhere || !this.store.all.some((vehicle) => vehicle.placed);
+    const shows = wanted && this.map.getZoom() <= OUTLINE_TO;
+    this.element.classList.toggle("wide", shows);
+    if (shows !== this.map.hasLayer(this.land)) shows ? this.land.addTo(this.map) : this.land.remove();
+  }
+
+  /** @param {boolean} on */
+  follow(on) {
+    this.following = on;
+    byId("follow").setAttribute("aria-pressed", String(on));
+  }
+
+  /** Who is to stay in view: the selected, or all. */
+  get shown() {
+    const chosen = this.store.chosen.filter((vehicle) => vehicle.placed);
+    return chosen.length ? chosen : this.store.all.filter((vehicle) => vehicle.placed);
+  }
+
+  /** Show these places with room around them. @param {Place[]} places */
+  fit(places) {
+    if (!places.length) return;
+    const bounds = L.latLngBounds(places.map((place) => [place.lat, place.lon]));
+    const middle = bounds.getCenter();
+    this.map.fitBounds(bounds.extend(middle.toBounds(60)), { padding: [50, 50], maxZoom: CLOSEST - 1, animate: false });
+    this.fitted = true;
+  }
+
+  draw() {
+    const places = this.shown.map((vehicle) => vehicle.place);
+    if (places.length && (!this.fitted || (this.following && !this.holds(places)))) this.fit(places);
+    if (this.wasNowhere !== this.store.nowhere) {
+      this.wasNowhere = this.store.nowhere;
+      if (this.fitted) this.fit(places);
+      this.drawOutline();
+    }
+    if (!this.drawn) this.drawGrid();
+  }
+
+  /** Everybody is in view, and the view is not far larger than they need. */
+  holds(places) {
+    const view = this.map.getBounds();
+    if (!places.every((place) => view.pad(-0.06).contains([place.lat, place.lon]))) return false;
+    if (places.length < 2) return true;
+    const need = L.latLngBounds(places.map((place) => [place.lat, place.lon])).pad(6);
+    return need.getCenter().toBounds(200).contains(view) || need.getNorth() - need.getSouth() > view.getNorth() - view.getSouth() || need.getEast() - need.getWest() > view.getEast() - view.getWest() || this.map.getZoom() >= 18;
+  }
+
+  /** Squares of a round number of metres about the origin, as there may be no pictures of the ground. */
+  drawGrid() {
+    const size = this.map.getSize();
     const ratio = window.devicePixelRatio || 1;
-    const width = this.canvas.clientWidth;
-    const height = this.canvas.clientHeight;
-    if (!width || !height) return;
-    this.canvas.width = width * ratio;
-    this.canvas.height = height * ratio;
-    const ink = this.canvas.getContext("2d");
-    ink.scale(ratio, ratio);
-    const look = getComputedStyle(document.documentElement);
-    const colour = (name) => look.getPropertyValue(name).trim();
-    ink.font = "12px system-ui, sans-serif";
-    if (!placed.length) {
-      ink.fillStyle = colour("--muted");
-      ink.textAlign = "center";
-      ink.fillText("no position yet", width / 2, height / 2);
+    Object.assign(this.grid, { width: size.x * ratio, height: size.y * ratio });
+    Object.assign(this.grid.style, { width: `${size.x}px`, height: `${size.y}px` });
+    this.drawn = true;
+    const middle = this.map.getCenter();
+    const left = this.map.containerPointToLatLng([0, size.y / 2]);
+    const right = this.map.containerPointToLatLng([size.x, size.y / 2]);
+    const scale = size.x / wayBetween({ lat: middle.lat, lon: left.lng }, { lat: middle.lat, lon: Math.min(right.lng, left.lng + 179) }).distance; // pixels a metre
+    const placed = this.store.all.some((vehicle) => vehicle.placed);
+    if (!placed || !Number.isFinite(scale) || scale < 1e-3) {
+      say(this.note, placed ? "north is up" : "north is up · no position yet");
       return;
     }
-    this.fit(placed, width, height);
-    const scale = Math.min(width, height) / this.span;
-    const at = (lat, lon) => {
-      const [north, east] = this.metres(lat, lon);
-      return [width / 2 + (east - this.center.east) * scale, height / 2 - (north - this.center.north) * scale];
-    };
-    this.grid(ink, colour, width, height, scale);
-    for (const card of placed) this.trail(ink, colour, card, at);
-    for (const card of placed) this.vehicle(ink, colour, card, at, width);
-  }
-
-  // Metres north and east of the first position that was ever drawn.
-  metres(lat, lon) {
-    if (!this.zero) this.zero = { lat, lon };
-    const rad = Math.PI / 180;
-    return [(lat - this.zero.lat) * rad * EARTH_M, (lon - this.zero.lon) * rad * EARTH_M * Math.cos(this.zero.lat * rad)];
-  }
-
-  // Move the view softly to where everybody is in it.
-  fit(placed, width, height) {
-    const points = placed.map((card) => this.metres(card.state.position.lat_deg, card.state.position.lon_deg));
-    const norths = points.map((p) => p[0]);
-    const easts = points.map((p) => p[1]);
-    const middle = (values) => (Math.min(...values) + Math.max(...values)) / 2;
-    const size = (values) => Math.max(...values) - Math.min(...values);
-    const short = Math.min(width, height);
-    const need = Math.max(LEAST_M, 1.5 * Math.max((size(easts) * short) / width, (size(norths) * short) / height));
-    const aim = { north: middle(norths), east: middle(easts) };
-    if (!this.center || Math.abs(Math.log(this.span / need)) > 2) {
-      this.center = aim;
-      this.span = need;
-      return;
-    }
-    const step = 0.2;
-    this.center.north += (aim.north - this.center.north) * step;
-    this.center.east += (aim.east - this.center.east) * step;
-    this.span *= Math.pow(need / this.span, step);
-  }
-
-  grid(ink, colour, width, height, scale) {
     const rough = 70 / scale;
-    const tens = Math.pow(10, Math.floor(Math.log10(rough)));
-    const cell = [1, 2, 5, 10].map((n) => n * tens).find((n) => n >= rough);
-    ink.strokeStyle = colour("--line");
-    ink.lineWidth = 1;
+    const tens = 10 ** Math.floor(Math.log10(rough));
+    const cell = [1, 2, 5, 10].map((n) => n * tens).find((n) => n >= rough) || rough;
+    const first = this.store.all.find((vehicle) => vehicle.placed);
+    const origin = this.store.origin || (this.zero = this.zero || first.place);
+    const [north, east] = toNed(origin, { lat: middle.lat, lon: middle.lng });
+    const ink = this.grid.getContext("2d");
+    ink.scale(ratio, ratio);
+    ink.strokeStyle = this.colour("--line");
     ink.beginPath();
-    const west = this.center.east - width / 2 / scale;
-    const south = this.center.north - height / 2 / scale;
-    for (let e = Math.ceil(west / cell) * cell; (e - west) * scale < width; e += cell) {
+    const west = east - size.x / 2 / scale;
+    const south = north - size.y / 2 / scale;
+    for (let e = Math.ceil(west / cell) * cell; (e - west) * scale < size.x; e += cell) {
       const x = Math.round((e - west) * scale) + 0.5;
       ink.moveTo(x, 0);
-      ink.lineTo(x, height);
+      ink.lineTo(x, size.y);
     }
-    for (let n = Math.ceil(south / cell) * cell; (n - south) * scale < height; n += cell) {
-      const y = Math.round(height - (n - south) * scale) + 0.5;
+    for (let n = Math.ceil(south / cell) * cell; (n - south) * scale < size.y; n += cell) {
+      const y = Math.round(size.y - (n - south) * scale) + 0.5;
       ink.moveTo(0, y);
-      ink.lineTo(width, y);
+      ink.lineTo(size.x, y);
     }
     ink.stroke();
-    const text = cell >= 1000 ? `${cell / 1000} km` : `${cell} m`;
-    this.note.textContent = `north is up · a square is ${text}`;
-    ink.fillStyle = colour("--muted");
-    ink.textAlign = "center";
-    ink.fillText("N", width - 16, 30);
-    ink.beginPath();
-    ink.moveTo(width - 16, 6);
-    ink.lineTo(width - 11, 17);
-    ink.lineTo(width - 21, 17);
-    ink.fill();
+    const where = this.store.nowhere ? "no place on earth is known: metres about the origin" : "north is up";
+    say(this.note, `${where} · a square is ${cell >= 1000 ? `${cell / 1000} km` : `${cell} m`}`);
   }
 
-  trail(ink, colour, card, at) {
-    const now = Date.now();
-    ink.strokeStyle = colour(card.state.armed ? "--accent" : "--muted");
-    ink.lineWidth = 1.5;
-    let last = null;
-    for (const point of card.trail) {
-      const left = 1 - (now - point.at) / TRAIL_MS;
-      if (left <= 0) continue;
-      const here = at(point.lat, point.lon);
-      if (last) {
-        ink.globalAlpha = 0.1 + 0.6 * left;
-        ink.beginPath();
-        ink.moveTo(...last);
-        ink.lineTo(...here);
-        ink.stroke();
-      }
-      last = here;
-    }
-    ink.globalAlpha = 1;
+  // Tools: a click on the map means something else until the tool ends.
+
+  /** @param {string} words what a click does, shown over the map @param {{name: string, click: (place: Place) => void, move?: (place: Place) => void, end?: () => void}} tool */
+  begin(words, tool) {
+    this.end();
+    this.tool = tool;
+    this.element.classList.add("aiming");
+    say(byId("map-tool").firstElementChild, words);
+    byId("map-tool").hidden = false;
+    for (const button of document.querySelectorAll("[data-tool]")) button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.tool === tool.name));
   }
 
-  vehicle(ink, colour, card, at, width) {
-    const s = card.state;
-    const [x, y] = at(s.position.lat_deg, s.position.lon_deg);
-    const paint = colour(card.stale ? "--bad" : s.armed ? "--accent" : "--muted");
-    ink.save();
-    ink.translate(x, y);
-    ink.rotate((s.attitude && Number(s.attitude.yaw)) || 0);
-    ink.beginPath();
-    ink.moveTo(0, -10);
-    ink.lineTo(7, 8);
-    ink.lineTo(0, 4);
-    ink.lineTo(-7, 8);
-    ink.closePath();
-    ink.lineWidth = 2;
-    ink.strokeStyle = card.stale ? paint : colour("--panel");
-    ink.fillStyle = card.stale ? colour("--panel") : paint;
-    ink.stroke();
-    ink.fill();
-    ink.restore();
-    const right = x > width - 90;
-    ink.textAlign = right ? "right" : "left";
-    ink.lineWidth = 3;
-    ink.strokeStyle = colour("--panel");
-    ink.fillStyle = card.stale ? colour("--bad") : colour("--text");
-    const text = `${card.name} ${fixed(s.position.alt_rel, 0)} m`;
-    const [side, below] = right ? [-12, 20] : [12, 4]; // beside the next one's, they would cross
-    ink.strokeText(text, x + side, y + below);
-    ink.fillText(text, x + side, y + below);
+  end() {
+    const tool = this.tool;
+    this.tool = null;
+    this.element.classList.remove("aiming");
+    byId("map-tool").hidden = true;
+    for (const button of document.querySelectorAll("[data-tool]")) button.setAttribute("aria-pressed", "false");
+    if (tool && tool.end) tool.end();
   }
 }

@@ -1,26 +1,17 @@
 "use strict";
 // Orders: what makes a vehicle safe is two presses away, what moves it is behind a question.
 
-const READ_ONLY = document.querySelector("meta[name=zmav-read-only]").content === "yes";
-
 const UNDER_WAY = ["running", "returning"];  // how it stands with a vehicle whose order has not ended
 
-// A new element with a class, a text and children; text is never markup.
-function make(tag, className = "", text = "", ...children) {
-  const element = document.createElement(tag);
-  if (className) element.className = className;
-  if (text) element.textContent = text;
-  element.append(...children);
-  return element;
-}
-
+/** @param {string} text @param {string} kind @param {number} lasting ms; 0: until it is removed */
 function toast(text, kind, lasting = 6000) {
   const box = make("div", `toast ${kind}`, text);
-  document.getElementById("toasts").append(box);
+  byId("toasts").append(box);
   if (lasting) setTimeout(() => box.remove(), lasting);
   return box;
 }
 
+/** The gateway's answer; raises its words where it refuses. @param {string} path @param {any} args @returns {Promise<any>} */
 async function post(path, args) {
   const answer = await fetch(address(path), { method: "POST", body: JSON.stringify(args) });
   const body = await answer.json();
@@ -31,7 +22,7 @@ async function post(path, args) {
 // Give vehicles ("demo/quad1", patterns) an order, and say of each how it ended and not before. What is asked of whom, and
 // when it is done, the gateway knows; the vehicles see it through by themselves, whatever becomes of this page.
 async function order(vehicles, verb, args = {}) {
-  const whom = vehicles.map((each) => each.split("/").pop()).join(", ").replace(/^\*$/, "all");
+  const whom = few(vehicles.map((each) => each.split("/").pop())).replace(/^\*$/, "all");
   const box = toast(`${whom}: ${verb} …`, "", 0);
   const id = `${Date.now()}-${Math.random()}`;
   const said = new Set();
@@ -59,8 +50,9 @@ async function order(vehicles, verb, args = {}) {
 }
 
 // A button that does nothing until it is pressed a second time within four seconds.
+/** Returns what has it asked from the beginning again. @param {any} button @param {() => void} act @returns {() => void} */
 function armTwice(button, act) {
-  const label = button.textContent;
+  let label = button.textContent;
   let timer = null;
   const rest = () => {
     clearTimeout(timer);
@@ -73,35 +65,52 @@ function armTwice(button, act) {
       rest();
       act();
     } else {
+      label = button.textContent;
       button.textContent = `${label}?`;
       button.classList.add("asking");
       timer = setTimeout(rest, 4000);
     }
   });
+  return () => timer && rest();
 }
 
-// Ask, and give the number that was entered (or true), or null for no. One question at a time. The answer is the button's
-// own, taken as it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
-function confirmed(title, text, yes, field = null) {
-  const dialog = document.getElementById("confirm");
+/** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */
+
+/**
+ * Ask, and give what was entered (or true), or null for no. One question at a time. The answer is the button's own, taken as
+ * it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
+ * @param {string} title @param {string} text @param {string} yes @param {Field | null} field
+ * @param {boolean} aside beside what is shown on the map
+ * @returns {Promise<any>}
+ */
+function confirmed(title, text, yes, field = null, aside = false) {
+  const dialog = byId("confirm");
   if (dialog.open) return Promise.resolve(null);
   const form = dialog.querySelector("form");
   const input = dialog.querySelector("input");
-  document.getElementById("confirm-title").textContent = title;
-  document.getElementById("confirm-text").textContent = text;
-  document.getElementById("confirm-yes").textContent = yes;
-  const label = document.getElementById("confirm-field");
+  byId("confirm-title").textContent = title;
+  byId("confirm-text").textContent = text;
+  byId("confirm-yes").textContent = yes;
+  const label = byId("confirm-field");
   label.hidden = !field;
   input.disabled = !field;
   if (field) {
     label.querySelector("span").textContent = field.label;
+    label.querySelector("i").textContent = field.type === "text" ? "" : field.unit || "m";
+    byId("modes").replaceChildren(...(field.options || []).map((each) => Object.assign(make("option"), { value: each })));
+    input.type = field.type || "number";
+    input.min = field.type === "text" ? "" : "0.1";
+    input.max = field.type === "text" ? "" : "10000";
+    input.required = true;
     input.value = field.value;
   }
+  dialog.classList.toggle("aside", aside);
   dialog.showModal();
   return new Promise((resolve) => {
     form.onsubmit = (event) => {
       const agreed = event.submitter !== null && event.submitter.value === "yes";
-      resolve(agreed ? (field ? Number(input.value) : true) : null);
+      const entered = field && (field.type === "text" ? input.value.trim() : Number(input.value));
+      resolve(agreed ? (field ? entered : true) : null);
     };
     dialog.oncancel = () => resolve(null);
   });

@@ -8,10 +8,11 @@ import json
 import threading
 import time
 import urllib.parse
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import Any, NamedTuple, TypeVar
 
 import pytest
+import pytest_asyncio
 import zenoh
 from starlette.applications import Starlette
 from starlette.routing import Route, WebSocketRoute
@@ -22,6 +23,7 @@ from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import bound, serving
 from tests.conftest import endpoint_of
+from tests.ground.http.browser import CHROMIUM, Fleet, Tab, browser
 from zmav import keys, wire
 from zmav.mavlink import encode, load_dialect
 from zmav.session import SessionSettings, open_session
@@ -236,3 +238,18 @@ def served(serve: Serve) -> Served:
     served.vehicle("quad1", 1)
     served.vehicle("quad2", 2)
     return served
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def tab() -> AsyncIterator[Tab]:
+    if not CHROMIUM:
+        pytest.skip("no Chromium is installed (Debian: chromium)")
+    async with browser() as tab:
+        yield tab
+
+
+@pytest.fixture(scope="module")
+def fleet(served: Served) -> Iterator[Fleet]:
+    fleet = Fleet(served)
+    yield fleet
+    fleet.close()

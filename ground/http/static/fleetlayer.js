@@ -1,0 +1,160 @@
+"use strict";
+// The vehicles on the map: where they are, look and go, what they are, their tracks, homes, targets and links.
+
+const SVG = "http://www.w3.org/2000/svg";
+/** Outlines about the middle, pointing north, by kind. @type {Record<string, string>} */
+const SHAPES = {
+  copter: "M0-11 3-4 7-8A3 3 0 1 1 9-5L4 0 9 5A3 3 0 1 1 7 8L3 5H-3L-7 8A3 3 0 1 1-9 5L-4 0-9-5A3 3 0 1 1-7-8L-3-4Z",
+  plane: "M0-12 2-4 12 2V5L2 3 1 8 5 10V12L0 11-5 12V10L-1 8-2 3-12 5V2L-2-4Z",
+  rover: "M0-11 5-6H7V-1H5V3H7V9H-7V3H-5V-1H-7V-6H-5Z",
+  boat: "M0-12Q8-3 6 10H-6Q-8-3 0-12Z",
+  other: "M0-11 8 9 0 5-8 9Z",
+};
+const GRADE_COLOUR = { good: "--good", fair: "--warn", poor: "--bad", down: "--bad", unknown: "--muted" };
+const SIDES = [[14, -9], [14, 6], [-14, -9], [-14, 6], [0, -30], [0, 16], [18, -24], [-18, -24], [18, 20], [-18, 20]];
+
+class FleetLayer {
+  /** @param {Store} store @param {FleetMap} view */
+  constructor(store, view) {
+    this.store = store;
+    this.view = view;
+    this.map = view.map;
+    this.canvas = L.canvas({ padding: 0.2 });
+    /** @type {Map<string, any>} what is drawn of each vehicle */
+    this.drawn = new Map();
+    /** @type {Map<string, any>} lines between routers */
+    this.lines = new Map();
+    this.labels = make("div", "labels");
+    this.labels.setAttribute("aria-hidden", "true");
+    view.element.append(this.labels);
+    this.ink = make("canvas").getContext("2d");
+    this.ink.font = `700 13px ${getComputedStyle(document.body).fontFamily}`;
+    this.tracksAt = 0;
+    this.map.on("move zoom", () => this.placeLabels());
+  }
+
+  draw() {
+    const tracks = Date.now() - this.tracksAt > 900;
+    if (tracks) this.tracksAt = Date.now();
+    for (const vehicle of this.store.all) {
+      try {
+        if (vehicle.placed) this.vehicle(vehicle, tracks);
+      } catch (error) {
+        // A state that is not as it should be spoils its own mark and no other; its card says so.
+      }
+    }
+    if (tracks) this.links();
+    this.placeLabels();
+  }
+
+  make(vehicle) {
+    const svg = document.createElementNS(SVG, "svg");
+    svg.setAttribute("viewBox", "-16 -16 32 32");
+    const circle = (radius, name) => {
+      const made = document.createElementNS(SVG, "circle");
+      made.setAttribute("r", String(radius));
+      made.setAttribute("class", name);
+      return made;
+    };
+    const shape = document.createElementNS(SVG, "path");
+    shape.setAttribute("d", SHAPES[vehicle.state.kind] || SHAPES.other);
+    shape.setAttribute("fill", vehicle.colour);
+    svg.append(circle(19, "halo"), circle(15, "ring"), shape);
+    const icon = L.divIcon({ className: "craft", html: /** @type {any} */ (svg), iconSize: [34, 34] });
+    const marker = L.marker([vehicle.place.lat, vehicle.place.lon], { icon, keyboard: true, title: vehicle.name, alt: vehicle.name }).addTo(this.map);
+    marker.on("click", (event) => this.clicked(vehicle, event));
+    marker.on("keypress", (event) => event.originalEvent.key === "Enter" && this.store.select([vehicle.id]));
+    const track = L.polyline([], { renderer: this.canvas, weight: 2, opacity: 0.75, interactive: false, smoothFactor: 1.5 }).addTo(this.map);
+    const thin = { renderer: this.canvas, weight: 1.5, interactive: false };
+    const home = L.circleMarker([0, 0], { ...thin, radius: 4, fillOpacity: 0.9, fillColor: this.view.colour("--panel") });
+    const aim = L.polyline([], { ...thin, dashArray: "2 6" });
+    const label = make("span", "label");
+    this.labels.append(label);
+    const drawn = { marker, svg, shape, track, home, aim, label, colour: "" };
+    this.drawn.set(vehicle.id, drawn);
+    return drawn;
+  }
+
+  clicked(vehicle, event) {
+    if (this.view.tool) return this.view.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng });
+    const keys = event.originalEvent;
+    if (keys.ctrlKey || keys.metaKey || keys.shiftKey) this.store.toggle(vehicle.id);
+    else this.store.select([vehicle.id]);
+  }
+
+  vehicle(vehicle, tracks) {
+    const drawn = this.drawn.get(vehicle.id) || this.make(vehicle);
+    const here = [vehicle.place.lat, vehicle.place.lon];
+    drawn.marker.setLatLng(here);
+    drawn.svg.style.transform = `rotate(${vehicle.heading}rad)`;
+    const element = drawn.marker.getElement();
+    const level = vehicle.level;
+    for (const [name, on] of Object.entries({ selected: this.store.selected.has(vehicle.id), stale: vehicle.stale, bad: level === "bad", warn: level === "warn", armed: vehicle.state.armed === true }))
+      element.classList.toggle(name, on);
+    mark(element, "aria-label", `${vehicle.name}, ${vehicle.state.mode || "mode unknown"}, ${LEVEL_WORD[level]}`);
+    say(drawn.label, vehicle.height === null ? vehicle.name : `${vehicle.name} ${fixed(vehicle.height, 0)} m`);
+    if (drawn.colour !== vehicle.colour) {
+      drawn.colour = vehicle.colour;
+      drawn.shape.setAttribute("fill", vehicle.colour);
+      for (const each of [drawn.track, drawn.home, drawn.aim]) each.setStyle({ color: vehicle.colour });
+    }
+    if (!tracks) return;
+    const since = Date.now() - TRAIL_MS;
+    drawn.track.setLatLngs([...vehicle.trail.filter((point) => point.at > since).map((point) => [point.lat, point.lon]), here]);
+    if (vehicle.home) drawn.home.setLatLng([vehicle.home.lat, vehicle.home.lon]).addTo(this.map);
+    const target = vehicle.target && vehicle.state.armed ? [here, [vehicle.target.lat, vehicle.target.lon]] : [];
+    drawn.aim.setLatLngs(target).addTo(this.map);
+  }
+
+  /** Links between routers whose places are known, by their quality. */
+  links() {
+    const places = new Map(this.store.all.filter((each) => each.placed).flatMap((each) => [[each.name, each.place], [each.id, each.place]]));
+    const there = new Set();
+    for (const link of byId("show-links").checked ? this.store.links : []) {
+      const [a, b] = [places.get(link.a), places.get(link.b)];
+      if (!a || !b) continue;
+      const key = `${link.a} ${link.b}`;
+      there.add(key);
+      const line = this.lines.get(key) || L.polyline([], { renderer: this.canvas, weight: 3, opacity: 0.55, interactive: false }).addTo(this.map);
+      this.lines.set(key, line);
+      line.setLatLngs([[a.lat, a.lon], [b.lat, b.lon]]).setStyle({ color: this.view.colour(GRADE_COLOUR[link.grade] || "--muted"), dashArray: link.grade === "down" ? "3 8" : null });
+      line.bringToBack();
+    }
+    for (const [key, line] of this.lines) {
+      if (there.has(key)) continue;
+      line.remove();
+      this.lines.delete(key);
+    }
+  }
+
+  /** Beside each vehicle, on the first side that is free; the selected and those in trouble first. None is better than two in one place. */
+  placeLabels() {
+    const taken = [];
+    const points = new Map();
+    for (const vehicle of this.store.all) {
+      const drawn = this.drawn.get(vehicle.id);
+      if (!drawn || !vehicle.placed) continue;
+      const point = this.map.latLngToContainerPoint([vehicle.place.lat, vehicle.place.lon]);
+      points.set(vehicle, point);
+      taken.push([point.x - 9, point.y - 9, point.x + 9, point.y + 9]);
+    }
+    const rank = (vehicle) => (this.store.selected.has(vehicle.id) ? 0 : 1 + LEVELS.indexOf(vehicle.level));
+    const size = this.map.getSize();
+    const inside = (box) => box[0] >= 2 && box[1] >= 2 && box[2] <= size.x - 2 && box[3] <= size.y - 2;
+    const free = (box) => taken.every((other) => box[2] <= other[0] || box[0] >= other[2] || box[3] <= other[1] || box[1] >= other[3]);
+    for (const [vehicle, point] of [...points].sort((a, b) => rank(a[0]) - rank(b[0]))) {
+      const label = this.drawn.get(vehicle.id).label;
+      const width = this.ink.measureText(label.textContent).width + 4;
+      const boxes = SIDES.map(([dx, dy]) => {
+        const left = dx > 0 ? point.x + dx : dx < 0 ? point.x + dx - width : point.x - width / 2;
+        return [left, point.y + dy, left + width, point.y + dy + 15];
+      });
+      const box = boxes.find((each) => inside(each) && free(each));
+      label.hidden = !box;
+      label.classList.toggle("selected", this.store.selected.has(vehicle.id));
+      if (!box) continue;
+      taken.push(box);
+      label.style.transform = `translate(${Math.round(box[0])}px, ${Math.round(box[1])}px)`;
+    }
+  }
+}

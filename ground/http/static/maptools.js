@@ -1,0 +1,103 @@
+"use strict";
+// What stands over the map: zoom, show all, follow, measure, and the box that selects.
+
+class MapTools {
+  /** @param {Store} store @param {FleetMap} map */
+  constructor(store, map) {
+    this.store = store;
+    this.map = map;
+    const on = (id, act) => byId(id).addEventListener("click", act);
+    on("zoom-in", () => map.map.zoomIn());
+    on("zoom-out", () => map.map.zoomOut());
+    on("fit", () => map.fit(map.shown.map((vehicle) => vehicle.place)));
+    on("follow", () => map.follow(!map.following));
+    on("measure", () => this.measure());
+    on("box", () => this.boxTool());
+    on("map-tool-end", () => map.end());
+    for (const id of ["zoom-in", "zoom-out"]) on(id, () => map.follow(false));
+    this.rule();
+    this.box();
+  }
+
+  rule() {
+    this.line = L.polyline([], { color: this.map.colour("--accent"), weight: 2, dashArray: "6 5", interactive: false });
+    this.words = L.tooltip({ permanent: true, direction: "top", className: "measured" });
+  }
+
+  /** Metres along the points that are clicked. */
+  measure() {
+    if (this.map.tool && this.map.tool.name === "measure") return this.map.end();
+    /** @type {Place[]} */
+    const points = [];
+    const show = (place) => {
+      const all = place ? [...points, place] : points;
+      this.line.setLatLngs(all.map((each) => [each.lat, each.lon]));
+      if (all.length < 2) return;
+      const last = wayBetween(all[all.length - 2], all[all.length - 1]);
+      const total = all.slice(1).reduce((sum, each, index) => sum + wayBetween(all[index], each).distance, 0);
+      const text = `${metres(last.distance)} at ${Math.round(last.bearing) % 360}°${all.length > 2 ? ` · ${metres(total)} in all` : ""}`;
+      this.words.setLatLng([all[all.length - 1].lat, all[all.length - 1].lon]).setContent(make("span", "", text)).addTo(this.map.map);
+    };
+    this.map.begin("Click points to measure between them; Esc ends it", {
+      name: "measure",
+      click: (place) => {
+        points.push(place);
+        show(null);
+      },
+      move: (place) => points.length && show(place),
+      end: () => {
+        this.line.remove();
+        this.words.remove();
+        this.line.setLatLngs([]);
+      },
+    });
+    this.line.addTo(this.map.map);
+  }
+
+  boxTool() {
+    if (this.map.tool && this.map.tool.name === "box") return this.map.end();
+    this.map.begin("Draw a box around the vehicles that are meant; Esc ends it", { name: "box", click: () => {}, end: () => this.map.map.dragging.enable() });
+    this.map.map.dragging.disable();
+  }
+
+  /** Shift and drag, or the tool and drag: selects who is inside. */
+  box() {
+    const element = this.map.element;
+    const frame = make("div", "select-box");
+    frame.hidden = true;
+    element.append(frame);
+    /** @type {[number, number] | null} */
+    let from = null;
+    const at = (event) => {
+      const area = element.getBoundingClientRect();
+      return [event.clientX - area.left, event.clientY - area.top];
+    };
+    element.addEventListener("pointerdown", (event) => {
+      const tool = this.map.tool && this.map.tool.name === "box";
+      if (event.button !== 0 || !(tool || event.shiftKey) || /** @type {Element} */ (event.target).closest(".map-buttons, .leaflet-control")) return;
+      event.preventDefault();
+      event.stopPropagation();
+      this.map.map.dragging.disable();
+      element.setPointerCapture(event.pointerId);
+      from = /** @type {[number, number]} */ (at(event));
+    }, true);
+    element.addEventListener("pointermove", (event) => {
+      if (!from) return;
+      const [x, y] = at(event);
+      frame.hidden = false;
+      Object.assign(frame.style, { left: `${Math.min(x, from[0])}px`, top: `${Math.min(y, from[1])}px`, width: `${Math.abs(x - from[0])}px`, height: `${Math.abs(y - from[1])}px` });
+    });
+    element.addEventListener("pointerup", (event) => {
+      if (!from) return;
+      const [x, y] = at(event);
+      const area = L.bounds([from, [x, y]]);
+      from = null;
+      frame.hidden = true;
+      this.map.map.dragging.enable();
+      if (area.getSize().x < 4 && area.getSize().y < 4) return;
+      const inside = this.store.all.filter((each) => each.placed && area.contains(this.map.map.latLngToContainerPoint([each.place.lat, each.place.lon])));
+      this.store.select(inside.map((each) => each.id));
+      if (this.map.tool && this.map.tool.name === "box") this.map.end();
+    });
+  }
+}

@@ -1,0 +1,43 @@
+"""The user's own pictures of the ground, out of one file: PMTiles by ranges, MBTiles tile by tile.
+
+https://github.com/protomaps/PMTiles/blob/main/spec/v3/spec.md, https://github.com/mapbox/mbtiles-spec
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from pathlib import Path
+
+from zmav.errors import BadConfig
+
+MAGIC = {b"PMTiles\x03": "pmtiles", b"SQLite f": "mbtiles"}
+PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
+
+
+class Tiles:
+    """One file. Raises :class:`BadConfig` where it is none that can be shown."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with path.open("rb") as file:
+                self.kind = MAGIC.get(file.read(8), "")
+            self.closest = self._query("SELECT max(zoom_level) FROM tiles") if self.kind == "mbtiles" else None
+        except (OSError, sqlite3.Error) as e:
+            raise BadConfig(f"tiles {path}: {e}", field="tiles", value=str(path), expected="a readable file") from e
+        if not self.kind:
+            text = f"tiles {path}: neither PMTiles (version 3) nor MBTiles"
+            raise BadConfig(text, field="tiles", value=str(path), expected="FILE.pmtiles or FILE.mbtiles")
+
+    def _query(self, text: str, *values: int) -> object:
+        """The first value of the first row; None: there is none."""
+        with contextlib.closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro", uri=True)) as file:
+            row = file.execute(text, values).fetchone()
+        return row[0] if row else None
+
+    def tile(self, z: int, x: int, y: int) -> bytes | None:
+        """Rows are counted from the south in the file, from the north in addresses."""
+        where = "zoom_level=? AND tile_column=? AND tile_row=?"
+        found = self._query(f"SELECT tile_data FROM tiles WHERE {where}", z, x, (1 << z) - 1 - y)
+        return found if isinstance(found, bytes) else None
