@@ -127,6 +127,7 @@ async def test_the_pilots_switch_takes_it_and_nobody_takes_it_back(field: Field,
     await field.until(lambda: supervisor.idle, "it is not over")
     with pytest.raises(Refused, match="pilot has it"):
         await field.vehicle.tell("mine", "engage")
+    await field.vehicle.wait_until(lambda s: s.pilot is not None, 10.0)
     pilot.flip(7, 1000)
     await field.vehicle.wait_until(lambda s: s.pilot is None, 10.0)
     assert field.mode == "HOLD"

@@ -22,7 +22,7 @@ refused('zmav:bad_input', 'no message', @() zmav_block('open', attitude));
 [names, block] = zmav_block('open', struct('Kind', 'setpoint', 'Url', url, 'Vehicle', 'quad1'));
 [taken, block] = zmav_block('step', block, [0; 0; -10; 0; 1]);
 assert(taken, 1);
-assert(~isempty(zmav_get(block.z, 'quad1').lease));
+zmav_wait(block.z, 'quad1', @(s) ~isempty(s.lease), 30);
 [taken, block] = zmav_block('step', block, [0; 0; NaN; 0; 1]);
 assert(taken, 0);
 [taken, block] = zmav_block('step', block, [0; 0; -10; 0; 0]);

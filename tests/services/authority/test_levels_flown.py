@@ -127,8 +127,10 @@ async def test_torques_are_flown_by_the_px4_that_takes_them(net: Net, onboard: S
             await vehicle.arm()
             await vehicle.takeoff(5.0)
             # The nose turns on and on: nothing but the torque holds it.
-            await fly_until(vehicle, turned(0.7), {"torque": (0.0, 0.0, 0.02), "thrust": 0.5})
-            assert vehicle.state.mode == "OFFBOARD"
+            nose = turned(0.7)
+            await fly_until(
+                vehicle, lambda s: nose(s) and s.mode == "OFFBOARD", {"torque": (0.0, 0.0, 0.02), "thrust": 0.5}
+            )
 
 
 async def sticks(vehicle: Vehicle, rules: str) -> None:
