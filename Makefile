@@ -9,7 +9,7 @@ CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.10
 PACKAGES := $(wildcard zmav agents mesh ground tests docs)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
-PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
+PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 4)
 ARGS ?=
 
 # Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
@@ -37,7 +37,7 @@ help: ## say what can be made (the default)
 	@echo
 	@echo "  PYTHON=python3.12   the Python to make .venv with"
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
-	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: two more than there are cores, as most of them wait)"
+	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: four more than there are cores, as most of them wait)"
 
 demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"

@@ -199,6 +199,7 @@ async def test_parameters_are_keys_within_bounds_and_changes_are_told(field: Fie
         await field.vehicle.tell("mine", "set", name="nonsense", value=1.0)
 
 
+@pytest.mark.alone
 async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) -> None:
     page = (Path(__file__).parents[3] / "docs" / "controllers.md").read_text()
     path = tmp_path / "my_controller.py"

@@ -186,9 +186,11 @@ def test_a_client_that_does_not_read_is_cut_off_and_others_read_on(
     figures = served.gateway.figures
     served.until(lambda: figures["subscriptions"]() == 2, "two subscriptions")
     body = json.dumps({"t": 0, "agent": "loud", "state": "x" * 200_000})
+    publisher = served.session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+    served.until(lambda: bool(publisher.matching_status.matching), "a way to the gateway")  # type: ignore[attr-defined]
     end = time.monotonic() + PATIENCE_S
     while not figures["cut"]() and time.monotonic() < end:
-        served.session.put(key, body, congestion_control=zenoh.CongestionControl.BLOCK)
+        publisher.put(body)
         assert client.get()["key"] == key
         time.sleep(0.1)  # the reader's own pace: what stalls is the other
     served.until(lambda: figures["cut"]() == 1 and figures["websockets"]() == 1, "socket cut off")

@@ -200,7 +200,9 @@ class _Flight:
                 self._down = None
             self._active = self._active or fields["mission_state"] in (ACTIVE, PAUSED)
             # What it says before the mission was seen active is of the flight before.
-            self.over = self.over or (self._active and fields["mission_state"] == COMPLETE)
+            if self._active and fields["mission_state"] == COMPLETE:
+                self.over = True
+                self._reached = self._reached if self._last is None else self._last  # that word may come later
         return self.told() != before
 
     @property
