@@ -90,6 +90,7 @@ async def field() -> AsyncIterator[Field]:
         me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         await agent.context.solver.until_ready(PATIENCE_S)
         field = Field(fleet, agent, me)
+        await field.planner()  # it is in charge: whichever test of these a worker runs first
         watching = asyncio.create_task(field.watch())
         yield field
         watching.cancel()
