@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import msgspec
+import zenoh
 
 from zmav import keys, wire
 from zmav.client import Answer, Client
@@ -257,12 +258,10 @@ class FleetOrder:
 
     async def _planner(self, fleet: str) -> str:
         """Who is in charge there, by its own word."""
-        key = keys.FLEET.key(fleet, topic="charge")
-        async with self._z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), swarm.Charge, key)) as told:
-            try:
-                return keys.check_name((await within(LOOK, told.get())).planner, "planner")
-            except asyncio.TimeoutError:
-                raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet) from None
+        found = await planner_in_charge(self._z, fleet, LOOK)
+        if found is None:
+            raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
+        return found[1]
 
     async def _ask(self, fleet: str, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
         key = keys.SWARM.key(fleet, planner, verb=verb)
@@ -278,6 +277,46 @@ class FleetOrder:
             await self._ask(fleet, planner, "cancel", swarm.GoalId(goal=goal, id=uuid.uuid4().hex))
         except ZmavError as e:
             self._note(f"{goal} of planner {planner} is not known to be cancelled: {e.message}")
+
+
+async def planner_in_charge(z: Client, fleet: str, timeout: float) -> tuple[str, str] | None:
+    """Fleet and name of the planner in charge, by its own word; None: none is heard within ``timeout`` s. ``fleet`` may
+    be ``*``.
+    """
+
+    def convert(sample: zenoh.Sample) -> tuple[str, str]:
+        key = str(sample.key_expr)
+        charge = wire.decode(sample.payload.to_bytes(), swarm.Charge, key)
+        return keys.match(key)[1]["fleet"], keys.check_name(charge.planner, "planner")
+
+    async with z.subscribe(keys.FLEET.key(fleet, topic="charge"), convert) as told:
+        try:
+            return await within(timeout, told.get())
+        except asyncio.TimeoutError:
+            return None
+
+
+async def order_planner(
+    z: Client, fleet: str, planner: str, verb: str, order: wire.Order, *, answer_s: float, silent: int, ends: float
+) -> dict[str, Any]:
+    """Ask a planner until it says how an order with an id ended; raises its typed error, or :class:`TimedOut` where
+    ``silent`` questions in a row got no answer within ``answer_s`` s, or no end was told by ``ends`` (monotonic s).
+    """
+    key, payload, unanswered = keys.SWARM.key(fleet, planner, verb=verb), wire.encode(order), 0
+    while unanswered < silent:
+        if time.monotonic() >= ends:
+            raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)
+        answers = await z.ask(key, payload, answer_s, keys.SWARM)
+        if not answers:
+            unanswered += 1
+            continue
+        unanswered = 0
+        if isinstance(answers[0], ZmavError):
+            raise answers[0]
+        outcome = wire.decode(answers[0].payload, wire.Outcome, f"reply to {key}")
+        if outcome.status == "done":
+            return outcome.result
+    raise TimedOut(f"planner {planner} does not answer on {key}", planner=planner)
 
 
 def _left_out(vehicle: Vehicle, verb: str, *, alone: bool) -> str:

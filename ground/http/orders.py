@@ -17,7 +17,6 @@ from collections.abc import Coroutine, Mapping
 from typing import Any
 
 import msgspec
-import zenoh
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -29,11 +28,9 @@ from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
 from zmav.services.orders.orders import Operations, Report
-from zmav.swarm import FleetOrder
+from zmav.swarm import FleetOrder, order_planner, planner_in_charge
 from zmav.vehicle import Vehicle
 from zmav.verbs import SWARM_VERBS, VERBS, Verb
-from zmav.waiting import within
-from zmav.wire import swarm
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
@@ -185,33 +182,9 @@ async def _once(gateway: Gateway, vehicle: Vehicle, key: str, payload: bytes) ->
 
 
 async def _asked(z: Client, verb: str, args: wire.Order) -> dict[str, Any]:
-    """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` where it falls silent."""
-    fleet, planner = await _in_charge(z)
-    key, payload, until = keys.SWARM.key(fleet, planner, verb=verb), wire.encode(args), time.monotonic() + END
-    silent = 0
-    while time.monotonic() < until and silent < 2:
-        answers = await z.ask(key, payload, ANSWER, keys.SWARM)
-        silent = 0 if answers else silent + 1
-        for each in answers[:1]:
-            if isinstance(each, ZmavError):
-                raise each
-            outcome = wire.decode(each.payload, wire.Outcome, f"reply to {key}")
-            if outcome.status == "done":
-                return outcome.result
-    raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)
-
-
-async def _in_charge(z: Client) -> tuple[str, str]:
-    """The fleet and the name of the planner in charge, by its own word; raises :class:`NoSuchVehicle`."""
-
-    def convert(sample: zenoh.Sample) -> tuple[str, str]:
-        key = str(sample.key_expr)
-        charge = wire.decode(sample.payload.to_bytes(), swarm.Charge, key)
-        return key.split("/")[1], keys.check_name(charge.planner, "planner")
-
-    async with z.subscribe(keys.FLEET.key(z.fleet_name, topic="charge"), convert) as told:
-        try:
-            return await within(LOOK, told.get())
-        except asyncio.TimeoutError:
-            text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
-            raise NoSuchVehicle(text, fleet=z.fleet_name) from None
+    """What the planner in charge says that came of it; raises its typed error, or :class:`NoSuchVehicle`."""
+    found = await planner_in_charge(z, z.fleet_name, LOOK)
+    if found is None:
+        text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
+        raise NoSuchVehicle(text, fleet=z.fleet_name)
+    return await order_planner(z, *found, verb, args, answer_s=ANSWER, silent=2, ends=time.monotonic() + END)

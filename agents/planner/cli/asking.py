@@ -17,7 +17,8 @@ import zenoh
 
 import zmav
 from zmav import keys, wire
-from zmav.errors import BadInput, NoSuchVehicle, Refused, TimedOut, ZmavError
+from zmav.errors import BadInput, NoSuchVehicle, Refused, ZmavError
+from zmav.swarm import order_planner
 from zmav.tokens import find_tokens
 from zmav.wire import swarm
 
@@ -61,20 +62,8 @@ class Planner:
     async def order(self, verb: str, order: wire.Order) -> dict[str, Any]:
         """Ask until it says how it ended; raises its typed error, or :class:`TimedOut` when it is silent."""
         order = msgspec.structs.replace(order, id=uuid.uuid4().hex)
-        key, payload, silent = keys.SWARM.key(self._z.fleet_name, self.name, verb=verb), wire.encode(order), 0
-        while silent < 3:
-            answers = await self._z.ask(key, payload, ANSWER, keys.SWARM)
-            if not answers:
-                silent += 1
-                continue
-            silent = 0
-            answer = answers[0]
-            if isinstance(answer, ZmavError):
-                raise answer
-            outcome = wire.decode(answer.payload, wire.Outcome, f"reply to swarm/{verb}")
-            if outcome.status == "done":
-                return outcome.result
-        raise TimedOut(f"planner {self.name} does not answer on {key}")
+        fleet = self._z.fleet_name
+        return await order_planner(self._z, fleet, self.name, verb, order, answer_s=ANSWER, silent=3, ends=math.inf)
 
 
 async def find(z: zmav.Client) -> Planner:
