@@ -12,6 +12,7 @@ import msgspec
 
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
+from mesh.lab.serving import serving
 from mesh.lab.status import status_of
 from mesh.lab.values import ask_from
 from zmav.errors import BadInput, ZmavError
@@ -52,10 +53,7 @@ class Room(msgspec.Struct):
 
 
 class Control:
-    """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end.
-
-    A caller that leaves, or sends what is unreadable, ends only itself.
-    """
+    """Serves a lab's socket while it is open (``async with``). ``down`` is set when somebody asks the lab to end."""
 
     def __init__(self, lab: Lab) -> None:
         self._lab = lab
@@ -72,35 +70,23 @@ class Control:
             "down": (Nothing, lambda _: self.down.set()),
         }
         """what can be asked: its arguments, and what does it, at once or to be awaited"""
-        self._server: asyncio.Server | None = None
-        self._callers: set[asyncio.Task[None]] = set()
+        self._stack = contextlib.AsyncExitStack()
 
     async def __aenter__(self) -> Control:
         path = self._lab.directory / SOCKET
-        self._server = await asyncio.start_unix_server(self._enter, path, limit=_LONGEST_LINE)
+        await self._stack.enter_async_context(
+            serving(lambda enter: asyncio.start_unix_server(enter, path, limit=_LONGEST_LINE), self._serve)
+        )
         path.chmod(0o600)  # and nobody else could get into its directory meanwhile
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        assert self._server is not None
-        self._server.close()
-        for caller in list(self._callers):
-            caller.cancel()
-        await asyncio.gather(*self._callers, return_exceptions=True)
-        await self._server.wait_closed()
+        await self._stack.aclose()
 
-    async def _enter(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._callers.add(task)
-        try:
-            with contextlib.suppress(OSError, ValueError, asyncio.CancelledError):
-                while line := await reader.readline():
-                    writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
-                    await writer.drain()
-        finally:
-            self._callers.discard(task)
-            writer.close()
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            writer.write(msgspec.json.encode(await self._answer(line)) + b"\n")
+            await writer.drain()
 
     async def _answer(self, line: bytes) -> Reply:
         try:

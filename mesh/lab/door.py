@@ -8,6 +8,7 @@ import socket
 from collections.abc import AsyncIterator
 
 from mesh.lab.network import Network
+from mesh.lab.serving import serving
 from zmav.session import DEFAULT_PORT
 
 _CHUNK = 65_536
@@ -20,41 +21,26 @@ async def door_of(network: Network, host: str) -> AsyncIterator[str]:
     Not the router's unix socket: routers announce the sockets they listen on, and hosts share the file system, so that
     one would be another way between the hosts.
     """
-    callers = set[asyncio.Task[None]]()
 
-    async def enter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        callers.add(task)
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with network.inside(host):
             theirs = socket.socket()
-        try:
-            with contextlib.suppress(OSError, asyncio.CancelledError), theirs:
-                theirs.setblocking(False)
-                theirs.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                await asyncio.get_running_loop().sock_connect(theirs, ("127.0.0.1", DEFAULT_PORT))
-                back, out = await asyncio.open_connection(sock=theirs)
-                ways = [asyncio.ensure_future(_pass(reader, out)), asyncio.ensure_future(_pass(back, writer))]
-                try:
-                    await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    for way in ways:
-                        way.cancel()
-                    await asyncio.gather(*ways, return_exceptions=True)
-                    out.close()
-        finally:
-            callers.discard(task)
-            writer.close()
+        with theirs:
+            theirs.setblocking(False)
+            theirs.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            await asyncio.get_running_loop().sock_connect(theirs, ("127.0.0.1", DEFAULT_PORT))
+            back, out = await asyncio.open_connection(sock=theirs)
+            ways = [asyncio.ensure_future(_pass(reader, out)), asyncio.ensure_future(_pass(back, writer))]
+            try:
+                await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for way in ways:
+                    way.cancel()
+                await asyncio.gather(*ways, return_exceptions=True)
+                out.close()
 
-    server = await asyncio.start_server(enter, "127.0.0.1", 0)
-    try:
+    async with serving(lambda enter: asyncio.start_server(enter, "127.0.0.1", 0), serve) as server:
         yield f"tcp/127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    finally:
-        server.close()
-        for caller in list(callers):
-            caller.cancel()
-        await asyncio.gather(*callers, return_exceptions=True)
-        await server.wait_closed()
 
 
 async def _pass(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
