@@ -52,8 +52,8 @@ class Rules:
 # given 3 s, 1.5 and 10 s, 2.1 and 8.4 s; longer brings nothing. After an outage, without loss: 0.8 s given 1 s, 1.0 s
 # given 2 s, 0.8 s given 3 s, 1.5 s given 6 s. QUIC calls at once and after 1 and 3 s: a neighbour that is heard again
 # shortly after the call at 1 s waits for the next opening. ``wds`` gives one 2 s and 0.2 s between two, so that no call
-# is more than 1.2 s behind the last; at 100 ms and 20 % that opens as soon as 3 s and 1 s do (24 of each with 0.3 s: p90 5.0
-# and 6.0 s, 4.8 and 5.1 s). Who is away costs 1.1 kB/s then.
+# is more than 1.2 s behind the last; at 100 ms and 20 % that opens as soon as 3 s and 1 s do (24 of each with 0.3 s:
+# p90 5.0 and 6.0 s, 4.8 and 5.1 s). Who is away costs 1.1 kB/s then.
 #
 # Links lost at 100 ms and 20 %, udp and quic alike: 23 in 1440 s with leases of 1 s and 4 words (once none again for
 # 295 s, with opening given 1 s); 7 in 1440 s with 2 s and 4 words; none in 1200 s with 3 s and 6, for the same bytes.
