@@ -249,7 +249,14 @@ async def tab() -> AsyncIterator[Tab]:
 
 
 @pytest.fixture(scope="module")
-def fleet(served: Served) -> Iterator[Fleet]:
+def flying(served: Served) -> Iterator[Fleet]:
     fleet = Fleet(served)
     yield fleet
     fleet.close()
+
+
+@pytest.fixture
+def fleet(flying: Fleet) -> Fleet:
+    """Everybody speaks: a test that failed leaves nobody silent for the next ones."""
+    flying.silent.clear()
+    return flying

@@ -69,10 +69,10 @@ async def test_the_page_shows_the_fleet_move(tab: Tab, served: Served, fleet: Fl
     fleet.charge = 0.9
     await tab.until(f"!{card('quad1')}.innerText.includes('battery 0%')")
     assert "-35.299900, 149.100000" in shown
-    assert await tab.text("#summary") == "2 vehicles · 1 armed"
+    await tab.until("document.getElementById('summary').textContent === '2 vehicles · 1 armed'")
     fleet.silent.add("quad2")
     await tab.until(f"{card('quad2')}.classList.contains('stale') && {card('quad2')}.innerText.includes('no word for')")
-    assert "1 silent" in await tab.text("#summary")
+    await tab.until("document.getElementById('summary').textContent.includes('1 silent')")
     fleet.silent.clear()
     await tab.until(f"!{card('quad2')}.classList.contains('stale')")
     assert not tab.said, "errors, or something that the page's own policy forbids"
