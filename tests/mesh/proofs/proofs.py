@@ -130,8 +130,7 @@ async def must_arrive(lab: Lab, z: zmav.Client, name: str, count: int) -> MustAr
 
     Not :meth:`zmav.Vehicle.lease`: it waits two seconds for its release and leaves the rest to the holder's token.
     """
-    vehicle, events = z.vehicle(name), Events(z.session, lab.fleet, name)
-    await events.until("autopilot", "system id", 30.0)  # what was before is here: from now on it hears
+    vehicle, events = z.vehicle(name), await _hearing(z, lab.fleet, name)
     given, failed, start = [], [], time.monotonic()
     for i in range(count):
         agent = f"agent{i}"
@@ -147,6 +146,23 @@ async def must_arrive(lab: Lab, z: zmav.Client, name: str, count: int) -> MustAr
         await events.until("lease", f"agent{count - 1} gave", 30.0)
     events.close()
     return MustArrive(given, events.texts("lease"), failed, took)
+
+
+async def _hearing(z: zmav.Client, fleet: str, name: str) -> Events:
+    """A reader that has heard what was before it: from then on it hears.
+
+    One that subscribes while an event is on its way may get none of the past (docs/concepts.md): another one is asked.
+    """
+    deadline = time.monotonic() + 30.0
+    while True:
+        events = Events(z.session, fleet, name)
+        try:
+            await events.until("autopilot", "system id", 5.0)
+            return events
+        except asyncio.TimeoutError:
+            events.close()
+            if time.monotonic() > deadline:
+                raise
 
 
 @dataclass
