@@ -78,6 +78,7 @@ class Sources:
         self.modules = {path.resolve(): module for module, path in self.paths.items()}
         self._read: dict[str, Source] = {}
         self._reached: dict[tuple[str, str], frozenset[str]] = {}
+        self._steps: dict[tuple[str, str], tuple[set[str], set[tuple[str, str]]]] = {}
 
     def read(self, module: str) -> Source:
         if module not in self._read:
@@ -94,28 +95,33 @@ class Sources:
 
     def reach(self, module: str, name: str) -> frozenset[str]:
         """The dotted names, ours and others', that a definition in a test file uses, itself or by its helpers."""
-        key = (module, name)
-        if key not in self._reached:
-            self._reached[key] = frozenset()  # where it comes back to itself
-            self._reached[key] = frozenset(self._reach(module, name))
-        return self._reached[key]
+        if (module, name) not in self._reached:
+            found, seen, todo = set[str](), {(module, name)}, [(module, name)]
+            while todo:
+                names, helpers = self._step(*todo.pop())
+                found |= names
+                todo += helpers - seen
+                seen |= helpers
+            self._reached[module, name] = frozenset(found)
+        return self._reached[module, name]
 
-    def _reach(self, module: str, name: str) -> Iterator[str]:
-        source = self.read(module)
-        yield module
-        for used in source.uses(name):
-            first, _, rest = used.partition(".")
-            if first in source.definitions:
-                if first != name:
-                    yield from self.reach(module, first)
-            elif first in source.imports:
-                whole = ".".join(filter(None, (source.imports[first], rest)))
-                helper, inside = self.split(whole)
-                if helper.startswith("tests") and inside:
-                    yield from self.reach(helper, inside.partition(".")[0])
-                else:
-                    yield whole
-        yield from source.named & self.paths.keys()
+    def _step(self, module: str, name: str) -> tuple[set[str], set[tuple[str, str]]]:
+        """What a definition itself uses, and the helpers, as module and name, whose own uses count too."""
+        if (module, name) not in self._steps:
+            source, names, helpers = self.read(module), {module}, set[tuple[str, str]]()
+            for used in source.uses(name):
+                first, _, rest = used.partition(".")
+                if first in source.definitions:
+                    helpers.add((module, first))
+                elif first in source.imports:
+                    whole = ".".join(filter(None, (source.imports[first], rest)))
+                    helper, inside = self.split(whole)
+                    if helper.startswith("tests") and inside:
+                        helpers.add((helper, inside.partition(".")[0]))
+                    else:
+                        names.add(whole)
+            self._steps[module, name] = names | (source.named & self.paths.keys()), helpers
+        return self._steps[module, name]
 
     def affected(self, changed: Iterable[str]) -> set[str]:
         """The modules whose import closure holds one of these, themselves included."""
