@@ -50,7 +50,9 @@ class Source:
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 names = (node.name,)
             elif isinstance(node, ast.Assign | ast.AnnAssign):
-                names = [each.id for each in ast.walk(node) if isinstance(each, ast.Name)]
+                names = [
+                    each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+                ]
             for name in names:
                 found.setdefault(name, []).append(node)
         return found

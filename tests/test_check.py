@@ -75,6 +75,7 @@ def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:
     [
         ("tests.sim.conftest", "make_desk", "flight"),
         ("tests.conftest", "net", "live"),
+        ("tests.agents.demo.test_demo", "start_demo", "process"),
         ("tests.test_check", "test_what_changed_is_what_differs_from_the_merge_base", "process"),
     ],
 )
