@@ -9,7 +9,8 @@ CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11 python3.10
 PACKAGES := $(wildcard zmav agents mesh ground tests docs)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
-PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 4)
+CORES := $(shell getconf _NPROCESSORS_ONLN)
+PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
 ARGS ?=
 
 # Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
@@ -51,7 +52,7 @@ test: $(VENV)/.dev ## lint, then run every test
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
 # The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
-# error), mypy itself decides.
+# error), mypy itself decides. Unit tests wait for nothing: as many at a time as there are cores.
 check: $(VENV)/.dev ## lint, then run the unit tests and those that use what changed since the merge base: BASE=main
 	@echo "==> ruff check"
 	@$(BIN)/ruff check .
@@ -59,7 +60,7 @@ check: $(VENV)/.dev ## lint, then run the unit tests and those that use what cha
 	@$(BIN)/ruff format --check .
 	@echo "==> dmypy run"
 	@$(BIN)/dmypy run -- --strict $(PACKAGES) > /dev/null || $(BIN)/mypy --strict $(PACKAGES)
-	@BASE='$(BASE)' $(BIN)/python tests/check.py -q -n $(PYTEST_JOBS) --dist worksteal $(ARGS)
+	@BASE='$(BASE)' $(BIN)/python tests/check.py -q -n $(CORES) --dist worksteal $(ARGS)
 
 fuzz: $(VENV)/.dev ## give all that takes bytes spoilt ones, longer than 'test' does: ARGS='--seconds 60 --seed 7 mcap http'
 	@$(BIN)/python -m tests.fuzz $(ARGS)
