@@ -99,8 +99,7 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
     """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
     path = control_path(control)
     world = make_world(**options)
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: world.stop())
+    before = {each: signal.signal(each, lambda *_: world.stop()) for each in (signal.SIGTERM, signal.SIGINT)}
     listener = None
     try:
         _allow_files()
@@ -120,6 +119,8 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         if listener is not None:
             listener.close()
         world.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def make_world(
