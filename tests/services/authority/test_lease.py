@@ -278,7 +278,7 @@ async def test_who_asks_meanwhile_has_it(bench: StartBench) -> None:
 
 async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: StartBench, net: Net) -> None:
     b = await (await bench()).connected()
-    router, endpoint = net.router(b.endpoint)
+    router, endpoint = net.router(net.router(b.endpoint)[1])
     far = net.ground(endpoint).session.liveliness()
     token = far.declare_token(keys.HOLDER.key("demo", "quad1", holder="alice", instance="one"))
     leases = b.vehicle.leases

@@ -31,6 +31,7 @@ CLOCK_SET = 0.05
 """s by which the host's time moves at once where it is set; a clock that is only slewed moves less from tick to tick"""
 INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 ROUTER = re.compile(r"[0-9a-f]{1,32}\Z")
+STREAMS = ("tcp", "tls", "unixsock-stream")
 ASK_EVERY, ANSWER_S, ANSWERS = 0.3, 1.0, 2
 """s between questions to the router of a holder whose token went, s for an answer, and answers in a row that say that
 the holder has died: where a way changes, a router may be heard before the tokens behind it
@@ -60,6 +61,7 @@ class Leases:
         self.secret, self.last_secret = b"", b""
         """what seals the setpoints of the lease in force, and of the one before; empty where nothing is proven"""
         self._token = self._holder = self._instance = self._router = ""
+        """``_router``: the holder's, where its token may go without the holder"""
         self._looking: asyncio.Task[None] | None = None
         """for an absent holder: its token went, and it is not known whether it has died or only the way to it"""
         self.origin: Origin | None = None
@@ -117,7 +119,8 @@ class Leases:
             proven = {"origin": origin.name} if origin else {}
             words = f"{args.holder} commands"
             self._events.emit("lease", "info", words, holder=args.holder, priority=args.priority, **proven)
-        self._instance, self._router, self._priority, self._ttl = args.instance, args.router, args.priority, args.ttl
+        self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
+        self._router = "" if self._tells(args.router) else args.router
         self.renew()
         granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
         return {**granted, **self._answer}
@@ -276,11 +279,19 @@ class Leases:
                     self._found()
         elif who in self._present:
             self._present.discard(who)
-            if holds and self._router in ("", str(self._session.info.zid())):  # nothing lies between
-                self._gone()
-            elif holds:
+            if holds and self._router:
                 self._found()
                 self._looking = asyncio.get_running_loop().create_task(self._look())
+            elif holds:
+                self._gone()
+
+    def _tells(self, router: str) -> bool:
+        """A holder's token goes only when the holder does: its router is ours, or its connection to ours closes when it
+        ends. One by datagrams, or one further away, is merely not heard any more.
+        """
+        info = self._session.info
+        near = [str(link.dst).split("/")[0] for link in info.links() if str(link.zid) == router]
+        return router == str(info.zid()) or any(each in STREAMS for each in near)
 
     def _gone(self) -> None:
         self.end("gone", f"{self._holder}, who held the lease, is gone")
