@@ -26,7 +26,8 @@ class Lease:
     """The right to command one vehicle, and the stream of setpoints under it. Made by :meth:`Vehicle.lease`.
 
     It ends when another agent of a higher priority, an operator or the pilot takes it, when it is not renewed in time,
-    or when this process or its network dies; the vehicle then holds. From then on :meth:`setpoint` raises what took it.
+    or when this process dies; the vehicle then holds, as it does while the network brings nothing. From then on
+    :meth:`setpoint` raises what took it.
     """
 
     def __init__(
@@ -153,15 +154,16 @@ class Lease:
 
     async def keep(self) -> None:
         """Renew until cancelled or until the vehicle says no; a bad network is no reason to stop trying."""
-        renewal = wire.TakeLease(
-            holder=self.holder,
-            ttl=self._args.ttl,
-            priority=self.priority,
-            instance=self._args.instance,
-            lease=self.token,
-        )
         while self.lost is None:
             await asyncio.sleep(self._args.ttl / 3)
+            renewal = wire.TakeLease(
+                holder=self.holder,
+                ttl=self._args.ttl,
+                priority=self.priority,
+                instance=self._args.instance,
+                router=_router(self._client),
+                lease=self.token,
+            )
             try:
                 await self.vehicle.order("lease", renewal)
             except (NotHolder, BadInput) as e:
@@ -170,10 +172,15 @@ class Lease:
                 continue
 
 
+def _router(client: Client) -> str:
+    """Zenoh id of the router that the client is at; empty while it is at none."""
+    return next(map(str, client.session.info.routers_zid()), "")
+
+
 @contextlib.asynccontextmanager
 async def take_lease(vehicle: Vehicle, client: Client, holder: str, ttl: float, priority: int) -> AsyncIterator[Lease]:
-    """Take the lease, renew it, give it back. The liveliness token goes before it: its loss tells the vehicle at once
-    that this process or its network has died.
+    """Take the lease, renew it, give it back. The liveliness token goes before it: its loss tells the vehicle that
+    this process has died.
     """
     instance = uuid.uuid4().hex
     key = keys.HOLDER.key(vehicle.fleet, vehicle.name, holder=keys.check_name(holder, "holder"), instance=instance)
@@ -181,7 +188,9 @@ async def take_lease(vehicle: Vehicle, client: Client, holder: str, ttl: float, 
     try:
         exchange = Exchange() if client.member is not None else None
         public = exchange.public if exchange else ""
-        args = wire.TakeLease(holder=holder, ttl=ttl, priority=priority, instance=instance, key=public)
+        args = wire.TakeLease(
+            holder=holder, ttl=ttl, priority=priority, instance=instance, router=_router(client), key=public
+        )
         granted, secret = await vehicle.order("lease", args), b""
         if exchange and "key" in granted:  # a vehicle without credentials asks for no seal
             secret = exchange.secret(str(granted["key"]), f"{vehicle.fleet}/{vehicle.name}", str(granted["lease"]))

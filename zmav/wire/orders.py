@@ -84,6 +84,10 @@ class TakeLease(Order, kw_only=True):
     """0 to 100"""
     instance: str = ""
     """the last part of the holder's liveliness token: when that token goes, the lease ends at once"""
+    router: str = ""
+    """Zenoh id of the holder's router: where a link by datagrams lies between, the lease outlasts the token until its
+    time, until another asks for it, or until the router is heard without the token
+    """
     key: str = ""
     """the holder's X25519 public key (64 hexadecimal digits), where the vehicle asks for proofs of origin: see
     :mod:`zmav.trust.seal`; the answer carries the vehicle's. A renewal needs none"""

@@ -199,17 +199,17 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
     sent: dict[int, float] = {}
     why = "nothing"
     async with vehicle.lease("planner", ttl=3.0) as lease:
-        await _stream(lease, sent, 2.0)
+        await stream(lease, sent, 2.0)
         cut = time.monotonic()
         lab.cut(link)
-        await _stream(lease, sent, seconds)
+        await stream(lease, sent, seconds)
         healed = time.monotonic()
         lab.heal(link)
         try:
             while not (state := vehicle.age) or state > 1.0:
-                await _stream(lease, sent, 0.2)
+                await stream(lease, sent, 0.2)
             back = time.monotonic() - healed
-            await _stream(lease, sent, PATIENCE)
+            await stream(lease, sent, PATIENCE)
         except NotHolder as e:
             why, back = str(e), time.monotonic() - healed
     first = max(sent)
@@ -217,7 +217,7 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
     if not (await vehicle.wait_until(lambda state: True, PATIENCE)).armed:  # it has landed meanwhile
         await in_the_air(vehicle)
     async with vehicle.lease("planner", ttl=3.0) as lease:
-        await _stream(lease, sent, 1.0)
+        await stream(lease, sent, 1.0)
     events.close()
     alone = {n for n, at in sent.items() if cut + 0.1 < at < healed and n <= first}
     heard = [h for h in tap.heard if h.number > 0]
@@ -237,7 +237,7 @@ async def partition(lab: Lab, z: zmav.Client, tap: Tap, link: str, seconds: floa
     )
 
 
-async def _stream(lease: zmav.Lease, sent: dict[int, float], seconds: float) -> None:
+async def stream(lease: zmav.Lease, sent: dict[int, float], seconds: float) -> None:
     """Velocities that say their number, 20 a second; raises :class:`NotHolder` when the lease is known to be lost."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

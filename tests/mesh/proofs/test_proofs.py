@@ -90,6 +90,22 @@ async def test_nothing_stale_reaches_an_autopilot_that_was_alone(tmp_path: Path,
     assert "lease" in saw.lost
 
 
+async def test_a_lease_outlasts_a_link_that_stalled_though_there_is_no_other_way(run: Run) -> None:
+    async with run(rigs.chain(1, relays=1, delay="5 ms")) as (lab, z):
+        vehicle = z.vehicle("quad1")
+        await rigs.in_the_air(vehicle, 3.0)
+        async with vehicle.lease("planner", ttl=30.0) as lease:
+            await proofs.stream(lease, {}, 1.0)
+            lab.cut("ground-relay1")  # the token is missed behind a link that is not the vehicle's own
+            await proofs.stream(lease, {}, 2.0)
+            lab.heal("ground-relay1")
+            streaming, healed = asyncio.create_task(proofs.stream(lease, {}, 5.0)), time.time()
+            flies = await vehicle.wait_until(lambda s: s.t > healed + 1.0 and s.mover == "stream", rigs.PATIENCE)
+            await streaming
+            assert flies.lease is not None
+            assert (flies.lease.number, flies.lease_end) == (lease.number, None)
+
+
 async def test_a_segment_of_three_access_points_comes_back_when_its_middle_does(run: Run) -> None:
     async with run(rigs.wds(delay="3 ms", lease=1.0)) as (lab, z):
         states: list[bytes] = []

@@ -10,12 +10,16 @@ import pytest
 import zenoh
 
 import zmav
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadInput, NotHolder
 
 if TYPE_CHECKING:
-    from tests.conftest import StartOnboard
+    from tests.conftest import Net, StartOnboard
     from tests.services.conftest import Bench, StartBench
+
+AWAY = "0badc0de"
+"""a router that answers nobody"""
 
 
 async def take(b: Bench, holder: str = "alice", ttl: float = 30.0, **more: object) -> str:
@@ -123,6 +127,7 @@ async def test_open_orders_of_the_holder_keep_it(bench: StartBench) -> None:
         ({"holder": "a", "priority": 101}, "priority"),
         ({"holder": "a", "priority": -1}, "priority"),
         ({"holder": "a", "instance": "a/b"}, "instance"),
+        ({"holder": "a", "router": "*"}, "router"),
     ],
 )
 async def test_wrong_requests(bench: StartBench, args: dict[str, object], field: str) -> None:
@@ -242,3 +247,47 @@ async def test_a_program_hears_what_took_its_lease(bench: StartBench) -> None:
             assert (await b.state(lambda s: s["lease"], "lease"))["lease"]["number"] == 3
             assert again.lost is None
     await b.state(lambda s: s["lease"] is None, "no lease")
+
+
+async def test_it_outlasts_a_link_that_is_down_and_no_longer_than_its_time(bench: StartBench) -> None:
+    """Its holder's router is not heard either."""
+    b = await (await bench()).connected()
+    token = here(b, "alice", "one")
+    await take(b, ttl=4.0, instance="one", router=AWAY)
+    token.undeclare()
+    await until(lambda: b.vehicle.leases._looking is not None, "a token that is missed")
+    token = here(b, "alice", "one")
+    await until(lambda: b.vehicle.leases._looking is None, "the token")
+    assert b.vehicle.leases.holder == "alice"
+    token.undeclare()
+    await b.event("lease of alice ran out", kind="lease")
+    assert b.vehicle.leases._looking is None
+
+
+async def test_who_asks_meanwhile_has_it(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    token = here(b, "alice", "one")
+    await take(b, priority=7, instance="one", router=AWAY)
+    with pytest.raises(NotHolder, match="alice commands quad1"):
+        await b.ground.do("lease", holder="bob", priority=7)
+    token.undeclare()
+    await until(lambda: b.vehicle.leases._looking is not None, "a token that is missed")
+    assert await take(b, "bob", priority=7)
+    assert (await b.event("alice, who held the lease, is gone", kind="lease"))["detail"]["reason"] == "gone"
+
+
+async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: StartBench, net: Net) -> None:
+    b = await (await bench()).connected()
+    router, endpoint = net.router(net.router(b.endpoint)[1])
+    far = net.ground(endpoint).session.liveliness()
+    token = far.declare_token(keys.HOLDER.key("demo", "quad1", holder="alice", instance="one"))
+    leases = b.vehicle.leases
+    await until(lambda: ("alice", "one") in leases._present, "the token")
+    mine = await take(b, instance="one", router=str(router.info.zid()))
+    token.undeclare()
+    await until(lambda: leases._looking is not None, "a token that is missed")
+    for _ in range(25):  # it is in use: the token is late, and not its holder
+        await b.ground.do("lease", holder="alice", instance="one", router=str(router.info.zid()), lease=mine)
+        await asyncio.sleep(0.05)
+    assert leases.holder == "alice"
+    await b.event("alice, who held the lease, is gone", kind="lease")

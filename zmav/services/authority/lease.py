@@ -16,8 +16,10 @@ from zmav.errors import BadInput, NotHolder
 from zmav.services.authority.may_move import MayMove
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
+from zmav.services.queries.everybody import ask_everybody
 from zmav.trust.gate import Origin
 from zmav.trust.seal import Exchange
+from zmav.waiting import within
 
 MAX_TTL = 60.0
 MAX_PRIORITY = 100
@@ -28,6 +30,12 @@ REMEMBERED = 32
 CLOCK_SET = 0.05
 """s by which the host's time moves at once where it is set; a clock that is only slewed moves less from tick to tick"""
 INSTANCE = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
+ROUTER = re.compile(r"[0-9a-f]{1,32}\Z")
+STREAMS = ("tcp", "tls", "unixsock-stream")
+ASK_EVERY, ANSWER_S, ANSWERS = 0.3, 1.0, 2
+"""s between questions to the router of a holder whose token went, s for an answer, and answers in a row that say that
+the holder has died: where a way changes, a router may be heard before the tokens behind it
+"""
 
 
 def severity_of(reason: wire.LeaseEnding) -> wire.Severity:
@@ -52,7 +60,10 @@ class Leases:
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
         self.secret, self.last_secret = b"", b""
         """what seals the setpoints of the lease in force, and of the one before; empty where nothing is proven"""
-        self._token = self._holder = self._instance = ""
+        self._token = self._holder = self._instance = self._router = ""
+        """``_router``: the holder's, where its token may go without the holder"""
+        self._looking: asyncio.Task[None] | None = None
+        """for an absent holder: its token went, and it is not known whether it has died or only the way to it"""
         self.origin: Origin | None = None
         """whose certificate it was given to, where that is proven"""
         self._answer: dict[str, Any] = {}
@@ -71,6 +82,7 @@ class Leases:
         self._subscriber = self._session.liveliness().declare_subscriber(holders, heard, history=True)
 
     def close(self) -> None:
+        self._found()
         self._subscriber.undeclare()
 
     @property
@@ -93,6 +105,8 @@ class Leases:
             token = secrets.token_hex(8)
             secret, answer = self._agree(args, token) if origin else (b"", {})
             self._may_take()
+            if self._looking and not self._looking.done():  # who asks meanwhile has it
+                self._gone()
             if self._token and args.priority <= self._priority:
                 raise self.refusal()
             if self._token:
@@ -106,6 +120,7 @@ class Leases:
             words = f"{args.holder} commands"
             self._events.emit("lease", "info", words, holder=args.holder, priority=args.priority, **proven)
         self._instance, self._priority, self._ttl = args.instance, args.priority, args.ttl
+        self._router = "" if self._tells(args.router) else args.router
         self.renew()
         granted = {"lease": self._token, "holder": self._holder, "ttl": self._ttl, "number": self.number}
         return {**granted, **self._answer}
@@ -184,6 +199,7 @@ class Leases:
         """The lease is over, and its holder hears ``text`` from now on; nothing where there is none."""
         if not self._token:
             return
+        self._found()
         end = wire.LeaseEnd(t=time.time(), number=self.number, holder=self._holder, reason=reason, text=text, by=by)
         self._ended[self._token] = end
         while len(self._ended) > REMEMBERED:
@@ -248,15 +264,58 @@ class Leases:
                 raise BadInput(f"a lease needs a {field} from {expected}", field=field, value=value, expected=expected)
         if args.instance and not INSTANCE.match(args.instance):
             raise BadInput.wrong("instance", args.instance, "the end of a liveliness token: letters, digits, '_', '-'")
+        if args.router and not ROUTER.match(args.router):
+            raise BadInput.wrong("router", args.router, "a Zenoh id: up to 32 hexadecimal digits")
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         """Only a token that was there can go: one that is late on a bad network ends nothing."""
         parts = keys.match(str(sample.key_expr))[1]
         who = (parts["holder"], parts["instance"])
+        holds = bool(self._token) and who == (self._holder, self._instance)
         if sample.kind == zenoh.SampleKind.PUT:
             if len(self._present) < MOST_PRESENT:
                 self._present.add(who)
+                if holds:
+                    self._found()
         elif who in self._present:
             self._present.discard(who)
-            if self._token and who == (self._holder, self._instance):
-                self.end("gone", f"{self._holder}, who held the lease, is gone")
+            if holds and self._router:
+                self._found()
+                self._looking = asyncio.get_running_loop().create_task(self._look())
+            elif holds:
+                self._gone()
+
+    def _tells(self, router: str) -> bool:
+        """A holder's token goes only when the holder does: its router is ours, or its connection to ours closes when it
+        ends. One by datagrams, or one further away, is merely not heard any more.
+        """
+        info = self._session.info
+        near = [str(link.dst).split("/")[0] for link in info.links() if str(link.zid) == router]
+        return router == str(info.zid()) or any(each in STREAMS for each in near)
+
+    def _gone(self) -> None:
+        self.end("gone", f"{self._holder}, who held the lease, is gone")
+
+    def _found(self) -> None:
+        """Nobody is looked for any more."""
+        if self._looking:
+            self._looking.cancel()
+        self._looking = None
+
+    async def _look(self) -> None:
+        """A token goes with its holder, and with the way to it. The holder has died where its router is heard without
+        the token, and nothing comes under the lease; where the router is not heard either, the lease lasts its time:
+        the stream has its watchdog.
+        """
+        answers, loop, key = 0, asyncio.get_running_loop(), f"@/{self._router}/router"
+        while answers < ANSWERS:
+            used, heard = self._expires, asyncio.Event()
+            await asyncio.sleep(ASK_EVERY)
+            replies = on_loop(loop, lambda reply, heard=heard: reply.ok and heard.set())
+            ask_everybody(self._session, keys.DO.qos, key, replies, timeout=ANSWER_S)
+            try:
+                await within(ANSWER_S, heard.wait())
+                answers = answers + 1 if used == self._expires else 0
+            except asyncio.TimeoutError:
+                answers = 0
+        self._gone()
