@@ -76,7 +76,7 @@ lint: $(VENV)/.dev ## check style, format and types
 docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again
 	@$(BIN)/python docs/generate.py
 
-kernels: $(VENV)/.dev ## compile the planner for this machine (a minute, once; else its first run does)
+kernels: $(VENV)/.dev ## compile the planner for this machine (half a minute of a core, once; else its first run does)
 	@echo "==> compiling the planner's kernels where they are not yet"
 	@$(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
 

@@ -166,7 +166,14 @@ class Play:
         def words() -> str:
             return f"{name} did not say {text!r} within {within:g} s; it said last:\n{self.processes.said(name)}"
 
-        await self._until(lambda: any(text in line for line in self.processes.lines(name)), within, words)
+        told = 0
+
+        def said() -> bool:
+            nonlocal told
+            told = self._echo(name, told)
+            return any(text in line for line in self.processes.lines(name)[:told])
+
+        await self._until(said, within, words)
 
     async def _until(self, true: Callable[[], bool], within: float, words: Callable[[], str]) -> None:
         """Look until it is so, but not for processes that are gone. Raises :class:`TimedOut` with those words."""

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 
 import zmav
-from agents.planner.cli.asking import refuse_nan
+from agents.planner.cli.numbers import refuse_nan
 from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
@@ -69,11 +69,11 @@ def planner(
 async def _planner(own: Any, session: SessionSettings) -> None:
     try:
         from agents.planner.live.agent import Agent
-        from agents.planner.solve.jit import interpreted
+        from agents.planner.solve import jit
     except ImportError as e:
         raise missing_extra("the planner", e.name, "planner") from e
     async with zmav.open(fleet=own.fleet, settings=session) as z, Agent(z, own):
-        more = "" if interpreted() else "; the first start on a machine compiles for a minute or two"
+        more = "" if jit.compiled() else "; its first start on this machine compiles it, for half a minute of a core"
         say(f"{own.fleet}/{own.name}: loading the solver{more}")
         await until_stopped()
         say("ending: what is in the air comes to rest")

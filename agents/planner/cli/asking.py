@@ -11,7 +11,6 @@ import uuid
 from collections.abc import AsyncIterator
 from typing import Any
 
-import click
 import msgspec
 import zenoh
 
@@ -28,13 +27,6 @@ ANSWER = 3.0
 NOBODY = (
     "no planner is in charge of fleet {fleet}: start one with 'zmav swarm planner', beside 'zmav router' or 'zmav up'"
 )
-
-
-def refuse_nan(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Callback of an option: no range of click's leaves out NaN, and every comparison with it would pass or fail."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter(f"{value} is not a number.", context, parameter)
-    return value
 
 
 class Planner:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from agents.planner.cli.asking import refuse_nan
+from agents.planner.cli.numbers import refuse_nan
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Plan, encode, read_plan, write_plan
 from agents.planner.model.scene import Scene, read_scene
@@ -218,10 +218,13 @@ def _make_ready(planes: bool) -> None:
     """What a first plan in a process needs, out of its planning time."""
     from agents.planner.solve import jit, warm
 
+    def tell(done: int, of: int) -> None:
+        click.echo(f"compiling the planner for this machine, once: {done} of {of} kernels", err=True)
+
     if not jit.compiled():
-        click.echo("compiling the planner for this machine, once: this takes a minute or so", err=True)
+        tell(*jit.progress())
     if not jit.interpreted():
-        warm.warm(planes)
+        warm.warm(planes, tell)
 
 
 def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:

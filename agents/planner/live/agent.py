@@ -183,7 +183,7 @@ class Agent:
             self._begin_runs()
         else:
             for entry in self.context.ledger.ready():
-                entry.text = "waits for the solver, which compiles for a minute or two once on a machine"
+                entry.text = f"waits for the solver, which {self.context.solver.doing}"
 
     def _ask_homes(self, now: float) -> None:
         """One after the other and again, where we did not see them take off."""

@@ -63,6 +63,14 @@ JudgedPlan = tuple[Plan, Judgement]
 
 
 @dataclass(frozen=True)
+class Compiling:
+    """So many kernels are compiled for this machine, of so many."""
+
+    done: int
+    of: int
+
+
+@dataclass(frozen=True)
 class Ready:
     """The kernels are compiled and the stages loaded."""
 

@@ -45,6 +45,8 @@ class Solver:
         self._say, self._name = say, name
         self._process: asyncio.subprocess.Process | None = None
         self._ready = asyncio.Event()
+        self.doing = "loads"
+        """before it is ready, in words"""
         self._turn = asyncio.Lock()
         self._number = 0
         self._job: asyncio.Future[Any] | None = None
@@ -146,7 +148,7 @@ class Solver:
 
     async def _run(self) -> int:
         """One life of the process; its exit code."""
-        start = time.monotonic()
+        start, self.doing = time.monotonic(), "loads"
         self._process = process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -170,8 +172,11 @@ class Solver:
             await process.wait()
 
     def _take(self, message: object, start: float) -> None:
-        if isinstance(message, jobs.Ready):
-            what = "load" if jit.interpreted() else "load and compile"
+        if isinstance(message, jobs.Compiling):
+            self.doing = f"compiles itself for this machine, once: {message.done} of {message.of} kernels"
+            self._say(f"the {self._name} {self.doing}")
+        elif isinstance(message, jobs.Ready):
+            what = "load" if self.doing == "loads" else "load and compile"
             self._say(f"the {self._name} is ready ({time.monotonic() - start:.1f} s to {what})")
             self._ready.set()
         elif isinstance(message, jobs.Solved | jobs.Done | jobs.Failed):

@@ -14,11 +14,6 @@ import time
 import traceback
 from typing import Any, BinaryIO
 
-import numpy as np
-
-from agents.planner.execute.commit import Entry, Order, Part, Reserved
-from agents.planner.execute.offset import Offset
-from agents.planner.execute.track import Profile, Track
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
@@ -43,8 +38,11 @@ class SolverProcess:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles; not where they never are."""
         if not jit.interpreted():
-            _warm_execution(warm.warm())
+            warm.flown(warm.warm(tell=self._compiling).trajectories)
         jobs.write(self._out, jobs.Ready())
+
+    def _compiling(self, done: int, of: int) -> None:
+        jobs.write(self._out, jobs.Compiling(done, of))
 
     def serve(self, number: int, job: jobs.Job) -> None:
         try:
@@ -91,19 +89,6 @@ def judge(job: jobs.Judge) -> jobs.Judgement:
     report = verify.verify(job.scene, job.trajectories, job.movers)
     clearance = report.clearance if math.isfinite(report.clearance) else None
     return jobs.Judgement(report.ok, clearance, report.makespan, tuple(str(fault) for fault in report.faults[:20]))
-
-
-def _warm_execution(plan: Plan) -> None:
-    """What the agent's own process calls when a plan is flown: it must not stop to compile then."""
-    parts = []
-    for name, samples in plan.trajectories.items():
-        part = Part(name, Track(np.array(samples, dtype=np.float64)), 1.0, 2.5, 0.3, Offset())
-        row = np.array([0.0, *samples[0][1:], 0.0, 0.0, 0.0])
-        part.entries.append(Entry(Profile.resting(0.0, 1.0), np.array([row, row + np.eye(7)[0]]), 1.0, 1.0))
-        parts.append(part)
-    Order(parts, 1.5)
-    for part in parts:
-        Reserved(parts, 1.5).blocker(part, part.known, 0.0)
 
 
 def _listen(pipe: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:

@@ -14,14 +14,13 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-
 F = TypeVar("F", bound=Callable[..., Any])
 PACKAGE = Path(__file__).resolve().parent.parent
+KERNEL = re.compile(rb"^@jit$", re.MULTILINE)
 COMPLETE = "complete"
 KEPT = 3
 """How many older folders stay: those used last, for processes that still run them and for other numbas."""
@@ -32,12 +31,44 @@ def jit(function: F) -> F:
 
     Fast but exact where it matters: no reordering of sums, NaN compares as always.
     """
-    kept, config = folder(), cast(Any, numba.config)
+    if interpreted():
+        return function  # numba itself need not be there
+    import numba
+
+    kept, config, njit = folder(), cast(Any, numba.config), cast(Any, numba.njit)
     usual, config.CACHE_DIR = config.CACHE_DIR, str(kept or "")
     try:
-        return cast(F, numba.njit(cache=kept is not None, error_model="numpy", nogil=True)(function))
+        made = njit(cache=kept is not None, error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function)
     finally:
         config.CACHE_DIR = usual
+    if made is not function:
+        _by_type(made)
+        if kept is not None:
+            _one_at_a_time(made, kept)
+    return cast(F, made)
+
+
+def _by_type(made: Any) -> None:
+    """Compile it once for all integers that other kernels call it with; numba would for each constant."""
+    from numba.core import types
+
+    usual, plain = made.get_call_template, cast(Any, types.unliteral)
+
+    def by_type(args: Iterable[Any], named: Mapping[str, Any]) -> Any:
+        return usual(tuple(map(plain, args)), {name: plain(kind) for name, kind in named.items()})
+
+    made.get_call_template = by_type
+
+
+def _one_at_a_time(made: Any, kept: Path) -> None:
+    """Of two processes that keep what they compiled of one kernel, numba would have one lose, or take, the other's."""
+    usual = made._cache.save_overload
+
+    def save(*what: Any) -> None:
+        with _locked(kept / "index.lock"):
+            usual(*what)
+
+    made._cache.save_overload = save
 
 
 @functools.cache
@@ -46,6 +77,8 @@ def folder() -> Path | None:
 
     What ``NUMBA_CACHE_DIR`` names comes first.
     """
+    import numba
+
     name = f"kernels-{numba.__version__}-{fingerprint(PACKAGE)}"
     for place in _places():
         found = place / name
@@ -66,7 +99,7 @@ def interpreted() -> bool:
     """Whether kernels are not compiled in this process (``NUMBA_DISABLE_JIT``), but run as the Python that they are:
     a hundred times slower, and soon enough for a few vehicles in the open.
     """
-    return bool(cast(Any, numba.config).DISABLE_JIT)
+    return os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
 
 
 def compiled() -> bool:
@@ -76,19 +109,51 @@ def compiled() -> bool:
 
 
 @contextlib.contextmanager
-def compiling() -> Iterator[bool]:
-    """Whether everything is to be compiled within, for the first time on this machine.
+def compiling(part: str, wait: bool = True) -> Iterator[bool]:
+    """Whether a part of the kernels is to be compiled within, for the first time on this machine.
 
-    One process does, others wait for it here. Where nothing can be kept it is False: what is needed is compiled then.
+    One process does. Others ``wait`` for it here, or leave it to that one. Where nothing can be kept it is False: what
+    is needed is compiled then.
     """
     kept = folder()
-    if kept is None or compiled():
+    done = kept / f"{part}.done" if kept is not None else None
+    if kept is None or done is None or done.exists():
         yield False
         return
-    with (kept / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # let go when the file is closed, also by a kill
-        yield not compiled()
+    with _locked(kept / f"{part}.lock", wait) as ours:
+        yield ours and not done.exists()
+        if ours:
+            done.touch()
+
+
+def complete() -> None:
+    """All parts are there."""
+    if kept := folder():
         (kept / COMPLETE).touch()
+
+
+def progress() -> tuple[int, int]:
+    """How many kernels are compiled, whoever compiles them, and of how many."""
+    kept = folder()
+    return len(list(kept.rglob("*.nbi"))) if kept is not None else 0, count(PACKAGE)
+
+
+@functools.cache
+def count(package: Path) -> int:
+    """How many kernels there are below a folder."""
+    return sum(len(KERNEL.findall(path.read_bytes())) for path in package.rglob("*.py"))
+
+
+@contextlib.contextmanager
+def _locked(path: Path, wait: bool = True) -> Iterator[bool]:
+    """No other process has it within; False where one has and it is not waited for."""
+    with path.open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True  # let go when the file is closed, also by a kill
 
 
 def fingerprint(package: Path) -> str:
@@ -96,7 +161,7 @@ def fingerprint(package: Path) -> str:
     whole = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
-        if re.search(rb"^@jit$", text, re.MULTILINE) or path == Path(__file__).resolve():
+        if KERNEL.search(text) or path == Path(__file__).resolve():
             whole.update(f"{path.relative_to(package)} {len(text)}\n".encode() + text)
     return whole.hexdigest()[:16]
 

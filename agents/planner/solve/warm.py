@@ -1,40 +1,183 @@
 """Make the planner ready: compile its kernels (once on a machine) and load them (once in a process).
 
-A first plan would otherwise pay for that, some seconds each time and a minute the first time.
+A first plan would otherwise pay for that, part of a second each time and half a minute of a core the first time. The
+kernels are compiled in parts, each by one process: two work side by side where there are two cores, and whoever else
+wants to plan meanwhile takes a share. Run as a program this is the second of them.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
 import numpy as np
 
+from agents.planner.execute.commit import Entry, Order, Part, Reserved
+from agents.planner.execute.offset import Offset
+from agents.planner.execute.track import Profile, Track
+from agents.planner.goals import moving, timing
 from agents.planner.model.geometry import world_of
-from agents.planner.model.plans import Plan
-from agents.planner.model.problem import problem_of
+from agents.planner.model.plans import Plan, Sample
+from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
 from agents.planner.model.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
 from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.verify import verify
 from agents.planner.solve import jit
-from agents.planner.solve.pipeline import solve
+from agents.planner.solve.pipeline import ROOM, solve
+from agents.planner.solve.planes import plan_planes
+from agents.planner.solve.refine.flyable import refine_paths
 from agents.planner.solve.spacetime import deconflict
 
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
+EVERY = 2.0
+"""s between two words on how far it is"""
+Tell = Callable[[int, int], None]
+"""so many kernels are compiled, of so many"""
 
 
-def warm(planes: bool = True) -> Plan:
+def warm(planes: bool = True, tell: Tell | None = None) -> Plan:
     """Plan small scenes that use the kernels; gives the plan of the first.
 
-    ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need.
+    ``planes``: those of planes, too. Where they are not all compiled yet, all of them are, also what few scenes need;
+    ``tell`` hears of that, from another thread.
     """
-    with jit.compiling() as everything:
-        copters = example(planes=False)
-        plan = solve(copters, seconds=PATIENCE)
-        # The discrete search is for scenes that are tighter than any that is small.
-        for scene in (copters, lane()) if everything else (copters,):
-            problem, static = problem_of(scene), StaticMap(world_of(scene))
-            deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
-        if planes or everything:
-            solve(example(planes=True), seconds=PATIENCE)
+    if not jit.compiled() and jit.folder() is not None:
+        with _second(), _told(tell):
+            compile_parts(wait=False)
+            compile_parts(wait=True)
+        jit.complete()
+    copters = example(planes=False)
+    plan = solve(copters, seconds=PATIENCE)
+    # The discrete search is for scenes that are tighter than any that is small.
+    problem, static = problem_of(copters), StaticMap(world_of(copters))
+    deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
+    if planes:
+        solve(example(planes=True), seconds=PATIENCE)
     return plan
+
+
+def compile_parts(wait: bool) -> None:
+    """Compile what no other process does; or (``wait``) have all of it compiled, whoever does it."""
+    for name, part in PARTS.items():
+        with jit.compiling(name, wait) as ours:
+            if ours:
+                part()
+
+
+@contextlib.contextmanager
+def _second() -> Iterator[None]:
+    """A second process that takes its share. What it cannot do is done here."""
+    kept = jit.folder()
+    if kept is None or (os.cpu_count() or 1) < 2:
+        yield
+        return
+    # Its folders are ours, wherever it is started.
+    where = os.environ | {"NUMBA_CACHE_DIR": str(kept.parent.resolve())}
+    command = [sys.executable, "-m", __spec__.name]
+    nothing = subprocess.DEVNULL
+    other = subprocess.Popen(
+        command, cwd=jit.PACKAGE.parents[1], env=where, stdin=nothing, stdout=nothing, stderr=nothing
+    )
+    try:
+        yield
+    finally:
+        other.kill()  # it has nothing left to do
+        other.wait()
+
+
+@contextlib.contextmanager
+def _told(tell: Tell | None) -> Iterator[None]:
+    if tell is None:
+        yield
+        return
+    over = threading.Event()
+
+    def go_on() -> None:
+        while not over.wait(EVERY):
+            tell(*jit.progress())
+
+    thread = threading.Thread(target=go_on, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+# The parts, none of which calls another's kernels.
+
+
+def _ways() -> None:
+    problem, static = _known(example(planes=False))
+    static.paths_for(problem, ROOM)
+
+
+def _refined() -> None:
+    problem, static = _known(example(planes=False))
+    refine_paths(problem, static.world, _straight(problem), time.monotonic() + PATIENCE)
+
+
+def _discrete() -> None:
+    problem, static = _known(lane())
+    deconflict.find(problem, static.world, _straight(problem), PATIENCE, np.random.default_rng(0))
+
+
+def _judged() -> None:
+    scene = example(planes=False)
+    motions: dict[str, Motion] = {
+        v.id: np.array([[0.0, *v.start], [60.0, *(v.goal or v.start)]], dtype=np.float64) for v in scene.vehicles
+    }
+    verify(scene, motions)
+    flown({name: [tuple(row) for row in motion.tolist()] for name, motion in motions.items()})
+
+
+def _shaped() -> None:
+    world = world_of(example(planes=False))
+    moving.roomy(world, np.zeros((1, 1, 3)), np.ones(1))
+    timing.paces(np.ones(2), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
+
+
+def _winged() -> None:
+    problem, static = _known(example(planes=True))
+    plan_planes(problem, static.world, np.flatnonzero(problem.kind == PLANE).tolist(), np.random.default_rng(0))
+
+
+PARTS: Mapping[str, Callable[[], None]] = {
+    "ways": _ways,
+    "refined": _refined,
+    "discrete": _discrete,
+    "judged": _judged,
+    "winged": _winged,
+    "shaped": _shaped,
+}
+
+
+def _known(scene: Scene) -> tuple[Problem, StaticMap]:
+    return problem_of(scene), StaticMap(world_of(scene))
+
+
+def _straight(problem: Problem) -> list[Path]:
+    return [np.array(ends, dtype=np.float64) for ends in zip(problem.start, problem.goal, strict=True)]
+
+
+def flown(trajectories: Mapping[str, Sequence[Sample]]) -> None:
+    """What the agent's own process calls when a plan is flown: it must not stop to compile then."""
+    parts = []
+    for name, samples in trajectories.items():
+        part = Part(name, Track(np.array(samples, dtype=np.float64)), 1.0, 2.5, 0.3, Offset())
+        row = np.array([0.0, *samples[0][1:], 0.0, 0.0, 0.0])
+        part.entries.append(Entry(Profile.resting(0.0, 1.0), np.array([row, row + np.eye(7)[0]]), 1.0, 1.0))
+        parts.append(part)
+    Order(parts, 1.5)
+    for part in parts:
+        Reserved(parts, 1.5).blocker(part, part.known, 0.0)
 
 
 def copter(name: str, start: Point, goal: Point) -> Vehicle:
@@ -87,3 +230,7 @@ def example(planes: bool) -> Scene:
     fence = Fence(polygon=[(-room, -room), (room, -room), (room, room), (-room, room)], floor=0.5, ceiling=90.0)
     bounds = Bounds(min=(-room, -room, 0.0), max=(room, room, 90.0))
     return Scene(vehicles=vehicles, obstacles=obstacles, bounds=bounds, geofence=fence, downwash=1.5)
+
+
+if __name__ == "__main__":
+    compile_parts(wait=False)

@@ -6,10 +6,12 @@ import ast
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from agents.planner.solve import jit
+from agents.planner.solve.warm import warm
 
 KERNELS = sorted(p for p in jit.PACKAGE.rglob("*.py") if "\n@jit\n" in p.read_text() or p.name == "jit.py")
 CALLED = "from agents.planner.solve.jit import jit\n\n@jit\ndef inner(x):\n    return x + 1.0\n"
@@ -78,14 +80,63 @@ def test_few_older_folders_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert last in left and len(left) == 1 + jit.KEPT
 
 
-def test_one_compiles_and_who_comes_later_finds_it_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_compiles_a_part_and_who_comes_later_finds_it_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jit, "folder", lambda: tmp_path)
-    with pytest.raises(KeyboardInterrupt), jit.compiling():
+    with pytest.raises(KeyboardInterrupt), jit.compiling("ways"):
         raise KeyboardInterrupt
-    with jit.compiling() as everything:  # what was broken off is done again
-        assert everything and not jit.compiled()
-    with jit.compiling() as everything:
-        assert not everything and jit.compiled()
+    with jit.compiling("ways") as ours:  # what was broken off is done again
+        assert ours
+        with jit.compiling("ways", wait=False) as another, jit.compiling("judged", wait=False) as other_part:
+            assert not another and other_part
+    with jit.compiling("ways") as ours, jit.compiling("judged") as others:
+        assert not ours and not others
+    assert not jit.compiled()
+    jit.complete()
+    assert jit.compiled()
+
+
+def test_all_kernels_are_compiled_before_a_first_plan() -> None:
+    """None is left for a plan of vehicles in flight to wait for."""
+    warm()
+    done, of = jit.progress()
+    assert done == of > 70
+
+
+def test_two_processes_that_compile_one_kernel_keep_both_of_its_kinds(tmp_path: Path) -> None:
+    """Numba reads its index of them, adds to it and writes it again."""
+    package = tmp_path / "kernels_of_a_test"
+    package.mkdir()
+    (package / "called.py").write_text(CALLED)
+    program = (
+        "import sys, time; from pathlib import Path; from agents.planner.solve import jit\n"
+        f"sys.path.insert(0, {str(tmp_path)!r}); jit.PACKAGE = Path({str(package)!r})\n"
+        f"from {package.name}.called import inner\n"
+        "kind = sys.argv[1]; inner(1 if kind == 'int' else 1.0); print(*map(str, inner.signatures))"
+    )
+    both = [
+        subprocess.Popen([sys.executable, "-c", program, kind], stdout=subprocess.PIPE, text=True)
+        for kind in ("int", "float")
+    ]
+    assert [process.communicate()[0].split() for process in both] == [["(int64,)"], ["(float64,)"]]
+    again = (
+        program.replace("inner(1 if kind == 'int' else 1.0)", "assert inner(1) == inner(1.0) == 2.0")
+        + "; print(sum(inner.stats.cache_hits.values()))"
+    )
+    run = subprocess.run([sys.executable, "-c", again, ""], capture_output=True, text=True, check=True)
+    assert run.stdout.split()[-1] == "2"
+
+
+def test_a_kernel_is_compiled_once_for_all_integers_that_others_call_it_with() -> None:
+    @jit.jit
+    def inner(n: int) -> int:
+        return n + 1
+
+    @jit.jit
+    def outer(n: int) -> int:
+        return inner(1) + inner(2) + inner(n)
+
+    assert outer(3) == 9
+    assert jit.interpreted() or len(cast(Any, inner).signatures) == 1
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))

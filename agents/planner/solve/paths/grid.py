@@ -85,7 +85,8 @@ def way_to(lines: Lattice, parent: Indices, at: int, start: Floats, goal: Floats
     while by != START:
         count, by = count + 1, parent[by]
     way = np.empty((count, 3))
-    way[0], way[count - 1] = start, goal
+    for axis in range(3):  # one by one: for the assignment of an array numba compiles what words an error of shapes
+        way[0, axis], way[count - 1, axis] = start[axis], goal[axis]
     for row in range(count - 2, 0, -1):
         place(lines.x, lines.y, lines.z, at, way[row])
         at = parent[at]
@@ -138,7 +139,7 @@ def search(
         if mark[at] == opened:
             mark[at], up, old = sure, parent[at], cost[at]
             if up == START:
-                there[:] = start
+                there[0], there[1], there[2] = start[0], start[1], start[2]
             else:
                 place(xs, ys, zs, up, there)
             if not segment_clear(world, there, here, radius):
@@ -156,7 +157,7 @@ def search(
                 heapq.heappush(waiting, (end_cost, end))
         up, before = parent[at], 0.0
         if up == START:
-            there[:] = start
+            there[0], there[1], there[2] = start[0], start[1], start[2]
         else:
             place(xs, ys, zs, up, there)
             before = cost[up]
