@@ -15,6 +15,7 @@ from typing import NamedTuple
 import zenoh
 
 from zmav import keys
+from zmav.direct import direct
 from zmav.errors import BadConfig, BadKey
 
 MOST = 8192
@@ -64,7 +65,7 @@ class Feed:
         """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""
         self._wanted = apart(keys.expression(f"{vehicle}/mav/rx/*/*/*", fleet) for vehicle in vehicles)
         self._subscribers = [
-            session.declare_subscriber(str(key), functools.partial(self._on_sample, index))
+            session.declare_subscriber(str(key), direct(functools.partial(self._on_sample, index)))
             for index, key in enumerate(self._wanted)
         ]
 
