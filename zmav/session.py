@@ -39,7 +39,7 @@ PATIENCE = 1.0
 RUNTIME = "ZENOH_RUNTIME"
 """environment variable: Zenoh's threads, read once in a process, as its first session is opened"""
 CLIENTS_RUNTIME = "(rx: (handover: app), app: (worker_threads: 2))"
-"""a client reads its one link where Zenoh waits for it: otherwise each message wakes a thread that only wakes another"""
+"""a client's one link is read by the thread that waits for it: else each message wakes one that only wakes another"""
 Mode = Literal["client", "peer", "router"]
 
 
