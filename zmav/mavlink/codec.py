@@ -67,6 +67,8 @@ def decode(frame: Frame, dialect: Dialect) -> dict[str, Any]:
 def _unpack(message: MessageType, frame: Frame) -> dict[str, Any]:
     size = message.max_length
     raw = message.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    if message.order is not None:
+        return dict(zip(message.by_name, message.order(raw), strict=True))
     found: dict[str, Any] = {}
     index = 0
     for field in message.wire_fields:
@@ -93,8 +95,7 @@ def describe(frame: Frame, dialect: Dialect) -> MavMessage:
         verified = False
     else:
         message = dialect.by_id[frame.msgid]
-        fields = {field.name: values.to_json(field, plain[field.name], dialect) for field in message.fields}
-        units = {field.name: field.units for field in message.fields if field.units}
+        fields, units = _shown(message, plain, dialect), dict(message.units)
     return MavMessage(
         name=dialect.name_of(frame.msgid),
         id=frame.msgid,
@@ -106,6 +107,17 @@ def describe(frame: Frame, dialect: Dialect) -> MavMessage:
         fields=fields,
         units=units,
     )
+
+
+def _shown(message: MessageType, plain: dict[str, Any], dialect: Dialect) -> dict[str, Any]:
+    """Decoded fields as JSON has them; few of them are anything else than they were."""
+    for name, value in plain.items():
+        if isinstance(value, (float, list)):
+            plain[name] = values.to_json(message.by_name[name], value, dialect)
+    for field in message.enum_fields:
+        if not field.length:
+            plain[field.name] = values.to_json(field, plain[field.name], dialect)
+    return plain
 
 
 def encode(
