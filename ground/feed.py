@@ -84,7 +84,7 @@ class Feed:
         key = str(sample.key_expr)
         with self._lock:
             origin = self._origins.get(key) or self._new_origin(key)
-            if origin is None or keys.is_replay(origin.fleet) != self._replay or not self._is_vehicle(*origin[:2]):
+            if origin is None or not self._is_vehicle(origin.fleet, origin.vehicle):
                 self.foreign += 1
                 return
             if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):
@@ -94,7 +94,9 @@ class Feed:
 
     def _new_origin(self, key: str) -> Origin | None:
         origin = origin_of(key)
-        if origin is not None and len(self._origins) < MOST and self._is_vehicle(*origin[:2]):
+        if origin is None or keys.is_replay(origin.fleet) != self._replay:
+            return None
+        if len(self._origins) < MOST and self._is_vehicle(*origin[:2]):
             self._origins[key] = origin
         return origin
 
