@@ -15,6 +15,7 @@ from typing import NamedTuple
 import zenoh
 
 from zmav import keys
+from zmav.direct import direct
 from zmav.errors import BadConfig, BadKey
 
 MOST = 8192
@@ -64,7 +65,7 @@ class Feed:
         """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""
         self._wanted = apart(keys.expression(f"{vehicle}/mav/rx/*/*/*", fleet) for vehicle in vehicles)
         self._subscribers = [
-            session.declare_subscriber(str(key), functools.partial(self._on_sample, index))
+            session.declare_subscriber(str(key), direct(functools.partial(self._on_sample, index)))
             for index, key in enumerate(self._wanted)
         ]
 
@@ -83,7 +84,7 @@ class Feed:
         key = str(sample.key_expr)
         with self._lock:
             origin = self._origins.get(key) or self._new_origin(key)
-            if origin is None or keys.is_replay(origin.fleet) != self._replay or not self._is_vehicle(*origin[:2]):
+            if origin is None or not self._is_vehicle(origin.fleet, origin.vehicle):
                 self.foreign += 1
                 return
             if index and any(wanted.intersects(sample.key_expr) for wanted in self._wanted[:index]):
@@ -93,7 +94,9 @@ class Feed:
 
     def _new_origin(self, key: str) -> Origin | None:
         origin = origin_of(key)
-        if origin is not None and len(self._origins) < MOST and self._is_vehicle(*origin[:2]):
+        if origin is None or keys.is_replay(origin.fleet) != self._replay:
+            return None
+        if len(self._origins) < MOST and self._is_vehicle(*origin[:2]):
             self._origins[key] = origin
         return origin
 

@@ -124,7 +124,7 @@ async def test_what_is_too_large_fills_nobody_s_memory(net: Net) -> None:
     await net.linked(sender.session, "zmav/demo/quad1/setpoint/x")
     for size in (LARGEST_PAYLOAD, LARGEST_MESSAGE + 1000, 1):
         await asyncio.to_thread(sender.put, keys.SETPOINT, bytes(size), agent="x")
-    await came.until(lambda: len(came.items[-1][1]) == 1, "what came last")
+    await came.until(lambda: [len(data) for _, data in came.items[-1:]] == [1], "what came last")
     assert [len(payload) for _, payload in came.items] == [LARGEST_PAYLOAD, 1]
 
 

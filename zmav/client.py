@@ -18,9 +18,9 @@ from typing import Any, NamedTuple, TypeVar, overload
 
 import msgspec
 import zenoh
-from zenoh import handlers
 
 from zmav import keys, wire
+from zmav.direct import direct
 from zmav.errors import BadInput, BadKey, Forbidden, NoSuchVehicle, Refused, ZmavError
 from zmav.mavlink import Dialect, MavMessage, describe, load_dialect, parse_frame
 from zmav.ratelimit import RateLimit
@@ -204,7 +204,7 @@ class Client:
             self._news.set()
 
         if self._settings.mode in (None, "client") and not self._settings.file and not keys.is_replay(self.fleet_name):
-            handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, on_end), indirect=False)
+            handler = direct(on_loop(loop, on_reply), on_loop(loop, on_end))
             ask_everybody(self.session, keys.STATE.qos, keys.STATE.key(self.fleet_name, "*"), handler, timeout=timeout)
         while (left := deadline - time.monotonic()) > 0:
             if told.is_set() and self._heard and all(place in self._heard for place in self._tokens):
@@ -399,8 +399,7 @@ class Client:
                 if _is_meant(answer) if answered else isinstance(answer, Answer) and enough(answer):
                     done.set()
 
-        # Straight on Zenoh's thread: all it does is hand over, and a thread for each query would cost more.
-        handler: Any = handlers.Callback(on_loop(loop, on_reply), on_loop(loop, done.set), indirect=False)
+        handler = direct(on_loop(loop, on_reply), on_loop(loop, done.set))
         try:
             each = answered or channel.qos is keys.Qos.BULK
             self.session.get(

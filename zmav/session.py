@@ -8,11 +8,12 @@ everything stays on loopback unless told otherwise. Zenoh's own settings can be 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import re
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,6 +36,10 @@ LARGEST_PAYLOAD = LARGEST_MESSAGE - 65_536
 """and the payload in it: beside it are the key and the proof of origin"""
 PATIENCE = 1.0
 """s for a router to answer a client: it may just be starting"""
+RUNTIME = "ZENOH_RUNTIME"
+"""environment variable: Zenoh's threads, read once in a process, as its first session is opened"""
+CLIENTS_RUNTIME = "(rx: (handover: app), app: (worker_threads: 2))"
+"""a client's one link is read by the thread that waits for it: else each message wakes one that only wakes another"""
 Mode = Literal["client", "peer", "router"]
 
 
@@ -173,14 +178,31 @@ def open_session(settings: SessionSettings | None = None) -> zenoh.Session:
     Raises :class:`SessionError` that says what to do, where no router answers or a listening port is taken.
     """
     built = config(settings or SessionSettings())
-    give_up = time.monotonic() + (PATIENCE if json.loads(built.get_json("mode")) == "client" else 0.0)
+    is_client = json.loads(built.get_json("mode")) == "client"
+    give_up = time.monotonic() + (PATIENCE if is_client else 0.0)
     while True:
         try:
-            return zenoh.open(built)
+            with _runtime(CLIENTS_RUNTIME if is_client else ""):
+                return zenoh.open(built)
         except zenoh.ZError as e:
             if time.monotonic() > give_up:
                 raise _unopened(built, reason(e)) from e
         time.sleep(0.1)
+
+
+@contextlib.contextmanager
+def _runtime(threads: str) -> Iterator[None]:
+    """Have a session that is opened meanwhile find :data:`RUNTIME` so, unless somebody set it. It is not left there:
+    processes that we start are none of a client's.
+    """
+    if not threads or RUNTIME in os.environ:
+        yield
+        return
+    os.environ[RUNTIME] = threads
+    try:
+        yield
+    finally:
+        os.environ.pop(RUNTIME, None)
 
 
 async def open_in_thread(settings: SessionSettings) -> zenoh.Session:

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import zenoh
 
 from zmav import keys
+from zmav.direct import direct
 from zmav.errors import BadInput, Forbidden
 from zmav.services.link.port import on_loop
 
@@ -55,7 +56,7 @@ class Subscription(Generic[T]):
                 self._session, self._key, arrived, recovery=recovery, history=past if self._history else None
             )
         else:
-            self._subscriber = self._session.declare_subscriber(self._key, arrived)
+            self._subscriber = self._session.declare_subscriber(self._key, direct(arrived))
         if self._token_key:
             self._token = self._session.liveliness().declare_token(self._token_key)
         return self

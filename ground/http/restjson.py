@@ -27,7 +27,7 @@ class Numbers(Protocol):
 
 def document(frame: Frame, dialect: Dialect) -> dict[str, Any]:
     """``{"header": ..., "message": ...}`` as the WebSocket sends it; raises :class:`BadMessage` for what is unknown."""
-    header = dict(zip(HEADER, (frame.sysid, frame.compid, frame.seq), strict=True))
+    header = {"system_id": frame.sysid, "component_id": frame.compid, "sequence": frame.seq}
     return {"header": header, "message": message(frame, dialect)}
 
 
@@ -39,9 +39,8 @@ def message(frame: Frame, dialect: Dialect) -> dict[str, Any]:
     plain, kind = decode(frame, dialect), dialect.by_id[frame.msgid]
     if "type" in kind.by_name:
         plain = {_name(kind.by_name[name]): value for name, value in plain.items()}
-    for field in kind.fields:
-        if field.enum:
-            plain[_name(field)] = _shown(field, plain[_name(field)], dialect)
+    for field in kind.enum_fields:
+        plain[_name(field)] = _shown(field, plain[_name(field)], dialect)
     return {"type": kind.name, **plain}
 
 

@@ -6,7 +6,8 @@ import asyncio
 import collections
 import contextlib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
 import msgspec
 from starlette.types import Receive, Scope, Send
@@ -18,6 +19,7 @@ from ground.http.gateway import WANTED_HZ, Gateway
 from ground.http.guard import deny
 from ground.http.reply import Failure, failure_of, refusal
 from ground.http.restjson import document, frame_of
+from ground.http.server import Write, text_frame, write_of
 from zmav.errors import BadInput, BadMessage, ZmavError
 from zmav.mavlink import parse_frame
 from zmav.services.link.port import on_loop
@@ -30,6 +32,8 @@ QUEUE = 2000
 FEW = 8
 """messages that a filter may match to count as asking for them"""
 ASK_EVERY = 10.0
+AT_ONCE = 64
+"""messages written to a client before it is looked whether it takes more"""
 FRAMES = 10_000
 """that wait for a loop that is busy; then the oldest go"""
 LONGEST, MOST_STARS, MOST_GROUPS = 500, 2, 2
@@ -44,19 +48,43 @@ class _Gone(Exception):
     """The client has left, or leaves too much unread."""
 
 
-class RestClient:
-    """One client: the messages it wants, and those that wait for it."""
+class Text(NamedTuple):
+    """A message's JSON, alone and as a WebSocket's frame."""
 
-    def __init__(self, names: frozenset[str]) -> None:
-        self.names = names
-        self.waiting: asyncio.Queue[str] = asyncio.Queue(QUEUE)
+    data: bytes
+    frame: bytes
+
+
+class RestClient:
+    """One client: the messages it wants, and those that wait for it while it does not take them at once."""
+
+    def __init__(self, names: frozenset[str], write: Write) -> None:
+        self.names, self._write = names, write
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(QUEUE)
+        self._sending = False
         self.full = asyncio.Event()
 
-    def put(self, text: str) -> None:
+    def take(self, texts: Sequence[Text]) -> None:
+        """Messages for it, behind those that wait."""
+        for at in range(0, len(texts), AT_ONCE):
+            some = texts[at : at + AT_ONCE]
+            if self._sending or not self._waiting.empty() or not self._write([text.frame for text in some]):
+                for text in some:
+                    self.put(text.data)
+
+    def put(self, data: bytes) -> None:
         try:
-            self.waiting.put_nowait(text)
+            self._waiting.put_nowait(data)
         except asyncio.QueueFull:
             self.full.set()
+
+    async def send(self, send: Send) -> None:
+        """Send what waits, as it is taken."""
+        while True:  # straight to the server: what WebSocket adds costs more than all the rest of it
+            data = await self._waiting.get()
+            self._sending = True
+            await send({"type": "websocket.send", "text": data.decode()})
+            self._sending = False
 
 
 class RestSockets:
@@ -90,12 +118,10 @@ class RestSockets:
             await deny(refusal(scope["path"], failure), scope, receive, send)
             return
         await socket.accept()
-        reader = RestClient(names)
+        reader = RestClient(names, write_of(scope))
         self._add(reader)
         try:
-            await together(
-                self._send(send, reader), self._receive(socket, reader), self._ask(reader), self._end(reader)
-            )
+            await together(reader.send(send), self._receive(socket, reader), self._ask(reader), self._end(reader))
         except (OSError, _Gone):
             return  # what it has not read is cut off with the connection: see ground.http.server
         finally:
@@ -106,10 +132,6 @@ class RestSockets:
         self.dropped += 1
         raise _Gone
 
-    async def _send(self, send: Send, reader: RestClient) -> None:
-        while True:  # straight to the server: what WebSocket adds costs more than all the rest of it
-            await send({"type": "websocket.send", "text": await reader.waiting.get()})
-
     async def _receive(self, socket: WebSocket, reader: RestClient) -> None:
         while True:
             message = await socket.receive()
@@ -117,7 +139,7 @@ class RestSockets:
                 raise _Gone
             text = message.get("text")
             if text is not None:
-                reader.put(self._sent(text))
+                reader.put(self._sent(text).encode())
 
     def _sent(self, text: str) -> str:
         """Send what a client gave us; what to tell it, in mavlink2rest's words."""
@@ -163,6 +185,7 @@ class RestSockets:
 
     def _deliver(self) -> None:
         self._called = False  # first: a frame that comes from now on wakes us again
+        bursts: dict[RestClient, list[Text]] = {}
         for _ in range(len(self._frames)):
             origin, frame = self._frames.popleft()
             readers = [reader for reader in self._readers if origin.message in reader.names]
@@ -170,9 +193,12 @@ class RestSockets:
                 continue
             with contextlib.suppress(BadMessage):
                 dialect = self._gateway.dialect
-                text = self._encoder.encode(document(parse_frame(frame, dialect), dialect)).decode()
+                data = self._encoder.encode(document(parse_frame(frame, dialect), dialect))
+                text = Text(data, text_frame(data))
                 for reader in readers:
-                    reader.put(text)
+                    bursts.setdefault(reader, []).append(text)
+        for reader, texts in bursts.items():
+            reader.take(texts)
 
 
 def matching(pattern: str, names: Iterable[str]) -> frozenset[str]:

@@ -7,11 +7,14 @@ import contextlib
 import errno
 import logging
 import socket
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from typing import Any
 
 import uvicorn
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Scope
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.protocol import State
 
 from ground.http.guard import ADMITTED
 from zmav.errors import BadConfig, PortInUse
@@ -79,6 +82,46 @@ def _answered(cycle: RequestResponseCycle | None) -> bool:
     return cycle is None or cycle.response_complete
 
 
+WRITE = "zmav.write"
+"""an extension of ASGI: whole frames of a WebSocket, as they are, many at a time and without a task for each client"""
+Write = Callable[[Sequence[bytes]], bool]
+"""False, and nothing is written, where ``send`` would wait, or refuse"""
+
+
+class _WebSocket(WebSocketsSansIOProtocol):
+    """Offers :data:`WRITE`: what many clients get alike is made once for all of them."""
+
+    def handle_connect(self, event: Any) -> None:
+        super().handle_connect(event)
+        if self.response.status_code == 101:
+            extensions: Any = self.scope["extensions"]
+            extensions[WRITE] = self._write
+
+    def _write(self, frames: Sequence[bytes]) -> bool:
+        if not self.writable.is_set() or self.close_sent or self.conn.state is not State.OPEN:
+            return False
+        if self.disconnected or self.transport.is_closing():
+            return False
+        self.transport.write(b"".join(frames))
+        return True
+
+
+def write_of(scope: Scope) -> Write:
+    """How frames are written at once to a WebSocket that was accepted; never, where the server cannot."""
+    found: Write = (scope.get("extensions") or {}).get(WRITE, lambda frames: False)
+    return found
+
+
+def text_frame(data: bytes) -> bytes:
+    """A whole text message as one frame from a server (RFC 6455, 5.2). ``data``: UTF-8."""
+    size = len(data)
+    if size < 126:
+        return bytes((0x81, size)) + data
+    if size < 1 << 16:
+        return b"\x81\x7e" + size.to_bytes(2, "big") + data
+    return b"\x81\x7f" + size.to_bytes(8, "big") + data
+
+
 class _Server(uvicorn.Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -128,7 +171,7 @@ async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
         limit_concurrency=CONNECTIONS,
         h11_max_incomplete_event_size=LONGEST_HEAD,
         http=_Protocol,
-        ws="websockets-sansio",
+        ws=_WebSocket,
         ws_max_size=MESSAGE_SIZE,
         ws_ping_interval=10.0,
         ws_ping_timeout=20.0,

@@ -375,6 +375,21 @@ def test_packer_makes_the_frames_that_encode_makes(dialect: Dialect) -> None:
     assert quick > 100
 
 
+@pytest.mark.parametrize("payload", [b"", b"\1\2\3", bytes(range(251)), [7] * 251, [1, 2]])
+def test_packer_takes_bytes_as_encode_does(dialect: Dialect, payload: bytes | list[int]) -> None:
+    fields = {"target_network": 0, "target_system": 1, "target_component": 1, "payload": payload}
+    expected = encode(dialect, "FILE_TRANSFER_PROTOCOL", fields, sysid=7, compid=191)
+    assert Packer(dialect, 7, 191).pack("FILE_TRANSFER_PROTOCOL", **fields) == expected
+
+
+@pytest.mark.parametrize("name, payload", [("FILE_TRANSFER_PROTOCOL", bytes(252)), ("GPS_INJECT_DATA", bytes(111))])
+def test_packer_refuses_too_many_bytes(dialect: Dialect, name: str, payload: bytes) -> None:
+    field = "payload" if name == "FILE_TRANSFER_PROTOCOL" else "data"
+    with pytest.raises(BadMessage) as caught:
+        Packer(dialect, 1, 1).pack(name, **{field: payload})
+    assert list(caught.value.detail["fields"]) == [field]
+
+
 @pytest.mark.parametrize(
     ("fields", "named"),
     [

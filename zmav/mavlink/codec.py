@@ -67,6 +67,8 @@ def decode(frame: Frame, dialect: Dialect) -> dict[str, Any]:
 def _unpack(message: MessageType, frame: Frame) -> dict[str, Any]:
     size = message.max_length
     raw = message.struct.unpack(frame.payload[:size].ljust(size, b"\0"))
+    if message.order is not None:
+        return dict(zip(message.by_name, message.order(raw), strict=True))
     found: dict[str, Any] = {}
     index = 0
     for field in message.wire_fields:
@@ -93,8 +95,7 @@ def describe(frame: Frame, dialect: Dialect) -> MavMessage:
         verified = False
     else:
         message = dialect.by_id[frame.msgid]
-        fields = {field.name: values.to_json(field, plain[field.name], dialect) for field in message.fields}
-        units = {field.name: field.units for field in message.fields if field.units}
+        fields, units = _shown(message, plain, dialect), dict(message.units)
     return MavMessage(
         name=dialect.name_of(frame.msgid),
         id=frame.msgid,
@@ -106,6 +107,17 @@ def describe(frame: Frame, dialect: Dialect) -> MavMessage:
         fields=fields,
         units=units,
     )
+
+
+def _shown(message: MessageType, plain: dict[str, Any], dialect: Dialect) -> dict[str, Any]:
+    """Decoded fields as JSON has them; few of them are anything else than they were."""
+    for name, value in plain.items():
+        if isinstance(value, (float, list)):
+            plain[name] = values.to_json(message.by_name[name], value, dialect)
+    for field in message.enum_fields:
+        if not field.length:
+            plain[field.name] = values.to_json(field, plain[field.name], dialect)
+    return plain
 
 
 def encode(
@@ -225,8 +237,8 @@ class Packer:
         return data
 
     def _pack_fast(self, name: str, fields: dict[str, Any]) -> bytes | None:
-        """The fast path: numbers, whole arrays of numbers and plain text. None: :func:`encode` will do it, or say what
-        is wrong with it.
+        """The fast path: numbers, whole arrays of numbers, bytes and plain text. None: :func:`encode` will do it, or
+        say what is wrong with it.
         """
         if self.version != 2:
             return None
@@ -245,13 +257,14 @@ class Packer:
 
 class _Plan:
     """How a message is packed: what its fields are where they are not given, in the payload's order, and where it has
-    arrays or texts the length of each field (0: a single number, negative: a text's).
+    arrays or texts the length of each field (0: a single number, negative: a text's), and which are arrays of bytes.
     """
 
     def __init__(self, message: MessageType) -> None:
         self.message = message
         self.zeros: dict[str, Any] = {}
         sizes = []
+        self.octets = tuple(field.type == "uint8_t" for field in message.wire_fields)
         for field in message.wire_fields:
             text = field.type == "char"
             size = -(field.length or 1) if text else field.length
@@ -263,9 +276,11 @@ class _Plan:
     def flat(self, given: dict[str, Any]) -> list[Any]:
         """The arguments for struct; ValueError for what takes more care."""
         found: list[Any] = []
-        for value, size in zip(given.values(), self.sizes, strict=True):
+        for value, size, octets in zip(given.values(), self.sizes, self.octets, strict=True):
             if size == 0:
                 found.append(value)
+            elif octets and type(value) is bytes and len(value) <= size:
+                found += value.ljust(size, b"\0")
             elif size > 0:
                 if type(value) is not list or len(value) != size:
                     raise ValueError

@@ -7,7 +7,10 @@ Format: https://mavlink.io/en/guide/xml_schema.html and https://mavlink.io/en/gu
 
 from __future__ import annotations
 
+import operator
 import struct
+from collections.abc import Callable
+from typing import Any
 
 import msgspec
 
@@ -73,6 +76,11 @@ class MessageType(msgspec.Struct, frozen=True):
     target_system: int | None
     target_component: int | None
     by_name: dict[str, Field]
+    order: Callable[[tuple[Any, ...]], tuple[Any, ...]] | None
+    """from the payload's order to the declared one, where each field is one number; None: it takes more"""
+    enum_fields: tuple[Field, ...]
+    units: dict[str, str]
+    """of the fields that have some"""
 
     def __repr__(self) -> str:
         return f"<MessageType {self.name} ({self.id})>"
@@ -98,7 +106,16 @@ class MessageType(msgspec.Struct, frozen=True):
             target_system=_offset(wire_fields, system),
             target_component=_offset(wire_fields, "target_component"),
             by_name=by_name,
+            order=_order(fields, wire_order),
+            enum_fields=tuple(field for field in fields if field.enum),
+            units={field.name: field.units for field in fields if field.units},
         )
+
+
+def _order(fields: list[Field], wire_order: list[str]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
+    if len(fields) < 2 or any(field.length or field.type == "char" for field in fields):
+        return None
+    return operator.itemgetter(*(wire_order.index(field.name) for field in fields))
 
 
 def _offset(wire_fields: tuple[Field, ...], name: str) -> int | None:
@@ -131,7 +148,10 @@ class Dialect(msgspec.Struct, frozen=True):
             by_id={m.id: m for m in messages},
             by_name={m.name: m for m in messages},
             enums=enums,
-            enum_names={enum: {value: entry for entry, value in entries.items()} for enum, entries in enums.items()},
+            enum_names={
+                enum: {value: entry for entry, value in sorted(entries.items(), key=operator.itemgetter(1))}
+                for enum, entries in enums.items()
+            },
         )
 
     def message(self, name_or_id: str | int) -> MessageType:

@@ -42,7 +42,7 @@ def _name(field: Field, value: int, dialect: Dialect) -> str | int:
         return entries.get(value, value)
     names = []
     rest = value
-    for flag, name in sorted(entries.items()):
+    for flag, name in entries.items():  # in the order of their numbers: see Dialect.build
         if flag > 0 and flag & (flag - 1) == 0 and value & flag:
             names.append(name)
             rest &= ~flag

@@ -17,7 +17,7 @@ GIVE_UP = 15.0
 """s without any answer; with 20 % of the frames lost each way that is one request in ten million"""
 SHORTEST, LONGEST = 0.25, 2.5
 """s to wait for an answer before asking again; between them, what the link has shown"""
-IN_FLIGHT = 4
+IN_FLIGHT = 5
 """requests sent ahead of their answers: ArduPilot queues five that come at once and drops the rest"""
 AFTER_BURST = 1024
 """sequence numbers left out after a burst: servers count on while they burst, and take a request one behind their last
