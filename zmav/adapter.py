@@ -108,6 +108,7 @@ class Adapter:
         on_readers: Any = handlers.Callback(self._on_readers, indirect=False)
         self._readers.declare_matching_listener(on_readers)
         self.look()
+        self.link.joins = not self.link.recorded
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:

@@ -91,6 +91,22 @@ def test_what_comes_fast_is_taken_together_where_it_may_lie(watch: Watch, peer: 
     assert watched.pieces[-1] in (b"bcd", b"cd"), "what came while it was waited"
 
 
+def test_a_backlog_is_taken_together_where_it_may_be(watch: Watch, peer: Peer) -> None:
+    watched, link, address = listen(watch)
+    link.joins, vehicle, sent, took = True, peer(), threading.Event(), link._on_data
+
+    def slow(data: bytes) -> None:
+        sent.wait(5.0)
+        took(data)
+
+    link._on_data = slow
+    for datagram in (b"a", b"b", b"c", b"d"):
+        vehicle.sendto(datagram, address)
+    sent.set()
+    watched.expect_data(b"abcd")
+    assert watched.pieces == [b"a", b"bcd"]
+
+
 def test_who_hurries_waits_for_no_nap(watch: Watch, peer: Peer) -> None:
     watched, link, address = listen(watch)
     link.patience, link._nap = lambda: 30.0, 30.0

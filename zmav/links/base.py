@@ -25,6 +25,7 @@ logger = logging.getLogger(__name__)
 OnData = Callable[[bytes], None]
 MUCH = 2048  # bytes that one nap may bring; the least receive buffers hold twice that in the smallest frames
 FIRST_NAP_S = 0.005
+WAITED_NOT_S = 20e-6  # a read that took no longer found what it brought there already
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
 
 
@@ -102,6 +103,8 @@ class Link(ABC):
         """s that what comes may lie until more has come: one wake-up for many frames. Asked after each read, and heeded
         where frames come faster than that and :meth:`hurry` does not end it
         """
+        self.joins = False
+        """datagrams that wait already, because they come faster than they are taken, are given together"""
         self._nap = FIRST_NAP_S
         self._hurry = threading.Lock()  # held but for a moment after hurry()
         self._hurry.acquire()
@@ -244,6 +247,8 @@ class Link(ABC):
             if not data:
                 continue
             waited = monotonic() - begun
+            if waited < WAITED_NOT_S and self.joins:
+                data += self._more()
             self._give(data)
             while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
                 pass
