@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 import zenoh
 
+from tests.waiting import until
 from zmav import keys
 from zmav.adapter import Adapter, LinkChanged
 from zmav.bus import Bus
@@ -291,3 +292,29 @@ async def test_closing_in_any_order(net: Net) -> None:
     for each in (adapter, adapter, never_started):
         each.close()
     assert link.state is LinkState.CLOSED
+
+
+async def test_frames_are_put_only_where_somebody_reads(net: Net) -> None:
+    session, endpoint = net.router()
+    link = open_link("udpin:127.0.0.1:0")
+    adapter = Adapter(session, "demo", "quad1", link, DIALECT, Bus())
+    adapter.start()
+    try:
+        assert not adapter.read
+        for key in ("zmav/*/*/mav/rx/*/*/ATTITUDE", "zmav/demo/**", "zmav/demo/quad1/mav/rx/1/1/HEARTBEAT"):
+            ground = net.ground(endpoint)
+            ground.samples(key)
+            await until(lambda: adapter.read)
+            ground.session.close()
+            await until(lambda: not adapter.read)
+    finally:
+        adapter.close()
+
+
+async def test_what_may_be_answered_hurries_the_link(net: Net) -> None:
+    session, _ = net.router()
+    adapter = Adapter(session, "demo", "quad1", open_link("udpin:127.0.0.1:0"), DIALECT, Bus())
+    adapter.send("HEARTBEAT", **HEARTBEAT)
+    assert adapter.spoke == 0.0 and not adapter.link._hurry.acquire(blocking=False), "nothing answers a heartbeat"
+    adapter.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
+    assert adapter.spoke > 0.0 and adapter.link._hurry.acquire(blocking=False)

@@ -2,7 +2,8 @@
 
 One frame's way: the link's reader thread calls :meth:`Adapter._on_data` with bytes; the splitter checks them once and
 cuts frames; each frame is put, untouched, on its own key by a publisher that was declared when the first of its kind
-came. Nothing is decoded here. The last frame of each kind is kept, so that services decode what somebody asks for.
+came; where nobody reads any frame, none is put. Nothing is decoded here. The last frame of each kind is kept, so that
+services decode what somebody asks for.
 
 The other way, for others' frames: :mod:`zmav.forwarding`.
 """
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import zenoh
+from zenoh import handlers
 
 from zmav import keys
 from zmav.bus import Bus
@@ -23,11 +25,13 @@ from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
 from zmav.services.link.port import Flow, LastFrame, Listener, TxCounters
+from zmav.session import is_read
 
 MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
 """... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
+HEARTBEAT, TIMESYNC = 0, 111
 
 
 class LinkChanged(NamedTuple):
@@ -88,20 +92,45 @@ class Adapter:
         self._listening = threading.Lock()
         """a stream that begins while somebody begins to listen must not miss it"""
         self._publishers: list[zenoh.Publisher] = []
+        self._readers: zenoh.Publisher | None = None
+        """of everything: nothing is put on it, it tells whether anybody reads any frame"""
+        self.read = True
+        """somebody reads frames, here or elsewhere in the network"""
+        self.spoke = 0.0
+        """monotonic seconds at which something was sent that may be answered, and nothing below knows of that"""
+        self.awaited = 0
+        """coroutines that wait for frames (:class:`~zmav.services.link.port.Inbox`)"""
 
     def start(self) -> None:
         """Begin to carry; the link keeps itself open from now on."""
+        everything = keys.RX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
+        self._readers = self.session.declare_publisher(everything)
+        on_readers: Any = handlers.Callback(self._on_readers, indirect=False)
+        self._readers.declare_matching_listener(on_readers)
+        self.look()
+        self.link.joins = not self.link.recorded
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:
         self.link.close()
         if self.signing is not None:
             self.signing.close()
-        for publisher in self._publishers:
-            publisher.undeclare()
+        for publisher in (*self._publishers, self._readers):
+            if publisher is not None:
+                publisher.undeclare()
+        self._readers = None
         self._publishers.clear()
 
     # From the link to the keys: the reader thread.
+
+    def look(self) -> None:
+        """See whether anybody reads; it is told, too."""
+        if self._readers is not None:
+            self.read = is_read(self._readers)
+
+    def _on_readers(self, status: zenoh.MatchingStatus) -> None:
+        self.read = status.matching
+        self.link.hurry()  # who reads does not wait for frames that lay for nobody
 
     def _on_data(self, data: bytes) -> None:
         frames = self.splitter.feed(data)
@@ -110,7 +139,7 @@ class Adapter:
         if not frames:
             return
         now = self.heard = time.monotonic()
-        routes = self._routes
+        routes, read = self._routes, self.read
         try:
             for frame in frames:
                 raw = frame.data
@@ -120,7 +149,8 @@ class Adapter:
                 stream.heard = now
                 stream.count += 1
                 stream.size += len(raw)
-                stream.put(raw)
+                if read:
+                    stream.put(raw)
                 for listener in stream.listeners:
                     listener(frame)
         except zenoh.ZError:
@@ -177,6 +207,11 @@ class Adapter:
         return self.send_raw(data if self.signing is None else self.signing.sign(data))
 
     def send_raw(self, data: bytes) -> bool:
+        msgid = int.from_bytes(data[7:10], "little") if data[0] == 0xFD else data[5]
+        if msgid != HEARTBEAT:
+            self.link.hurry()
+            if msgid != TIMESYNC and not self.awaited:
+                self.spoke = time.monotonic()
         sent = self.link.send(data)
         if sent:
             self.tx.frames += 1

@@ -39,6 +39,7 @@ from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
 from zmav.services.files.store import Store, default_directory
 from zmav.services.link.identity import Identity, VehicleChanged
+from zmav.services.link.patience import Patience
 from zmav.services.link.port import FrameRefused, on_loop
 from zmav.services.link.quality import Quality
 from zmav.services.link.timesync import AutopilotRestarted, TimeSync
@@ -172,6 +173,16 @@ class Onboard:
             param=self.params.value,
         )
         self.leases, self.setpoints = self.authority.leases, self.authority.setpoints
+        if not link.recorded:
+            link.patience = Patience(
+                companion,
+                control,
+                self.leases,
+                self.timesync,
+                self.rates.demands,
+                self.state,
+                aside=self.separation.on,
+            )
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
@@ -368,6 +379,7 @@ class Onboard:
                 self.separation.tick(self.authority.watchdog.future())
                 self.state.publish()
                 if beat % 5 == 0:
+                    self.adapter.look()
                     self.quality.tick()
                     self._send_heartbeat()
                     self.rates.tick()

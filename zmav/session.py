@@ -147,6 +147,12 @@ def check_size(key: str, payload: bytes) -> None:
         raise BadInput(text, field="payload", value=len(payload), expected=f"at most {LARGEST_PAYLOAD} bytes")
 
 
+def is_read(publisher: zenoh.Publisher) -> bool:
+    """Somebody subscribes to what it puts, wherever: what nobody does need not be made."""
+    status: Any = publisher.matching_status  # a bool, say Zenoh's stubs
+    return bool(status.matching)
+
+
 def _from_file(file: str) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(Path(file))

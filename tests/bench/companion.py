@@ -1,6 +1,6 @@
-"""What a vehicle's companion computer pays for one autopilot: 'zmav up' with nobody, a reader over a network hop, a GCS
-bridge, or a stream of setpoints at 10 Hz; beside pymavlink, MAVSDK and mavlink-router where they are installed, and a
-bare Zenoh publisher, in one run.
+"""What a vehicle's companion computer pays for one autopilot: 'zmav up' with nobody or a reader over a network hop, at
+rest and armed, a GCS bridge, or a stream of setpoints at 10 Hz; beside pymavlink, MAVSDK and mavlink-router where they
+are installed, and a bare Zenoh publisher, in one run.
 
     python tests/bench/companion.py [--rates 50,100,250,500] [--seconds 6] [--rounds 1] [--sides zmav,...] [--json]
 
@@ -42,7 +42,7 @@ SETTLE = 6.0
 
 
 class Feeder(Autopilot):
-    """Armed in GUIDED, and tells of itself as often as it is asked to, to who spoke to it or to a port."""
+    """In GUIDED, and tells of itself as often as it is asked to, to who spoke to it or to a port."""
 
     def tell(self, port: int | None) -> None:
         """Whom; None: the companion, once it has spoken."""
@@ -84,27 +84,32 @@ def memory(pid: int) -> tuple[float, float]:
 
 class Side(NamedTuple):
     """``commands`` are started in this order; ``measured`` of them by the names of their rows. ``port``: where the
-    autopilot sends; None: it is spoken to first.
+    autopilot sends; None: it is spoken to first. ``armed``: so it says.
     """
 
     name: str
     commands: list[list[str]]
     measured: dict[int, str]
     port: int | None = None
+    armed: bool = False
 
 
 def sides(feeder: Feeder, out: int) -> Iterator[Side]:
     """Each when its turn has come: the ports it names are free then."""
-    yield from (
-        _zmav("zmav, nobody", feeder, lambda endpoint: []),
-        _zmav("zmav, one reader", feeder, lambda endpoint: [*PEERS, "ground", endpoint, str(out)]),
-        _zmav("zmav, GCS bridge", feeder, lambda endpoint: [*ZMAV, "gcs", "--udp", str(out), "-e", endpoint]),
-        _zmav(
-            "zmav, setpoints",
-            feeder,
-            lambda endpoint: [sys.executable, str(HERE / "_ground.py"), "zmav", endpoint, "10", "600"],
-        ),
-    )
+
+    def reader(endpoint: str) -> list[str]:
+        return [*PEERS, "ground", endpoint, str(out)]
+
+    for armed in (False, True):
+        when = " armed" if armed else ""
+        yield _zmav(f"zmav nobody{when}", feeder, lambda endpoint: [])._replace(armed=armed)
+        yield _zmav(f"zmav one reader{when}", feeder, reader)._replace(armed=armed)
+    yield _zmav("zmav GCS bridge", feeder, lambda endpoint: [*ZMAV, "gcs", "--udp", str(out), "-e", endpoint])
+    yield _zmav(
+        "zmav setpoints",
+        feeder,
+        lambda endpoint: [sys.executable, str(HERE / "_ground.py"), "zmav", endpoint, "10", "600"],
+    )._replace(armed=True)
     port = free_port(socket.SOCK_DGRAM)
     yield Side("pymavlink", [[*PEERS, "pymavlink", str(port), str(out)]], {0: "pymavlink"}, port)
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
@@ -136,6 +141,7 @@ def run(side: Side, feeder: Feeder, rates: list[float], seconds: float) -> list[
     rows = []
     with contextlib.ExitStack() as stack:
         feeder.tell(side.port)
+        feeder.armed = side.armed
         processes = []
         for command in side.commands:
             processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
@@ -208,7 +214,7 @@ def main() -> None:
         core = {r["side"]: r["core"] for r in rows if r["rate"] == rate}
         for peer in ("pymavlink", "bare Zenoh hop", "MAVSDK", "mavlink-router"):
             ratios = [
-                f"{name[6:]} x{core[name] / core[peer]:.2f}" for name in core if name[:4] == "zmav" and peer in core
+                f"{name[5:]} x{core[name] / core[peer]:.2f}" for name in core if name[:4] == "zmav" and peer in core
             ]
             if ratios:
                 print(f"at {rate:.0f}/s, processor beside {peer}: {', '.join(ratios)}")

@@ -42,6 +42,8 @@ TARGETS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
 class Autopilot:
     """Armed in GUIDED at a place that does not move; notes when each velocity came."""
 
+    armed = True
+
     def __init__(self) -> None:
         self._dialect = load_dialect()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -73,6 +75,9 @@ class Autopilot:
                     self._peer = peer  # the companion beats; a bare sender does not
                 if frame.msgid in ids:
                     self._note(round(decode(frame, self._dialect)["vx"] / STEP), now)
+                elif frame.msgid == 111:
+                    sent = decode(frame, self._dialect)["ts1"]
+                    self._socket.sendto(self._packer.pack("TIMESYNC", tc1=time.monotonic_ns(), ts1=sent), peer)
                 elif frame.msgid == 76:
                     self._acknowledge(decode(frame, self._dialect), peer)
 
@@ -91,7 +96,8 @@ class Autopilot:
     def _beat(self) -> None:
         while True:
             if self._peer is not None:
-                beat = {"type": 2, "autopilot": 3, "base_mode": 129, "custom_mode": 4, "system_status": 4}
+                mode = 129 if self.armed else 1
+                beat = {"type": 2, "autopilot": 3, "base_mode": mode, "custom_mode": 4, "system_status": 4}
                 place = {"lat": 520000000, "lon": -10000000, "alt": 70000, "relative_alt": 10000}
                 self._socket.sendto(self._packer.pack("HEARTBEAT", **beat), self._peer)
                 self._socket.sendto(self._packer.pack("GLOBAL_POSITION_INT", **place), self._peer)

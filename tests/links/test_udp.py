@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 
 from tests.ports import free_udp_ports
 from zmav.links import Link, LinkState, UdpInLink, UdpOutLink, open_link, udp
+from zmav.links.base import MUCH
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch, Watched
@@ -77,6 +79,56 @@ def test_udpin_delivers_each_datagram_by_itself(watch: Watch, peer: Peer) -> Non
         vehicle.sendto(datagram, address)
     watched.until(lambda: len(watched.pieces) >= 4, "four datagrams")
     assert watched.pieces == [datagram for datagram in datagrams if datagram]
+
+
+def test_what_comes_fast_is_taken_together_where_it_may_lie(watch: Watch, peer: Peer) -> None:
+    watched, link, address = listen(watch)
+    link.patience = lambda: 1.0
+    vehicle = peer()
+    for datagram in (b"a", b"b", b"c", b"d"):
+        vehicle.sendto(datagram, address)
+    watched.expect_data(b"abcd")
+    assert watched.pieces[-1] in (b"bcd", b"cd"), "what came while it was waited"
+
+
+def test_a_backlog_is_taken_together_where_it_may_be(watch: Watch, peer: Peer) -> None:
+    watched, link, address = listen(watch)
+    link.joins, vehicle, sent, took = True, peer(), threading.Event(), link._on_data
+
+    def slow(data: bytes) -> None:
+        sent.wait(5.0)
+        took(data)
+
+    link._on_data = slow
+    for datagram in (b"a", b"b", b"c", b"d"):
+        vehicle.sendto(datagram, address)
+    sent.set()
+    watched.expect_data(b"abcd")
+    assert watched.pieces == [b"a", b"bcd"]
+
+
+def test_who_hurries_waits_for_no_nap(watch: Watch, peer: Peer) -> None:
+    watched, link, address = listen(watch)
+    link.patience, link._nap = lambda: 30.0, 30.0
+    vehicle = peer()
+    for datagram in (b"a", b"b"):
+        vehicle.sendto(datagram, address)
+    watched.expect_data(b"a")
+    link.hurry()
+    watched.expect_data(b"ab")
+
+
+def test_the_nap_is_shorter_where_much_comes(watch: Watch, peer: Peer) -> None:
+    """A receive buffer of the usual size holds what comes meanwhile."""
+    watched, link, address = listen(watch)
+    link.patience = lambda: 0.2
+    vehicle, sent, until = peer(), 0, time.monotonic() + 1.0
+    while time.monotonic() < until:
+        vehicle.sendto(b"x" * 200, address)
+        sent += 200
+        time.sleep(0.001)
+    watched.expect_data(b"x" * sent)
+    assert max(map(len, watched.pieces)) < 8 * MUCH
 
 
 def test_udpin_sends_to_all_heard_lately(watch: Watch, peer: Peer) -> None:

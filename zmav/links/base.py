@@ -11,6 +11,7 @@ import enum
 import logging
 import random
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from types import TracebackType
@@ -22,6 +23,9 @@ from zmav.errors import LinkError, ZmavError
 logger = logging.getLogger(__name__)
 
 OnData = Callable[[bytes], None]
+MUCH = 2048  # bytes that one nap may bring; the least receive buffers hold twice that in the smallest frames
+FIRST_NAP_S = 0.005
+WAITED_NOT_S = 20e-6  # a read that took no longer found what it brought there already
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
 
 
@@ -95,6 +99,15 @@ class Link(ABC):
         self._complained: set[str] = set()  # callbacks whose failing was logged
         self._on_data: OnData = lambda data: None
         self._on_state: OnState = lambda state, detail: None
+        self.patience: Callable[[], float] = float
+        """s that what comes may lie until more has come: one wake-up for many frames. Asked after each read, and heeded
+        where frames come faster than that and :meth:`hurry` does not end it
+        """
+        self.joins = False
+        """datagrams that wait already, because they come faster than they are taken, are given together"""
+        self._nap = FIRST_NAP_S
+        self._hurry = threading.Lock()  # held but for a moment after hurry()
+        self._hurry.acquire()
 
     # -- what users call ---------------------------------------------------------------------------------------------
 
@@ -119,7 +132,8 @@ class Link(ABC):
     def start(self, on_data: OnData, on_state: OnState) -> None:
         """Start the one thread that calls both callbacks inline, so they must be quick.
 
-        ``on_data(data)``: bytes as they were read, never empty; a datagram, a piece of a stream, or one recorded frame.
+        ``on_data(data)``: bytes as they were read, never empty; a piece of a stream, one recorded frame, or a datagram,
+        with those that came while it was waited for more.
         ``on_state(state, detail)``: on each change. An exception out of either is logged and otherwise ignored.
         Raises LinkError when the link was started or closed before.
         """
@@ -143,9 +157,15 @@ class Link(ABC):
                 self._counters.tx_dropped += 1
         return sent > 0
 
+    def hurry(self) -> None:
+        """Take at once what has come, and ask ``patience`` again. Any thread."""
+        with contextlib.suppress(RuntimeError):  # asked for already
+            self._hurry.release()
+
     def close(self) -> None:
         """End the link for good and join its thread, within about a second; twice is harmless."""
         self._closing.set()
+        self.hurry()
         self._wake()
         thread = self._thread
         if thread is not None and thread is not threading.current_thread():
@@ -177,6 +197,10 @@ class Link(ABC):
     @abstractmethod
     def _read(self) -> bytes:
         """Block for at most about 0.25 s; b"" when nothing came. Raises OSError or LinkError when it broke."""
+
+    def _more(self) -> bytes:
+        """What came since, put together; b"" where nothing did, or where one read takes all there is."""
+        return b""
 
     @abstractmethod
     def _write(self, data: bytes) -> int:
@@ -216,18 +240,41 @@ class Link(ABC):
         self._set_state(LinkState.CLOSED, "closed")
 
     def _pump(self) -> None:
-        read, on_data, counters = self._read, self._on_data, self._counters
+        read, monotonic = self._read, time.monotonic
         while not self._closing.is_set():
+            begun = monotonic()
             data = read()
             if not data:
                 continue
-            counters.rx_bytes += len(data)
-            if self._state is not LinkState.UP:
-                self._set_state(LinkState.UP, self._heard())
-            try:
-                on_data(data)
-            except Exception as error:
-                self._callback_failed("on_data", error)
+            waited = monotonic() - begun
+            if waited < WAITED_NOT_S and self.joins:
+                data += self._more()
+            self._give(data)
+            while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
+                pass
+
+    def _rest(self, patience: float) -> bool:
+        """Let frames lie, and take them together; whether any had come. The nap grows for as long as little comes."""
+        nap = min(self._nap, patience)
+        self._hurry.acquire(timeout=nap)
+        if self._closing.is_set():
+            return False
+        came, before = False, self._counters.rx_bytes
+        while data := self._more():
+            self._give(data)
+            came = True
+        much = self._counters.rx_bytes - before > MUCH
+        self._nap = max(nap / 2.0, 0.001) if much else min(2.0 * nap, patience)
+        return came
+
+    def _give(self, data: bytes) -> None:
+        self._counters.rx_bytes += len(data)
+        if self._state is not LinkState.UP:
+            self._set_state(LinkState.UP, self._heard())
+        try:
+            self._on_data(data)
+        except Exception as error:
+            self._callback_failed("on_data", error)
 
     def _heard(self) -> str:
         """The detail of UP for a transport that is up only once it heard somebody."""

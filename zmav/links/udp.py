@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 PEER_LIFE_S = 10.0  # a udpin link sends to those it heard within this time
 MAX_PEERS = 16
 SWEEP_S = 1.0
+MOST_AT_ONCE = 256
+"""datagrams that are put together: a flood must not keep what came first"""
 SO_MEMINFO, MEMINFO_DROPS = 55, 8  # Linux: include/uapi/asm-generic/socket.h and linux/sock_diag.h
 NO_ROUTE = frozenset({errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
 
@@ -90,7 +92,7 @@ class UdpLink(Link):
         self._sock = sock
 
     @abstractmethod
-    def _receive(self, sock: socket.socket) -> bytes: ...
+    def _receive(self, sock: socket.socket, flags: int = 0) -> bytes: ...
 
     def _read(self) -> bytes:
         if self._sock is None:
@@ -102,6 +104,15 @@ class UdpLink(Link):
         except ConnectionError:
             pass  # an ICMP error to something sent before (some platforms report it here): says nothing of what comes
         return b""
+
+    def _more(self) -> bytes:
+        found: list[bytes] = []
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            while self._sock is not None and (data := self._receive(self._sock, DONTWAIT)):
+                found.append(data)
+                if len(found) == MOST_AT_ONCE:
+                    break
+        return b"".join(found)
 
     def _idle(self) -> None:
         """Nothing came for a while."""
@@ -148,8 +159,8 @@ class UdpInLink(UdpLink):
     def _heard(self) -> str:
         return f"hearing {', '.join(map(show, self._targets))}"
 
-    def _receive(self, sock: socket.socket) -> bytes:
-        data, address = sock.recvfrom(MAX_READ)
+    def _receive(self, sock: socket.socket, flags: int = 0) -> bytes:
+        data, address = sock.recvfrom(MAX_READ, flags)
         if not data:
             return b""  # an empty datagram, or the socket was shut
         now = time.monotonic()
@@ -217,8 +228,8 @@ class UdpOutLink(UdpLink):
                 raise LinkDown(f"no way to {show(self._remote)}: {error.strerror or error}", url=self.url) from error
         self._no_route = False
 
-    def _receive(self, sock: socket.socket) -> bytes:
-        return sock.recv(MAX_READ)
+    def _receive(self, sock: socket.socket, flags: int = 0) -> bytes:
+        return sock.recv(MAX_READ, flags)
 
     def _idle(self) -> None:
         if self._no_route:

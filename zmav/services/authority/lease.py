@@ -55,6 +55,7 @@ class Leases:
     def __init__(self, companion: Companion, *, may_take: MayMove[[]]) -> None:
         self._session, self._events, self._bus = companion.session, companion.events, companion.port.bus
         self._fleet, self.vehicle, self._may_take = companion.port.fleet, companion.port.name, may_take
+        self._port = companion.port
         self.last_end: wire.LeaseEnd | None = None
         self.number = 0
         """counts the leases granted, and names the one in force: the token itself is its holder's secret"""
@@ -115,6 +116,7 @@ class Leases:
             self._token, self._holder, self.origin = token, args.holder, origin
             self.secret, self._answer = secret, answer
             self.number += 1
+            self._port.link.hurry()  # frames lie no more: the pilot is heard at once
             self._committed = self._set_by = 0.0
             proven = {"origin": origin.name} if origin else {}
             words = f"{args.holder} commands"

@@ -35,6 +35,8 @@ class Identity:
         self.source: tuple[int, int] | None = None
         self.autopilot: Autopilot | None = None
         self.mav_type = 0
+        self._stack: int | None = None
+        """its MAV_AUTOPILOT"""
         self.uid: str | None = None
         self.firmware: str | None = None
         self.heartbeat: Mapping[str, Any] | None = None
@@ -130,12 +132,15 @@ class Identity:
         self._say_changes(before)
 
     def _is(self, fields: Mapping[str, Any]) -> bool:
+        if fields["autopilot"] == self._stack and fields["type"] == self.mav_type:
+            return True
         wanted = autopilot_for(fields["autopilot"], fields["type"])
         return bool(self.mav_type == fields["type"] and self.autopilot and self.autopilot.name == wanted.name)
 
     def _adopt(self, source: tuple[int, int], fields: Mapping[str, Any]) -> None:
         self.autopilot = autopilot_for(fields["autopilot"], fields["type"])
         self.source, self.mav_type, self._intended = source, fields["type"], None
+        self._stack = fields["autopilot"]
         self.uid = self.firmware = None
         self._uids.clear()
         self._asked = 0.0

@@ -71,6 +71,9 @@ class Port(Protocol):
     heard: float
     signing: Signing | None
     bus: Bus
+    read: bool
+    spoke: float
+    awaited: int
 
     @property
     def address(self) -> tuple[int, int]: ...
@@ -161,9 +164,11 @@ class Inbox:
                     wake()
 
         self._stops = [self._port.listen(name, on_frame) for name in self._names]
+        self._port.awaited += 1
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._port.awaited -= 1
         for stop in self._stops:
             stop()
 

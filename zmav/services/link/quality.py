@@ -9,6 +9,7 @@ from zmav.mavlink.signing import SigningCounters
 from zmav.services.companion import Companion
 from zmav.services.link.timesync import TimeSync
 from zmav.services.queries.questions import Reply
+from zmav.session import is_read
 
 LINK_NAME = "autopilot"
 
@@ -30,7 +31,8 @@ class Quality:
     def tick(self) -> None:
         """Once a second: publish."""
         self.last = self.measure()
-        self._publisher.put(wire.encode(self.last))
+        if is_read(self._publisher):
+            self._publisher.put(wire.encode(self.last))
 
     def _of_vehicle(self) -> tuple[int, int]:
         """Frames heard and lost of the vehicle itself: an autopilot passes on only a part of what others send."""

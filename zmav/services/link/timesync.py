@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -22,6 +23,10 @@ from zmav.services.link.port import on_loop
 
 SETTLED_EVERY = 1.0
 """s between questions; while answers come and the clock has not settled, every tick asks"""
+ANSWER = 0.25
+"""s that an answer is awaited, frame by frame"""
+OF_PERIOD, SILENT = 0.05, 2.0
+"""of the time between two of the autopilot's questions: so long they may lie; s after which it asks no more"""
 UNIX_TIME = 1_000_000_000_000_000
 """µs; SYSTEM_TIME and ``time_usec`` hold UTC above it (2001) and the time since boot, or nothing, below"""
 WRONG, RIGHT = 1.0, 0.7
@@ -49,6 +54,9 @@ class TimeSync:
         self._source: tuple[int, int] | None = None
         self._asked: collections.deque[int] = collections.deque(maxlen=16)
         self._rtts: list[float] = []
+        self._unanswered = False
+        self._questioned, self._between = 0.0, math.inf
+        """monotonic seconds at which the autopilot last asked for our time, and from the time before to then"""
         self._stop: Callable[[], None] | None = None
         self._system_time = AutopilotMessages(companion, {"SYSTEM_TIME": self._on_system_time})
 
@@ -74,7 +82,20 @@ class TimeSync:
         settling = bool(self._rtts) and not self.clock.settled
         if settling or not self._asked or now - self._asked[-1] >= (SETTLED_EVERY - 0.1) * 1e9:
             self._asked.append(now)
+            self._unanswered = True
             self._port.send("TIMESYNC", tc1=0, ts1=now)
+
+    @property
+    def asking(self) -> bool:
+        """An answer may come now. Any thread."""
+        return self._unanswered and time.monotonic_ns() - self._asked[-1] < ANSWER * 1e9
+
+    @property
+    def lag(self) -> float:
+        """s that the autopilot's own question may lie, by how often it asks: PX4, ten times a second, takes no answer
+        after 10 ms, and a simulator in lock step waits for each. Any thread.
+        """
+        return self._between * OF_PERIOD if time.monotonic() - self._questioned < SILENT else math.inf
 
     def take_rtt(self) -> float | None:
         """The least round trip since the last call, in seconds; None: no answer came."""
@@ -89,10 +110,12 @@ class TimeSync:
             return
         if fields["tc1"] == 0:
             # The autopilot asks for our time. A simulator in lock step waits for this: all it said before is heard.
+            self._questioned, self._between = received / 1e9, received / 1e9 - self._questioned
             self._port.send("TIMESYNC", tc1=time.monotonic_ns(), ts1=sent)
             return
         if sent not in self._asked or self._identity.source != self._source:
             return  # an answer to somebody else, or to what was asked before we knew this autopilot
+        self._unanswered = False
         self._rtts.append((received - sent) / 1e9)
         before, now = self.clock.boot, fields["tc1"] / 1e9
         verdict = self.clock.sample(sent / 1e9, received / 1e9, now)

@@ -7,7 +7,9 @@ there. Here a ring in Zenoh keeps the newest and lets the oldest go, whatever Py
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -22,6 +24,10 @@ FREE, WINDOW = 100, 0.1
 NAP = 0.005
 """s between two batches of what is more than that, or as long as the work of the last one took: a flood is looked at in
 batches of the ring's size, and leaves the event loop its share of the interpreter
+"""
+TIMER_SLACK, TOGETHER_NS = 29, 50_000_000
+"""PR_SET_TIMERSLACK (linux/prctl.h); waiting on a ring, Zenoh's Python looks up ten times a second, and one vehicle has
+sixteen: so late they may, and the kernel has them all look at once. What comes ends a wait at once all the same
 """
 
 
@@ -43,6 +49,7 @@ class Intake:
 
     def _run(self) -> None:
         ring, since, count = self._declared.handler, 0.0, 0
+        _set_slack(TOGETHER_NS)
         with contextlib.suppress(zenoh.ZError):  # undeclared
             while not self._closed.is_set():
                 batch = [ring.recv()]
@@ -57,4 +64,12 @@ class Intake:
                 since, count = (now, len(batch)) if now - since > WINDOW else (since, count + len(batch))
                 del batch
                 if count > FREE:
+                    _set_slack(0)
                     self._closed.wait(max(NAP, time.thread_time() - began))
+                    _set_slack(TOGETHER_NS)
+
+
+def _set_slack(nanoseconds: int) -> None:
+    """By how much this thread's waits may be longer than asked for; 0: the system's usual."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)

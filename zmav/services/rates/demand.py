@@ -26,6 +26,7 @@ from zmav import keys
 from zmav.mavlink import Dialect
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
+from zmav.session import is_read
 
 PLAIN_HZ = 4.0
 """the rate a subscriber without a token is taken to want"""
@@ -79,6 +80,8 @@ class Demands:
     def __init__(self, companion: Companion, plan: Callable[[], None]) -> None:
         self._session, self._port, self._plan = companion.session, companion.port, plan
         self.junk = 0
+        self.fastest = 0.0
+        """Hz of the fastest reader that said one"""
         self._tokens: dict[str, dict[str, Demand]] = {}
         """by message, and by the token's key"""
         self._left_out: set[str] = set()
@@ -153,6 +156,7 @@ class Demands:
 
     def _change(self) -> None:
         """Have it told: at once, or a moment after the last time."""
+        self.fastest = max((each.hz for held in self._tokens.values() for each in held.values()), default=0.0)
         if self._telling is None:
             loop = asyncio.get_running_loop()
             self._telling = loop.call_at(max(loop.time(), self._told + QUIET), self._tell)
@@ -171,7 +175,7 @@ class Demands:
                 self.start()
             if source != self._source:
                 self._declare(source)
-            named = [name for name, probe in self._probes.items() if _subscribed(probe)]
+            named = [name for name, probe in self._probes.items() if is_read(probe)]
         except zenoh.ZError:
             return  # the session is being closed
         if NOBODYS in named or len(named) > MOST_NAMED:
@@ -195,11 +199,6 @@ class Demands:
 
     def _key(self, source: tuple[int, int], name: str) -> str:
         return keys.RX.key(self._port.fleet, self._port.name, sys=source[0], comp=source[1], msg=name)
-
-
-def _subscribed(probe: zenoh.Publisher) -> bool:
-    status: Any = probe.matching_status  # a bool, say Zenoh's stubs
-    return bool(status.matching)
 
 
 def _demand(key: str, dialect: Dialect) -> Demand | None:

@@ -15,6 +15,7 @@ from zmav import geo, keys, wire
 from zmav.mavlink import decode
 from zmav.services.companion import Companion
 from zmav.services.queries.questions import Reply
+from zmav.session import is_read
 from zmav.trust.gate import anybody
 from zmav.trust.proof import ANSWERS, Signer
 
@@ -45,6 +46,8 @@ class StateService:
         self._key = keys.STATE.key(companion.port.fleet, companion.port.name)
         self._publisher = companion.session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf
+        self.read = True
+        """somebody subscribes to it"""
 
     def start(self) -> None:
         loop = asyncio.get_running_loop()
@@ -60,6 +63,10 @@ class StateService:
         self._publisher.undeclare()
 
     def publish(self) -> None:
+        """To those who read it; who asks is answered in any case."""
+        self.read = is_read(self._publisher)
+        if not self.read:
+            return
         data = self._encode()
         self._publisher.put(data, attachment=self._signer.sign(self._key, data) if self._signer else None)
 
