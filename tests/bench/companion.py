@@ -119,8 +119,8 @@ def sides(feeder: Feeder, out: int) -> Iterator[Side]:
         import mavsdk.asyncio  # noqa: F401 (where it is installed)
 
         port = free_port(socket.SOCK_DGRAM)
-        reader = [sys.executable, str(HERE / "clients.py"), "--side", "MAVSDK", str(port)]
-        yield Side("MAVSDK", [reader], {0: "MAVSDK"}, port)
+        stream = [sys.executable, str(HERE / "clients.py"), "--side", "MAVSDK", str(port)]
+        yield Side("MAVSDK", [stream], {0: "MAVSDK"}, port)
     if router := shutil.which("mavlink-routerd"):
         port = free_port(socket.SOCK_DGRAM)
         yield Side(
