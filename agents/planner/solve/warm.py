@@ -20,7 +20,6 @@ import numpy as np
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
-from agents.planner.goals import moving, timing
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan, Sample
 from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
@@ -139,6 +138,8 @@ def _judged() -> None:
 
 
 def _shaped() -> None:
+    from agents.planner.goals import moving, timing  # with them comes Shapely, which 'zmav plan' does without
+
     world = world_of(example(planes=False))
     moving.roomy(world, np.zeros((1, 1, 3)), np.ones(1))
     timing.paces(np.ones(2), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
