@@ -35,7 +35,7 @@ from agents.planner.solve.spacetime import deconflict
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 EVERY = 2.0
-"""s between two words on how far it is"""
+"""s between two words on how far it is, where it has come further"""
 Tell = Callable[[int, int], None]
 """so many kernels are compiled, of so many"""
 
@@ -98,8 +98,11 @@ def _told(tell: Tell | None) -> Iterator[None]:
     over = threading.Event()
 
     def go_on() -> None:
+        before = (-1, -1)
         while not over.wait(EVERY):
-            tell(*jit.progress())
+            if (now := jit.progress()) != before:
+                tell(*now)
+            before = now
 
     thread = threading.Thread(target=go_on, daemon=True)
     thread.start()
