@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test check fuzz lint docs kernels conformance bench lock clean FORCE
+.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -40,9 +40,18 @@ help: ## say what can be made (the default)
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
 	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: four more than there are cores, as most of them wait)"
 
-demo: $(VENV)/.demo ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
+# The plain demo needs no compiler and no OpenCV, which are half of all; what another does its file says. One's own may.
+DEMO := $(firstword $(filter-out -%,$(ARGS)) line)
+NEEDS := $(if $(wildcard deploy/demos/$(DEMO).toml),$(shell sed -n 's/^needs = \[\(.*\)\].*/\1/p' \
+    deploy/demos/$(DEMO).toml | tr -d '",'),planner vision)
+
+demo: $(if $(NEEDS),$(NEEDS:%=$(VENV)/.demo-%),$(VENV)/.demo) ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"
 	@$(BIN)/zmav demo $(ARGS)
+
+planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain demo needs: for 'zmav swarm planner', 'zmav plan'
+
+vision: $(VENV)/.demo-vision ## add OpenCV to it: for cameras and the helipad
 
 # The linters and the compiler take one core each.
 test: $(VENV)/.dev ## lint, then run every test
@@ -102,14 +111,16 @@ clean: ## remove .venv and what the tools left behind
 	find $(PACKAGES) -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.demo: $(VENV)/.made pyproject.toml requirements.lock
-	$(call install,planner vision ground,zmav with its planner$(comma) vision and ground)
+	$(call install,interpreted ground,zmav with what the plain demo needs)
 	@touch $@
+
+$(VENV)/.demo-%: $(VENV)/.made pyproject.toml requirements.lock
+	$(call install,interpreted ground $*,zmav with what the demo needs and its $*)
+	@touch $(VENV)/.demo $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,dev,zmav and its development tools)
-	@touch $(VENV)/.demo $@
-
-comma := ,
+	@touch $(VENV)/.demo $(VENV)/.demo-planner $(VENV)/.demo-vision $@
 
 # Nothing is downloaded but what the lock has a hash of, and nothing of others is built here: our own is, with tools from
 # the lock. pip would compile every dialect pymavlink has, which takes longer than all the rest; the import compiles the

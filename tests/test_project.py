@@ -291,7 +291,9 @@ def test_the_lock_has_hashes_of_everything_and_of_what_builds_us() -> None:
     assert set(whole["build-system"]["requires"]) <= set(whole["project"]["optional-dependencies"]["build"])
 
 
-@pytest.mark.parametrize("extras", [(), ("planner",), ("ground", "vision"), ("build", "dev"), ("--only", "build")])
+@pytest.mark.parametrize(
+    "extras", [(), ("planner",), ("ground", "vision"), ("interpreted",), ("build", "dev"), ("--only", "build")]
+)
 def test_what_extras_need_is_picked_from_the_lock(extras: tuple[str, ...]) -> None:
     """All that installed packages say they require is among it, so that pip's --require-hashes lacks none."""
     done = subprocess.run(
@@ -303,7 +305,8 @@ def test_what_extras_need_is_picked_from_the_lock(extras: tuple[str, ...]) -> No
         if re.match(r"[a-z0-9]", line)
     }
     assert ("numpy" in names) == ("--only" not in extras) and ("hatchling" in names) == ("build" in extras)
-    assert ("ompl" in names) == bool({"planner", "dev"} & set(extras))
+    assert ("ompl" in names) == bool({"planner", "interpreted", "dev"} & set(extras))
+    assert ("numba" in names) == bool({"planner", "dev"} & set(extras))
     for name in names:
         try:
             required = importlib.metadata.requires(name) or []

@@ -16,7 +16,7 @@ from rich.console import Console
 from agents.demo import picture, report
 from agents.demo.play import Play
 from agents.demo.stage import DemoFleet
-from agents.demo.story import Demo, demos, find, on_stacks
+from agents.demo.story import Demo, check_extras, demos, find, on_stacks
 from zmav.children import Children
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
@@ -61,6 +61,7 @@ def demo(
             click.echo(f"{each.path.stem:<12} {each.story.title}")
         return
     found = find(name)
+    check_extras(found)
     if stacks := stack_options(found, ardupilot, px4):
         found = on_stacks(found)
     with (

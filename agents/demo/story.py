@@ -2,6 +2,7 @@
 
 [demo]
 title = "Three hops"
+needs = ["planner"]                  # extras beside those of the plain demo; 'make demo' installs them
 links = "line"                       # ground - first - second ...; or "star"
 apart = 1.5                          # m that no two vehicles may come nearer than
 
@@ -20,6 +21,7 @@ the recording.
 from __future__ import annotations
 
 import fnmatch
+import importlib.util
 import itertools
 import shlex
 from collections.abc import Sequence
@@ -30,9 +32,11 @@ import msgspec
 
 from zmav.config import FleetConfig, load_fleet
 from zmav.config.table import Positive, Table, reading
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, missing_extra
 
 GROUND = "ground"
+MODULES = {"planner": "numba", "vision": "cv2"}
+"""what is there with an extra alone"""
 ACTS = ("run", "start", "stop", "join", "cut", "mend", "wait", "pause")
 """what a step can do"""
 LOOSE = "--tracking 1 --margin 1.4"
@@ -92,6 +96,8 @@ class Story(Table, frozen=True):
 
     title: str
     steps: list[Step]
+    needs: tuple[Literal["planner", "vision"], ...] = ()
+    """extras without which it cannot be flown"""
     links: Literal["line", "star"] = "star"
     """between routers: in a row from the ground on, or each vehicle's with the ground's"""
     apart: Positive | None = None
@@ -181,6 +187,13 @@ def on_stacks(demo: Demo) -> Demo:
     ]
     story = msgspec.structs.replace(demo.story, steps=steps, ready=2.0 * demo.story.ready)
     return msgspec.structs.replace(demo, story=story)
+
+
+def check_extras(demo: Demo) -> None:
+    """Raises :class:`BadConfig` that names the extra to install: before anything is started."""
+    for need in demo.story.needs:
+        if importlib.util.find_spec(MODULES[need]) is None:
+            raise missing_extra(f"the demo {demo.path.stem}", MODULES[need], need)
 
 
 def words(command: str) -> list[str]:

@@ -104,8 +104,10 @@ def interpreted() -> bool:
 
 def compiled() -> bool:
     """Whether all kernels are there, or none is needed."""
+    if interpreted():
+        return True
     kept = folder()
-    return interpreted() or (kept is not None and (kept / COMPLETE).exists())
+    return kept is not None and (kept / COMPLETE).exists()
 
 
 @contextlib.contextmanager

@@ -20,7 +20,6 @@ import numpy as np
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
-from agents.planner.goals import moving, timing
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan, Sample
 from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
@@ -36,7 +35,7 @@ from agents.planner.solve.spacetime import deconflict
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 EVERY = 2.0
-"""s between two words on how far it is"""
+"""s between two words on how far it is, where it has come further"""
 Tell = Callable[[int, int], None]
 """so many kernels are compiled, of so many"""
 
@@ -99,8 +98,11 @@ def _told(tell: Tell | None) -> Iterator[None]:
     over = threading.Event()
 
     def go_on() -> None:
+        before = (-1, -1)
         while not over.wait(EVERY):
-            tell(*jit.progress())
+            if (now := jit.progress()) != before:
+                tell(*now)
+            before = now
 
     thread = threading.Thread(target=go_on, daemon=True)
     thread.start()
@@ -139,6 +141,8 @@ def _judged() -> None:
 
 
 def _shaped() -> None:
+    from agents.planner.goals import moving, timing  # with them comes Shapely, which 'zmav plan' does without
+
     world = world_of(example(planes=False))
     moving.roomy(world, np.zeros((1, 1, 3)), np.ones(1))
     timing.paces(np.ones(2), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from agents.demo.cli import stack_options
-from agents.demo.story import Demo, demos, find, load, on_stacks
+from agents.demo.story import Demo, check_extras, demos, find, load, on_stacks
 from zmav.cli import zmav
 from zmav.errors import BadConfig
 from zmav.sim.fleetfile import load_simulated
@@ -55,6 +55,23 @@ def parse(words: list[str]) -> None:
         assert found is not None
         assert name is not None
         command, context = found, found.make_context(name, rest, parent=context)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_says_which_extras_its_verbs_need(name: str) -> None:
+    """The Makefile installs those, and no others."""
+    demo = find(name)
+    planned = [verb for verb in verbs(demo) if verb.startswith("zmav swarm planner") and "--interpret" not in verb]
+    seen = [verb for verb in verbs(demo) if "camera" in verb or "helipad" in verb]
+    assert list(demo.story.needs) == [*(["planner"] if planned else []), *(["vision"] if seen else [])]
+
+
+def test_an_extra_that_is_missing_is_said_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    check_extras(find("line"))
+    for name, extra in (("swap", "planner"), ("follow", "vision")):
+        with pytest.raises(BadConfig, match=rf"the demo {name} needs \w+: pip install 'zmav\[{extra}\]'"):
+            check_extras(find(name))
 
 
 def written(tmp_path: Path, text: str) -> Path:
