@@ -42,6 +42,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "waiting": set(),
         "systemd": set(),
         "tokens": set(),
+        "direct": set(),
         "ratelimit": set(),
         "guard": set(),
         "bus": set(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import threading
 from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -40,6 +41,9 @@ class Subscription(Generic[T]):
         self._token: zenoh.LivelinessToken | None = None
         self._samples: collections.deque[zenoh.Sample] = collections.deque(maxlen=depth)
         self._arrived = asyncio.Event()
+        self._lock = threading.Lock()
+        self._wake: Callable[[], None] = lambda: None
+        self._woken = False
         self._subscriber: Any = None
         self.dropped = 0
         """samples lost because the reader was slow"""
@@ -47,16 +51,16 @@ class Subscription(Generic[T]):
         """samples left out because they were not what they should be"""
 
     async def __aenter__(self) -> Subscription[T]:
-        arrived = on_loop(asyncio.get_running_loop(), self._on_sample)
+        self._wake = on_loop(asyncio.get_running_loop(), self._look)
         if zenoh.KeyExpr(keys.EVENT.key("*", "*")).includes(zenoh.KeyExpr(self._key)):
             # What was published while a link was down is fetched from the vehicle's cache when it is up again.
             recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
             past = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=self._history)
             self._subscriber = zenoh.ext.declare_advanced_subscriber(
-                self._session, self._key, arrived, recovery=recovery, history=past if self._history else None
+                self._session, self._key, self._on_sample, recovery=recovery, history=past if self._history else None
             )
         else:
-            self._subscriber = self._session.declare_subscriber(self._key, direct(arrived))
+            self._subscriber = self._session.declare_subscriber(self._key, direct(self._on_sample))
         if self._token_key:
             self._token = self._session.liveliness().declare_token(self._token_key)
         return self
@@ -72,11 +76,20 @@ class Subscription(Generic[T]):
             self._subscriber = None
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        """On a thread of Zenoh's: one wake-up of the loop for all that comes meanwhile."""
         if not keys.hears(self._key, str(sample.key_expr)):
             return
-        if len(self._samples) == self._samples.maxlen:
-            self.dropped += 1
-        self._samples.append(sample)
+        with self._lock:
+            if len(self._samples) == self._samples.maxlen:
+                self.dropped += 1
+            self._samples.append(sample)
+            if self._woken:
+                return
+            self._woken = True
+        self._wake()
+
+    def _look(self) -> None:
+        self._woken = False  # first: a sample that comes from now on wakes us again
         self._arrived.set()
 
     async def __aiter__(self) -> AsyncIterator[T]:
