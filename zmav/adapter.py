@@ -107,7 +107,7 @@ class Adapter:
         self._readers = self.session.declare_publisher(everything)
         on_readers: Any = handlers.Callback(self._on_readers, indirect=False)
         self._readers.declare_matching_listener(on_readers)
-        self.look()
+        self._look()
         self.link.joins = not self.link.recorded
         self.link.start(self._on_data, self._on_link_state)
 
@@ -123,10 +123,10 @@ class Adapter:
 
     # From the link to the keys: the reader thread.
 
-    def look(self) -> None:
-        """See whether anybody reads; it is told, too."""
-        if self._readers is not None:
-            self.read = is_read(self._readers)
+    def _look(self) -> bool:
+        """Whether anybody reads. It is told, too, but a moment later."""
+        self.read = self._readers is not None and is_read(self._readers)
+        return self.read
 
     def _on_readers(self, status: zenoh.MatchingStatus) -> None:
         self.read = status.matching
@@ -139,8 +139,9 @@ class Adapter:
         if not frames:
             return
         now = self.heard = time.monotonic()
-        routes, read = self._routes, self.read
+        routes = self._routes
         try:
+            read = self.read or self._look()
             for frame in frames:
                 raw = frame.data
                 # sysid, compid and message id lie side by side in both headers; the lengths tell the versions apart.

@@ -379,7 +379,6 @@ class Onboard:
                 self.separation.tick(self.authority.watchdog.future())
                 self.state.publish()
                 if beat % 5 == 0:
-                    self.adapter.look()
                     self.quality.tick()
                     self._send_heartbeat()
                     self.rates.tick()

@@ -97,13 +97,13 @@ class Side(NamedTuple):
 def sides(feeder: Feeder, out: int) -> Iterator[Side]:
     """Each when its turn has come: the ports it names are free then."""
 
-    def reader(endpoint: str) -> list[str]:
+    def ground(endpoint: str) -> list[str]:
         return [*PEERS, "ground", endpoint, str(out)]
 
     for armed in (False, True):
         when = " armed" if armed else ""
         yield _zmav(f"zmav nobody{when}", feeder, lambda endpoint: [])._replace(armed=armed)
-        yield _zmav(f"zmav one reader{when}", feeder, reader)._replace(armed=armed)
+        yield _zmav(f"zmav one reader{when}", feeder, ground)._replace(armed=armed)
     yield _zmav("zmav GCS bridge", feeder, lambda endpoint: [*ZMAV, "gcs", "--udp", str(out), "-e", endpoint])
     yield _zmav(
         "zmav setpoints",

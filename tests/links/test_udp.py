@@ -126,9 +126,9 @@ def test_the_nap_is_shorter_where_much_comes(watch: Watch, peer: Peer) -> None:
     while time.monotonic() < until:
         vehicle.sendto(b"x" * 200, address)
         sent += 200
-        time.sleep(0.001)
+        time.sleep(0.0005)
     watched.expect_data(b"x" * sent)
-    assert max(map(len, watched.pieces)) < 8 * MUCH
+    assert max(map(len, watched.pieces)) < 4 * MUCH
 
 
 def test_udpin_sends_to_all_heard_lately(watch: Watch, peer: Peer) -> None:

@@ -23,8 +23,8 @@ from zmav.errors import LinkError, ZmavError
 logger = logging.getLogger(__name__)
 
 OnData = Callable[[bytes], None]
-MUCH = 2048  # bytes that one nap may bring; the least receive buffers hold twice that in the smallest frames
-FIRST_NAP_S = 0.005
+MUCH = 4096  # bytes, from which on a nap was too long: the least receive buffers hold that much in the smallest frames
+FIRST_NAP_S, SHORTEST_NAP_S = 0.005, 0.001
 WAITED_NOT_S = 20e-6  # a read that took no longer found what it brought there already
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
 
@@ -250,22 +250,29 @@ class Link(ABC):
             if waited < WAITED_NOT_S and self.joins:
                 data += self._more()
             self._give(data)
+            if len(data) >= MUCH:
+                self._judge_nap(len(data), self._nap)
             while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
                 pass
 
     def _rest(self, patience: float) -> bool:
         """Let frames lie, and take them together; whether any had come. The nap grows for as long as little comes."""
-        nap = min(self._nap, patience)
-        self._hurry.acquire(timeout=nap)
+        self._nap = min(self._nap, patience)
+        self._hurry.acquire(timeout=self._nap)
         if self._closing.is_set():
             return False
         came, before = False, self._counters.rx_bytes
         while data := self._more():
             self._give(data)
             came = True
-        much = self._counters.rx_bytes - before > MUCH
-        self._nap = max(nap / 2.0, 0.001) if much else min(2.0 * nap, patience)
+        self._judge_nap(self._counters.rx_bytes - before, patience)
         return came
+
+    def _judge_nap(self, brought: int, patience: float) -> None:
+        if brought >= MUCH:
+            self._nap = max(self._nap / 2.0, SHORTEST_NAP_S)
+        elif brought < MUCH / 2:
+            self._nap = min(2.0 * self._nap, patience)
 
     def _give(self, data: bytes) -> None:
         self._counters.rx_bytes += len(data)

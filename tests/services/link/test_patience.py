@@ -9,7 +9,7 @@ from unittest import mock
 import pytest
 
 from zmav.services.authority.control import Control, Mover
-from zmav.services.link.patience import LEAST, OF_PERIOD, READ, UNREAD, Patience
+from zmav.services.link.patience import AT_REST, LEAST, OF_PERIOD, READ, UNREAD, Patience
 
 
 class Vehicle:
@@ -32,7 +32,7 @@ class Vehicle:
 def test_what_nobody_reads_or_commands_may_lie(armed: bool) -> None:
     vehicle = Vehicle()
     vehicle.identity.armed = armed
-    assert vehicle.patience() == UNREAD
+    assert vehicle.patience() == (UNREAD if armed else AT_REST)
 
 
 @pytest.mark.parametrize("read", [False, True])
@@ -55,7 +55,7 @@ def test_nothing_lies_while_anything_moves_it(mover: Mover) -> None:
     vehicle.control.take(vehicle, mover)
     assert vehicle.patience() == 0.0
     vehicle.control.leave(vehicle)
-    assert vehicle.patience() == UNREAD
+    assert vehicle.patience() == AT_REST
 
 
 def test_nothing_lies_under_a_lease() -> None:
@@ -66,7 +66,7 @@ def test_nothing_lies_under_a_lease() -> None:
 
 def test_nothing_lies_where_an_armed_vehicle_moves_aside_by_itself() -> None:
     vehicle = Vehicle(aside=True)
-    assert vehicle.patience() == UNREAD
+    assert vehicle.patience() == AT_REST
     vehicle.identity.armed = True
     assert vehicle.patience() == 0.0
     vehicle.identity.armed = None

@@ -15,8 +15,8 @@ from zmav.services.link.timesync import TimeSync
 from zmav.services.rates.demand import Demands
 from zmav.services.status.state import StateService
 
-UNREAD = 0.04
-"""s that frames which nobody reads may lie"""
+AT_REST, UNREAD = 0.1, 0.04
+"""s that frames which nobody reads may lie, of a disarmed vehicle and of one that is armed, but not commanded"""
 READ = 0.02
 """s that those of a disarmed vehicle may lie which somebody reads"""
 LEAST = 0.001
@@ -52,7 +52,7 @@ class Patience:
             return 0.0
         if armed and (port.read or self._state.read):
             return 0.0
-        may = min(UNREAD, self._timesync.lag)
+        may = min(UNREAD if armed else AT_REST, self._timesync.lag)
         if port.read:
             may = min(may, READ, OF_PERIOD / max(self._demands.fastest, 1.0))
         return may if may >= LEAST else 0.0

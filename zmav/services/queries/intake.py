@@ -25,7 +25,7 @@ NAP = 0.005
 """s between two batches of what is more than that, or as long as the work of the last one took: a flood is looked at in
 batches of the ring's size, and leaves the event loop its share of the interpreter
 """
-TIMER_SLACK, TOGETHER_NS = 29, 50_000_000
+TIMER_SLACK, TOGETHER_NS = 29, 100_000_000
 """PR_SET_TIMERSLACK (linux/prctl.h); waiting on a ring, Zenoh's Python looks up ten times a second, and one vehicle has
 sixteen: so late they may, and the kernel has them all look at once. What comes ends a wait at once all the same
 """
