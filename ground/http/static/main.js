@@ -28,7 +28,7 @@ const REPORT_MS = 1000;
 
 fillIn();
 export const store = new Store();
-const link = new Link(
+export const link = new Link(
   (message) => {
     if (message.key === undefined) return explorer.told(message);
     store.take(message);
@@ -101,7 +101,7 @@ function readTargets() {
 wireTabs();
 wireKeys(store, map);
 for (const anchor of document.querySelectorAll("footer a")) /** @type {HTMLAnchorElement} */ (anchor).href = address(anchor.getAttribute("href") || "");
-link.subscribe("*", { hz: 5 });
+link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
 link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
