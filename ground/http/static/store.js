@@ -145,6 +145,16 @@ export class Store {
     return [...this.vehicles.values()];
   }
 
+  /** @param {string} name */
+  named(name) {
+    return this.all.find((vehicle) => vehicle.name === name);
+  }
+
+  /** @param {string} name of a vehicle */
+  colourOf(name) {
+    return this.named(name)?.colour ?? "gray";
+  }
+
   /** The vehicles that are selected. */
   get chosen() {
     return this.all.filter((vehicle) => this.selected.has(vehicle.id));
