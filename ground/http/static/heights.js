@@ -21,6 +21,8 @@ export class Heights {
     /** @type {(Point & {name: string})[]} the vehicles as they were drawn last */
     this.marks = [];
     this.top = this.bottom = 0;
+    /** Longitude of the left edge, and pixels a degree. */
+    this.west = this.scale = 0;
     byId("heights-button").addEventListener("click", () => this.show(this.canvas.hidden));
     view.map.on("move zoomend resize", () => this.draw());
     this.show(kept("heights", false));
@@ -36,9 +38,9 @@ export class Heights {
     this.draw();
   }
 
-  /** @param {Place} place */
+  /** On Mercator's map east goes with the longitude alone. @param {Place} place */
   x(place) {
-    return this.view.map.latLngToContainerPoint([place.lat, place.lon]).x;
+    return (place.lon - this.west) * this.scale;
   }
 
   /** @param {number} height */
@@ -49,6 +51,8 @@ export class Heights {
   draw() {
     if (this.canvas.hidden) return;
     const width = this.view.map.getSize().x;
+    const [left, right] = [0, width].map((x) => this.view.map.containerPointToLatLng([x, 0]).lng);
+    [this.west, this.scale] = [left, width / (right - left)];
     const ratio = window.devicePixelRatio || 1;
     Object.assign(this.canvas, { width: width * ratio, height: TALL * ratio });
     this.canvas.style.height = `${TALL}px`;
@@ -61,7 +65,7 @@ export class Heights {
     this.top = Math.max(10, ...all) * 1.05;
     this.bottom = Math.min(0, ...all);
     this.grid(width);
-    this.kept();
+    this.drawKeptClear();
     for (const each of tracks) this.line(each.points, each.colour, []);
     for (const each of ways) this.line(each.points, each.colour, [5, 4]);
     for (const ghost of this.scrubber.ghosts) this.dot({ x: this.x(ghost.place), height: ghost.height }, ghost.colour, false);
@@ -96,7 +100,7 @@ export class Heights {
   }
 
   /** What is kept clear of, from its floor to its ceiling; a fence is what surrounds the rest. */
-  kept() {
+  drawKeptClear() {
     const origin = this.store.origin;
     if (!origin) return;
     for (const { what } of this.store.obstacles.values()) {
