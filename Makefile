@@ -12,6 +12,7 @@ BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 CORES := $(shell getconf _NPROCESSORS_ONLN)
 PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
 ARGS ?=
+TSC := $(shell command -v tsc || ls node_modules/.bin/tsc 2>/dev/null)
 
 # Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
 # scripts hold that path); or something was cut short, which leaves .made unwritten or .installing behind.
@@ -81,6 +82,8 @@ lint: $(VENV)/.dev ## check style, format and types
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
+	@if [ -n "$(TSC)" ]; then echo "==> tsc --checkJs --strict"; $(TSC) -p ground/http/static/tsconfig.json; \
+	    else echo "==> the page's types are left out: no tsc here (npm install --no-save typescript)"; fi
 
 docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again
 	@$(BIN)/python docs/generate.py

@@ -1,23 +1,29 @@
-"use strict";
 // The WebSocket to the gateway: subscribes again when it comes back, and knows when it is dead although it is open.
 
-const TOKEN = new URLSearchParams(location.search).get("token");
+import { Wholes } from "./changes.js";
+import { address } from "./settings.js";
+
 const SILENCE_MS = 5000; // nothing heard, not even an answer to a ping: the connection is dead
 
-// An address of the gateway, with the token where this page has one.
-function address(path) {
-  return TOKEN ? `${path}${path.includes("?") ? "&" : "?"}token=${encodeURIComponent(TOKEN)}` : path;
-}
+/** @typedef {import("./types.js").How} How */
 
-class Link {
-  // onMessage(message), onState(state): "live", or "lost" with the time (ms) of the last word.
+export class Link {
+  /**
+   * @param {(message: any) => void} onMessage
+   * @param {(state: "live" | "lost", heard: number) => void} onState with the time (ms) of the last word
+   */
   constructor(onMessage, onState) {
     this.onMessage = onMessage;
     this.onState = onState;
+    /** @type {Map<string, How>} */
     this.wanted = new Map();
-    this.heard = 0;
+    this.heard = this.opened = 0;
+    /** @type {number | null} ms to the gateway and back */
     this.rtt = null;
     this.delay = 300;
+    this.wholes = new Wholes();
+    /** @type {WebSocket | null} */
+    this.socket = null;
     setInterval(() => this.check(), 1000);
     this.open();
   }
@@ -28,6 +34,7 @@ class Link {
     const socket = new WebSocket(url);
     this.socket = socket;
     this.opened = Date.now();
+    this.wholes.clear();
     socket.onopen = () => {
       this.delay = 300;
       for (const [key, how] of this.wanted) this.send({ subscribe: key, ...how });
@@ -39,25 +46,30 @@ class Link {
       const message = JSON.parse(event.data);
       if (message.pong !== undefined) this.rtt = Date.now() - message.pong;
       this.onState("live", this.heard);
-      this.onMessage(message);
+      const whole = this.wholes.take(message);
+      if (whole) this.onMessage(whole);
+      else this.send({ whole: message.key });
     };
-    socket.onclose = () => {
-      if (this.socket !== socket) return;
-      this.onState("lost", this.heard);
-      setTimeout(() => this.open(), this.delay);
-      this.delay = Math.min(this.delay * 1.7, 4000);
-      this.socket = null;
-    };
+    socket.onclose = () => this.ended(socket);
   }
 
-  // Once a second: ask for a sign of life, and give a silent connection up.
+  /** @param {WebSocket} socket */
+  ended(socket) {
+    if (this.socket !== socket) return;
+    this.onState("lost", this.heard);
+    setTimeout(() => this.open(), this.delay);
+    this.delay = Math.min(this.delay * 1.7, 4000);
+    this.socket = null;
+  }
+
+  /** Once a second: ask for a sign of life, and give a silent connection up. */
   check() {
-    if (!this.socket) return;
-    if (this.socket.readyState === WebSocket.OPEN) this.ping();
+    const socket = this.socket;
+    if (!socket) return;
+    if (socket.readyState === WebSocket.OPEN) this.ping();
     if (Date.now() - Math.max(this.heard, this.opened) > SILENCE_MS) {
-      const dead = this.socket;
-      dead.onclose(null);
-      dead.close();
+      this.ended(socket);
+      socket.close();
     }
   }
 
@@ -65,16 +77,18 @@ class Link {
     this.send({ ping: Date.now() });
   }
 
+  /** @param {object} message */
   send(message) {
     if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  // how: {hz} a second at most, {history} past events first.
+  /** @param {string} key @param {How} how */
   subscribe(key, how) {
     this.wanted.set(key, how);
     this.send({ subscribe: key, ...how });
   }
 
+  /** @param {string} key */
   unsubscribe(key) {
     this.wanted.delete(key);
     this.send({ unsubscribe: key });

@@ -154,14 +154,29 @@ class Tab:
             await self.mouse("mouseMoved", x, y, held=True, shift=shift)
         await self.mouse("mouseReleased", *end, shift=shift)
 
-    async def key(self, name: str) -> None:
+    async def key(self, name: str, shift: bool = False) -> None:
         """A key by its DOM name: Escape, Enter, Delete, a."""
-        code = {"Escape": 27, "Enter": 13, "Delete": 46, "ArrowDown": 40, "Tab": 9, " ": 32}.get(
-            name, ord(name[0].upper())
-        )
+        code = {
+            "Escape": 27,
+            "Enter": 13,
+            "Delete": 46,
+            "ArrowLeft": 37,
+            "ArrowUp": 38,
+            "ArrowRight": 39,
+            "ArrowDown": 40,
+            "Tab": 9,
+            " ": 32,
+        }.get(name, ord(name[0].upper()))
         text = {"text": "\r"} if name == "Enter" else {"text": name} if len(name) == 1 else {}
         for kind in ("keyDown", "keyUp"):
-            await self.call("Input.dispatchKeyEvent", type=kind, key=name, windowsVirtualKeyCode=code, **text)
+            await self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=name,
+                windowsVirtualKeyCode=code,
+                modifiers=8 if shift else 0,
+                **text,
+            )
 
     async def size(self, width: int, height: int) -> None:
         """Of the window, as a phone or a screen has it."""
@@ -198,6 +213,18 @@ class Tab:
                 self.said.append(str(message["params"]["exceptionDetails"]))
             elif message.get("method") == "Log.entryAdded":
                 self.said.append(message["params"]["entry"]["text"])
+
+
+PIECES = ("main", "dom", "geo", "shapes", "tabs", "words")
+"""modules of the page whose names are the window's own in tests"""
+
+
+async def pieces(tab: Tab) -> None:
+    """Let scripts use what the page's modules export by its name; the browser has each module once."""
+    await tab.until("document.readyState === 'complete'")
+    names = json.dumps([f"./static/{name}.js" for name in PIECES])
+    await tab.run(f"""Promise.all({names}.map((name) => import(name)))
+        .then((found) => {{ for (const each of found) Object.assign(window, each); }})""")
 
 
 async def _result(future: asyncio.Future[dict[str, Any]]) -> dict[str, Any]:
@@ -355,6 +382,7 @@ def press(name: str, label: str) -> str:
 async def show(tab: Tab, served: Served) -> None:
     """The page again, once it hears the fleet: a test may be the first of them, or the only one."""
     await tab.open(f"http://127.0.0.1:{served.port}/")
+    await pieces(tab)
     await tab.until(f"{row('quad1')} !== null && {row('quad2')} !== null")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     await tab.run("document.getElementById('select-all').click()")  # the selected have cards
