@@ -61,7 +61,8 @@ class Leases:
         self._expires = self._committed = 0.0
         self._ahead = self._set_by = 0.0
         """UTC less monotonic seconds when last looked at, and by how much it was set since the lease was given"""
-        self._present: set[tuple[str, str]] = set()
+        self.present: set[tuple[str, str]] = set()
+        """holder and instance of each whose token is there"""
         self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
         self._subscriber: Any = None
 
@@ -254,9 +255,9 @@ class Leases:
         parts = keys.match(str(sample.key_expr))[1]
         who = (parts["holder"], parts["instance"])
         if sample.kind == zenoh.SampleKind.PUT:
-            if len(self._present) < MOST_PRESENT:
-                self._present.add(who)
-        elif who in self._present:
-            self._present.discard(who)
+            if len(self.present) < MOST_PRESENT:
+                self.present.add(who)
+        elif who in self.present:
+            self.present.discard(who)
             if self._token and who == (self._holder, self._instance):
                 self.end("gone", f"{self._holder}, who held the lease, is gone")
