@@ -12,19 +12,20 @@ from zmav import systemd
 from zmav.errors import ZmavError
 from zmav.process import log, until_stopped
 
-LOOK_S, AGAIN_S = 0.5, 1.0
-
 
 async def until_outdated(
-    router: Router, line: str, plan: Callable[[], object], idle: Callable[[], bool] = lambda: True
+    router: Router, line: str, plan: Callable[[], object], idle: Callable[[], bool] = lambda: True, pace: float = 1.0
 ) -> str | None:
     """Return None when the process is asked to end, or why its router is to be opened again, as soon as it is ``idle``.
 
     ``line`` is said once it can be asked to end, to systemd as well; then, which radios are waited for. ``plan`` plans
     as the process will when it starts again: where that raises :class:`ZmavError` (a fleet file that was changed, a
-    certificate that expired since), it goes on as it is and looks again. Run in the main thread.
+    certificate that expired since), it goes on as it is and looks again after ``pace`` seconds. Run in the main thread.
     """
-    stopped, outdated = asyncio.ensure_future(until_stopped()), asyncio.ensure_future(_outdated(router, plan, idle))
+    stopped, outdated = (
+        asyncio.ensure_future(until_stopped()),
+        asyncio.ensure_future(_outdated(router, plan, idle, pace)),
+    )
     try:
         await asyncio.sleep(0)  # the tasks begin
         log(line)
@@ -43,20 +44,20 @@ async def until_outdated(
                 await task
 
 
-async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[], bool]) -> str:
+async def _outdated(router: Router, plan: Callable[[], object], idle: Callable[[], bool], pace: float) -> str:
     why, said = await router.outdated(), ""
     while True:
         if not idle():
             log(f"{why}: starting again as soon as the vehicle is disarmed and nobody commands it")
             while not idle():
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(pace / 2)
         try:
             await asyncio.to_thread(plan)
         except ZmavError as e:
             if said != str(e):
                 said = str(e)
                 log(f"{why}, but this could not start again: {said}")
-            await asyncio.sleep(AGAIN_S)
+            await asyncio.sleep(pace)
             continue
         if idle():
             return why

@@ -37,7 +37,8 @@ at 30 % loss, called again 1 s after a call that failed: 2.6 s in the median, p9
 class Calls:
     """The sockets that Zenoh calls from, of a router that has just been opened. ``close`` it."""
 
-    def __init__(self, radios: Collection[FoundRadio], now: float) -> None:
+    def __init__(self, radios: Collection[FoundRadio], now: float, group: tuple[str, int] = GROUP) -> None:
+        self._group = group
         self._sockets = list(_callers({str(each.address.ip) for each in radios if each.address}))
         self._until = now + FOR_S
 
@@ -50,7 +51,7 @@ class Calls:
         sent = 0
         for each in self._sockets if now < self._until else ():
             with contextlib.suppress(OSError):  # the radio is not there just now
-                each.sendto(CALL, GROUP)
+                each.sendto(CALL, self._group)
                 sent += 1
         return sent
 

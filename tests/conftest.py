@@ -206,9 +206,12 @@ class StartOnboard:
 
     def __init__(self) -> None:
         self.running: list[Onboard] = []
+        self.pace = 1.0
+        """of their housekeeping"""
 
     async def __call__(self, session: zenoh.Session, link: str, name: str = "quad1", **more: Any) -> Onboard:
         vehicle = Onboard(session, OnboardSettings(link=link, name=name, **more), open_lossy(link))
+        vehicle.tick /= self.pace
         self.running.append(await vehicle.__aenter__())
         return vehicle
 

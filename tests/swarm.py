@@ -44,7 +44,7 @@ class FakeVehicle:
                 **state,
             }
         )
-        self._session, self._news = session, asyncio.Event()
+        self.session, self._news = session, asyncio.Event()
         heard = on_loop(asyncio.get_running_loop(), self._on_query)
         self._queryable = session.declare_queryable(keys.DO.key("demo", name, verb="*"), heard)
         self._task = asyncio.create_task(self._speak())
@@ -73,7 +73,7 @@ class FakeVehicle:
         while True:
             self.state.t = time.time()
             if not self.silent:
-                self._session.put(keys.STATE.key("demo", self.name), wire.encode(self.state))
+                self.session.put(keys.STATE.key("demo", self.name), wire.encode(self.state))
             await asyncio.sleep(EVERY)
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class FakePlanner:
     def __init__(
         self, session: zenoh.Session, answers: bytes | Exception | None, entry: swarm.GoalState | None = None
     ) -> None:
-        self._session, self._answers, self.entry = session, answers, entry
+        self.session, self._answers, self.entry = session, answers, entry
         self.asked: list[str] = []
         self.wanted: list[str] = []
         """whom it was asked to bring home"""
@@ -127,8 +127,8 @@ class FakePlanner:
         while True:
             if not self.silent:
                 charge = swarm.Charge(t=time.time(), planner="fake", instance="1", term=1)
-                self._session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(charge))
-                self._session.put(keys.FLEET.key("demo", topic="goal"), wire.encode(self._book()))
+                self.session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(charge))
+                self.session.put(keys.FLEET.key("demo", topic="goal"), wire.encode(self._book()))
             await asyncio.sleep(EVERY)
 
     def _book(self) -> swarm.Book:

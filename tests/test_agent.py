@@ -51,6 +51,8 @@ class Desk(NamedTuple):
     agent: Counter
     quad: zmav.Vehicle
     said: Samples
+    z: zmav.Client
+    """of who asks"""
 
 
 @pytest.fixture
@@ -65,7 +67,7 @@ async def desk(net: Net) -> AsyncIterator[Desk]:
             running = asyncio.create_task(agent.run())
             await said.until(lambda: any(s["state"] == "waiting" for s in said.objects()), "status")
             assert isinstance(agent, Counter)
-            yield Desk(agent, z.vehicle("quad1"), said)
+            yield Desk(agent, z.vehicle("quad1"), said, z)
             running.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await running
@@ -100,13 +102,16 @@ async def test_it_is_tuned_within_its_bounds(desk: Desk) -> None:
     assert "gain is 2.5, was 1" in desk.said.objects()[-1]["detail"]["events"][0]["text"]
 
 
-async def test_a_vehicle_without_that_agent_says_how_to_start_one(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.vehicle.vehicle.GIVE_UP", 0.3)
-    monkeypatch.setattr("zmav.vehicle.vehicle.ASK_AGAIN", 0.2)
-    monkeypatch.setattr(zmav.Vehicle, "present", True)
+async def test_a_vehicle_without_that_agent_says_how_to_start_one(desk: Desk) -> None:
+    desk.quad.give_up, desk.quad.ask_again = 0.3, 0.2
+    here = keys.ALIVE.key("demo", "quad1", role=keys.VEHICLE, sys=1, autopilot="px4", uid="-", instance="x")
+    token = desk.z.session.liveliness().declare_token(here)
+    while not desk.quad.present:
+        await desk.z.news(1.0)
     assert (await desk.quad.tell("counter", "count", to=3))["counted"] == 3
     with pytest.raises(TimedOut, match="zmav agent run follower --vehicle quad1"):
         await desk.quad.tell("follower", "follow")
+    token.undeclare()
 
 
 async def test_a_second_one_of_its_name_is_refused_while_the_first_one_runs(net: Net) -> None:
@@ -194,7 +199,7 @@ def test_any_other_file_and_the_installed_controllers_are_for_the_supervisor(tmp
 async def test_parameters_are_keys_and_others_can_be_declared(desk: Desk) -> None:
     from tests.conftest import Samples
 
-    z = desk.quad._client
+    z = desk.z
     key = keys.AGENT_PARAM.key("demo", "quad1", agent="counter", param="*")
     (answer,) = await z.ask(key)
     assert isinstance(answer, Answer)
@@ -213,7 +218,7 @@ async def test_parameters_are_keys_and_others_can_be_declared(desk: Desk) -> Non
 
 async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:
     key = keys.AGENT_DO.key("demo", "quad1", agent="counter", verb=verb)
-    z = desk.quad._client
+    z = desk.z
     answers = await z.ask(key, msgspec.json.encode(args), timeout=10.0, channel=keys.AGENT_DO)
     (answer,) = answers
     if isinstance(answer, zmav.ZmavError):

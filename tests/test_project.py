@@ -388,3 +388,55 @@ def test_every_benchmark_is_run_by_make() -> None:
     packages = [path.parent.name for path in (ROOT / "tests" / "bench").glob("*/__main__.py")]
     assert packages
     assert [name for name in packages if f'"-m tests.bench.{name}' not in (ROOT / "Makefile").read_text()] == []
+
+
+# What tests reach of others' private names, and what of ours they patch; neither may grow. Tests assert behaviour: a
+# constant that a test needs otherwise is a setting, and what a test must see is public.
+MOST_REACHES, MOST_PATCHES = 38, 72
+PATCH = re.compile(r"\.setattr$|\bpatch(\.object|\.multiple)?$")
+
+
+def of_whom(node: ast.expr) -> str:
+    """The name that an expression begins with: ``vehicle`` of ``vehicle.rates.demands``."""
+    while isinstance(node, ast.Attribute | ast.Subscript | ast.Call):
+        node = node.func if isinstance(node, ast.Call) else node.value
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def inside(source: str | bytes) -> tuple[list[str], list[str]]:
+    """The private names of other objects that a test reaches, and what of ours it patches."""
+    nodes = list(ast.walk(ast.parse(source)))
+    own = {each.name for each in nodes if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    theirs, found, patched = set[str](), list[str](), list[str]()
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and of_whom(node) == "self":
+            own.add(node.attr)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else node.names[0].name
+            if module.partition(".")[0] not in BELOW:
+                theirs |= {(each.asname or each.name).partition(".")[0] for each in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found += [each.name for each in node.names if each.name.startswith("_")]
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and re.match("_(?!_|replace$)", node.attr):
+            found += [node.attr] if node.attr not in own and of_whom(node) not in theirs else []
+        elif isinstance(node, ast.Call) and node.args and PATCH.search(ast.unparse(node.func)):
+            target = node.args[0]
+            text = target.value if isinstance(target, ast.Constant) else None
+            ours = text.partition(".")[0] in BELOW if isinstance(text, str) else of_whom(target) not in theirs
+            patched += [ast.unparse(target)] if ours else []
+    return found, patched
+
+
+def test_a_reach_and_a_patch_are_found() -> None:
+    reach = "from zmav import _a\nimport os\nb._c.d\nos._exit\nclass T:\n def _e(self): self._e()"
+    assert inside(reach) == (["_a", "_c"], [])
+    patch = "import time\nm.setattr(v.rates, 'X', 1)\npatch('zmav.a')\nm.setattr(time, 'x', 1)\nm.setattr('os.x', 1)"
+    assert inside(patch) == ([], ["v.rates", "'zmav.a'"])
+
+
+def test_tests_reach_no_further_into_what_is_private() -> None:
+    tests = [path for path in (ROOT / "tests").rglob("*.py") if path.relative_to(ROOT).parts[1] != "bench"]
+    each = [inside(path.read_bytes()) for path in tests]
+    assert sum(len(found) for found, _ in each) <= MOST_REACHES
+    assert sum(len(patched) for _, patched in each) <= MOST_PATCHES

@@ -114,13 +114,15 @@ async def _until(true: Callable[[], bool]) -> None:
     ids=["silent", "refuses", "fails", "never flies", "tells nothing", "garbage"],
 )
 async def test_a_planner_that_does_not_fly_holds_up_nobody(
-    answers: bytes | Exception | None, entry: GoalState | None, words: str, monkeypatch: pytest.MonkeyPatch
+    answers: bytes | Exception | None,
+    entry: GoalState | None,
+    words: str,
 ) -> None:
-    monkeypatch.setattr("zmav.swarm.PLAN", 2.0)
     async with airborne(PLACES[:2], 3.0) as fleet:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
         fake = FakePlanner(session, answers, entry)
         order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order())
+        order.plan = 2.0
         task = asyncio.create_task(order.run())
         await asyncio.wait_for(_until(lambda: _homeward(fleet)), PATIENCE_S)
         fleet.world.set_speed(8.0)

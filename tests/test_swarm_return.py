@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import functools
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any, NamedTuple
 
 import pytest
@@ -30,6 +30,7 @@ class Scene(NamedTuple):
     planner: FakePlanner
     vehicles: list[FakeVehicle]
     order: FleetOrder
+    handles: Sequence[zmav.Vehicle]
     news: list[str | VehicleProgress]
     changed: asyncio.Event
 
@@ -68,7 +69,7 @@ async def scene(
             news.append(what)
             changed.set()
 
-        yield Scene(planner, vehicles, FleetOrder(z, known, "rtl", wire.Order(), hear), news, changed)
+        yield Scene(planner, vehicles, FleetOrder(z, known, "rtl", wire.Order(), hear), known, news, changed)
 
 
 def land(vehicle: FakeVehicle) -> None:
@@ -100,10 +101,8 @@ def modes(events: Samples, name: str) -> list[str]:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("planner", ["slow", "dead"])
-async def test_who_flies_somewhere_is_stopped_at_once(planner: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_flies_somewhere_is_stopped_at_once(planner: str) -> None:
     """It holds while no planner has said a word. On PX4 that is a mode, which the events tell in its order."""
-    for name in ("LOOK", "ANSWER"):
-        monkeypatch.setattr(f"zmav.swarm.{name}", PATIENCE_S)  # a busy machine is no dead planner
     async with airborne([(0.0, 0.0), (0.0, 9.0)], 6.0, autopilot="px4") as fleet:
         session = open_session(SessionSettings(connect=[fleet.endpoint]))
         events = Samples(session, keys.EVENT.key("demo", "*"))
@@ -115,6 +114,7 @@ async def test_who_flies_somewhere_is_stopped_at_once(planner: str, monkeypatch:
         await asyncio.wait_for(asyncio.gather(*(event.wait() for event in flying)), PATIENCE_S)
         fake = FakePlanner(session, None) if planner == "slow" else None
         order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order())
+        order.look = order.answer = PATIENCE_S  # a busy machine is no dead planner
         task = asyncio.create_task(order.run())
         await events.until(lambda: all("HOLD" in modes(events, name) for name in fleet.names), "hold of each")
         assert not order.notes, "nobody has answered so far"
@@ -197,7 +197,7 @@ async def test_who_is_not_heard_any_more_is_not_planned_for() -> None:
         s.vehicles[2].silent = True
         limit = keys.STATE.stale_after or 0.0
         order = s.order
-        await asyncio.wait_for(_until(lambda: (order._vehicles[2].age or 0.0) > limit), PATIENCE_S)
+        await asyncio.wait_for(_until(lambda: (s.handles[2].age or 0.0) > limit), PATIENCE_S)
         task = asyncio.create_task(order.run())
         await asyncio.gather(s.vehicles[2].ordered("rtl"), s.planner.told("submit"))
         assert s.planner.wanted == ["quad1", "quad2"]
@@ -210,7 +210,7 @@ async def test_one_alone_is_planned_for_by_nobody() -> None:
         for vehicle in s.vehicles[1:]:
             land(vehicle)
         await asyncio.wait_for(
-            _until(lambda: all(v.last_state and not v.last_state.armed for v in s.order._vehicles[1:])), PATIENCE_S
+            _until(lambda: all(v.last_state and not v.last_state.armed for v in s.handles[1:])), PATIENCE_S
         )
         told = await s.order.run()
         assert [each.status for each in told] == ["done", "left_out", "left_out"]
@@ -269,7 +269,7 @@ async def test_a_later_order_is_not_overruled() -> None:
         s.vehicles[0].state.lease_end = wire.LeaseEnd(
             t=time.time() + 1.0, number=3, holder="fake", reason="revoked", text=text
         )
-        await asyncio.wait_for(_until(lambda: bool(s.order._vehicles[0].state.lease_end)), PATIENCE_S)
+        await asyncio.wait_for(_until(lambda: bool(s.handles[0].state.lease_end)), PATIENCE_S)
         s.planner.entry = "failed"
         told = await asyncio.wait_for(task, PATIENCE_S)
         assert [(each.status, each.text) for each in told] == [
@@ -287,7 +287,7 @@ async def test_a_lease_that_our_own_hold_has_ended_is_nobodys_later_word() -> No
         s.vehicles[0].state.lease_end = wire.LeaseEnd(
             t=time.time() + 1.0, number=3, holder="boss", reason="revoked", text="lease of boss revoked"
         )
-        await asyncio.wait_for(_until(lambda: bool(s.order._vehicles[0].state.lease_end)), PATIENCE_S)
+        await asyncio.wait_for(_until(lambda: bool(s.handles[0].state.lease_end)), PATIENCE_S)
         s.planner.entry = "failed"
         told = await asyncio.wait_for(task, PATIENCE_S)
         assert [each.status for each in told] == ["done", "done"]
@@ -307,15 +307,15 @@ async def test_who_cancels_the_return_is_obeyed() -> None:
         assert "rtl" not in s.vehicles[0].verbs
 
 
-async def test_a_plan_is_not_given_up_while_it_is_made_again_or_paused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_plan_is_not_given_up_while_it_is_made_again_or_paused() -> None:
     """What bounds the time until a plan is flown does not bound what comes after."""
-    monkeypatch.setattr("zmav.swarm.PLAN", 0.0)
     async with scene("flying") as s:
+        s.order.plan = 0.0
         task = asyncio.create_task(s.order.run())
         await s.until(lambda: "brings quad1, quad2 home" in s.notes)
         states: tuple[GoalState, ...] = ("planning", "paused", "queued")
         key = keys.FLEET.key("demo", topic="goal")
-        books = Samples(s.planner._session, key)
+        books = Samples(s.planner.session, key)
         for state in states:
             s.planner.entry = state
             await books.object(functools.partial(_says, state), f"book: {state}")

@@ -312,26 +312,26 @@ async def test_a_vehicle_that_is_not_there(scene: Scene) -> None:
     assert caught.value.detail["missing"] == ["ghost"]
 
 
-async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.5)
+async def test_a_vehicle_that_is_there_but_does_not_answer(net: Net) -> None:
     session, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z:
+        quad = z.vehicle("quad1")
+        quad.give_up = 0.5
         ghost = Ghost(session, "demo", "quad1")
         await net.linked(session, keys.STATE.key("demo", "quad1"))
         ghost.speak()
         await z.wait_for("quad1")
         haunting = asyncio.create_task(ghost.haunt())
         with pytest.raises(TimedOut, match="quad1 does not answer on zmav/demo/quad1/do/hold"):
-            await z.vehicle("quad1").hold()
+            await quad.hold()
         haunting.cancel()
-        monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 2.5)
+        quad.give_up = 2.5
         with pytest.raises(Stale, match="quad1 was last heard"):
-            await z.vehicle("quad1").hold()
+            await quad.hold()
 
 
-async def test_an_answer_may_take_longer_than_the_next_attempt(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_answer_may_take_longer_than_the_next_attempt(net: Net) -> None:
     """Over bad hops every one does: what was asked before stays open."""
-    monkeypatch.setattr(zmav.vehicle.vehicle, "ASK_AGAIN", 0.3)
     session, endpoint = net.router()
     key, asked = keys.DO.key("demo", "quad1", verb="ping"), list[zenoh.Query]()
 
@@ -347,7 +347,9 @@ async def test_an_answer_may_take_longer_than_the_next_attempt(net: Net, monkeyp
         await net.linked(session, keys.STATE.key("demo", "quad1"))
         ghost.speak()
         await z.wait_for("quad1")
-        await z.vehicle("quad1").ping()
+        quad = z.vehicle("quad1")
+        quad.ask_again = 0.3
+        await quad.ping()
     assert len(asked) == 3
     for query in asked:
         query.drop()

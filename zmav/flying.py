@@ -32,7 +32,7 @@ class FlyingAgent(Agent):
     """Base of agents that fly. Lives on the event loop."""
 
     settings_type = FlightSettings
-    _flight: asyncio.Task[None] | None = None
+    flight: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
         """Wait for orders, for ever."""
@@ -49,7 +49,7 @@ class FlyingAgent(Agent):
     @property
     def flying(self) -> bool:
         """A flight is under way: from its order until it has ended."""
-        return self._flight is not None and not self._flight.done()
+        return self.flight is not None and not self.flight.done()
 
     def lease(self) -> contextlib.AbstractAsyncContextManager[Lease]:
         """The right to move the vehicle."""
@@ -60,16 +60,16 @@ class FlyingAgent(Agent):
         gives what became of the flight, in words.
         """
         started: Started = asyncio.get_running_loop().create_future()
-        self._flight = asyncio.create_task(self._watch(fly, started))
+        self.flight = asyncio.create_task(self._watch(fly, started))
         # How it ended was said: asyncio need not complain that nobody asked.
-        self._flight.add_done_callback(lambda flight: flight.cancelled() or flight.exception())
+        self.flight.add_done_callback(lambda flight: flight.cancelled() or flight.exception())
         await started
 
     async def end_flight(self) -> None:
         """Cancel it, and wait until the lease is given back."""
-        if self._flight is not None:
-            self._flight.cancel()
-            await asyncio.gather(self._flight, return_exceptions=True)
+        if self.flight is not None:
+            self.flight.cancel()
+            await asyncio.gather(self.flight, return_exceptions=True)
 
     async def on_broken_off(self, error: Exception, why: str) -> str:
         """What is done after an error in flight; gives the words for the status."""

@@ -66,8 +66,6 @@ from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
 from zmav.waiting import in_thread
 
-TICK = 0.2
-
 
 class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     """One vehicle: where its autopilot is, what it is called, and where the fleet's frame begins."""
@@ -211,6 +209,8 @@ class Onboard:
         }
         permit = OrderPermit(self.authority, judges)
         self.orders = Orders(session, fleet, name, prove, answers, permit, questions=questions)
+        self.tick = 0.2
+        """s between two rounds of the slow work"""
         self._own, self._stack = own, contextlib.AsyncExitStack()
         # Started in this order and closed in the reverse: a vehicle that follows a stream is told to hold first of all,
         # and what lets go says so while there is a link. The link alone opens last: nothing that it brings is missed,
@@ -366,7 +366,7 @@ class Onboard:
             state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
     async def _keep_house(self) -> None:
-        """The slow work, five times a second; a fault in it is said and does not end it."""
+        """The slow work, each ``tick``; a fault in it is said and does not end it."""
         beat, rounds = 0, 0
         while True:
             try:
@@ -388,7 +388,7 @@ class Onboard:
                 rounds = self.authority.watchdog.rounds
                 self.bus.tell(Alive())
             beat += 1
-            await asyncio.sleep(TICK)
+            await asyncio.sleep(self.tick)
 
     def _send_heartbeat(self) -> None:
         """The companion's own: MAV_TYPE_ONBOARD_CONTROLLER, no autopilot, active."""

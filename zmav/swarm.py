@@ -28,15 +28,9 @@ from zmav.vehicle import Vehicle
 from zmav.waiting import within
 from zmav.wire import swarm
 
-LOOK, ANSWER = 0.8, 1.0
-"""s for a planner to be heard of, which says several times a second that it is in charge, and for its answer"""
 BEGIN = 1.5
 """s from its answer until its book has the goal. A book follows each change at once, and the next a second later: a
 planner whose book lacks it so long is stuck or cut off, and it is not known whether it will fly
-"""
-PLAN = 10.0
-"""s from its answer until the plan is flown. Its vehicles hold meanwhile: they come to rest in some three, a plan is
-mostly made in as many, and who is low on battery cannot wait for a hard one
 """
 SILENCE = 5.0
 """s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
@@ -70,6 +64,14 @@ class FleetOrder:
 
     ``on_change`` is called on the event loop with a note, or with what has just ended; ``progress`` gives what is to be
     told how far a vehicle's order is. Nothing is raised: what a vehicle refuses stands in ``told``.
+    """
+
+    look = 0.8
+    answer = 1.0
+    """s for a planner to be heard of, which says several times a second that it is in charge, and for its answer"""
+    plan = 10.0
+    """s from its answer until the plan is flown. Its vehicles hold meanwhile: they come to rest in some three, a plan
+    is mostly made in as many, and who is low on battery cannot wait for a hard one
     """
 
     def __init__(
@@ -207,13 +209,13 @@ class FleetOrder:
             begun = False
             while True:
                 silent = heard + (SILENCE if state else BEGIN)
-                until = min(silent, began + PLAN) if state and not begun else silent
+                until = min(silent, began + self.plan) if state and not begun else silent
                 try:
                     book = await within(until - time.monotonic(), books.get())
                 except asyncio.TimeoutError:
                     self._watch(vehicles)
                     self._dropping = asyncio.create_task(self._drop(fleet, planner, goal))
-                    raise TimedOut(_late(planner, state, until == silent), planner=planner, goal=goal) from None
+                    raise TimedOut(self._late(planner, state, until == silent), planner=planner, goal=goal) from None
                 entry = next((entry for entry in book.goals if entry.id == goal), None)
                 if entry is None:
                     continue
@@ -258,18 +260,23 @@ class FleetOrder:
 
     async def _planner(self, fleet: str) -> str:
         """Who is in charge there, by its own word."""
-        found = await planner_in_charge(self._z, fleet, LOOK)
+        found = await planner_in_charge(self._z, fleet, self.look)
         if found is None:
             raise TimedOut(f"no planner is in charge of fleet {fleet}", fleet=fleet)
         return found[1]
 
     async def _ask(self, fleet: str, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
         key = keys.SWARM.key(fleet, planner, verb=verb)
-        for answer in await self._z.ask(key, wire.encode(order), ANSWER, keys.SWARM, lambda _: True):
+        for answer in await self._z.ask(key, wire.encode(order), self.answer, keys.SWARM, lambda _: True):
             if isinstance(answer, Answer):
                 return wire.decode(answer.payload, wire.Outcome, f"reply to {key}").result
             raise answer
         raise TimedOut(f"planner {planner} does not answer", planner=planner)
+
+    def _late(self, planner: str, last: swarm.GoalState | None, silent: bool) -> str:
+        if last is None:
+            return f"{planner} has not begun within {BEGIN:g} s"
+        return f"planner {planner} is silent" if silent else f"{planner} has no plan after {self.plan:.0f} s"
 
     async def _drop(self, fleet: str, planner: str, goal: str) -> None:
         """What is late is not to begin any more; a plan that does nevertheless waits for vehicles at rest."""
@@ -345,12 +352,6 @@ def _unfit(vehicle: Vehicle) -> str:
     if state.landed and state.kind not in SURFACE:
         return "it stands on the ground"
     return "" if state.local is not None else "it does not say where it is in the fleet's frame"
-
-
-def _late(planner: str, last: swarm.GoalState | None, silent: bool) -> str:
-    if last is None:
-        return f"{planner} has not begun within {BEGIN:g} s"
-    return f"planner {planner} is silent" if silent else f"{planner} has no plan after {PLAN:.0f} s"
 
 
 async def _cancelled(tasks: Sequence[asyncio.Task[None]]) -> None:

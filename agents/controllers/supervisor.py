@@ -87,10 +87,12 @@ class Supervisor(zmav.Agent):
         self._wanted: object | None = None
         """the request to take over that counts, while it is looked into"""
         self._ending = False
-        self._pilot_at = ""
+        self.pilot_at = ""
+        """the instance of the vehicle's agent which said that the pilot has it; empty: the pilot has it not"""
         """the instance of the vehicle's agent that said last that the pilot has it; empty: he has it no more"""
         self._over = asyncio.Event()
-        self._why = ""
+        self.why = ""
+        """for which the autopilot has it, or is to have it again"""
         self._began = 0.0
         self._refused: asyncio.Queue[str] = asyncio.Queue(maxsize=10)
 
@@ -142,16 +144,16 @@ class Supervisor(zmav.Agent):
                     self.cycles.set_clock(state.clock.boot_t)
                 if state.position is not None and state.local is not None:
                     self.estimate.anchor(state.position, state.local)
-                if self._turned_away(state) and self.settings.by_switch:
+                if self.turned_away(state) and self.settings.by_switch:
                     self._switched = asyncio.get_running_loop().create_task(self._by_switch())
             self._tell()
 
-    def _turned_away(self, state: wire.VehicleState) -> bool:
+    def turned_away(self, state: wire.VehicleState) -> bool:
         """The pilot's switch, from him. An agent of the vehicle that has just begun does not know of it yet."""
-        before, self._pilot_at = self._pilot_at, "" if state.pilot is None else state.instance
-        if self._pilot_at:
+        before, self.pilot_at = self.pilot_at, "" if state.pilot is None else state.instance
+        if self.pilot_at:
             self._wanted = None  # what was asked for before he took it counts no more
-        return before == state.instance and not self._pilot_at
+        return before == state.instance and not self.pilot_at
 
     def _tell(self) -> None:
         """The status: who flies, and how it goes."""
@@ -164,7 +166,7 @@ class Supervisor(zmav.Agent):
             "late": cycles.counters.late,
             "clipped": cycles.counters.clipped,
             "handed_back_ms": self.handed_back_ms,
-            "why": self._why,
+            "why": self.why,
             "broken": broken,
         }
         state = self.vehicle.last_state
@@ -175,7 +177,7 @@ class Supervisor(zmav.Agent):
         elif state is not None and state.pilot:
             word, text = "pilot", f"the pilot has it: {state.pilot}"
         else:
-            word, text = "autopilot", f"{what} is ready" + (f"; last: {self._why}" if self._why else "")
+            word, text = "autopilot", f"{what} is ready" + (f"; last: {self.why}" if self.why else "")
         if broken:
             text += f"; the file as saved is broken: {broken}"
         self.status(word, text, **detail)
@@ -270,7 +272,7 @@ class Supervisor(zmav.Agent):
         self._check_free()
         if self._wanted is not wanted:
             raise Refused("before it took over it was released, asked for again, or the pilot had it: ask again")
-        self._over, self._why = asyncio.Event(), ""
+        self._over, self.why = asyncio.Event(), ""
         taken, begun = asyncio.Event(), time.monotonic()
         self._engaged = flight = asyncio.create_task(self._fly(taken))
         waiting = asyncio.create_task(taken.wait())
@@ -278,7 +280,7 @@ class Supervisor(zmav.Agent):
         waiting.cancel()
         if not taken.is_set():
             await flight
-            raise Refused(f"it did not take over: {self._why}", reason=self._why)
+            raise Refused(f"it did not take over: {self.why}", reason=self.why)
         took = (time.monotonic() - begun) * 1e3
         by = f", by {origin.name}" if origin else ""
         self.say("engaged", "notice", f"{self._described()} flies{by}{slow}", took_ms=took)
@@ -323,7 +325,7 @@ class Supervisor(zmav.Agent):
                 self.cycles.end()
                 await self._hand_back(lease)
         except ZmavError as e:
-            self._why = self._why or str(e)
+            self.why = self.why or str(e)
         finally:
             self.cycles.end()
 
@@ -349,16 +351,16 @@ class Supervisor(zmav.Agent):
             if told and now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
                 return self.cycles.in_force()
             if told and not self._refused.empty():
-                self._why = self._refused.get_nowait()
+                self.why = self._refused.get_nowait()
                 return False
             await asyncio.sleep(LOOK / 4)
         refused = "" if self._refused.empty() else f": {self._refused.get_nowait()}"
-        self._why = self._why or f"{guided} did not come within {TAKE_OVER:g} s{refused}"
+        self.why = self.why or f"{guided} did not come within {TAKE_OVER:g} s{refused}"
         return False
 
     def _tripped(self, text: str) -> None:
         """The engagement has ended by itself; no output goes out any more."""
-        self._why = text
+        self.why = text
         self._over.set()
         if self.cycles.stuck and self.reloader.worker is not None:
             self.reloader.worker.kill()
@@ -374,9 +376,9 @@ class Supervisor(zmav.Agent):
                 self.say("back", "error", f"the autopilot cannot be told to hold: {e}; the vehicle's own ladder will")
         self.handed_back_ms = (time.monotonic() - began) * 1e3
         who = "the pilot" if reason == "pilot" else "the autopilot"
-        severity: wire.Severity = "notice" if self._why.startswith("release") else "warning"
+        severity: wire.Severity = "notice" if self.why.startswith("release") else "warning"
         self.say(
-            "back", severity, f"{self._why}: {who} has it", why=self._why, took_ms=self.handed_back_ms, reason=reason
+            "back", severity, f"{self.why}: {who} has it", why=self.why, took_ms=self.handed_back_ms, reason=reason
         )
 
     async def _release(self, why: str) -> None:
@@ -384,7 +386,7 @@ class Supervisor(zmav.Agent):
         if self._engaged is None or self.idle:
             return
         self.cycles.end()
-        self._why = self._why or why
+        self.why = self.why or why
         self._over.set()
         await asyncio.gather(self._engaged, return_exceptions=True)
 
@@ -397,7 +399,7 @@ class Supervisor(zmav.Agent):
 
     def _in_force(self) -> None:
         if self.cycles.phase is not Phase.IN_FORCE:
-            why = f" ({self._why})" if self._why else ""
+            why = f" ({self.why})" if self.why else ""
             raise Refused(f"{self.name} is not engaged{why}: 'zmav agent do {self.name} engage' first")
 
     async def on_hold(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:

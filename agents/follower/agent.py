@@ -112,7 +112,7 @@ class Follower(FlyingAgent):
         return {}
 
     async def on_land(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        guide, flight = self._flying(), self._flight
+        guide, flight = self._flying(), self.flight
         assert flight is not None
         guide.wanted = "land"
         while not (await asyncio.wait({flight}, timeout=0.2))[0]:

@@ -110,7 +110,9 @@ async def _fly_on_ours(children: Children, path: Path, file: FleetConfig, name: 
             after, took = simulator.status(), time.monotonic() - began
             first, last = before.vehicles[0].loop, after.vehicles[0].loop
             if first is not None and last is not None:
-                flight.report.checks.append(judge_loop(first, last, took, (after.time_s - before.time_s) / took))
+                speed = (after.time_s - before.time_s) / took
+                judged = judge_loop(first, last, took, speed, least_share=LEAST_SHARE, least_speed=LEAST_SPEED)
+                flight.report.checks.append(judged)
                 tell(flight.report.checks[-1])
 
 
@@ -133,7 +135,9 @@ async def _stays_in_hil(vehicle: zmav.Vehicle) -> None:
                 raise Refused("it has left HIL in flight")
 
 
-def judge_loop(first: HilLoop, last: HilLoop, took: float, speed: float) -> Check:
+def judge_loop(
+    first: HilLoop, last: HilLoop, took: float, speed: float, *, least_share: float, least_speed: float
+) -> Check:
     """The loop's timing between two looks at it, ``took`` wall seconds apart; ``speed``: times real time."""
     readings, controls, dropped = (
         getattr(last, what) - getattr(first, what) for what in ("readings", "controls", "dropped")
@@ -142,5 +146,5 @@ def judge_loop(first: HilLoop, last: HilLoop, took: float, speed: float) -> Chec
         f"{readings / took:.1f} readings/s sent, {controls / took:.1f} controls/s heard, {dropped} readings dropped, "
         f"{1e3 * last.longest_s:.0f} ms without controls at most, the world at ×{speed:.3f} real time"
     )
-    well = controls >= LEAST_SHARE * readings > 0 and dropped <= MOST_DROPPED * readings and speed >= LEAST_SPEED
+    well = controls >= least_share * readings > 0 and dropped <= MOST_DROPPED * readings and speed >= least_speed
     return Check("loop", "ok" if well else "BAD", found)

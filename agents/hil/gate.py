@@ -183,9 +183,9 @@ def judge_params(
     return told
 
 
-async def ask_doctor(client: zmav.Client) -> list[Check]:
+async def ask_doctor(client: zmav.Client, seconds: float = DOCTOR_S) -> list[Check]:
     """What 'zmav doctor' finds wrong with the vehicle."""
-    findings = list(examine(await look(client, DOCTOR_S)))
+    findings = list(examine(await look(client, seconds)))
     if not findings:
         return [Check("doctor", "BAD", "it found nothing to look at")]
     wrong = [

@@ -142,7 +142,7 @@ class Navigator(FlyingAgent):
         return self._told()
 
     async def on_abort(self, args: wire.Order, report: Any, origin: Origin | None) -> dict[str, Any]:
-        course, flight = self._under_way(), self._flight
+        course, flight = self._under_way(), self.flight
         assert flight is not None
         if not self._ends:
             course.brake(time.time())

@@ -17,8 +17,6 @@ from zmav.mavlink.frame import MAGIC_V2
 
 MOST_IDS = 16
 """systems and components one client may speak as: a GCS has one or two, a repeater of them a few more"""
-SILENCE = 30.0
-"""s after which a client that cannot hang up is taken to be gone"""
 AT_ONCE = 64
 """frames written before others may"""
 FULL = -1.0
@@ -118,6 +116,9 @@ class Outbox:
 class Client:
     """Thread-safe, all of it."""
 
+    silence = 30.0
+    """s after which a client that cannot hang up is taken to be gone"""
+
     def __init__(
         self, name: str, sink: Sink, options: Options, dialect: Dialect, *, connected: bool = False, stays: bool = False
     ) -> None:
@@ -159,7 +160,8 @@ class Client:
     @property
     def present(self) -> bool:
         """Somebody is there: connected, or heard not long ago."""
-        return not self.gone and (self._connected or (self.heard > 0.0 and time.monotonic() - self.heard < SILENCE))
+        recently = self.heard > 0.0 and time.monotonic() - self.heard < self.silence
+        return not self.gone and (self._connected or recently)
 
     @property
     def waiting(self) -> int:

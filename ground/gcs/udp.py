@@ -8,7 +8,7 @@ import socket
 import time
 from abc import abstractmethod
 
-from ground.gcs.client import SILENCE, Client
+from ground.gcs.client import Client
 from ground.gcs.options import Endpoint
 from ground.gcs.places import MOST_CLIENTS, Hub, SocketEndpoint
 from zmav.links.sockets import (
@@ -173,7 +173,7 @@ class UdpIn(_Udp):
         for address, client in list(self._clients.items()):
             if not client.present:
                 del self._clients[address]
-                self._hub.left(client, f"silent for {SILENCE:.0f} s")
+                self._hub.left(client, f"silent for {client.silence:.0f} s")
 
 
 def _is_for_many(address: Address) -> bool:

@@ -27,8 +27,6 @@ LONGEST_TARGET = 16_384
 """bytes of path and query string"""
 LARGEST_BODY = 1_000_000
 """bytes"""
-BODY_PATIENCE = 15.0
-"""s for a request's body to come"""
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 WRITING = ("send", "do", "setpoint", "release")
 """first parts of paths that write to vehicles whatever the method: what MATLAB's urlread can do is GET"""
@@ -51,6 +49,8 @@ class Rules:
     read_only: bool = False
     hosts: Collection[str] = LOOPBACK
     origins: Collection[str] = field(default_factory=tuple)
+    body_patience: float = 15.0
+    """s for the whole body of a request to come"""
 
 
 class Guard:
@@ -68,7 +68,7 @@ class Guard:
             scope = self._admit(scope, headers)
             scope.get("state", {})[ADMITTED] = True
             if scope["type"] == "http":
-                receive = await _whole_body(headers, receive)
+                receive = await _whole_body(headers, receive, self._rules.body_patience)
         except Failure as failure:
             extra = {"www-authenticate": "Bearer"} if failure.status == 401 else {}
             if failure.kind == "two_lengths":
@@ -202,7 +202,7 @@ def _without_token(query: bytes) -> tuple[bytes, bytes]:
     return urlencode([pair for pair in pairs if pair[0] != "token"]).encode(), token.encode("utf-8", "replace")
 
 
-async def _whole_body(headers: Headers, receive: Receive) -> Receive:
+async def _whole_body(headers: Headers, receive: Receive, patience: float) -> Receive:
     """Read the body, and hand it on in one piece; raises :class:`Failure` where it is too large or does not come."""
     said = headers.get("content-length", "0")
     if said.isdecimal() and int(said) > LARGEST_BODY:
@@ -210,9 +210,9 @@ async def _whole_body(headers: Headers, receive: Receive) -> Receive:
     if said == "0" and "transfer-encoding" not in headers:
         return receive
     try:
-        body = await within(BODY_PATIENCE, _read(receive))
+        body = await within(patience, _read(receive))
     except asyncio.TimeoutError:
-        raise Failure(408, "too_slow", f"the body did not come within {BODY_PATIENCE:g} s") from None
+        raise Failure(408, "too_slow", f"the body did not come within {patience:g} s") from None
     given = False
 
     async def replay() -> Message:

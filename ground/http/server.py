@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import functools
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import uvicorn
 from starlette.types import ASGIApp, Scope
@@ -25,14 +26,23 @@ CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
 """bytes in one WebSocket message from a client"""
-HEAD_PATIENCE, STRANGER_PATIENCE = 15.0, 4.0
-"""s for a connection's next request to come whole, but for its body; where no request on it was let in as yet"""
 IDLE, IDLE_EACH = CONNECTIONS // 2, CONNECTIONS // 8
 """connections without a request under way, and those of one address: beyond it the oldest is shut"""
 SEND_BUFFER = 262_144
 """bytes that the kernel keeps for a client that does not read"""
 LONGEST_HEAD = 65_536
 """bytes of a request's line and headers"""
+
+
+class Patience(NamedTuple):
+    """Seconds for a connection's next request to come whole, but for its body."""
+
+    head: float = 15.0
+    stranger: float = 4.0
+    """where no request on it was let in as yet"""
+
+
+PATIENCE = Patience()
 
 
 class _Protocol(H11Protocol):
@@ -45,6 +55,10 @@ class _Protocol(H11Protocol):
     _patience: asyncio.TimerHandle | None = None
     _since = 0.0
     _admitted = False
+
+    def __init__(self, patience: Patience, **uvicorns: Any) -> None:
+        super().__init__(**uvicorns)
+        self._wait = patience
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -69,7 +83,7 @@ class _Protocol(H11Protocol):
         if self._patience is not None:
             self._patience.cancel()
         self._since = self.loop.time()
-        patience = HEAD_PATIENCE if self._admitted else STRANGER_PATIENCE
+        patience = self._wait.head if self._admitted else self._wait.stranger
         self._patience = self.loop.call_later(patience, self._hurry, self.cycle)
 
     def _hurry(self, before: object) -> None:
@@ -158,7 +172,7 @@ def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
 
 
 @contextlib.asynccontextmanager
-async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
+async def serving(app: ASGIApp, sock: socket.socket, patience: Patience = PATIENCE) -> AsyncIterator[int]:
     """Serve ``app`` while the ``async with`` lasts; gives the port."""
     logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # a client's bad bytes are no news
     config = uvicorn.Config(
@@ -170,7 +184,7 @@ async def serving(app: ASGIApp, sock: socket.socket) -> AsyncIterator[int]:
         proxy_headers=False,
         limit_concurrency=CONNECTIONS,
         h11_max_incomplete_event_size=LONGEST_HEAD,
-        http=_Protocol,
+        http=functools.partial(_Protocol, patience),  # type: ignore[arg-type]  # it is only called
         ws=_WebSocket,
         ws_max_size=MESSAGE_SIZE,
         ws_ping_interval=10.0,

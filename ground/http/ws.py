@@ -49,7 +49,8 @@ class Outbox(Generic[T]):
     What must all arrive (events) waits in a queue of its own, whose bound a reader that is too slow will feel.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most_keys: int = MOST_KEYS) -> None:
+        self._most_keys = most_keys
         self._newest: dict[Slot, T] = {}
         self._next: dict[Slot, float] = {}
         """when a key may be sent again (monotonic seconds)"""
@@ -65,7 +66,7 @@ class Outbox(Generic[T]):
         """Take a sample of the subscription ``number``; the one before it, if still here, is out of date."""
         slot = (number, key)
         if slot not in self._next:
-            if len(self._next) >= MOST_KEYS and not self._make_room():
+            if len(self._next) >= self._most_keys and not self._make_room():
                 self.dropped += 1
                 return
             self._next[slot] = 0.0
@@ -81,7 +82,7 @@ class Outbox(Generic[T]):
         """Forget keys of which nothing waits and that may be sent again at any time."""
         now = time.monotonic()
         self._next = {slot: due for slot, due in self._next.items() if slot in self._newest or due > now}
-        return len(self._next) < MOST_KEYS
+        return len(self._next) < self._most_keys
 
     def queue(self, number: int, sample: T) -> None:
         """Take a sample that goes in order and is not replaced."""

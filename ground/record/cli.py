@@ -108,7 +108,7 @@ async def _record(
     from ground.record.recorder import Recorder
 
     start = time.monotonic()
-    unfinished = asyncio.create_task(asyncio.to_thread(_complete, folder, how.keep_free)) if how.mcap else None
+    unfinished = asyncio.create_task(asyncio.to_thread(complete, folder, how.keep_free)) if how.mcap else None
     async with (
         zmav.open(fleet=fleet, settings=settings, dialect=dialect) as z,
         Recorder(z, folder, how, whom, say) as recorder,
@@ -124,7 +124,7 @@ async def _record(
     say(f"{counts.written} samples in {size(counts.bytes)}, {minutes:.1f} min{lost}: {recorder.storage.session}")
 
 
-def _complete(folder: Folder, keep_free: int) -> None:
+def complete(folder: Folder, keep_free: int) -> None:
     """What a recorder that was killed left behind gets its end, where there is room for each a second time."""
     for path in folder.unfinished:
         try:

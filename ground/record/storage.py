@@ -28,17 +28,7 @@ from zmav.errors import BadKey
 from zmav.mavlink import Dialect
 
 logger = logging.getLogger(__name__)
-QUEUE, QUEUE_BYTES = 100_000, 256 << 20
-"""samples, and bytes of them, that may wait to be written"""
 AT_ONCE = 2000
-POLL_S = 0.05
-FLUSH_S = 1.0
-SYNC_S, SLOW_S = 5.0, 20.0
-"""s after which the disk is asked again to take what was written, and after which it is said that it has not"""
-RETRY_S = 5.0
-"""between two tries of a disk that took nothing"""
-MOST_ROUTES = 20_000
-"""keys that are known: nobody's invented ones must fill the memory"""
 ROOM_AGAIN = 1.05
 """so many times the floor must be free before writing goes on"""
 ROOM_AFTER_FULL = 4 << 20
@@ -53,6 +43,18 @@ class RecordingSettings(msgspec.Struct, frozen=True, kw_only=True):
     split_size: int = 512 << 20
     split_time: float = 1800.0
     keep_free: int = 1 << 30
+    queue: int = 100_000
+    queue_bytes: int = 256 << 20
+    """samples, and bytes of them, that may wait to be written"""
+    poll: float = 0.05
+    flush: float = 1.0
+    sync: float = 5.0
+    slow: float = 20.0
+    """after which the disk is asked again to take what was written, and after which it is said that it has not"""
+    retry: float = 5.0
+    """between two tries of a disk that took nothing"""
+    most_routes: int = 20_000
+    """keys that are known: nobody's invented ones must fill the memory"""
 
 
 class Counts(msgspec.Struct):
@@ -110,7 +112,7 @@ class Storage:
     def put(self, key: str, data: bytes, at: int | None = None) -> None:
         """Record a sample that came now, or at ``at`` (ns UTC). From any thread; never waits, never raises."""
         with self._lock:
-            if len(self._queue) >= QUEUE or self._came - self._went > QUEUE_BYTES:
+            if len(self._queue) >= self._settings.queue or self._came - self._went > self._settings.queue_bytes:
                 self.counts.dropped += 1
                 return
             self._came += len(data)
@@ -129,11 +131,11 @@ class Storage:
     def _run(self) -> None:
         stopping = False
         while not stopping:
-            stopping = self._stop.wait(0.0 if self._queue else POLL_S) and len(self._queue) <= AT_ONCE
+            stopping = self._stop.wait(0.0 if self._queue else self._settings.poll) and len(self._queue) <= AT_ONCE
             try:
                 self._write_some()
                 now = time.monotonic()
-                if now - self._flushed >= FLUSH_S or stopping:
+                if now - self._flushed >= self._settings.flush or stopping:
                     self._flushed = now
                     self._house(now)
                 if stopping:
@@ -167,7 +169,7 @@ class Storage:
             route = Route(key, self._dialect)
         except BadKey:
             return None
-        if len(self._routes) >= MOST_ROUTES:
+        if len(self._routes) >= self._settings.most_routes:
             return None
         self._routes[key] = route
         return route
@@ -195,7 +197,7 @@ class Storage:
         now = time.monotonic()
         if self.paused and now < self._retry:
             return None
-        self._retry = now + FLUSH_S
+        self._retry = now + self._settings.flush
         self.session.mkdir(parents=True, exist_ok=True)  # somebody may have taken it away
         if self._short_of_room(self._room_to_begin()):
             return None
@@ -245,10 +247,11 @@ class Storage:
         if self._short_of_room(how.keep_free) or large or old:
             self._close_part()
         elif self._syncing and self._syncing.is_alive():
-            if now - self._synced >= SLOW_S and not self._slow_said:
+            if now - self._synced >= how.slow and not self._slow_said:
                 self._slow_said = True
-                self._tell(f"the disk has taken nothing for {SLOW_S:.0f} s: a power cut now would cost more than that")
-        elif now - self._synced >= SYNC_S:
+                words = f"the disk has taken nothing for {how.slow:.0f} s"
+                self._tell(f"{words}: a power cut now would cost more than that")
+        elif now - self._synced >= how.sync:
             self._synced, self._slow_said = now, False
             self._syncing = threading.Thread(target=self._sync, args=(part.descriptors(),), name="sync", daemon=True)
             self._syncing.start()
@@ -288,7 +291,7 @@ class Storage:
             left = [path for path in part.files if path.exists()]
             self._finished_bytes += sum(path.stat().st_size for path in left)
         self._lose_pending()
-        self._retry = time.monotonic() + RETRY_S
+        self._retry = time.monotonic() + self._settings.retry
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")

@@ -53,8 +53,6 @@ class PainterSettings(msgspec.Struct, frozen=True):
 
 PATIENCE = 5.0
 """s without a request after which the painter is said to be stuck"""
-END = 4.0
-"""s for a painter to write out what it has and end, before it is killed"""
 
 
 class Screen:
@@ -62,6 +60,9 @@ class Screen:
 
     It has a process group of its own, with its viewer: Ctrl-C in the terminal reaches neither.
     """
+
+    end = 4.0
+    """s for a painter to write out what it has and end, before it is killed"""
 
     def __init__(self, table: Table, settings: PainterSettings, say: Callable[[str], None]) -> None:
         self._table, self._settings, self._say = table, settings, say
@@ -74,7 +75,7 @@ class Screen:
         """it has asked for the first time"""
 
     async def __aenter__(self) -> Screen:
-        self._reader = self._table.reader()
+        self.reader = self._table.reader()
         self._process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -90,11 +91,11 @@ class Screen:
         process = self._process
         if process is None:
             return
-        self._table.drop(self._reader)
+        self._table.drop(self.reader)
         if process.stdin is not None:
             process.stdin.close()
         with contextlib.suppress(asyncio.TimeoutError):
-            await within(END, process.wait())
+            await within(self.end, process.wait())
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)  # what is left of the group: a stopped viewer, too
         await process.wait()
@@ -114,7 +115,7 @@ class Screen:
             while await process.stdout.read(1) == READY:
                 self.asked = time.monotonic()
                 self.started.set()
-                data = msgspec.msgpack.encode(self._reader.take())
+                data = msgspec.msgpack.encode(self.reader.take())
                 process.stdin.write(LENGTH.pack(len(data)) + data)
                 await process.stdin.drain()
                 self.batches += 1

@@ -53,8 +53,8 @@ class Batch(msgspec.Struct, array_like=True):
 class Reader:
     """What one painter has not had yet."""
 
-    def __init__(self, lock: threading.Lock, now: dict[tuple[str, ...], Item]) -> None:
-        self._lock = lock
+    def __init__(self, lock: threading.Lock, now: dict[tuple[str, ...], Item], portion: int) -> None:
+        self._lock, self._portion = lock, portion
         self._changed = dict(now)
         self._lines: collections.deque[Item] = collections.deque(maxlen=LINES)
         self._lost = 0
@@ -70,7 +70,7 @@ class Reader:
                 item = self._changed.pop(items_key)
                 items.append(item)
                 size += len(item.payload)
-                if size > PORTION:
+                if size > self._portion:
                     break
             items += self._lines
             batch = Batch(items, self._lost)
@@ -90,7 +90,8 @@ class Reader:
 class Table:
     """Written by one thread or many, read by painters; every call returns at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST, portion: int = PORTION) -> None:
+        self._most, self._portion = most, portion
         self._lock = threading.Lock()
         self._now: dict[tuple[str, ...], Item] = {}
         self._readers: list[Reader] = []
@@ -100,7 +101,7 @@ class Table:
     def reader(self) -> Reader:
         """A painter's own view, which begins with all that is known."""
         with self._lock:
-            reader = Reader(self._lock, self._now)
+            reader = Reader(self._lock, self._now, self._portion)
             self._readers.append(reader)
             return reader
 
@@ -112,7 +113,7 @@ class Table:
         """Overwrite the value of that kind and place."""
         key = (kind, *place)
         with self._lock:
-            if len(payload) > LARGEST or (key not in self._now and len(self._now) >= MOST):
+            if len(payload) > LARGEST or (key not in self._now and len(self._now) >= self._most):
                 self.refused += 1
                 return
             self._now[key] = item = Item(kind, place, time.time(), time.monotonic(), payload)

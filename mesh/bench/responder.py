@@ -50,7 +50,7 @@ class Responder:
         self._fleet, self._host, self._zid = plan.fleet, plan.name, str(session.info.zid())
         self._run: Run | None = None
         self._task: asyncio.Task[None] | None = None
-        self._questions = Questions(session, Answers(None, None), anybody)
+        self.questions = Questions(session, Answers(None, None), anybody)
         self._intake: Intake | None = None
         self._gate = Gate(plan.credentials) if plan.credentials else None
 
@@ -58,7 +58,7 @@ class Responder:
         loop = asyncio.get_running_loop()
 
         def channel(prove: Prove, work: Work) -> Channel:
-            return self._questions.channel(lambda query: _answer(query, prove, work, loop))
+            return self.questions.channel(lambda query: _answer(query, prove, work, loop))
 
         lanes = {"order": channel(self._prove, self._ordered), "report": channel(anybody, self._reported)}
 
@@ -69,7 +69,7 @@ class Responder:
                 if name == "ping":
                     self._pong(query, came)
                 elif what in lanes and "*" not in name:
-                    self._questions.put(lanes[what], query)
+                    self.questions.put(lanes[what], query)
                 else:
                     query.drop()  # somebody looks around with a wildcard: that is no order
 
@@ -83,7 +83,7 @@ class Responder:
             self._gate.roster = roster
 
     async def close(self) -> None:
-        self._questions.close()
+        self.questions.close()
         if self._intake is not None:
             self._intake.close()
         if self._task is not None:

@@ -38,8 +38,8 @@ from zmav.trust.roster import HeldRoster, Roster, SignedRoster, read_signed
 from zmav.trust.verify import Allowance
 from zmav.waiting import within
 
-SHORTEST, LONGEST = 1.0, 64.0
-"""s: Trickle's interval"""
+LONGEST = 64.0
+"""s: Trickle's longest interval"""
 ENOUGH = 1
 """of others' that are like ours within an interval, and we need not speak"""
 MOST_WAITING = 64
@@ -51,6 +51,9 @@ NUMBER = re.compile(r"[0-9]{1,18}\Z")
 
 class RosterWatch:
     """One router's. Lives on the event loop. ``say`` gets what a person should know, a line each."""
+
+    shortest = 1.0
+    """s: Trickle's shortest interval"""
 
     def __init__(self, session: zenoh.Session, plan: RouterPlan, held: Credentials, say: Callable[[str], None]) -> None:
         self._session, self._plan, self._credentials, self._say = session, plan, held, say
@@ -184,7 +187,7 @@ class RosterWatch:
 
     async def _tell(self) -> None:
         """Trickle's timer."""
-        interval = SHORTEST
+        interval = self.shortest
         while True:
             self._alike, at = 0, random.uniform(interval / 2, interval)
             hurried = await self._hurried(at, interval)
@@ -197,11 +200,11 @@ class RosterWatch:
                         **keys.Qos.MUST_ARRIVE.options(),
                     )
             hurried = hurried or await self._hurried(interval - at, interval)
-            interval = SHORTEST if hurried else min(2 * interval, LONGEST)
+            interval = self.shortest if hurried else min(2 * interval, LONGEST)
 
     async def _hurried(self, seconds: float, interval: float) -> bool:
         """Wait so long, or until there is reason to speak soon; sooner than in the shortest interval never is."""
-        if interval <= SHORTEST:
+        if interval <= self.shortest:
             await asyncio.sleep(seconds)
             self._hurry.clear()
             return False

@@ -73,6 +73,10 @@ class Agenda:
         heapq.heapify(self._heap)
         return latest
 
+    def dues(self) -> list[float]:
+        """When each is due, in order."""
+        return sorted(due for due, *_ in self._heap)
+
     def next(self) -> float | None:
         """When the next one is due."""
         return self._heap[0][0] if self._heap else None

@@ -28,7 +28,6 @@ from zmav.sim.remote import LONGEST_PATH, ControlClient, answers
 
 SOCKET = "control.sock"
 ANSWER_S = 30.0
-_ENDS_WITHIN_S = 10.0
 
 
 def directory_of_labs() -> Path:
@@ -42,12 +41,12 @@ def running() -> list[str]:
 
 
 @contextlib.contextmanager
-def claimed(name: str) -> Iterator[tuple[Path, int]]:
+def claimed(name: str, patience: float = 10.0) -> Iterator[tuple[Path, int]]:
     """A directory, not made yet, for a lab called ``name``, which no other lab gets meanwhile.
 
     Also gives a descriptor: while any process has it open, the name is taken. The relay keeps it, because it outlives a
-    lab that is killed, and removes that directory. :class:`BadConfig` where such a lab runs, or begins, or the name
-    cannot be one.
+    lab that is killed, and removes that directory. :class:`BadConfig` where such a lab runs, or still ends after
+    ``patience`` s, or the name cannot be one.
     """
     directory = directory_of_labs() / keys.check_name(name)
     if len(os.fsencode(directory / SOCKET)) > LONGEST_PATH:
@@ -58,7 +57,7 @@ def claimed(name: str) -> Iterator[tuple[Path, int]]:
             text = f"a lab {other!r} runs already, and there is one at a time: end it with 'zmav lab down'"
             raise BadConfig(text, field="name", value=name, expected="no other lab")
     with socket.socket(socket.AF_UNIX) as claim:
-        end = time.monotonic() + _ENDS_WITHIN_S
+        end = time.monotonic() + patience
         while not _bound(claim, directory):
             if answers(directory / SOCKET) or time.monotonic() > end:
                 text = f"a lab {name!r} runs already: end it with 'zmav lab down'"

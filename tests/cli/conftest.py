@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tests.conftest import Net
 
 PATIENCE_S = 30.0
+Patience = Callable[[float], None]
 ROOT = Path(__file__).resolve().parent.parent.parent
 PLACE = ("-35.363261", "149.165230", "584.09")
 """Where the simulator's world begins"""
@@ -255,3 +256,9 @@ def speaker(net: Net) -> Iterator[Speaker]:
     speaker = Speaker(*net.router())
     yield speaker
     speaker.close()
+
+
+@pytest.fixture
+def patience(monkeypatch: pytest.MonkeyPatch) -> Patience:
+    """Give up a vehicle that does not answer after so many seconds: a verb opens its client itself."""
+    return lambda seconds: monkeypatch.setattr(zmav.Vehicle, "give_up", seconds)

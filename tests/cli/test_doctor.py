@@ -16,8 +16,7 @@ import pytest
 import zenoh
 from click.testing import CliRunner
 
-import zmav
-from zmav import host, keys, wire
+from zmav import keys, wire
 from zmav.cli.doctor import command
 from zmav.doctor.computer import check_bits, check_packages
 from zmav.doctor.routers import check_routers
@@ -25,16 +24,16 @@ from zmav.doctor.survey import RouterReport, Survey
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Here, Speaker, StartProcess, Vehicle
+    from tests.cli.conftest import Here, Patience, Speaker, StartProcess, Vehicle
 
 STATE = keys.STATE.key("demo", "quad7")
 LINK = keys.LINK.key("demo", "quad7", link="autopilot")
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def impatient(patience: Patience) -> None:
     """Vehicles that do not answer are given up soon."""
-    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.3)
+    patience(0.3)
 
 
 def findings(lines: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -216,9 +215,8 @@ def test_routers_of_another_zenoh_and_routers_that_say_nothing() -> None:
     assert "adminspace" in found.advice
 
 
-def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(host, "PACKAGES", ("zmav", "no-such-package"))
-    missing, rest = check_packages()
+def test_a_package_that_is_missing() -> None:
+    missing, rest = check_packages(("zmav", "no-such-package"))
     assert (missing.ok, missing.found) == (False, "not installed: no-such-package")
     assert rest.ok
 

@@ -20,7 +20,7 @@ from tests.cli.conftest import Process, Told, zmav_here
 from tests.cli.test_doctor import heartbeat
 from zmav.doctor import serial
 from zmav.doctor.findings import Level
-from zmav.links import serial as serial_link
+from zmav.links.serial import SerialLink
 from zmav.trust.certificate import Role
 
 TABLE = '[vehicles.quad1]\nlink = "{link}"\nsysid = 1\nlisten = ["tcp/127.0.0.1:1"]\n'
@@ -66,7 +66,7 @@ class Autopilot:
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rate is heard through soon: the autopilots here send fifty times a second."""
-    monkeypatch.setattr(serial_link, "LISTEN_S", 0.5)
+    monkeypatch.setattr(SerialLink, "listen", 0.5)
 
 
 @pytest.fixture
@@ -192,7 +192,7 @@ def test_a_console(silent: Autopilot, tmp_path: Path) -> None:
 def test_a_modem_manager_that_may_probe_it(tmp_path: Path) -> None:
     proc = tmp_path / "proc"
     process(proc, 7, "/usr/sbin/ModemManager")
-    probe = serial._modem_manager
+    probe = serial.look_for_modem_manager
     (line,) = probe("/dev/ttyACM0", Path("/dev/null").stat(), proc)
     assert (line.level, "pid 7" in line.found, "ID_MM_DEVICE_IGNORE" in line.advice) == (Level.ADVICE, True, True)
     udev = tmp_path / "udev"

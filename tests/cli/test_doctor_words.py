@@ -15,7 +15,6 @@ import msgspec
 import pytest
 import zenoh
 
-import zmav
 from tests.cli.test_doctor import findings, state
 from zmav import keys, wire
 from zmav.doctor import routers, survey, topics, vehicles
@@ -26,16 +25,16 @@ from zmav.doctor.survey import Survey
 from zmav.doctor.words import MOST, clean
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import Speaker
+    from tests.cli.conftest import Patience, Speaker
 
 ROW = re.compile(r"^\| (?!line )([^|]+?) \|(?:[^|]+\|){3}$", re.MULTILINE)
 Said = dict[tuple[str, str], wire.NeighbourQuality]
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def impatient(patience: Patience) -> None:
     """Vehicles that do not answer are given up soon."""
-    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.3)
+    patience(0.3)
 
 
 # Ways between routers.
@@ -195,9 +194,11 @@ def test_a_host_whose_report_is_not_known_here(speaker: Speaker, payload: bytes,
     assert words in said
 
 
-def test_whoever_never_answers_holds_nobody_up(speaker: Speaker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whoever_never_answers_holds_nobody_up(
+    speaker: Speaker, patience: Patience, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(survey, "PART_S", 0.5)
-    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 1000.0)
+    patience(1000.0)
     held: list[zenoh.Query] = []
     over = threading.Event()
 
@@ -219,12 +220,11 @@ def test_whoever_never_answers_holds_nobody_up(speaker: Speaker, monkeypatch: py
     assert findings(found)["demo/quad7 presence"]["ok"], "what came is told"
 
 
-def test_a_check_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_check_that_fails_ends_no_other() -> None:
     def check_that(seen: Survey) -> Iterator[Finding]:
         raise ValueError("of all things")
 
-    monkeypatch.setattr(vehicles, "CHECKS", (check_that, vehicles.check_fleet))
-    one, two = vehicles.examine(Survey())
+    one, two = vehicles.examine(Survey(), (check_that, vehicles.check_fleet))
     assert "the check of that failed: ValueError('of all things')" in one.found
     assert (one.level, two.topic) == (Level.RED, "vehicles")
 

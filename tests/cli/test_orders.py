@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-import zmav
 from zmav.cli import progress
 from zmav.errors import BadInput, BadMessage, NoSuchVehicle, Stale
 
 if TYPE_CHECKING:
-    from tests.cli.conftest import StartProcess, Vehicle
+    from tests.cli.conftest import Patience, StartProcess, Vehicle
     from tests.conftest import Net
 
 PATIENCE_S = 30.0
@@ -102,9 +101,9 @@ def test_nobody_by_that_name(vehicle: Vehicle) -> None:
     assert isinstance(vehicle.zmav.fails("do", "", "hold").error, BadInput)
 
 
-def test_one_of_several_may_fail_and_all_are_told(vehicle: Vehicle, net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_of_several_may_fail_and_all_are_told(vehicle: Vehicle, net: Net, patience: Patience) -> None:
     """A token without a vehicle behind it: the others do as they are told, and the end is 1."""
-    monkeypatch.setattr(zmav.vehicle.vehicle, "GIVE_UP", 0.5)
+    patience(0.5)
     session, _ = net.router(vehicle.endpoint)
     with session.liveliness().declare_token("zmav/demo/quad9/alive/vehicle/9/px4/-/x"):
         end = time.monotonic() + PATIENCE_S

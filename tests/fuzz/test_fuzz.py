@@ -88,7 +88,7 @@ def test_a_splitter_that_forgets_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     class Forgetful(Splitter):
         def feed(self, data: bytes):  # type: ignore[no-untyped-def]
             frames = super().feed(data)
-            self._partial = b""
+            self.partial = b""
             return frames
 
     monkeypatch.setattr("tests.fuzz.targets.frames.Splitter", Forgetful)

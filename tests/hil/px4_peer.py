@@ -27,9 +27,9 @@ class Px4Peer:
     """
 
     def __init__(self, send: Any, *, lockstep: bool = True) -> None:
-        self._send = send
-        self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        self._mav.robust_parsing = True
+        self.send = send
+        self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.mav.robust_parsing = True
         self.flags = LOCKSTEP if lockstep else 0
         self.target = (0.0, 0.0, -5.0)
         self.arm = True
@@ -44,14 +44,14 @@ class Px4Peer:
 
     def hello(self) -> None:
         """What PX4 says when it has connected."""
-        self.say(self._mav.heartbeat_encode(0, 12, 0, 0, 0))
-        self.say(self._mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
+        self.say(self.mav.heartbeat_encode(0, 12, 0, 0, 0))
+        self.say(self.mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
 
     def say(self, message: Any) -> None:
-        self._send(message.pack(self._mav))
+        self.send(message.pack(self.mav))
 
     def take(self, data: bytes) -> None:
-        for message in self._mav.parse_buffer(data) or []:
+        for message in self.mav.parse_buffer(data) or []:
             name = message.get_type()
             self.counts[name] = self.counts.get(name, 0) + 1
             kept = self.heard.setdefault(name, [])
@@ -96,7 +96,7 @@ class Px4Peer:
         if not self.mute:
             # PX4's time begins with its first reading.
             stamp = m.time_usec - self._first_us
-            self.say(self._mav.hil_actuator_controls_encode(stamp, controls, mode, self.flags))
+            self.say(self.mav.hil_actuator_controls_encode(stamp, controls, mode, self.flags))
 
 
 class TcpPeer(Px4Peer):
@@ -105,10 +105,10 @@ class TcpPeer(Px4Peer):
     def __init__(self, port: int, **options: Any) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=30.0)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        super().__init__(self._out, **options)
+        super().__init__(self.out, **options)
         self._thread = threading.Thread(target=self._run, name="px4-peer", daemon=True)
 
-    def _out(self, data: bytes) -> None:
+    def out(self, data: bytes) -> None:
         try:
             self.socket.sendall(data)
         except OSError:

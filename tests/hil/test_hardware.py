@@ -32,7 +32,7 @@ class Board(Px4Peer):
     """
 
     def __init__(self, link: Path, *, willing: bool = True, base_mode: int = 81, shy: bool = False) -> None:
-        super().__init__(self._out, lockstep=False)
+        super().__init__(self.out, lockstep=False)
         self.link = link
         self.willing = willing
         self.shy = shy
@@ -55,7 +55,7 @@ class Board(Px4Peer):
         os.close(self._master)
         self._master = -1
 
-    def _out(self, data: bytes) -> None:
+    def out(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
             os.write(self._master, data)
 
@@ -76,7 +76,7 @@ class Board(Px4Peer):
             return
         self._beats = getattr(self, "_beats", 0) + 1
         if self._beats % 20 == 1:
-            self.say(self._mav.heartbeat_encode(2, 12, self.base_mode, 50593792, 3))
+            self.say(self.mav.heartbeat_encode(2, 12, self.base_mode, 50593792, 3))
 
     def take(self, data: bytes) -> None:
         before = self.counts.get("SET_MODE", 0)

@@ -113,7 +113,7 @@ class TestStream:
     def drive(self, stream: HilStream, controls: list[float], mode: int = 129, flags: int = 1) -> None:
         sent: list[bytes] = []
         peer = Px4Peer(sent.append)
-        peer.say(peer._mav.hil_actuator_controls_encode(1, controls + [0.0] * (16 - len(controls)), mode, flags))
+        peer.say(peer.mav.hil_actuator_controls_encode(1, controls + [0.0] * (16 - len(controls)), mode, flags))
         for frame in Splitter(load_dialect("ardupilotmega")).feed(b"".join(sent)):
             stream.take(frame)
 
@@ -175,7 +175,7 @@ class TestServer:
         assert peer.counts["HIL_SENSOR"] - before <= 2 + only(world).stalls
         assert only(world).plant.time_s < world.time_s - 3.0
         peer.mute = False
-        peer.say(peer._mav.hil_actuator_controls_encode(0, [0.0] * 16, 1, 1))
+        peer.say(peer.mav.hil_actuator_controls_encode(0, [0.0] * 16, 1, 1))
         resumed, begun = only(world).plant.time_s, world.time_s
         after(world, 2.0)
         assert only(world).plant.time_s - resumed == pytest.approx(world.time_s - begun, abs=0.2)
@@ -203,7 +203,7 @@ class TestServer:
             assert stamps[:2] == [0, 4000]
 
             def answer(stamp: int) -> int:
-                peer.say(peer._mav.hil_actuator_controls_encode(stamp, [0.0] * 16, 1, 1))
+                peer.say(peer.mav.hil_actuator_controls_encode(stamp, [0.0] * 16, 1, 1))
                 return hear()
 
             assert answer(stamps[1]) == 25
@@ -236,17 +236,17 @@ class TestServer:
 
     def test_frames_torn_into_bytes_and_mixed_with_noise_are_taken(self, world: World, make_peer: MakePeer) -> None:
         peer = make_peer()
-        whole = peer._out
+        whole = peer.out
 
         def torn(data: bytes) -> None:
             for piece in (b"\xfd\x00garbage", data[:1], data[1:13], data[13:-1], data[-1:]):
                 whole(piece)
 
-        peer._send = torn
+        peer.send = torn
         peer.start()
         after(world, 1.0)
         assert only(world).stream.controls > 200
-        assert only(world)._splitter.counters.garbage > 1000
+        assert only(world).splitter.counters.garbage > 1000
 
     def test_a_stack_that_leaves_stops_the_rotors_and_may_come_again(self, world: World, make_peer: MakePeer) -> None:
         first = make_peer()
@@ -278,14 +278,14 @@ class TestServer:
         with socket.create_connection(("127.0.0.1", only(world).port)) as deaf:
             deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             after(world, 30.0)
-            line = only(world)._line
+            line = only(world).line
             assert line is not None and line.room() >= 0
             assert only(world).plant.time_s < 20.0
 
     def test_noise_on_the_port_harms_nobody(self, world: World, make_peer: MakePeer) -> None:
         with socket.create_connection(("127.0.0.1", only(world).port)) as stranger:
             stranger.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)) * 40)
-            wait_until(lambda: only(world)._splitter.counters.garbage > 10_000)
+            wait_until(lambda: only(world).splitter.counters.garbage > 10_000)
         peer = make_peer()
         peer.start()
         after(world, 1.0)

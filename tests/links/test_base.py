@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from zmav.errors import LinkError
-from zmav.links import Link, LinkState, SocketUrl, TcpLink, UdpInLink, base, open_link
+from zmav.links import Link, LinkState, SocketUrl, TcpLink, UdpInLink, open_link
 from zmav.links.base import Backoff
 
 if TYPE_CHECKING:
@@ -126,8 +127,10 @@ def test_callbacks_that_raise_are_survived(caplog: pytest.LogCaptureFixture) -> 
 
 def wait_bound(link: UdpInLink) -> None:
     """The first CONNECTING means "opening"; the one that says "listening" comes once the port is bound."""
-    with link._changed:
-        assert link._changed.wait_for(lambda: link.detail.startswith("listening"), PATIENCE_S)
+    end = time.monotonic() + PATIENCE_S
+    while not link.detail.startswith("listening"):
+        assert time.monotonic() < end, link.detail
+        time.sleep(0.001)
 
 
 def test_callbacks_may_send_and_close() -> None:
@@ -147,9 +150,10 @@ def test_callbacks_may_send_and_close() -> None:
         assert peer.recv(100) == b"answer"
     assert link.wait(LinkState.CLOSED, PATIENCE_S)
     assert sent == [True]
-    assert link._thread is not None
-    link._thread.join(PATIENCE_S)
-    assert not link._thread.is_alive()
+    for thread in threading.enumerate():
+        if thread.name == f"link {link.url}":
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
 
 
 class CountedTcpLink(TcpLink):
@@ -177,7 +181,7 @@ def test_states_are_told_once_each_and_end_with_closed(watch: Watch) -> None:
     assert "closed" in repr(watched.link)
 
 
-def test_backoff_starts_again_only_after_something_was_heard(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_backoff_starts_again_only_after_something_was_heard(watch: Watch) -> None:
     resets: list[int] = []
 
     class Recorded(Backoff):
@@ -185,10 +189,12 @@ def test_backoff_starts_again_only_after_something_was_heard(watch: Watch, monke
             resets.append(1)
             super().reset()
 
-    monkeypatch.setattr(base, "Backoff", Recorded)
+    class RecordedLink(TcpLink):
+        backoff = Recorded
+
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE_S)
-        watched = watch(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        watched = watch(RecordedLink(SocketUrl("tcp", "127.0.0.1", server.getsockname()[1])))
         after = 0
         for word, expected in ((b"", 0), (b"hello", 1), (b"", 1)):
             peer, _ = server.accept()

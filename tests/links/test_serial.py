@@ -12,8 +12,9 @@ import pytest
 import serial
 from pymavlink.dialects.v20 import ardupilotmega
 
-from zmav.links import LinkState, baud
+from zmav.links import LinkState, baud, open_link
 from zmav.links import serial as serial_link
+from zmav.links.serial import SerialLink
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch
@@ -198,16 +199,19 @@ def test_usb_device_that_waits_to_be_spoken_to(watch: Watch, acm: Device, heartb
 
 
 def test_silent_port_is_listened_to_for_ever(
-    watch: Watch, device: Device, heartbeats: bytes, monkeypatch: pytest.MonkeyPatch
+    watch: Watch,
+    device: Device,
+    heartbeats: bytes,
 ) -> None:
-    monkeypatch.setattr(serial_link, "LISTEN_S", 0.01)
-    monkeypatch.setattr(serial_link, "CANDIDATES", (115200, 57600))
     device.plug()
-    watched = watch(str(device.path))
+    link = open_link(str(device.path))
+    assert isinstance(link, SerialLink)
+    link.listen, link.candidates = 0.01, (115200, 57600)
+    watched = watch(link)
     after = 0
     for words in ("at 115200 baud", "at 57600 baud", "no MAVLink heard at any of 115200, 57600 baud; still listening"):
         after = watched.expect_state(LinkState.CONNECTING, words, after)
-    monkeypatch.setattr(serial_link, "LISTEN_S", 1.5)
+    link.listen = 1.5
     device.write(heartbeats)
     watched.expect_state(LinkState.UP, after=after)
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zmav.links import tlog
-from zmav.links.tlog import TlogReader
+from zmav.links.tlog import CHUNK, TlogReader
 
 START_US = 1_790_000_000_000_000
 
@@ -36,8 +36,8 @@ RECORDS = st.lists(
 ).map(lambda found: [(START_US + offset, data) for offset, data in found])
 
 
-def read(data: bytes) -> tuple[list[tuple[int, bytes]], TlogReader]:
-    reader = TlogReader(io.BytesIO(data))
+def read(data: bytes, chunk: int = CHUNK) -> tuple[list[tuple[int, bytes]], TlogReader]:
+    reader = TlogReader(io.BytesIO(data), chunk=chunk)
     return list(reader), reader
 
 
@@ -94,7 +94,7 @@ def test_one_spoiled_byte_costs_at_most_the_record_it_is_in() -> None:
             assert [one for one in found if one in others] == others, f"byte {at - start} spoiled by {spoil:#x}"
 
 
-def test_damage_across_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damage_across_buffers() -> None:
     """The same recording and damage, read in pieces of any size: the same records."""
     records = series(400)
     rng = random.Random(1)
@@ -106,8 +106,7 @@ def test_damage_across_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     expected, whole = read(bytes(data))
     assert expected == records
     for chunk in (1, 100, tlog.AHEAD, tlog.AHEAD + 1, 1777, 5000):
-        monkeypatch.setattr(tlog, "CHUNK", chunk)
-        found, reader = read(bytes(data))
+        found, reader = read(bytes(data), chunk)
         assert found == expected
         assert reader.skipped == whole.skipped
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.ports import free_udp_ports
-from zmav.links import Link, LinkState, UdpInLink, UdpOutLink, open_link, udp
+from zmav.links import Link, LinkState, UdpInLink, UdpOutLink, open_link
 from zmav.links.base import MUCH
 
 if TYPE_CHECKING:
@@ -154,12 +154,12 @@ def test_udpin_remembers_sixteen_the_longest_silent_gives_way(watch: Watch, peer
     assert set(link.peers) == {vehicle.getsockname() for vehicle in (vehicles[0], *vehicles[2:])}
 
 
-def test_udpin_forgets_the_silent_but_never_the_last(watch: Watch, peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_udpin_forgets_the_silent_but_never_the_last(watch: Watch, peer: Peer) -> None:
     watched, link, address = listen(watch)
     first, second = peer(), peer()
     first.sendto(b"1", address)
     watched.expect_data(b"1")
-    monkeypatch.setattr(udp, "PEER_LIFE_S", 0.0)  # anyone who was heard before now has been silent for too long
+    link.peer_life = 0.0  # anyone who was heard before now has been silent for too long
     second.sendto(b"2", address)
     watched.expect_data(b"12")
     assert link.peers == (second.getsockname(),)

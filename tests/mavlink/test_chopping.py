@@ -104,7 +104,7 @@ def outcome(parts: list[bytes]) -> tuple[object, ...]:
     splitter = Splitter(DIALECT)
     frames = [frame for part in parts for frame in splitter.feed(part)]
     sources = {key: asdict(source) for key, source in splitter.sources.items()}
-    return frames, asdict(splitter.counters), sources, splitter._partial
+    return frames, asdict(splitter.counters), sources, splitter.partial
 
 
 @given(pieces, st.lists(st.integers(0, 3000), max_size=12))
@@ -132,7 +132,7 @@ def test_frames_are_those_of_the_rules(stream: bytes, cuts: list[int]) -> None:
     assert counters.bytes == len(stream) + sum(map(len, seen))
     assert counters.frames == len(frames) + len(seen)
     assert counters.unknown == sum(not f.verified for f in frames)
-    assert counters.bytes == counters.garbage + len(splitter._partial) + sum(len(f.data) for f in frames) + sum(
+    assert counters.bytes == counters.garbage + len(splitter.partial) + sum(len(f.data) for f in frames) + sum(
         map(len, seen)
     )
     assert counters.lost == sum(source.lost for source in splitter.sources.values())

@@ -262,7 +262,7 @@ def test_memory_is_bounded(dialect: Dialect) -> None:
     rng = random.Random(1)
     for _ in range(200):
         splitter.feed(rng.randbytes(5000))
-        assert len(splitter._partial) < 280
+        assert len(splitter.partial) < 280
     # Somebody who invents senders and messages without end, with good checksums.
     quick = [message for message in dialect.by_id.values() if message.max_length < 60][:20]
     for sysid in range(256):

@@ -12,7 +12,6 @@ from collections.abc import AsyncIterator
 import pytest
 import zenoh
 
-from mesh import running
 from mesh.plan import RouterPlan, plan_router
 from mesh.router import Router
 from mesh.running import until_outdated
@@ -35,9 +34,7 @@ async def due(session: zenoh.Session, plan: RouterPlan) -> AsyncIterator[Due]:
 
 
 @pytest.fixture
-async def router(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Router]:
-    monkeypatch.setattr(running, "LOOK_S", 0.01)
-    monkeypatch.setattr(running, "AGAIN_S", 0.01)
+async def router() -> AsyncIterator[Router]:
     settings = SessionSettings(listen=["tcp/127.0.0.1:0"], cfg=["scouting/delay:0"])
     async with Router(plan_router(None, "quad1", settings), settings, (due,)) as opened:
         yield opened
@@ -63,7 +60,7 @@ async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start
         if wrong is not None:
             raise wrong
 
-    ended = asyncio.ensure_future(until_outdated(router, "quad1 is up", plan, idle))
+    ended = asyncio.ensure_future(until_outdated(router, "quad1 is up", plan, idle, pace=0.02))
     await asyncio.wait_for(asked.wait(), PATIENCE_S)
     assert not ended.done()
     assert not planned.is_set()
@@ -86,7 +83,9 @@ async def test_a_vehicle_that_flies_goes_on_and_so_does_one_that_could_not_start
 async def test_who_takes_off_meanwhile_goes_on(router: Router) -> None:
     """Planning takes a moment: what may be is looked at again after it."""
     answers = iter([True, False, False, True, True])
-    assert await asyncio.wait_for(until_outdated(router, "", lambda: None, lambda: next(answers)), PATIENCE_S)
+    assert await asyncio.wait_for(
+        until_outdated(router, "", lambda: None, lambda: next(answers), pace=0.02), PATIENCE_S
+    )
     assert next(answers, None) is None
 
 
@@ -97,7 +96,7 @@ async def test_asked_to_end_it_does_not_start_again(router: Router) -> None:
         asked.set()
         return False
 
-    ended = asyncio.ensure_future(until_outdated(router, "", lambda: None, idle))
+    ended = asyncio.ensure_future(until_outdated(router, "", lambda: None, idle, pace=0.02))
     await asyncio.wait_for(asked.wait(), PATIENCE_S)
     os.kill(os.getpid(), signal.SIGTERM)
     assert await asyncio.wait_for(ended, PATIENCE_S) is None

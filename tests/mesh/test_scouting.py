@@ -32,7 +32,7 @@ def router(group: str) -> zenoh.Session:
 
 
 @pytest.fixture
-def heard(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+def heard() -> Iterator[socket.socket]:
     """What is sent to a group of the test's own."""
     group = "224.0.0.225"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
@@ -41,7 +41,6 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
         found.setsockopt(
             socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + socket.inet_aton("127.0.0.1")
         )
-        monkeypatch.setattr("mesh.scouting.GROUP", found.getsockname())
         found.settimeout(10.0)
         yield found
 
@@ -50,7 +49,7 @@ def test_our_calls_are_zenoh_s_own_and_leave_from_its_socket(heard: socket.socke
     port = heard.getsockname()[1]
     with router(f"224.0.0.225:{port}"):
         theirs = heard.recvfrom(1500)
-        calls = Calls([LOOPBACK], 0.0)
+        calls = Calls([LOOPBACK], 0.0, heard.getsockname())
         assert calls.call(0.0) >= 1  # those of a router that was closed stay open for a while
         assert heard.recvfrom(1500) == theirs == (CALL, theirs[1])
         calls.close()
@@ -58,7 +57,7 @@ def test_our_calls_are_zenoh_s_own_and_leave_from_its_socket(heard: socket.socke
 
 def test_it_calls_after_the_start_and_after_a_loss_only(heard: socket.socket) -> None:
     with router(f"224.0.0.225:{heard.getsockname()[1]}"):
-        calls = Calls([LOOPBACK], 100.0)
+        calls = Calls([LOOPBACK], 100.0, heard.getsockname())
         assert calls.call(100.0 + FOR_S - 0.1) >= 1
         assert calls.call(100.0 + FOR_S) == 0
         calls.lost(500.0)

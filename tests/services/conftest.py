@@ -55,6 +55,8 @@ class Peer(asyncio.DatagramProtocol):
         """what to answer a command with, one after the other; a last one is kept"""
         self.mute: set[int] = set()
         self.beating = True
+        self.obedient = True
+        """it does what it has acknowledged"""
         self.place: tuple[float, float] | None = None
         """where it says that it is with each beat, 10 m above a home at 600 m, until a test sends another place"""
         self.on_told: Callable[[Told], None] = lambda told: None
@@ -136,7 +138,7 @@ class Peer(asyncio.DatagramProtocol):
             return
         results = self.results.get(number, [ACCEPTED])
         result = results.pop(0) if len(results) > 1 else results[0]
-        if result == ACCEPTED:
+        if result == ACCEPTED and self.obedient:
             self.obey(number, told.fields)
         self.acknowledge(number, result, told.source)
         if (number, told.fields["param1"]) == (REQUEST_MESSAGE, VERSION):

@@ -10,7 +10,6 @@ import pytest
 from pymavlink import DFReader, mavutil
 
 from zmav.sim import World
-from zmav.sim.protocol import logs
 from zmav.sim.protocol.ardupilot.node import MavNode
 from zmav.sim.protocol.ardupilot.storage import MESSAGE, DataflashWriter, Storage
 from zmav.sim.protocol.logs import LogStore
@@ -132,10 +131,8 @@ def test_one_transfer_at_a_time(desk: Desk, another_desk: Any) -> None:
     assert other.all("LOG_DATA") == []
 
 
-def test_logs_stay_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(logs, "MOST", 3_000)
-    monkeypatch.setattr(logs, "MOST_ONE", 1_000)
-    store = LogStore()
+def test_logs_stay_within_bounds() -> None:
+    store = LogStore(most=3_000, most_one=1_000)
     for _ in range(6):
         store.begin(bytearray(1_000), EPOCH_S)
     assert [log.number for log in store.logs] == [4, 5, 6]

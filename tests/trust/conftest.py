@@ -27,6 +27,7 @@ from zmav.session import SessionSettings
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import Signer
+from zmav.vehicle.lease import Lease
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
@@ -38,10 +39,10 @@ class Authority:
     """Signs whatever it is told to; members' folders lie under ``folder``."""
 
     def __init__(self, folder: Path, fleet: str = "demo") -> None:
-        self.folder, self.fleet, self._key = folder, fleet, Ed25519PrivateKey.generate()
+        self.folder, self.fleet, self.key = folder, fleet, Ed25519PrivateKey.generate()
         self._subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"authority of {fleet}")])
         now = time.time()
-        self.certificate = self._sign(self._subject, self._key, now - DAY, now + DAY, ca=True)
+        self.certificate = self._sign(self._subject, self.key, now - DAY, now + DAY, ca=True)
         self.number = 0
         self.revoked: list[str] = []
         self.members: list[dict[str, Any]] = []
@@ -93,7 +94,7 @@ class Authority:
         content = {"fleet": fleet or self.fleet, "number": self.number, "t": time.time()}
         content.update(members=self.members, revoked=self.revoked)
         text = json.dumps(content)
-        signature = base64.b64encode(self._key.sign(text.encode())).decode()
+        signature = base64.b64encode(self.key.sign(text.encode())).decode()
         return json.dumps({"roster": text, "signature": signature}).encode()
 
     def _sign(
@@ -102,12 +103,17 @@ class Authority:
         begin, end = (datetime.datetime.fromtimestamp(t, datetime.timezone.utc) for t in (begins, ends))
         builder = x509.CertificateBuilder(self._subject, subject, key.public_key(), x509.random_serial_number())
         builder = builder.not_valid_before(begin).not_valid_after(end)
-        return builder.add_extension(x509.BasicConstraints(ca, None), critical=True).sign(self._key, None)
+        return builder.add_extension(x509.BasicConstraints(ca, None), critical=True).sign(self.key, None)
 
 
 @pytest.fixture
 def authority(tmp_path: Path) -> Authority:
     return Authority(tmp_path / "members")
+
+
+def secret_of(lease: Lease) -> bytes:
+    """What its setpoints are sealed with: the vehicle and its holder alone have it, and no caller is told."""
+    return lease._secret
 
 
 class Guarded(NamedTuple):

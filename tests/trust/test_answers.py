@@ -21,7 +21,6 @@ from zmav.services.queries.proven import proof_of_error
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import Signer, challenge
 from zmav.trust.verify import Allowance
-from zmav.vehicle import vehicle as handle
 
 if TYPE_CHECKING:
     from tests.trust.conftest import Guarded
@@ -108,15 +107,15 @@ async def test_an_order_arrives_and_the_vehicle_alone_says_how_it_ended(guarded:
                     await asyncio.sleep(0.01)
 
 
-async def test_who_answers_alone_is_not_believed(guarded: StartGuarded, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_answers_alone_is_not_believed(guarded: StartGuarded) -> None:
     """The vehicle is cut off: the operator is told that nothing is known, and not 'done'."""
-    monkeypatch.setattr(handle, "GIVE_UP", 1.0)
-    monkeypatch.setattr(handle, "ASK_AGAIN", 0.5)
     g: Guarded = await guarded()
     async with g.client("alice", "operator") as z:
+        vehicle = z.vehicle("quad1")
+        vehicle.give_up, vehicle.ask_again = 1.0, 0.5
         await g.vehicle.orders.close()
         with diverting(g, z, keys.DO.key("demo", "quad1", verb="*"), lies(DONE)), pytest.raises(TimedOut) as e:
-            await z.vehicle("quad1").land()
+            await vehicle.land()
         assert "not believed: unsigned" in str(e.value)
 
 

@@ -107,8 +107,7 @@ async def test_an_earlier_state_is_not_taken_for_a_new_one(guarded: StartGuarded
 async def test_events_are_its_vehicles_and_may_be_old(guarded: StartGuarded) -> None:
     g: Guarded = await guarded()
     async with g.client("eye", "viewer") as z, z.subscribe("quad1/event") as events:
-        own = g.vehicle.events._signer
-        assert own is not None
+        own = Signer(Credentials.load(g.authority.folder / "quad1"))
         event = wire.Event(t=time.time() - 100.0, kind="fault", severity="error", text="old and true")
         old, lie = wire.encode(event), wire.encode(msgspec.structs.replace(event, text="a lie"))
         for payload, attachment in (
@@ -211,9 +210,9 @@ def token(g: Guarded, name: str, sysid: int, instance: str) -> zenoh.LivelinessT
     return g.b.ground.session.liveliness().declare_token(key)
 
 
-async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.services.status.presence.ASK_EVERY", 0.3)
+async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded) -> None:
     g: Guarded = await guarded()
+    g.vehicle.presence.ask_every = 0.3
     asked: list[str] = []
     quad2 = Signer(g.authority.member("quad2", "vehicle"))
     lie = json.loads(wire.encode(g.vehicle.state.build()))
@@ -244,13 +243,16 @@ async def test_a_token_that_is_not_proven_stops_nobody(guarded: StartGuarded, mo
 
 
 async def test_a_namesake_is_seen_among_forged_tokens(
-    guarded: StartGuarded, net: Net, onboard: StartOnboard, peer: StartPeer, monkeypatch: pytest.MonkeyPatch
+    guarded: StartGuarded,
+    net: Net,
+    onboard: StartOnboard,
+    peer: StartPeer,
 ) -> None:
     """A relay's flood of quad2's tokens came before the true one, and goes on after it: nobody saw that quad2 had our
     system id.
     """
-    monkeypatch.setattr("zmav.services.status.presence.ASK_EVERY", 0.3)
     g: Guarded = await guarded()
+    g.vehicle.presence.ask_every = 0.3
     g.authority.issue("quad2", "vehicle")
     assert g.vehicle.gate is not None
     g.vehicle.gate.learn(Credentials.load(g.authority.folder / "quad2").certificate.der)

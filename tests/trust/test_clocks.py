@@ -155,7 +155,7 @@ async def test_a_vehicle_whose_clock_is_off_takes_what_makes_safe(guarded: Start
     await g.b.flying()
     async with g.client("op", "operator") as z:
         vehicle = z.vehicle("quad1")
-        g.vehicle.gate._utc = lambda: time.time() + off
+        g.vehicle.gate.utc = lambda: time.time() + off
         with pytest.raises(Forbidden, match="set the clock that is off"):
             await vehicle.set_mode("STABILIZE")
         await vehicle.order("hold", wire.Order())
@@ -163,7 +163,7 @@ async def test_a_vehicle_whose_clock_is_off_takes_what_makes_safe(guarded: Start
         await g.b.peer.until(lambda: g.b.peer.mode == LAND, "the landing")
         g.b.peer.armed = False
         await landing
-        g.vehicle.gate._utc = time.time
+        g.vehicle.gate.utc = time.time
         await vehicle.set_mode("GUIDED")
     assert g.b.peer.mode == GUIDED
 
@@ -197,7 +197,7 @@ async def test_a_vehicle_whose_clock_was_set_is_believed_again(guarded: StartGua
         while not recorded:
             await z.news(1.0)
         tap.undeclare()
-        z.member.verifier._utc = lambda: time.time() + off
+        z.member.verifier.utc = lambda: time.time() + off
         g.b.peer.mode = GUIDED
         await z.vehicle("quad1").wait_until(lambda s: s.mode == "GUIDED", 30.0)
         assert z.member.counts["clock"] >= 1
@@ -207,7 +207,7 @@ async def test_a_vehicle_whose_clock_was_set_is_believed_again(guarded: StartGua
         while z.member.counts["replayed"] == before:
             await z.news(1.0)
         assert z.vehicle("quad1").state.mode == "GUIDED"
-        z.member.verifier._utc = time.time
+        z.member.verifier.utc = time.time
         g.b.peer.mode = STABILIZE
         await z.vehicle("quad1").wait_until(lambda s: s.mode == "STABILIZE", 30.0)
 

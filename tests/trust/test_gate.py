@@ -9,14 +9,13 @@ import pytest
 
 from tests.trust.conftest import Authority
 from zmav.errors import Forbidden
-from zmav.trust import gate as gates
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, Origin, ProofRefused
 from zmav.trust.proof import ANSWERED, MOST, UNINTRODUCED, WINDOW, Proof, Signer
 from zmav.trust.roster import read_signed
 from zmav.trust.seal import TAG
-from zmav.trust.verify import FORGERIES, MOST_KNOWN, STRANGERS
+from zmav.trust.verify import FORGERIES, STRANGERS
 
 PING, ARM, SET, LAND = (f"zmav/demo/quad1/do/{verb}" for verb in ("ping", "arm", "param_set", "land"))
 
@@ -127,11 +126,15 @@ def test_what_an_earlier_start_was_told_is_not_told_again(desk: Desk) -> None:
 
 def test_certificates_that_are_not_believed(desk: Desk, tmp_path_factory: pytest.TempPathFactory) -> None:
     rogue = Authority(tmp_path_factory.mktemp("rogue"))
-    assert desk.reason(desk.proof(rogue.member("op", "operator"))) == "stranger"
-    assert desk.reason(desk.proof(desk.authority.strange("foreign", "operator", fleet="other"))) == "fleet"
-    assert desk.reason(desk.proof(desk.authority.strange("late", "operator", ends=-60.0))) == "expired"
-    assert desk.reason(desk.proof(desk.authority.strange("early", "operator", begins=80_000.0))) == "expired"
-    assert not desk.gate._known
+    unknown = rogue.member("op", "operator")
+    foreign = desk.authority.strange("foreign", "operator", fleet="other")
+    late = desk.authority.strange("late", "operator", ends=-60.0)
+    early = desk.authority.strange("early", "operator", begins=80_000.0)
+    assert desk.reason(desk.proof(unknown)) == "stranger"
+    assert desk.reason(desk.proof(foreign)) == "fleet"
+    assert desk.reason(desk.proof(late)) == "expired"
+    assert desk.reason(desk.proof(early)) == "expired"
+    assert not any(desk.gate.known(member.certificate.fingerprint) for member in (unknown, foreign, late, early))
 
 
 def test_it_ends_while_it_is_known(desk: Desk) -> None:
@@ -251,18 +254,18 @@ def test_strangers_cost_so_many_checks_a_second_and_shut_no_member_out(
     desk.check(desk.proof(op))
 
 
-def test_certificates_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.trust.verify.MOST_KNOWN", 3)
-    assert MOST_KNOWN > 100
+def test_certificates_are_remembered_up_to_a_number(desk: Desk) -> None:
+    assert desk.gate.most_known > 100
+    desk.gate.most_known = 3
     members = [desk.authority.member(f"op{n}", "operator") for n in range(5)]
     for one in members:
         desk.check(desk.proof(one))
-    assert [c.name for c in desk.gate._known.values()] == ["op2", "op3", "op4"]
+    assert [desk.gate.known(one.certificate.fingerprint) is not None for one in members] == [False] * 2 + [True] * 3
     assert desk.reason(desk.proof(members[0], introduce=False)) == "unknown"
 
 
-def test_proofs_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gates, "MOST_USED", 3)
+def test_proofs_are_remembered_up_to_a_number(desk: Desk) -> None:
+    desk.gate.most_used = 3
     op, other = desk.authority.member("op", "operator"), desk.authority.member("op2", "operator")
     for _ in range(3):
         desk.check(desk.proof(op))
@@ -270,12 +273,13 @@ def test_proofs_are_remembered_up_to_a_number(desk: Desk, monkeypatch: pytest.Mo
     desk.check(desk.proof(other))
     desk.utc += 2 * WINDOW + 6.0
     desk.now += 2 * WINDOW + 6.0
-    desk.check(desk.proof(op))
-    assert len(desk.gate._used.until) == 1
+    for _ in range(3):  # those before are forgotten
+        desk.check(desk.proof(op))
+    assert desk.reason(desk.proof(op)) == "busy"
 
 
-def test_a_members_own_frames_leave_its_panic_orders_room(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gates, "MOST_USED", 3)
+def test_a_members_own_frames_leave_its_panic_orders_room(desk: Desk) -> None:
+    desk.gate.most_used = 3
     op, frame, land = (
         desk.authority.member("op", "operator"),
         "zmav/demo/quad1/mav/tx/1/1/PING",

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav import onboard
 from zmav.config import Signing
 from zmav.errors import BadConfig
-from zmav.mavlink import load_dialect
+from zmav.mavlink import Packer, load_dialect
 from zmav.mavlink.signing import new_key, write_key
+from zmav.onboard import Onboard, OnboardSettings
 from zmav.trust.credentials import Credentials, roster_place
 
 if TYPE_CHECKING:
+    from tests.conftest import Net
     from tests.trust.conftest import Authority
 
 
@@ -60,10 +61,12 @@ def test_outside_a_service_it_is_the_folder_s_own(authority: Authority, monkeypa
     assert roster_place(folder) == folder / "roster.json"
 
 
-def test_the_last_timestamp_of_a_signing_key_is_kept_there(state: Path, tmp_path: Path) -> None:
+def test_the_last_timestamp_of_a_signing_key_is_kept_there(state: Path, tmp_path: Path, net: Net) -> None:
     key = tmp_path / "quad1.key"
     write_key(key, new_key())
-    signing = onboard._signing(Signing(key_file=str(key)), load_dialect())
-    with contextlib.closing(signing._clock) as clock:
-        clock.next()
+    settings = OnboardSettings(link="udpin:127.0.0.1:0", name="quad1", signing=Signing(key_file=str(key)))
+    signing = Onboard(net.router()[0], settings).adapter.signing
+    assert signing is not None
+    with contextlib.closing(signing):
+        signing.sign(Packer(load_dialect(), 1, 1).pack("HEARTBEAT", type=18))
     assert (state / "quad1.time").is_file() and not key.with_suffix(".time").exists()

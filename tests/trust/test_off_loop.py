@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from tests.trust.conftest import StartGuarded
+from tests.trust.conftest import StartGuarded, secret_of
 from tests.trust.test_setpoints import BACK, SETTINGS, counted, point, put
 from tests.trust.test_vehicle import reason
 from zmav import keys
@@ -63,12 +63,12 @@ async def test_setpoints(guarded: StartGuarded, judged: collections.Counter[tupl
             await g.b.event("its seal is not that of the lease in force", kind="setpoint")
             assert not flown._waiting
             async with bob.lease("bob", ttl=30.0, priority=1) as second:
-                secret, key = lease._secret, keys.SETPOINT.key("demo", "quad1", agent="alice")
+                secret, key = secret_of(lease), keys.SETPOINT.key("demo", "quad1", agent="alice")
                 stolen = point(second.token, 1000)
                 flown._waiting.append(setpoints.Heard("alice", stolen, secret))
                 flown._next()
                 await counted(g, "lease", 1)
-                assert seal(secret, key, stolen) != seal(second._secret, key, stolen)
+                assert seal(secret, key, stolen) != seal(secret_of(second), key, stolen)
     assert BACK[0] not in {told.fields["vx"] for told in g.b.peer.heard("SET_POSITION_TARGET_LOCAL_NED")}
     assert judged["seal", False] > 0
     assert judged["seal", True] == 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from tests.trust.conftest import StartGuarded
+from tests.trust.conftest import StartGuarded, secret_of
 from zmav import keys, wire
 from zmav.config import Failsafe
 from zmav.errors import BadInput, NotHolder
@@ -86,7 +86,7 @@ async def test_only_the_holders_are_flown(guarded: StartGuarded) -> None:
             put(g, stolen, b"garbage")
             put(g, stolen, bytes(100_000))
             put(g, stolen, seal(bytes(32), key(), stolen))
-            put(g, stolen, seal(lease._secret, key("bob"), stolen))
+            put(g, stolen, seal(secret_of(lease), key("bob"), stolen))
             put(g, b"{" * 5000, b"\x02" + bytes(16))
             await counted(g, "forged", 6)
             lease.setpoint(vel=FORWARD)
@@ -123,10 +123,10 @@ async def test_who_held_it_before_cannot_use_the_token_of_who_holds_it_now(guard
         alice, bob = z.vehicle("quad1"), z2.vehicle("quad1")
         async with alice.lease("alice", ttl=30.0) as first, bob.lease("bob", ttl=30.0, priority=1) as second:
             stolen = point(second.token, 50)
-            put(g, stolen, seal(first._secret, key(), stolen))
+            put(g, stolen, seal(secret_of(first), key(), stolen))
             await counted(g, "lease", 1)
             own = point(first.token, 51)
-            put(g, own, seal(first._secret, key(), own))
+            put(g, own, seal(secret_of(first), key(), own))
             await counted(g, "lease", 2)
             await g.b.event("bob (priority 1) took the lease from alice (0)", kind="lease")
             second.setpoint(vel=FORWARD)

@@ -22,7 +22,7 @@ from tests.trust.conftest import Authority, StartGuarded
 from zmav import keys, wire
 from zmav.errors import BadConfig, BadInput, Forbidden, Refused
 from zmav.mavlink import Packer
-from zmav.onboard import OnboardSettings, _credentials
+from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings
 from zmav.trust.certificate import Certificate
 from zmav.trust.credentials import Credentials
@@ -32,7 +32,7 @@ from zmav.trust.verify import Allowance
 from zmav.verbs import Verb
 
 if TYPE_CHECKING:
-    from tests.conftest import StartOnboard
+    from tests.conftest import Net, StartOnboard
     from tests.trust.conftest import Guarded
 
 
@@ -197,7 +197,7 @@ async def test_a_client_with_credentials_does_not_notice(guarded: StartGuarded, 
         await vehicle.set_mode("LOITER")
         gate = again.gate
         assert gate is not None
-        gate._utc, before = lambda: time.time() - 10.0, gate.epoch  # nor that the vehicle's clock is set back
+        gate.utc, before = lambda: time.time() - 10.0, gate.epoch  # nor that the vehicle's clock is set back
         assert await vehicle.ping() > 0.0
         assert gate.epoch != before
     assert g.b.peer.mode == 5
@@ -314,10 +314,10 @@ async def test_a_member_in_whose_name_more_is_forged_than_is_looked_at_is_heard(
         ("quad1", "vehicle", "other", "the fleet 'other'; expected 'demo'"),
     ],
 )
-def test_credentials_of_somebody_else(tmp_path: Path, name: str, role: str, fleet: str, words: str) -> None:
-    folder = Authority(tmp_path, fleet).issue(name, role)
+def test_credentials_of_somebody_else(net: Net, tmp_path: Path, name: str, role: str, fleet: str, words: str) -> None:
+    folder, (session, _) = Authority(tmp_path, fleet).issue(name, role), net.router()
     with pytest.raises(BadConfig, match=words):
-        _credentials(OnboardSettings(link="udpin:127.0.0.1:0", name="quad1", credentials=str(folder)))
+        Onboard(session, OnboardSettings(link="udpin:127.0.0.1:0", name="quad1", credentials=str(folder)))
 
 
 async def test_a_client_of_another_fleet_is_told_so(guarded: StartGuarded) -> None:

@@ -80,7 +80,7 @@ def test_nothing_that_comes_raises(data: bytes, flips: list[tuple[int, int]]) ->
                 spoiled[at] ^= value
         found += feed(assembler, [bytes(spoiled), part, part[:-1], b""])
     assert all(whole.jpeg == jpeg for whole in found)  # the CRC lets no spoiled one pass
-    assert len(assembler._parts) <= UNDER_WAY
+    assert len(assembler) <= UNDER_WAY
     assert assembler.bad > 0
 
 
@@ -136,10 +136,10 @@ def test_no_more_than_a_few_pictures_are_held() -> None:
     assembler = Assembler()
     for seq in range(100):
         feed(assembler, chunks(bytes(5000), seq=seq)[:-1])
-    assert len(assembler._parts) == UNDER_WAY
+    assert len(assembler) == UNDER_WAY
     assert assembler.torn == 100 - UNDER_WAY
     assembler.expire(GIVE_UP + 0.1)
-    assert (assembler.torn, len(assembler._parts)) == (100, 0)
+    assert (assembler.torn, len(assembler)) == (100, 0)
 
 
 def test_a_restarted_sender_is_heard_once_the_old_one_is_silent() -> None:

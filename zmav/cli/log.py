@@ -50,7 +50,7 @@ def command(vehicle: str, action: str, which: tuple[str, ...], to: str | None, y
             if not there and not as_json:
                 click.echo("no logs")
             return
-        chosen = _chosen(there, which)
+        chosen = chosen_of(there, which)
         place = f"{to.rstrip('/')}/" if to is not None and len(chosen) > 1 else to
         for log in chosen:
             with Progress(f"log {log.id}", quiet=as_json) as progress:
@@ -62,7 +62,7 @@ def command(vehicle: str, action: str, which: tuple[str, ...], to: str | None, y
     return act
 
 
-def _chosen(logs: list[wire.LogEntry], which: tuple[str, ...]) -> list[wire.LogEntry]:
+def chosen_of(logs: list[wire.LogEntry], which: tuple[str, ...]) -> list[wire.LogEntry]:
     """The logs that are meant, each once."""
     by_id = {log.id: log for log in logs}
     found: dict[int, wire.LogEntry] = {}

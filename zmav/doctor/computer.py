@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from zmav import host, wire
 from zmav.doctor import topics
@@ -28,10 +28,10 @@ def check_bits() -> Iterator[Finding]:
         yield topics.COMPUTER.wrong("64-bit only: this Python is 32-bit, for which packages have no wheels", advice)
 
 
-def check_packages() -> Iterator[Finding]:
+def check_packages(packages: Sequence[str] = host.PACKAGES) -> Iterator[Finding]:
     """Python and the packages that carry zmav."""
     found = host.versions()
-    missing = [name for name in host.PACKAGES if name not in found]
+    missing = [name for name in packages if name not in found]
     if missing:
         yield topics.PACKAGES.wrong(f"not installed: {', '.join(missing)}", "install zmav with its dependencies")
     yield topics.PACKAGES.well(", ".join(f"{name} {number}" for name, number in found.items()))

@@ -60,7 +60,7 @@ def check_device(path: str, user: str | None = None, proc: Path = Path("/proc"))
     held = list(holders(real, proc))
     found += _held(path, held)
     found += _console(real, held, proc)
-    found += _modem_manager(real, mode, proc)
+    found += look_for_modem_manager(real, mode, proc)
     return found, not held and all(finding.ok for finding in found)
 
 
@@ -189,7 +189,7 @@ def _console(real: str, held: list[Process], proc: Path) -> Iterator[Finding]:
         yield topics.CONSOLE.wrong(f"{real} is the kernel's console", advice)
 
 
-def _modem_manager(
+def look_for_modem_manager(
     real: str, mode: os.stat_result, proc: Path, udev: Path = Path("/run/udev/data")
 ) -> Iterator[Finding]:
     if not USB.match(Path(real).name):

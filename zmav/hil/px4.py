@@ -55,10 +55,10 @@ class Px4Vehicle(External):
         self.bad = self.stalls = 0
         self._at = ("127.0.0.1", port)
         self._dialect = dialect
-        self._splitter = Splitter(dialect)
+        self.splitter = Splitter(dialect)
         self._server: socket.socket | None = None
         self._selector: selectors.BaseSelector | None = None
-        self._line: HilLine | None = None
+        self.line: HilLine | None = None
         self._awaiting = False  # controls that answer the last reading
         self._begun_us = 0  # the time of the first reading; 0: there was none yet
         self._sent = 0.0  # wall time of the last reading
@@ -76,9 +76,9 @@ class Px4Vehicle(External):
         wiring.selector.register(self._server, selectors.EVENT_READ, self._accept)
 
     def close(self) -> None:
-        if self._line is not None:
-            self._line.close()
-            self._line = None
+        if self.line is not None:
+            self.line.close()
+            self.line = None
         if self._server is not None and self._selector is not None:
             self._selector.unregister(self._server)
             self._server.close()
@@ -106,10 +106,10 @@ class Px4Vehicle(External):
             return  # it left before it was let in
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
-        if self._line is not None:
-            self._line.close()
-        self._line = HilLine(connection.detach(), self._selector, self._hear, self._leave)
-        self._splitter = Splitter(self._dialect)
+        if self.line is not None:
+            self.line.close()
+        self.line = HilLine(connection.detach(), self._selector, self._hear, self._leave)
+        self.splitter = Splitter(self._dialect)
         if self.stream.plant.time_s > 0.0:
             self.plant.reset()
         self.stream.restart()
@@ -120,7 +120,7 @@ class Px4Vehicle(External):
         self.say(f"{self.name}: a flight stack has connected")
 
     def _leave(self, why: str) -> None:
-        self._line = None
+        self.line = None
         self.connected = False
         self.stream.restart()
         self.plant.drive([0.0] * len(self.plant.values))
@@ -128,7 +128,7 @@ class Px4Vehicle(External):
 
     def _hear(self, data: bytes) -> None:
         before = self.stream.controls
-        for frame in self._splitter.feed(data):
+        for frame in self.splitter.feed(data):
             if not frame.verified:
                 continue
             try:
@@ -159,8 +159,8 @@ class Px4Vehicle(External):
         return self.stream.lockstep and super().behind()
 
     def proceed(self) -> None:
-        while self._line is not None and not self._awaiting and self.granted(self.stream.interval_s):
-            if self._line.room() < ROOM:
+        while self.line is not None and not self._awaiting and self.granted(self.stream.interval_s):
+            if self.line.room() < ROOM:
                 return
             self._step()
 
@@ -170,17 +170,17 @@ class Px4Vehicle(External):
             self.stalls += 1
             if self.stalls == 1:
                 self.say(f"{self.name}: the flight stack has stopped answering")
-            if self._line is not None and self._line.room() >= ROOM:
+            if self.line is not None and self.line.room() >= ROOM:
                 self._step()
 
     def _step(self) -> None:
-        assert self._line is not None
-        self._line.put(self.stream.step())
+        assert self.line is not None
+        self.line.put(self.stream.step())
         self._begun_us = self._begun_us or self.stream.time_us
-        self._line.flush()
+        self.line.flush()
         self._sent = time.monotonic()
         self._awaiting = self.stream.lockstep
 
     def flush(self) -> None:
-        if self._line is not None:
-            self._line.flush()
+        if self.line is not None:
+            self.line.flush()

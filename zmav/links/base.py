@@ -83,6 +83,7 @@ class Link(ABC):
 
     recorded: bool = False
     """what it brings is no vehicle's present word, and nothing can be sent"""
+    backoff: type[Backoff] = Backoff
     # Whether an open transport is UP at once, or only when the first bytes came (udpin: nobody is known before).
     _up_when_open = True
 
@@ -216,7 +217,7 @@ class Link(ABC):
     # -- the reader thread -------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        backoff = Backoff()
+        backoff = self.backoff()
         self._set_state(LinkState.CONNECTING, f"opening {self.url}")
         while not self._closing.is_set():
             heard = self._counters.rx_bytes

@@ -12,7 +12,6 @@ from zmav.links.stream import StreamLink
 from zmav.links.ttyport import Port, open_port
 from zmav.links.url import SerialUrl
 
-LISTEN_S = 1.5  # at one baud rate: longer than the second between two HEARTBEATs
 WATCH = 8192  # bytes without a single sign of MAVLink, after which a rate found by listening is doubted
 QUEUE_S = 0.5  # so much line time may wait to be sent
 
@@ -25,6 +24,10 @@ class SerialLink(StreamLink):
     given up again. While listening ``send`` returns False, except on USB devices that are called ttyACM: there the rate
     mostly means nothing, and some autopilots (PX4) are silent until they are spoken to.
     """
+
+    listen = 1.5
+    """s at one baud rate: longer than the second between two HEARTBEATs"""
+    candidates: tuple[int, ...] = CANDIDATES
 
     def __init__(self, target: SerialUrl) -> None:
         super().__init__(str(target), _queue(target.baud or CANDIDATES[0]))
@@ -56,7 +59,7 @@ class SerialLink(StreamLink):
             self._port = open_port(target.path, target.baud, target.rtscts)
             return f"{target.path} at {target.baud} baud"
         first = [self._last_good] if self._last_good else []
-        rates = first + [rate for rate in CANDIDATES if rate not in first]
+        rates = first + [rate for rate in self.candidates if rate not in first]
         self._speak_first = self._is_usb()
         self._listening, self._rounds = True, 0
         self._port = port = open_port(target.path, rates[0], target.rtscts)
@@ -87,12 +90,12 @@ class SerialLink(StreamLink):
         else:  # said once, not every second for ever
             self._set_state(
                 LinkState.CONNECTING,
-                f"{self._target.path}: no MAVLink heard at any of {', '.join(map(str, CANDIDATES))} baud;"
+                f"{self._target.path}: no MAVLink heard at any of {', '.join(map(str, self.candidates))} baud;"
                 " still listening, round and round: is the autopilot on, and the port set to MAVLink?",
             )
 
     def _hears(self, port: Port) -> bool:
-        detector, end = MavlinkDetector(), time.monotonic() + LISTEN_S
+        detector, end = MavlinkDetector(), time.monotonic() + self.listen
         while time.monotonic() < end:
             if self._closing.is_set():
                 raise LinkDown("closing", url=self.url)

@@ -30,8 +30,8 @@ class TlogReader:
     ``stop`` is asked now and then, so that a reader lost in a huge file that is no recording can be ended.
     """
 
-    def __init__(self, file: BinaryIO, stop: Callable[[], bool] = lambda: False) -> None:
-        self._file = file
+    def __init__(self, file: BinaryIO, stop: Callable[[], bool] = lambda: False, chunk: int = CHUNK) -> None:
+        self._file, self._chunk = file, chunk
         self._stop = stop
         self._buffer = b""
         self._offset = 0  # of the buffer's first byte in the file
@@ -67,7 +67,7 @@ class TlogReader:
         self._offset += at
         self._buffer = self._buffer[at:]
         while len(self._buffer) < AHEAD and not self._eof:
-            more = self._file.read(CHUNK)
+            more = self._file.read(self._chunk)
             self._eof = not more
             self._buffer += more
 

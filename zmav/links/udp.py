@@ -34,7 +34,6 @@ from zmav.links.url import SocketUrl
 
 logger = logging.getLogger(__name__)
 
-PEER_LIFE_S = 10.0  # a udpin link sends to those it heard within this time
 MAX_PEERS = 16
 SWEEP_S = 1.0
 MOST_AT_ONCE = 256
@@ -139,6 +138,9 @@ class UdpInLink(UdpLink):
 
     _up_when_open = False
 
+    peer_life = 10.0
+    """s: it sends to those that it heard within this time"""
+
     def __init__(self, target: SocketUrl) -> None:
         super().__init__(target)
         self._peers: dict[Address, float] = {}  # the reader's own: address -> when last heard
@@ -178,7 +180,7 @@ class UdpInLink(UdpLink):
         """Forget who has been silent for too long, or who is one too many; never the last one heard."""
         self._sweep_at = now + SWEEP_S
         newest_first = sorted(self._peers, key=self._peers.__getitem__, reverse=True)[:MAX_PEERS]
-        live = [address for address in newest_first if now - self._peers[address] < PEER_LIFE_S] or newest_first[:1]
+        live = [address for address in newest_first if now - self._peers[address] < self.peer_life] or newest_first[:1]
         self._peers = {address: self._peers[address] for address in live}
         self._targets = tuple(live)
 

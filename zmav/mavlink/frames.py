@@ -83,7 +83,8 @@ class Splitter:
         self.counters = SplitCounters()
         self.sources: dict[tuple[int, int], SourceCounters] = {}
         self._messages = dialect.by_id
-        self._partial = b""
+        self.partial = b""
+        """of a frame of which the rest has not come"""
         self._in_sync = True
         # What the fast paths need to know of a frame, by its bytes 5 to 9: system, component and message id. It fills
         # as frames come by the general path, and is emptied when somebody invents ids without end.
@@ -97,7 +98,7 @@ class Splitter:
         """Take the next bytes of the stream; returns the frames that are now whole, in order. Never raises."""
         # The fast path: a datagram that is one whole unsigned MAVLink 2 frame. Everything else is for _split.
         size = len(data)
-        if not self._partial and _SHORTEST_V2 <= size <= _LONGEST_UNSIGNED_V2:
+        if not self.partial and _SHORTEST_V2 <= size <= _LONGEST_UNSIGNED_V2:
             unpack, expected = self._layouts[size]
             head, seq, key, checked = unpack(data)
             if head == expected:
@@ -119,12 +120,13 @@ class Splitter:
 
     def reset(self) -> None:
         """Forget an unfinished frame: the link was reopened, and a new stream begins. Counters and sources stay."""
-        self.counters.garbage += len(self._partial)
-        self._partial = b""
+        self.counters.garbage += len(self.partial)
+        self.partial = b""
+        """of a frame of which the rest has not come"""
         self._in_sync = True
 
     def _split(self, data: bytes) -> list[Frame]:
-        buf = self._partial + data if self._partial else data
+        buf = self.partial + data if self.partial else data
         size = len(buf)
         pos = 0
         frames: list[Frame] = []
@@ -137,7 +139,7 @@ class Splitter:
                 break
             self._in_sync = taken > 0
             pos += abs(taken)
-        self._partial = buf[pos:]
+        self.partial = buf[pos:]
         self.counters.bytes += len(data)
         self.counters.frames += len(frames)
         return frames

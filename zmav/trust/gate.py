@@ -27,8 +27,6 @@ from zmav.trust.verify import BUSY, Verifier
 
 EPOCH = "epoch"
 """the reason for a proof that does not answer this gate; ``gate`` in the detail is what to answer"""
-MOST_USED = 8192
-"""proofs of one certificate that are remembered: some 126 a second"""
 MOST_USED_AT_ALL = 65_536
 PANIC = ("hold", "land", "rtl")
 """orders that pass between clocks that disagree: who gives one signs a challenge, which shows that it is new"""
@@ -80,6 +78,9 @@ class Gate(Verifier):
     ``given`` are the verbs that the fleet file gives to planners. ``bus`` is told of every
     :class:`ProofRefused`; ``counts`` counts them by reason.
     """
+
+    most_used = 8192
+    """proofs of one certificate that are remembered: some 126 a second"""
 
     def __init__(
         self,
@@ -183,7 +184,7 @@ class Gate(Verifier):
         return hmac.digest(self._secret, turn + found.fingerprint + key.encode(), hashlib.sha256)[: proof.ANSWERS]
 
     def _watch_clock(self) -> None:
-        ahead = self._utc() - self._monotonic()
+        ahead = self.utc() - self._monotonic()
         with self._using:
             if ahead < self._ahead - SETBACK:
                 self.epoch = os.urandom(proof.ANSWERS)
@@ -202,7 +203,7 @@ class Gate(Verifier):
                     del used.by[old]
             if once in used.until:
                 raise Forbidden("it was heard before", reason="replayed")
-            if used.by[once[0]] >= MOST_USED or len(used.until) >= MOST_USED_AT_ALL:
+            if used.by[once[0]] >= self.most_used or len(used.until) >= MOST_USED_AT_ALL:
                 raise Forbidden(f"too many orders of {name} at present", reason=BUSY, origin=name)
             used.until[once] = now + 2 * WINDOW + SETBACK
             used.by[once[0]] += 1

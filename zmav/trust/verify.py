@@ -24,8 +24,6 @@ from zmav.trust.seal import Tags
 if TYPE_CHECKING:
     from cryptography import x509
 
-MOST_KNOWN = 512
-"""certificates remembered; the one unused for longest goes first"""
 STRANGERS = 20.0
 """certificates that are neither known nor on the roster, and are looked at in a second"""
 FORGERIES = 300.0
@@ -69,6 +67,9 @@ class Verifier:
     ``tags``: of who judges.
     """
 
+    most_known = 512
+    """certificates remembered; the one unused for longest goes first"""
+
     def __init__(
         self,
         authority: x509.Certificate,
@@ -83,7 +84,7 @@ class Verifier:
         self.authority, self.fleet, self._roster = authority, fleet, roster
         self._revoked, self._listed = _fingerprints(roster)
         self._roles, self._met = _roles(roster), set[str]()
-        self._utc, self._monotonic = utc, monotonic
+        self.utc, self._monotonic = utc, monotonic
         self._lock = threading.Lock()
         self._known: collections.OrderedDict[bytes, Certificate] = collections.OrderedDict()
         self._strangers = Allowance(STRANGERS, monotonic)
@@ -135,7 +136,7 @@ class Verifier:
             self._known[certificate.fingerprint] = certificate
             if certificate.role is Role.VEHICLE:
                 self._met.add(certificate.name)
-            while len(self._known) > MOST_KNOWN:
+            while len(self._known) > self.most_known:
                 gone, _ = self._known.popitem(last=False)
                 for tagged in (False, True):
                     self._forgeries.pop((gone, tagged), None)
@@ -194,7 +195,7 @@ class Verifier:
 
     def ahead(self, found: proof.Proof) -> float:
         """s by which the time that a proof bears is ahead of our clock."""
-        return found.t - self._utc()
+        return found.t - self.utc()
 
     def check_time(self, found: proof.Proof, ahead: float = 0.0, challenge: str = "") -> None:
         """Raise :class:`Forbidden` for a proof that is not of now by a clock that is ``ahead`` of ours by so many s.
@@ -255,7 +256,7 @@ class Verifier:
             raise Forbidden(f"the certificate of {name} was revoked", reason="revoked", origin=name)
         try:
             if dated:
-                certificate.check_dates(self._utc(), self._grace)
+                certificate.check_dates(self.utc(), self._grace)
         except BadConfig as e:
             raise Forbidden(e.message, reason="expired", origin=name) from e
         return certificate

@@ -27,10 +27,6 @@ if TYPE_CHECKING:
     from zmav.client import Answer, Client
     from zmav.subscription import Subscription
 
-ASK_AGAIN = 2.0
-"""s without an answer after which a vehicle is asked once more; the order itself may last much longer"""
-GIVE_UP = 10.0
-"""s without any answer from a vehicle that has been heard"""
 LARGE = 1 << 16
 """bytes from which on an order is sent in the class of files, for it has one in it: others must not wait behind it"""
 APPEAR = 1.0
@@ -58,6 +54,11 @@ class Vehicle:
     :class:`~zmav.errors.Clash`. The vehicle sees an order through by itself: who stops waiting for it does not end it;
     :meth:`hold` does.
     """
+
+    ask_again = 2.0
+    """s without an answer after which a vehicle is asked once more; the order itself may last much longer"""
+    give_up = 10.0
+    """s without any answer from a vehicle that has been heard"""
 
     def __init__(self, client: Client, name: str, fleet: str) -> None:
         self._client, self.name, self._within = client, name, fleet
@@ -340,7 +341,7 @@ class Vehicle:
     async def _ask(self, key: str, payload: bytes = b"", again: bytes | None = None, come: bool = False) -> bytes:
         """One answer from this vehicle; asked again for a while where none comes: the network may have a hole.
 
-        What was asked before stays open: over bad hops every answer may take longer than :data:`ASK_AGAIN`. ``again``
+        What was asked before stays open: over bad hops every answer may take longer than :attr:`ask_again`. ``again``
         is sent instead of ``payload`` where that was sent already, or has ``come`` there: it travels behind it.
         """
         again = payload if again is None else again
@@ -350,9 +351,9 @@ class Vehicle:
         asked: set[asyncio.Task[list[Answer | ZmavError]]] = set()
         try:
             while True:
-                asked.add(asyncio.ensure_future(self._client.ask(key, send, GIVE_UP, channel)))
+                asked.add(asyncio.ensure_future(self._client.ask(key, send, self.give_up, channel)))
                 send = again
-                done, asked = await asyncio.wait(asked, timeout=ASK_AGAIN, return_when=asyncio.FIRST_COMPLETED)
+                done, asked = await asyncio.wait(asked, timeout=self.ask_again, return_when=asyncio.FIRST_COMPLETED)
                 answers = [answer for task in done for answer in task.result()]
                 for answer in reversed(answers):  # where two have one name, one may not be meant: the last is
                     if again != payload and isinstance(answer, Refused) and answer.detail.get("reason") == UNKNOWN:
@@ -366,7 +367,7 @@ class Vehicle:
                 waited = time.monotonic() - start
                 if self.age is None and not self.present and waited > APPEAR:
                     raise NoSuchVehicle(f"no vehicle {self.name} is present in fleet {self.fleet}", vehicle=self.name)
-                if waited > GIVE_UP:
+                if waited > self.give_up:
                     break
                 await asyncio.sleep(0.1)
         finally:

@@ -94,6 +94,10 @@ class Assembler:
         self._done: int | None = None  # the last picture that was given or given up
         self._parts: dict[int, _Part] = {}
 
+    def __len__(self) -> int:
+        """Pictures of which something is missing yet."""
+        return len(self._parts)
+
     def add(self, chunk: bytes, now: float) -> Whole | None:
         """Take a chunk that came at ``now`` (monotonic seconds); a picture where it has completed one."""
         try:

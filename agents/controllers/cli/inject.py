@@ -86,17 +86,19 @@ def inject(
     run(tell())
 
 
-async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0) -> ResponseReport:
+async def respond(
+    z: zmav.Client, vehicle: str, agent: str, args: Inject, after: float = 2.0, silent: float = SILENT
+) -> ResponseReport:
     """Have ``agent`` inject, record its signals from a second before to ``after`` s past the end, and examine them.
 
-    Raises :class:`~zmav.errors.TimedOut` where it is silent or falls silent, what the agent refuses the order with, and
-    what :func:`~agents.controllers.response.examine` does.
+    Raises :class:`~zmav.errors.TimedOut` where it says nothing for ``silent`` seconds, what the agent refuses the order
+    with, and what :func:`~agents.controllers.response.examine` does.
     """
     target = z.vehicle(vehicle)
     key = keys.AGENT_OUT.key(target.fleet, vehicle, agent=keys.check_name(agent, "agent"), topic=TOPIC)
     heard: list[wire.Signals] = []
     async with z.subscribe(key, _signals, depth=DEPTH) as signals:
-        if not await _hear(signals, heard, lambda: heard[-1].t - heard[0].t >= BEFORE):
+        if not await _hear(signals, heard, lambda: heard[-1].t - heard[0].t >= BEFORE, silent):
             await target.tell(agent, "params")  # raises where none of that name runs
             text = f"{agent} runs for {vehicle} and streams no signals: engage it, 'zmav agent do {agent} engage'"
             raise TimedOut(text, vehicle=vehicle, agent=agent)
@@ -104,11 +106,11 @@ async def respond(z: zmav.Client, vehicle: str, agent: str, args: Inject, after:
         order = asyncio.create_task(target.tell(agent, "inject", **arguments))
         try:
             over = partial(_over, heard, heard[-1].t, duration(args) + after, order)
-            if not await _hear(signals, heard, over):
+            if not await _hear(signals, heard, over, silent):
                 over()  # raises what it was refused with
                 text = "its signals ended before all was injected: it was released, or its link is gone"
                 raise TimedOut(text, heard=len(heard))
-            await asyncio.wait({order}, timeout=SILENT)
+            await asyncio.wait({order}, timeout=silent)
         finally:
             order.cancel()
             await asyncio.gather(order, return_exceptions=True)
@@ -125,11 +127,13 @@ def _signals(sample: Any) -> wire.Signals:
     return wire.decode(sample.payload.to_bytes(), wire.Signals, "signals")
 
 
-async def _hear(signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], true: Callable[[], bool]) -> bool:
+async def _hear(
+    signals: zmav.Subscription[wire.Signals], heard: list[wire.Signals], true: Callable[[], bool], silent: float
+) -> bool:
     """Hear signals until it is so; False where nothing comes any more."""
     while not heard or not true():
         try:
-            heard.append(await within(SILENT, signals.get()))
+            heard.append(await within(silent, signals.get()))
         except asyncio.TimeoutError:
             return False
     return True

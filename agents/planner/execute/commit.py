@@ -216,22 +216,22 @@ class Order:
 
     def __init__(self, parts: Sequence[Part], downwash: float) -> None:
         end = max((part.track.end for part in parts), default=0.0)
-        self._count = int(np.ceil(end / GRAIN)) + 1
-        moments = np.arange(self._count, dtype=np.float64) * GRAIN
-        places = np.zeros((len(parts), self._count, 3))
+        self.count = int(np.ceil(end / GRAIN)) + 1
+        moments = np.arange(self.count, dtype=np.float64) * GRAIN
+        places = np.zeros((len(parts), self.count, 3))
         for i, part in enumerate(parts):
             places[i] = part.track.at(moments)[0]
         places[:, :, 2] /= downwash
         needs = np.array([part.radius + part.margin for part in parts])
         steps = np.array([np.linalg.norm(np.diff(each, axis=0), axis=1).max(initial=0.0) for each in places])
-        self._first = _dependencies(places, needs, steps, ABREAST)
+        self.first = _dependencies(places, needs, steps, ABREAST)
 
     def allows(self, who: int, stop: float, stops: Floats) -> int | None:
         """The index of one who must pass before ``who`` goes on to ``stop``; None: it may. ``stops``: how far each is
         sure to come.
         """
-        grain = min(int(np.ceil(stop / GRAIN - 1e-9)), self._count - 1)
-        row = self._first[who, :, grain]
+        grain = min(int(np.ceil(stop / GRAIN - 1e-9)), self.count - 1)
+        row = self.first[who, :, grain]
         late = np.flatnonzero((row >= 0) & ((row + 1) * GRAIN > stops + 1e-6))
         return int(late[0]) if len(late) else None
 

@@ -57,7 +57,7 @@ class Agent:
             runs=self.runs,
         )
         self.publisher = StatusPublisher(context)
-        self._handlers = OrderHandlers(context, z.member.credentials if z.member else None)
+        self.handlers = OrderHandlers(context, z.member.credentials if z.member else None)
         hears = {"goal": self.on_book, "charge": self.on_charge, "obstacle": self.on_map}
         self._tokens = Tokens(context, hears, self.on_obstacle)
         self._task: asyncio.Task[None] | None = None
@@ -77,7 +77,7 @@ class Agent:
     async def __aenter__(self) -> Agent:
         await self.context.solver.__aenter__()
         self._tokens.start()
-        self._handlers.orders.start()
+        self.handlers.orders.start()
         self.publisher.start()
         self._task = asyncio.create_task(self._live())
         return self
@@ -89,7 +89,7 @@ class Agent:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.gather(*(run.close() for run in self.runs.values()), return_exceptions=True)
-        await self._handlers.close()
+        await self.handlers.close()
         if self.context.charge.in_charge:
             self.publisher.last_book()
         self._tokens.close()
@@ -176,7 +176,7 @@ class Agent:
             self.context.untold.set()
         if not self.context.charge.in_charge:
             if self.context.charge.lost(now):
-                self._take_charge()
+                self.take_charge()
             return
         self._end_runs()
         if self.context.solver.ready:
@@ -193,7 +193,7 @@ class Agent:
             self._homes += 1
             self.context.later(self.context.fleet.ask_home(homeless[self._homes % len(homeless)]))
 
-    def _take_charge(self) -> None:
+    def take_charge(self) -> None:
         book = self.context.charge.take()
         again = self.context.ledger.take_over(book) if book else []
         self._tokens.in_charge(True)
@@ -202,11 +202,11 @@ class Agent:
             text += f": {book.planner} was not heard for {self.context.charge.patience:.0f} s; {len(again)} goals go on"
         self.context.say("charge", "notice" if book else "info", text)
         if book:
-            self._check_map(book, again)
+            self.check_map(book, again)
         self._maps.clear()
         self.publisher.book()
 
-    def _check_map(self, book: swarm.Book, again: list[swarm.GoalEntry]) -> None:
+    def check_map(self, book: swarm.Book, again: list[swarm.GoalEntry]) -> None:
         """Nothing is flown among obstacles that the one before us knew of and we do not."""
         if told := self._maps.get(book.instance):
             self.context.world.follow(told.obstacles, time.monotonic(), time.time())

@@ -19,38 +19,38 @@ class Clocks:
 
     def __init__(self, z: zmav.Client) -> None:
         self._z, self.clock = z, Clock()
-        self._offsets: dict[str, Offset] = {}
+        self.offsets: dict[str, Offset] = {}
         self._asked: dict[str, float] = {}
         self._seen: dict[str, float] = {}
 
     def of(self, names: Iterable[str]) -> dict[str, Offset]:
         """To be used by one flight at a time for each vehicle."""
-        return {name: self._offsets.setdefault(name, Offset()) for name in names}
+        return {name: self.offsets.setdefault(name, Offset()) for name in names}
 
     def hear(self) -> None:
         """Take in what was published: it proves one bound. Who is gone is forgotten."""
         fleet = {vehicle.name: vehicle for vehicle in self._z.fleet()}
-        for name in self._offsets.keys() - fleet.keys():
-            del self._offsets[name]
+        for name in self.offsets.keys() - fleet.keys():
+            del self.offsets[name]
             self._asked.pop(name, None)
             self._seen.pop(name, None)
         for name, vehicle in fleet.items():
             heard = self._z.heard(name, vehicle.fleet)
             if heard is not None and heard.at > self._seen.get(name, -1.0):
                 self._seen[name] = heard.at
-                self._offsets.setdefault(name, Offset()).heard(heard.state.t, self.clock.of(heard.at))
+                self.offsets.setdefault(name, Offset()).heard(heard.state.t, self.clock.of(heard.at))
 
     def due(self, now: float) -> str:
         """Who is to be asked for its time now; empty: nobody."""
-        waits = min(self._offsets, key=lambda name: self._asked.get(name, -EVERY), default="")
+        waits = min(self.offsets, key=lambda name: self._asked.get(name, -EVERY), default="")
         return waits if waits and now - self._asked.get(waits, -EVERY) >= EVERY else ""
 
     async def ask(self, name: str) -> None:
         """No answer leaves what is known."""
         self._asked[name] = time.monotonic()
-        if name not in self._offsets:
+        if name not in self.offsets:
             return
         try:
-            await ask_time(self._z, name, self.clock, self._offsets[name])
+            await ask_time(self._z, name, self.clock, self.offsets[name])
         except ZmavError:
             return

@@ -127,7 +127,7 @@ class Fleet:
         self._z, self.downwash = z, downwash
         self.bodies = Bodies(z)
         self._homes: dict[str, Vector] = {}
-        self._last: dict[str, tuple[wire.VehicleState, float]] = {}
+        self.last: dict[str, tuple[wire.VehicleState, float]] = {}
 
     def watch(self) -> None:
         """A few times a second: take in what was heard, and remember who it was when it is heard no more."""
@@ -135,25 +135,25 @@ class Fleet:
             state, age = vehicle.last_state, vehicle.age
             if state is None or age is None or state.local is None:
                 continue
-            self._last[vehicle.name] = (state, time.monotonic() - age)
+            self.last[vehicle.name] = (state, time.monotonic() - age)
             if state.landed or not state.armed:
                 self._homes[vehicle.name] = state.local
         now = time.monotonic()
-        self._last = {name: (s, at) for name, (s, at) in self._last.items() if now - at < FORGOTTEN}
+        self.last = {name: (s, at) for name, (s, at) in self.last.items() if now - at < FORGOTTEN}
 
     @property
     def names(self) -> list[str]:
         """Everybody that was heard with a place."""
-        return sorted(self._last)
+        return sorted(self.last)
 
     def silent(self) -> list[str]:
         """Present, but without a place in the fleet's frame: nothing can be planned for these."""
-        known = {name for name, (_, at) in self._last.items() if time.monotonic() - at < FRESH}
+        known = {name for name, (_, at) in self.last.items() if time.monotonic() - at < FRESH}
         return [v.name for v in self._z.fleet() if v.name not in known and v.age is not None and v.age < FRESH]
 
     def seen(self, name: str) -> HeardVehicle | None:
         """As last heard, however old; None: never, or without a place."""
-        found = self._last.get(name)
+        found = self.last.get(name)
         if found is None or found[0].local is None:
             return None
         state, at = found
@@ -175,7 +175,7 @@ class Fleet:
     @property
     def homeless(self) -> list[str]:
         """Those that were in the air when we came, and did not say yet where they took off: they cannot return."""
-        return [name for name in self._last if name not in self._homes]
+        return [name for name in self.last if name not in self._homes]
 
     async def ask_home(self, name: str) -> None:
         """Of its autopilot (HOME_POSITION); no answer, or one that makes no sense, leaves what is known."""
@@ -184,7 +184,7 @@ class Fleet:
             lat, lon, alt = float(told["latitude"]) / 1e7, float(told["longitude"]) / 1e7, float(told["altitude"]) / 1e3
         except (ZmavError, KeyError, TypeError, ValueError):
             return
-        found = self._last.get(name)
+        found = self.last.get(name)
         if found is None or found[0].local is None or found[0].position is None:
             return
         local, here = found[0].local, found[0].position

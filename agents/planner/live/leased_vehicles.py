@@ -78,7 +78,7 @@ class LeasedVehicles:
     def __init__(self, run: GoalUnderWay) -> None:
         self._run = run
         self._stack = contextlib.AsyncExitStack()
-        self._executor: Executor | None = None
+        self.executor: Executor | None = None
         self._margin = run.context.settings.margin
         self._again: Again | None = None
         self._planned: Planned | None = None
@@ -100,7 +100,7 @@ class LeasedVehicles:
             taking=TAKE,
             waits=lambda why: run.text(f"waits for a lease: {why}"),
         )
-        self._executor = await self._stack.enter_async_context(executor)
+        self.executor = await self._stack.enter_async_context(executor)
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -109,23 +109,23 @@ class LeasedVehicles:
     @property
     def left(self) -> set[str]:
         """Who did not answer when the leases were taken: they stay where they rest."""
-        return set(self._executor.left) if self._executor is not None else set()
+        return set(self.executor.left) if self.executor is not None else set()
 
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
-        assert self._executor is not None
-        return self._executor.commands[name].vehicle
+        assert self.executor is not None
+        return self.executor.commands[name].vehicle
 
     @property
     def commands(self) -> dict[str, VehicleCommand]:
-        assert self._executor is not None
-        return self._executor.commands
+        assert self.executor is not None
+        return self.executor.commands
 
     @property
     def now(self) -> float:
         """Our UTC, by which everything is flown."""
-        assert self._executor is not None
-        return self._executor.clock.now()
+        assert self.executor is not None
+        return self.executor.clock.now()
 
     async def margins(self) -> tuple[tuple[float, float], ...]:
         """m by which plans should widen radii, and the share of their speed that vehicles may have with that; best
@@ -151,7 +151,7 @@ class LeasedVehicles:
 
     def _needed(self, share: float = 1.0) -> float:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
-        executor, fleet = self._executor, self._run.context.fleet
+        executor, fleet = self.executor, self._run.context.fleet
         assert executor is not None
         seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
@@ -164,7 +164,7 @@ class LeasedVehicles:
 
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
         """
-        executor, run = self._executor, self._run
+        executor, run = self.executor, self._run
         assert executor is not None
         self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
         if not run.goes:
@@ -179,35 +179,35 @@ class LeasedVehicles:
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
-        assert self._executor is not None
+        assert self.executor is not None
         self._words = self._run.entry.text
-        return await self._executor.follow(conductor, goes)
+        return await self.executor.follow(conductor, goes)
 
     def pause(self) -> None:
-        if self._executor is not None:
-            self._executor.pause()
+        if self.executor is not None:
+            self.executor.pause()
 
     def resume(self) -> None:
-        if self._executor is not None and not self._torn:
-            self._executor.resume()
+        if self.executor is not None and not self._torn:
+            self.executor.resume()
 
     @property
     def committed(self) -> list[MovingObstacle]:
         """What its vehicles are sure to fly, on our UTC."""
-        return self._executor.committed if self._executor is not None else []
+        return self.executor.committed if self.executor is not None else []
 
     def refresh(self) -> None:
         """Others are committed to something new."""
-        if self._executor is not None:
-            self._executor.avoid(self.movers(self.now))
+        if self.executor is not None:
+            self.executor.avoid(self.movers(self.now))
 
     def stop(self, why: str) -> None:
-        if self._executor is not None:
-            self._executor.halt(why)
+        if self.executor is not None:
+            self.executor.halt(why)
 
     def world_changed(self) -> None:
         """Anyone who has something in its way from now on stops before it, and a new plan is made."""
-        planned, executor, context = self._planned, self._executor, self._run.context
+        planned, executor, context = self._planned, self.executor, self._run.context
         if planned is None or executor is None:
             return
         pieces = context.world.pieces(time.time())
@@ -226,7 +226,7 @@ class LeasedVehicles:
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
-        run, executor = self._run, self._executor
+        run, executor = self._run, self.executor
         assert executor is not None
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned

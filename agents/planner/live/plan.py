@@ -68,8 +68,8 @@ class Planner:
         """What the goal comes down to; raises the typed error of one that cannot be."""
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
-        points += [enu(point) for point in _points(goal)]
-        points += _circles(goal, view, points)
+        points += [enu(point) for point in points_of(goal)]
+        points += circles(goal, view, points)
         return await self._solver.do(jobs.Resolve(goal, view, room.empty(points)))
 
     async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
@@ -163,7 +163,7 @@ def _array(rows: Sequence[Sequence[float]]) -> Floats:
     return np.array(rows, dtype=np.float64)
 
 
-def _circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> list[Vector]:
+def circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> list[Vector]:
     """Room (ENU) that planes need beyond these places: for their circles, which are above each other, and turns."""
     planes = [view.vehicles[name] for name in goal.vehicles if not view.vehicles[name].hovers]
     if not planes:
@@ -175,7 +175,7 @@ def _circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> lis
     return [(float(x.min()) - wide, float(y.min()) - wide, low), (float(x.max()) + wide, float(y.max()) + wide, high)]
 
 
-def _points(goal: swarm.Goal) -> list[Vector]:
+def points_of(goal: swarm.Goal) -> list[Vector]:
     """Every place (NED) that a goal names."""
     found: list[Vector] = []
     for field in ("to", "via"):

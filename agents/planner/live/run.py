@@ -74,7 +74,7 @@ class Run:
         self._goes = asyncio.Event()
         if entry.state != "paused":
             self._goes.set()
-        self._flying: LeasedVehicles | Tracking | None = None
+        self.flying: LeasedVehicles | Tracking | None = None
         self._task = asyncio.create_task(self._live())
 
     @property
@@ -93,34 +93,34 @@ class Run:
         if self.stopping:
             return
         self.stopping = why or "stopped"
-        if self._flying is not None:
-            self._flying.stop(self.stopping)
+        if self.flying is not None:
+            self.flying.stop(self.stopping)
         else:
             self._task.cancel()
 
     def pause(self) -> None:
         self._goes.clear()
-        if self._flying is not None:
-            self._flying.pause()
+        if self.flying is not None:
+            self.flying.pause()
 
     def resume(self) -> None:
         self._goes.set()
-        if self._flying is not None:
-            self._flying.resume()
+        if self.flying is not None:
+            self.flying.resume()
 
     def committed(self) -> list[MovingObstacle]:
         """What its vehicles are sure to fly, on our UTC; nothing while they rest."""
-        return self._flying.committed if self._flying is not None else []
+        return self.flying.committed if self.flying is not None else []
 
     def refresh(self) -> None:
         """The one that is followed, or who follows, is committed to something new."""
-        if self._flying is not None:
-            self._flying.refresh()
+        if self.flying is not None:
+            self.flying.refresh()
 
     def world_changed(self) -> None:
         """There are other obstacles: what is being flown is looked at again."""
-        if self._flying is not None:
-            self._flying.world_changed()
+        if self.flying is not None:
+            self.flying.world_changed()
 
     async def close(self) -> None:
         """End without a word in the book; anyone who still flies comes to rest along its way first."""
@@ -284,16 +284,16 @@ class Run:
         """Until the goal is cancelled, or its leader is lost for good; gives who did not come home or down then."""
         while True:
             tracking = Tracking(self, leased, step, self.planner)
-            self._flying, self.tracks = tracking, True
+            self.flying, self.tracks = tracking, True
             try:
                 doing = await tracking.go_on()
             except Blocked as e:
-                self._flying, self.tracks = None, False
+                self.flying, self.tracks = None, False
                 self.context.say("replan", "notice", f"{self.entry.id}: {e.message}: planned", goal=self.entry.id)
                 await self._beside(leased, tracking, share)
                 continue
             finally:
-                self._flying, self.tracks = None, False
+                self.flying, self.tracks = None, False
             self.check_stopped()
             goal: swarm.Goal = swarm.Return(vehicles=list(self.vehicles))
             if doing == "land":
@@ -348,11 +348,11 @@ class Run:
     ) -> Landed:
         self._speak_for(planned)
         self._state("flying", text or "flies")
-        self._flying = leased
+        self.flying = leased
         try:
             return await leased.fly(planned, share, again)
         finally:
-            self._flying = None
+            self.flying = None
 
     def _speak_for(self, planned: Planned) -> None:
         """From now on no other goal plans through the room that this one needs."""

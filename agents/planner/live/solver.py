@@ -185,7 +185,7 @@ class Solver:
             if isinstance(message, jobs.Done):
                 self._job.set_result(message.result)
             elif isinstance(message, jobs.Failed):
-                self._job.set_exception(_error(message))
+                self._job.set_exception(error_of(message))
             else:
                 self._solved.set()
 
@@ -200,7 +200,7 @@ def _look(task: asyncio.Future[Any]) -> None:
         task.exception()
 
 
-def _error(failed: jobs.Failed) -> ZmavError:
+def error_of(failed: jobs.Failed) -> ZmavError:
     if failed.code == PlanError.code:
         return PlanError(failed.detail["kind"], failed.detail["ids"], failed.message)
     return from_code(failed.code, failed.message, failed.detail)

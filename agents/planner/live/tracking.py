@@ -189,7 +189,7 @@ class Tracking:
         speeds = np.gradient(places, times, axis=0) if len(times) > 2 else np.zeros_like(places)
         rows = np.column_stack((times[keep], places[keep], speeds[keep]))
         rows[0, 4:], rows[-1, 4:] = vel, 0.0
-        head = _head(part.known.rows, d, now)
+        head = head_of(part.known.rows, d, now)
         whole = np.vstack((head, rows))
         rest_at = float(whole[-1, 0])
         return Entry(Profile.resting(0.0, rest_at), np.round(whole, 6), d, rest_at)
@@ -206,7 +206,7 @@ class Blocked(Refused):
     """Followers are to be brought to their places by a plan."""
 
 
-def _head(rows: Floats, d: float, now: float) -> Floats:
+def head_of(rows: Floats, d: float, now: float) -> Floats:
     """The points up to ``d`` (not at it, nor so near that a vehicle refuses it), from just before now; of what rests by
     then, its place.
     """

@@ -132,15 +132,15 @@ def name_of(scene: Scene, obstacle: int) -> str:
     return f"{kind} {obstacle}"
 
 
-def read_scene(path: str | Path) -> Scene:
+def read_scene(path: str | Path, largest: int = LARGEST) -> Scene:
     """The scene of a file. Raises :class:`PlanError` (``invalid_scene``) that names the field and what is wrong."""
     try:
         with Path(path).open("rb") as file:
-            data = file.read(LARGEST + 1)
+            data = file.read(largest + 1)
     except OSError as e:
         raise PlanError("invalid_scene", [], f"cannot read {path}: {e.strerror}") from e
-    if len(data) > LARGEST:
-        raise PlanError("invalid_scene", [], f"{path} has more than {LARGEST >> 20} MB")
+    if len(data) > largest:
+        raise PlanError("invalid_scene", [], f"{path} has more than {largest >> 20} MB")
     return parse_scene(data.removeprefix(b"\xef\xbb\xbf"))
 
 

@@ -112,7 +112,8 @@ async def test_a_narrow_link_is_not_overrun(net: Net, run_camera: Run) -> None:
         await until(lambda: reader.assembler.whole >= whole + 8, "8 whole pictures more")
         assert way.lost - lost < 0.25 * (way.carried - carried)
         assert reader.assembler.torn - torn <= 3
-        info = await camera_info(agent._z, "quad1", "down")
+        async with reading(here) as beside:
+            info = await camera_info(beside, "quad1", "down")
     assert info.focal[0] == pytest.approx(info.width / 2 / 0.6131, rel=1e-3)  # 1.1 rad wide at any size
 
 

@@ -39,6 +39,7 @@ class Lagging(zmav.Agent):
         super().__init__(*args, **rest)
         self.t, self.z_now = 1000.0, -3.0
         self.injection: Injection | None = None
+        self.refusal: Refused | None = None
         self.engaged, self.without, self.ends_at = True, "", math.inf
 
     async def run(self) -> None:
@@ -58,6 +59,8 @@ class Lagging(zmav.Agent):
         await asyncio.Event().wait()
 
     async def on_inject(self, args: Inject, report: Any, origin: object) -> dict[str, Any]:
+        if self.refusal is not None:
+            raise self.refusal
         self.injection = Injection(args, "position", self.t)
         return {}
 
@@ -112,32 +115,28 @@ async def test_the_command_prints_and_draws_it(flown: tuple[zmav.Client, Lagging
 
 
 async def test_what_the_agent_refuses_is_said_with_its_reason(
-    flown: tuple[zmav.Client, Lagging, str], monkeypatch: pytest.MonkeyPatch
+    flown: tuple[zmav.Client, Lagging, str],
 ) -> None:
     z, agent, _ = flown
     async with running(agent):
         with pytest.raises(BadInput, match="a reference of level position has"):
             await respond(z, "hex1", "lagging", Inject(kind="step", channel="p", amplitude=0.1, seconds=1.0))
 
-        async def refuse(*_: Any) -> dict[str, Any]:
-            raise Refused("the autopilot flies: engage first")
-
-        agent._orders._verbs["inject"] = (Inject, refuse)
+        agent.refusal = Refused("the autopilot flies: engage first")
         with pytest.raises(Refused, match="engage first"):
             await respond(z, "hex1", "lagging", STEP)
 
 
 async def test_one_that_is_silent_is_told_to_be_engaged(
-    flown: tuple[zmav.Client, Lagging, str], monkeypatch: pytest.MonkeyPatch
+    flown: tuple[zmav.Client, Lagging, str],
 ) -> None:
-    monkeypatch.setattr("agents.controllers.cli.inject.SILENT", 0.3)
     z, agent, _ = flown
     with pytest.raises(TimedOut, match="agent do lagging engage"):
-        await respond(z, "hex1", "lagging", STEP)
+        await respond(z, "hex1", "lagging", STEP, silent=0.3)
     agent.ends_at = agent.t + 2.0
     async with running(agent):
         with pytest.raises(TimedOut, match="before all was injected: it was released"):
-            await respond(z, "hex1", "lagging", STEP)
+            await respond(z, "hex1", "lagging", STEP, silent=0.3)
 
 
 async def test_a_signal_that_is_missing_is_named(flown: tuple[zmav.Client, Lagging, str]) -> None:

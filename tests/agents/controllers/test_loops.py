@@ -97,9 +97,9 @@ class TestLikePx4:
             if k == 0:
                 continue  # it takes the first velocity for a slope from nothing
             if k == 1:
-                for axis, slope in zip(velocity.axes, theirs._vel_dot[:, 0], strict=True):
+                for axis, slope in zip(velocity.axes, theirs.vel_dot[:, 0], strict=True):
                     axis.slope = float(slope)
-                for axis, integral in zip(velocity.axes, theirs._vel_i[:, 0], strict=True):
+                for axis, integral in zip(velocity.axes, theirs.vel_i[:, 0], strict=True):
                     axis.integral = float(integral)
                 continue
             assert ours.thrust == pytest.approx(float(theirs.thrust[0]) / full, abs=1e-9)
@@ -127,7 +127,7 @@ class TestLikePx4:
         ours = RatesLoop()
         setpoints.horizontal[:], setpoints.vertical[:] = Axis.RATES, Axis.DIRECT
         setpoints.thrust[:] = 0.5
-        mixer = theirs._allocator
+        mixer = theirs.allocator
         for k, state in enumerate(tossed(rng, 1500, 0.2)):
             wanted = 0.4 * np.sin(np.array([1.0, 1.3, 0.6]) * k * CYCLE)
             setpoints.body[:, 0] = wanted
@@ -136,7 +136,7 @@ class TestLikePx4:
             throttle = theirs.inner(Known(state), CYCLE)
             mine = ours.update(state, Reference("rates", rates=wanted, thrust=0.5))
             if k == 0:
-                theirs._rate_dot[:] = 0.0
+                theirs.rate_dot[:] = 0.0
                 continue
             shares, _ = mixer.allocate(mine.torque[:, None], np.array([mine.thrust]))
             assert np.allclose(throttle, shares, atol=1e-9)

@@ -243,11 +243,10 @@ async def test_a_file_that_is_no_text_is_said_to_be_none(bench: Bench) -> None:
 async def test_nothing_is_loaded_any_more_once_it_is_closed(bench: Bench) -> None:
     bench.path.write_text(changed(more="time.sleep(600.0)"))
     loading = asyncio.create_task(bench.shop.load({}))
-    while bench.shop._fresh is None:
+    while not children():
         await asyncio.sleep(0.01)
-    fresh = bench.shop._fresh
     bench.shop.close()
-    assert not fresh.alive
+    assert children() == []
     loading.cancel()
     await asyncio.gather(loading, return_exceptions=True)
     with pytest.raises(ZmavError, match="ends"):

@@ -42,7 +42,7 @@ async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
     with pytest.raises(Refused, match="ask again"):
         await asked
     assert supervisor.cycles.phase == 0
-    assert supervisor._engaged is None
+    assert supervisor.idle
     # Nor does what the pilot's switch has come between.
     gate.open.clear()
     asked = asyncio.create_task(field.vehicle.tell("ev1-attitude", "engage"))
@@ -50,13 +50,13 @@ async def test_a_request_that_was_released_before_it_took_over_counts_no_more(
     pilot = field.world.vehicles[0].px4.sticks.pilot
     pilot.flip(7, 1900)
     await field.vehicle.wait_until(lambda s: s.pilot is not None, 30.0)
-    await field.until(lambda: supervisor._pilot_at != "", "it does not hear of the switch")
+    await field.until(lambda: supervisor.pilot_at != "", "it does not hear of the switch")
     pilot.flip(7, 1000)
     await field.vehicle.wait_until(lambda s: s.pilot is None, 30.0)
     gate.open.set()
     with pytest.raises(Refused, match="ask again"):
         await asked
-    assert supervisor._engaged is None
+    assert supervisor.idle
 
 
 async def test_of_two_requests_at_once_one_flies_and_can_be_released(
@@ -104,8 +104,8 @@ async def test_a_vehicles_agent_that_begins_again_turns_no_switch(field: Field) 
     state = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one", pilot="his switch")
     away = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="one")
     again = wire.VehicleState(t=0.0, fleet="demo", name="hex1", instance="two")
-    assert [supervisor._turned_away(each) for each in (away, state, away, away)] == [False, False, True, False]
-    assert [supervisor._turned_away(each) for each in (state, again, away)] == [False, False, False]
+    assert [supervisor.turned_away(each) for each in (away, state, away, away)] == [False, False, True, False]
+    assert [supervisor.turned_away(each) for each in (state, again, away)] == [False, False, False]
 
 
 async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flight(field: Field) -> None:
@@ -128,7 +128,7 @@ async def test_a_take_over_that_came_to_nothing_says_how_long_the_way_back_took(
     supervisor = await field.supervise("ev1-attitude")
 
     async def refused(lease: object) -> bool:
-        supervisor._why = "OFFBOARD did not come"
+        supervisor.why = "OFFBOARD did not come"
         return False
 
     monkeypatch.setattr(supervisor, "_take_over", refused)

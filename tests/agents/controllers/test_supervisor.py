@@ -106,7 +106,7 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Fie
     await field.until(lambda: field.mode == "HOLD", f"the autopilot has not got it after fault {fault}")
     await field.until(lambda: supervisor.handed_back_ms is not None, "no word of it")
     assert supervisor.cycles.phase == 0
-    assert re.search(FAULTS[fault], supervisor._why), supervisor._why
+    assert re.search(FAULTS[fault], supervisor.why), supervisor.why
     await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
     upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
     await field.vehicle.wait_until(upright, 20.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import subprocess
@@ -158,11 +159,9 @@ def test_unplugged_in_flight_it_says_that_it_may_be_armed(fleet: Path, tmp_path:
     assert "cannot be reached (was it unplugged?): take its power off before you touch it" in said
 
 
-def test_the_loop_is_judged_by_its_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.hil.bench.LEAST_SHARE", 0.5)
-    monkeypatch.setattr("agents.hil.bench.LEAST_SPEED", 0.98)
-    start = HilLoop(0, 0, 0, 0, 0.0)
-    good = judge_loop(start, HilLoop(2500, 2490, 0, 0, 0.02), 10.0, 1.0)
+def test_the_loop_is_judged_by_its_figures() -> None:
+    start, judge = HilLoop(0, 0, 0, 0, 0.0), functools.partial(judge_loop, least_share=0.5, least_speed=0.98)
+    good = judge(start, HilLoop(2500, 2490, 0, 0, 0.02), 10.0, 1.0)
     assert good.status == "ok" and good.found.startswith("250.0 readings/s sent, 249.0 controls/s heard")
     for last, speed in (
         (HilLoop(2500, 1000, 0, 0, 0.02), 1.0),
@@ -170,4 +169,4 @@ def test_the_loop_is_judged_by_its_figures(monkeypatch: pytest.MonkeyPatch) -> N
         (HilLoop(2500, 2490, 0, 0, 0.02), 0.9),
         (HilLoop(0, 0, 0, 0, 0.0), 1.0),
     ):
-        assert judge_loop(start, last, 10.0, speed).status == "BAD"
+        assert judge(start, last, 10.0, speed).status == "BAD"

@@ -111,11 +111,10 @@ def test_a_file_that_is_no_report_is_said(report: Report, tmp_path: Path) -> Non
 
 
 async def test_a_doctor_that_says_nothing_lets_nothing_fly(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gates, "DOCTOR_S", 0.2)
     monkeypatch.setattr(gates, "examine", lambda seen: iter(()))
     _, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z:
-        (check,) = await ask_doctor(z)
+        (check,) = await ask_doctor(z, 0.2)
     assert check.status == "BAD" and "nothing to look at" in check.found
 
 
@@ -124,10 +123,8 @@ async def test_a_real_autopilot_before_its_flight(
     tmp_path: Path,
     make_board: MakeBoard,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """... with reports of itself; then with another fleet file, a changed parameter, and no report of the bench."""
-    monkeypatch.setattr(gates, "DOCTOR_S", 1.0)
     board, file = make_board(hitl=0), load_fleet(fleet)
     device = str(board.link)
     reports = [begun(stage, file, "px1", device) for stage in ("sil", "bench")]

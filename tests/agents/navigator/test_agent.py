@@ -67,7 +67,7 @@ class Field:
 
     async def ended(self, words: str) -> str:
         """How the flight did, in its own words, among which these are."""
-        flight = self.navigator._flight
+        flight = self.navigator.flight
         assert flight is not None
         await asyncio.wait({flight}, timeout=PATIENCE_S)
         assert flight.done(), self.words[-1:]

@@ -39,8 +39,8 @@ async def test_a_hexarotor_flies_ev3_in_wind_and_noise(net: Net, onboard: StartO
         running = asyncio.create_task(navigator.run())
         told = await vehicle.tell("navigator", "fly", route="ev3", side=3.0, height=1.5, speed=1.5)
         assert told["length"] == 21.0
-        assert navigator._flight is not None
-        await asyncio.wait({navigator._flight}, timeout=2 * told["seconds"])
+        assert navigator.flight is not None
+        await asyncio.wait({navigator.flight}, timeout=2 * told["seconds"])
         found = navigator.last
         assert found is not None
         assert navigator._text.startswith("flew ev3")

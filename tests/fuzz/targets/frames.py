@@ -41,7 +41,7 @@ def split(data: bytes) -> None:
     splitter = Splitter(dialect)
     frames = splitter.feed(data)
     counters = splitter.counters
-    pending = len(splitter._partial)
+    pending = len(splitter.partial)
     assert pending < 280
     assert counters.bytes == len(data)
     assert counters.frames == len(frames)

@@ -18,7 +18,6 @@ import traceback
 import urllib.parse
 from collections.abc import Coroutine, Iterator
 from typing import Any, TypeVar
-from unittest.mock import patch
 
 import zenoh
 from websockets.exceptions import ConnectionClosed
@@ -27,7 +26,8 @@ from websockets.sync.client import ClientConnection, connect
 import zmav
 from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
-from ground.http import guard, server
+from ground.http.guard import Rules
+from ground.http.server import Patience
 from tests.conftest import Net
 from tests.fuzz.engine import TOKENS, Run, Target
 from tests.fuzz.targets.frames import stream, the_dialect
@@ -137,10 +137,9 @@ def _answer(query: zenoh.Query) -> None:
 @contextlib.contextmanager
 def gateway() -> Iterator[tuple[Served, Faults]]:
     serve = Serve()
-    hurried = patch.multiple(server, HEAD_PATIENCE=HURRY, STRANGER_PATIENCE=HURRY)
-    with watched() as faults, hurried, patch.object(guard, "BODY_PATIENCE", HURRY):
+    with watched() as faults:
         try:
-            served = serve()
+            served = serve(Rules(body_patience=HURRY), patience=Patience(HURRY, HURRY))
             answering = served.session.declare_queryable(f"zmav/{FLEET}/quad1/**", _answer)
             served.vehicle("quad1", 1)
             served.hear("SYSTEM_TIME", time_unix_usec=5, time_boot_ms=6)
@@ -349,7 +348,7 @@ def orders() -> Iterator[Run]:
                 said = [reply.err.payload.to_bytes() for reply in replies if reply.err is not None]
                 for each in said:
                     assert b"inside the agent" not in each, each
-                for operation in list(vehicle.orders._operations._operations.values()):
+                for operation in vehicle.orders.operations:
                     task = operation.task
                     error = task.exception() if task.done() and not task.cancelled() else None
                     assert error is None or isinstance(error, ZmavError), (operation.verb, error)

@@ -194,10 +194,10 @@ def key(data: bytes) -> None:
 def _tokens(text: str) -> Iterator[float | None]:
     """Those who read tokens raise nothing at all: they are called by Zenoh."""
     from ground.feed import origin_of
-    from zmav.services.rates.demand import _demand
+    from zmav.services.rates.demand import demand_of
 
     if text.count("/") > 3:
-        found = _demand(text, the_dialect())
+        found = demand_of(text, the_dialect())
         yield found and found.hz
     origin_of(text)
 

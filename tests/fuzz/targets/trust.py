@@ -47,7 +47,7 @@ def fleet() -> Fleet:
             for n, (role, other) in enumerate((("admin", "demo"), ("viewer", "no name"), ("vehicle", "other")))
         ]
         ders = [x509.load_pem_x509_certificate((each / "cert.pem").read_bytes()) for each in strange]
-        return Fleet(authority.certificate, authority._key, member, [d.public_bytes(Encoding.DER) for d in ders])
+        return Fleet(authority.certificate, authority.key, member, [d.public_bytes(Encoding.DER) for d in ders])
 
 
 def certificate(data: bytes) -> None:

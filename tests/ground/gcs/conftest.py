@@ -146,15 +146,15 @@ class Station:
         """Every STATUSTEXT so far, put together."""
         return "".join(str(decode(frame, self.dialect)["text"]) for frame in self.named("STATUSTEXT"))
 
-    async def until(self, true: Callable[[], bool], what: str) -> None:
+    def wait_for(self, true: Callable[[], bool]) -> bool:
         """Wait until it holds; it is asked again whenever something came."""
+        with self._changed:
+            return self._changed.wait_for(true, PATIENCE_S)
 
-        def wait() -> bool:
-            with self._changed:
-                return self._changed.wait_for(true, PATIENCE_S)
-
+    async def until(self, true: Callable[[], bool], what: str) -> None:
+        """As :meth:`wait_for`, beside an event loop."""
         got = [self.dialect.name_of(frame.msgid) for frame in self.frames[-8:]]
-        assert await asyncio.to_thread(wait), f"never: {what}; last came {got}, {self.texts()}"
+        assert await asyncio.to_thread(self.wait_for, true), f"never: {what}; last came {got}, {self.texts()}"
 
     async def gets(self, data: bytes) -> None:
         """Wait for exactly these bytes."""

@@ -115,8 +115,7 @@ class Caller(Station):
     """A station that asks and waits."""
 
     def wait(self, true: Callable[[], bool], what: str) -> None:
-        with self._changed:
-            assert self._changed.wait_for(true, PATIENCE_S), f"never: {what}; {self.texts()}"
+        assert self.wait_for(true), f"never: {what}; {self.texts()}"
 
     def fields(self, name: str, sysid: int | None = None) -> list[dict[str, Any]]:
         """What came of a message, in order."""

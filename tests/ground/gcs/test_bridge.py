@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from ground.gcs import client
 from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from tests.ground.gcs.conftest import FLEET, PATIENCE_S, Craft, Scene, Station, command, unknown_frame
@@ -229,14 +228,14 @@ async def test_a_web_page_cannot_speak_through_a_browser(scene: Scene) -> None:
     assert not any(data == order for _, data in one.told)
 
 
-async def test_who_comes_after_a_silent_station_is_somebody_else(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "SILENCE", 0.5)
+async def test_who_comes_after_a_silent_station_is_somebody_else(scene: Scene) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waiting:
         waiting.bind(("127.0.0.1", 0))
         waiting.settimeout(30.0)
         one = scene.craft("quad1", 1)
         bridge = await scene.bridge(udp=waiting.getsockname()[1])
         (there,) = bridge.clients
+        there.silence = 0.5
         one.says("HEARTBEAT")
         _, address = await asyncio.to_thread(waiting.recvfrom, 2048)
         for sysid in (9, 255):

@@ -21,7 +21,7 @@ import zmav
 from ground.http.app import make_app
 from ground.http.gateway import Gateway
 from ground.http.guard import Rules
-from ground.http.server import bound, serving
+from ground.http.server import Patience, bound, serving
 from tests.conftest import endpoint_of
 from tests.ground.http.browser import CHROMIUM, Fleet, Tab, browser
 from zmav import keys, wire
@@ -72,13 +72,13 @@ class Served:
 
     async def _serve(self) -> None:
         self.loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        stalled = self._how.pop("stalled", 20.0)
+        stalled, patience = self._how.pop("stalled", 20.0), self._how.pop("patience", Patience())
         settings = SessionSettings(connect=[self.endpoint], credentials=self._how.pop("credentials", None))
         try:
             async with (
                 zmav.open(fleet=FLEET, settings=settings) as client,
                 Gateway(client, bool(self._rules and self._rules.read_only), **self._how) as self.gateway,
-                serving(self._make_app(), bound("127.0.0.1", 0, stalled)) as self.port,
+                serving(self._make_app(), bound("127.0.0.1", 0, stalled), patience) as self.port,
             ):
                 self._ready.set()
                 await self._stop.wait()

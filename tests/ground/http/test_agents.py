@@ -137,7 +137,7 @@ def test_what_cannot_be_done_is_named(
 
 
 def test_an_agent_that_is_not_there(served: Served, counter: Counter, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.vehicle.vehicle.GIVE_UP", 0.3)
+    monkeypatch.setattr(zmav.Vehicle, "give_up", 0.3)
     reply = served.post("/agent/quad1/ev9/engage")
     assert (reply.status, reply.json["error"]["kind"]) == (504, "timed_out")
     assert "zmav agent run ev9 --vehicle quad1" in reply.json["error"]["text"]

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from ground.http import guard, server
 from ground.http.guard import Rules
-from ground.http.server import bound
+from ground.http.server import Patience, bound
 from zmav.errors import BadConfig, PortInUse
 
 if TYPE_CHECKING:
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from tests.ground.http.conftest import Serve, Served
 
 SITE = "http://blueos.local"
+LOCKED = Rules(token="s3cret ü", read_only=True, origins=frozenset({SITE}))
 
 
 @pytest.fixture(scope="module")
 def locked(serve: Serve) -> Served:
     """With a token, reading only, and one site's pages let in."""
-    served = serve(Rules(token="s3cret ü", read_only=True, origins=frozenset({SITE})))
+    served = serve(LOCKED)
     served.vehicle("quad1", 1)
     return served
 
@@ -142,17 +143,17 @@ def test_another_site_s_page_sends_nothing(served: Served, headers: dict[str, st
         ("/vehicles", {}, 200),
         ("/stop/1/99", {}, 403),
         ("/do/quad1/nosuch", {}, 403),
-        ("/do/quad1/nosuch", {"Origin": "http://localhost"}, 400),
+        ("/do/quad1/nosuch", {"Origin": "http://drone.lan"}, 400),
         ("/do/quad1/nosuch", {"Sec-Fetch-Site": "same-origin"}, 400),
         ("/do/quad1/nosuch", {"Host": "127.0.0.1"}, 400),
     ],
 )
 def test_under_a_name_that_was_added_a_stranger_s_image_flies_nothing(
-    served: Served, path: str, headers: dict[str, str], status: int, monkeypatch: pytest.MonkeyPatch
+    serve: Serve, path: str, headers: dict[str, str], status: int
 ) -> None:
     """Browsers say whose page asks of this computer's addresses and over TLS, and not under a name of our network."""
-    monkeypatch.setattr(guard, "LOOPBACK", ("127.0.0.1",))
-    reply = served.request("GET", path, **{"Host": "localhost", **headers})
+    served = serve(Rules(hosts={*guard.LOOPBACK, "drone.lan"}))
+    reply = served.request("GET", path, **{"Host": "drone.lan", **headers})
     assert reply.status == status, reply.text
 
 
@@ -246,8 +247,8 @@ def test_a_body_of_two_lengths_is_refused(served: Served) -> None:
     assert reply.count(b"HTTP/1.1 ") == 1
 
 
-def test_a_body_that_does_not_come_is_not_waited_for(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "BODY_PATIENCE", 0.1)
+def test_a_body_that_does_not_come_is_not_waited_for(serve: Serve) -> None:
+    served = serve(Rules(body_patience=0.1))
     begin = b"POST /v1/mavlink HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\n{"
     assert raw(served, begin).startswith(b"HTTP/1.1 408")
 
@@ -272,15 +273,12 @@ def test_a_body_that_breaks_off_is_no_request() -> None:
 
 
 @pytest.mark.parametrize("begin", [b"", b"GET /vehi"])
-def test_a_request_that_does_not_come_is_not_waited_for(
-    served: Served, begin: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(server, "HEAD_PATIENCE", 0.1)
-    assert raw(served, begin) == b""
+def test_a_request_that_does_not_come_is_not_waited_for(serve: Serve, begin: bytes) -> None:
+    assert raw(serve(patience=Patience(stranger=0.1)), begin) == b""
 
 
-def test_nor_is_a_second_one(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "HEAD_PATIENCE", 0.5)
+def test_nor_is_a_second_one(serve: Serve) -> None:
+    served = serve(patience=Patience(head=0.5))
     with socket.create_connection(("127.0.0.1", served.port), 30.0) as sock:
         sock.sendall(b"GET /nosuch HTTP/1.1\r\nHost: localhost\r\n\r\nGET /vehi")
         answer = b"".join(iter(lambda: sock.recv(65536), b""))
@@ -309,10 +307,9 @@ def test_one_address_s_connections_do_not_shut_another_s(locked: Served) -> None
         assert mine.recv(65536).startswith(b"HTTP/1.1 401")
 
 
-def test_a_connection_that_showed_its_token_is_waited_for_longer(
-    locked: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(server, "STRANGER_PATIENCE", 0.1)
+def test_a_connection_that_showed_its_token_is_waited_for_longer(serve: Serve) -> None:
+    locked = serve(LOCKED, patience=Patience(stranger=0.1))
+    locked.vehicle("quad1", 1)
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", locked.port, timeout=30.0)) as known:
         known.auto_open = 0  # it does not begin again by itself
         known.connect()

@@ -16,7 +16,6 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from ground.http import restws
 from ground.http.restjson import document, frame_of, template
 from ground.http.restws import RestSockets
 from zmav import keys
@@ -370,8 +369,7 @@ def flood(serve: Serve) -> Iterator[Served]:
     yield served
 
 
-def test_who_does_not_read_is_cut_off_and_nobody_waits(flood: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(restws, "QUEUE", 50)
+def test_who_does_not_read_is_cut_off_and_nobody_waits(flood: Served) -> None:
     texts = {"severity": "MAV_SEVERITY_INFO", "text": "x" * 50}
     frame = encode(load_dialect(), "STATUSTEXT", texts, sysid=1, compid=1)
     key = keys.RX.key("demo", "quad1", sys=1, comp=1, msg="STATUSTEXT")

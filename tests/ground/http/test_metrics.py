@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import pytest
@@ -92,8 +93,11 @@ def test_the_format_escapes_and_reads_back() -> None:
     assert "# HELP zmav_a with a \\\\ and a\\nbreak\n" in page.text()
 
 
-def answer(served: Served, key: str, payload: bytes) -> zenoh.Queryable[None]:
+def answer(
+    served: Served, key: str, payload: bytes, note: Callable[[str], None] = lambda key: None
+) -> zenoh.Queryable[None]:
     def on_query(query: zenoh.Query) -> None:
+        note(str(query.key_expr))
         with query:
             query.reply(key, payload)
 
@@ -179,15 +183,8 @@ def test_links_are_asked_for_once_however_many_scrape(serve: Serve, monkeypatch:
     monkeypatch.setattr("ground.http.metrics.LINKS_EVERY", 60.0)
     served = serve()
     served.vehicle("quad3", 3)
-    asked, ask = list[str](), served.gateway.client.ask
-
-    def counted(key: str, *args: Any, **more: Any) -> Any:
-        asked.append(key)
-        return ask(key, *args, **more)
-
-    monkeypatch.setattr(served.gateway.client, "ask", counted)
-    link = msgspec.structs.replace(LINK, t=time.time())
-    queryable = answer(served, keys.LINK.key("demo", "quad3", link="autopilot"), wire.encode(link))
+    asked, link = list[str](), msgspec.structs.replace(LINK, t=time.time())
+    queryable = answer(served, keys.LINK.key("demo", "quad3", link="autopilot"), wire.encode(link), asked.append)
     with ThreadPoolExecutor(5) as pool:
         pages = [read(reply.text) for reply in pool.map(served.get, ["/metrics"] * 5)]
     queryable.undeclare()

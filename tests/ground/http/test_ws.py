@@ -172,9 +172,9 @@ def test_subscriptions_are_bounded(client: Client) -> None:
 
 
 def test_a_client_that_does_not_read_is_cut_off_and_others_read_on(
-    served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
+    served: Served,
+    client: Client,
 ) -> None:
-    monkeypatch.setattr(ours, "STALL", 3.0)
     key = "zmav/demo/quad1/agent/loud/status"
     deaf = socket.create_connection(("127.0.0.1", served.port), timeout=PATIENCE_S)
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -281,9 +281,8 @@ async def test_what_was_unsubscribed_is_not_sent() -> None:
     assert await outbox.get({}) == "kept"
 
 
-async def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ground.http.ws.MOST_KEYS", 10)
-    outbox: Outbox[int] = Outbox()
+async def test_memory_is_bounded() -> None:
+    outbox: Outbox[int] = Outbox(most_keys=10)
     for number in range(50):
         outbox.put(1, f"key{number}", number)
     for number in range(MOST_QUEUED + 5):

@@ -62,7 +62,9 @@ class Desk:
     def __init__(self, folder: Room, **settings: Any) -> None:
         self.folder, self.said = folder, list[str]()
         self._news = threading.Event()
-        self.storage = Storage(folder, RecordingSettings(**{"keep_free": 0, **settings}), load_dialect(), self._tell)
+        self.storage = Storage(
+            folder, RecordingSettings(**{"keep_free": 0, "flush": 0.1, **settings}), load_dialect(), self._tell
+        )
         self.storage.start()
 
     def _tell(self, line: str) -> None:
@@ -96,9 +98,8 @@ def folder(tmp_path: Path) -> Iterator[Room]:
 
 
 @pytest.fixture
-def desk(folder: Room, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def desk(folder: Room) -> Iterator[Any]:
     """Start a writer that flushes often: ``desk(split_size=...)``; closed at the test's end."""
-    monkeypatch.setattr("ground.record.storage.FLUSH_S", 0.1)
     desks: list[Desk] = []
 
     def start(**settings: Any) -> Desk:

@@ -20,6 +20,7 @@ from pymavlink import mavutil
 from ground.record import mcapfile
 from ground.record.folder import is_whole
 from ground.record.mcapfile import repair
+from ground.record.part import MOST_TLOGS
 from tests.ground.record.conftest import read, read_cut, records
 from zmav import wire
 from zmav.errors import BadConfig, BadInput
@@ -159,10 +160,11 @@ def narrow() -> Iterator[Any]:
 
 
 def test_a_full_disk_costs_what_does_not_fit_and_nothing_else(
-    desk: Any, frames: type[Frames], narrow: Any, monkeypatch: pytest.MonkeyPatch
+    desk: Any,
+    frames: type[Frames],
+    narrow: Any,
 ) -> None:
-    monkeypatch.setattr("ground.record.storage.RETRY_S", 0.2)
-    here, make = desk(), frames()
+    here, make = desk(retry=0.2), frames()
     for _ in range(100):
         here.storage.put(f"{QUAD1}/{make.key}", make())
     here.until("written", 100)
@@ -290,10 +292,8 @@ def test_a_disk_that_takes_nothing_is_said_and_what_it_refuses_stops_the_recordi
         if refusing.is_set():
             raise OSError(errno.EIO, "Input/output error")
 
-    for name, seconds in (("SYNC_S", 0.2), ("SLOW_S", 0.5)):
-        monkeypatch.setattr(f"ground.record.storage.{name}", seconds)
-    monkeypatch.setattr("ground.record.storage.os.fdatasync", stuck)
-    here, make = desk(), frames()
+    monkeypatch.setattr(os, "fdatasync", stuck)
+    here, make = desk(sync=0.2, slow=0.5), frames()
     here.storage.put(f"{QUAD1}/{make.key}", make())
     here.told("the disk has taken nothing")
     here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -338,23 +338,20 @@ def test_a_clock_that_is_set_back_changes_no_order(desk: Any, frames: type[Frame
     assert played == make.made
 
 
-def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ground.record.storage.MOST_ROUTES", 20)
-    monkeypatch.setattr("ground.record.part.MOST_TLOGS", 10)
-    here, make = desk(), frames()
-    for number in range(30):
+def test_names_without_end_fill_no_memory(desk: Any, frames: type[Frames]) -> None:
+    here, make = desk(most_routes=MOST_TLOGS + 10), frames()
+    for number in range(MOST_TLOGS + 20):
         here.storage.put(f"zmav/demo/quad{number}/{make.key}", make())
     here.storage.close()
     assert here.storage.counts.refused == 10
-    assert len(here.files("tlog")) == 10
+    assert len(here.files("tlog")) == MOST_TLOGS
 
 
 def test_a_full_queue_counts_what_it_leaves_out(
-    desk: Any, frames: type[Frames], monkeypatch: pytest.MonkeyPatch
+    desk: Any,
+    frames: type[Frames],
 ) -> None:
-    monkeypatch.setattr("ground.record.storage.QUEUE", 5)
-    monkeypatch.setattr("ground.record.storage.POLL_S", 60.0)
-    here, make = desk(), frames()
+    here, make = desk(queue=5, poll=60.0), frames()
     here.until("taken", 0)
     for _ in range(9):
         here.storage.put(f"{QUAD1}/{make.key}", make())
@@ -362,10 +359,8 @@ def test_a_full_queue_counts_what_it_leaves_out(
     assert (here.storage.counts.dropped, here.storage.counts.written) == (4, 5)
 
 
-def test_what_waits_is_bounded_in_bytes_too(desk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ground.record.storage.QUEUE_BYTES", 1000)
-    monkeypatch.setattr("ground.record.storage.POLL_S", 60.0)
-    here = desk()
+def test_what_waits_is_bounded_in_bytes_too(desk: Any) -> None:
+    here = desk(queue_bytes=1000, poll=60.0)
     for _ in range(5):
         here.storage.put(f"{QUAD1}/link/x", json.dumps({"x": "y" * 600}).encode())
     here.storage.close()
@@ -375,7 +370,7 @@ def test_what_waits_is_bounded_in_bytes_too(desk: Any, monkeypatch: pytest.Monke
 def test_a_file_that_was_cut_short_waits_for_room_to_write_it_twice(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    from ground.record.cli import _complete
+    from ground.record.cli import complete
     from ground.record.folder import MAGIC, Folder
 
     cut = tmp_path / "2026-01-01_00-00-00" / "record.001.mcap"
@@ -383,7 +378,7 @@ def test_a_file_that_was_cut_short_waits_for_room_to_write_it_twice(
     cut.write_bytes(MAGIC + b"x" * 100)
     with Folder(tmp_path) as folder:
         assert folder.unfinished == [cut]
-        _complete(folder, 1 << 60)
+        complete(folder, 1 << 60)
     said = capfd.readouterr()
     assert "not completed, for want of room" in said.out + said.err
     assert cut.read_bytes() == MAGIC + b"x" * 100

@@ -19,7 +19,7 @@ from pymavlink import mavutil
 import zmav
 from ground.record import mcapfile
 from ground.record.folder import Folder, is_whole
-from ground.record.history import END
+from ground.record.history import END, MOST_ENTRIES, RING
 from ground.record.part import Asked
 from ground.record.recorder import Recorder, Wanted
 from ground.record.storage import RecordingSettings
@@ -73,14 +73,14 @@ class Recording:
 
 
 @pytest.fixture
-async def recording(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Recording]:
-    monkeypatch.setattr("ground.record.storage.FLUSH_S", 0.1)
+async def recording(net: Net, tmp_path: Path) -> AsyncIterator[Recording]:
     router, endpoint = net.router()
+    settings = RecordingSettings(keep_free=0, flush=0.1)
     with Folder(tmp_path / "out") as folder:
         async with (
             zmav.open(connect=[endpoint]) as z,
             zmav.open(connect=[endpoint]) as asking,
-            Recorder(z, folder, RecordingSettings(keep_free=0), Wanted(name="gs"), lambda line: None) as recorder,
+            Recorder(z, folder, settings, Wanted(name="gs"), lambda line: None) as recorder,
         ):
             for key in ("state", "event", "mav/rx/1/1/ATTITUDE", "setpoint/x"):
                 await net.linked(router, f"zmav/demo/quad1/{key}")
@@ -231,14 +231,14 @@ async def test_an_answer_is_bounded(recording: Recording) -> None:
     assert found.entries[-1].value["n"] == 19
 
 
-async def test_a_question_for_too_much_is_refused(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(4):
+async def test_a_question_for_too_much_is_refused(recording: Recording) -> None:
+    count = MOST_ENTRIES // RING + 1
+    for number in range(count):
         recording.put(f"quad{number}/link/x", b"{}")
-    await recording.taken(4)
-    monkeypatch.setattr("ground.record.history.MOST_ENTRIES", 20)
+    await recording.taken(count)
     with pytest.raises(Refused, match="too much at a time"):
-        await recording.ask_all("*/*", last=50)
-    assert len(await recording.ask_all("*/*")) >= 4
+        await recording.ask_all("*/*", last=RING)
+    assert len(await recording.ask_all("*/*", last=1)) >= count
 
 
 async def test_a_recorder_tells_how_it_does_and_shares_no_folder(recording: Recording, tmp_path: Path) -> None:

@@ -129,9 +129,8 @@ def test_a_table_forgets_no_newest_value_and_grows_no_further_than_its_places() 
     )
 
 
-def test_a_table_refuses_what_is_too_large_or_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "MOST", 3)
-    kept = table.Table()
+def test_a_table_refuses_what_is_too_large_or_too_much() -> None:
+    kept = table.Table(most=3)
     for i in range(5):
         kept.put("state", ("demo", f"quad{i}"), b"x")
     kept.put("state", ("demo", "quad0"), b"y")
@@ -141,9 +140,8 @@ def test_a_table_refuses_what_is_too_large_or_too_much(monkeypatch: pytest.Monke
     assert kept.refused == 3
 
 
-def test_a_batch_is_served_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "PORTION", 10)
-    kept = table.Table()
+def test_a_batch_is_served_in_portions() -> None:
+    kept = table.Table(portion=10)
     reader = kept.reader()
     for i in range(4):
         kept.put("camera_frame", ("demo", f"quad{i}", "c"), b"x" * 8)

@@ -65,7 +65,7 @@ async def test_a_stopped_painter_holds_up_nobody_and_goes_on_with_the_newest(
         before = screen.batches
         for i in range(5000):
             kept.put("state", Q1, wire.encode(state(local=(100.0 + i, 0.0, -5.0))))
-        assert len(screen._reader) == 1, "one newest value waits, not five thousand"
+        assert len(screen.reader) == 1, "one newest value waits, not five thousand"
         await until(lambda: bool(said), "it was not said that the file takes nothing")
         assert screen.batches <= before + 1
         assert "takes nothing any more" in said[0]
@@ -79,16 +79,16 @@ async def test_a_stopped_painter_holds_up_nobody_and_goes_on_with_the_newest(
 
 
 async def test_a_painter_that_can_open_nothing_is_ended_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr("ground.view.screen.END", 0.5)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)  # nobody reads it: who opens it to write waits for ever
     kept = Table()
     async with Screen(kept, PainterSettings(Sink("save", path=str(pipe))), print) as screen:
+        screen.end = 0.5
         kept.put("state", Q1, b"{}")
         kept.put("state", Q1, b"{ }")
-        assert len(screen._reader) == 1
+        assert len(screen.reader) == 1
         pid = screen.pid
     assert not alive(pid)
 

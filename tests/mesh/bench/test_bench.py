@@ -177,7 +177,7 @@ async def test_garbage_instead_of_an_order_is_answered_with_an_error(line: Start
 async def test_questions_about_runs_are_answered_beside_the_event_loop_and_bounded(line: Start) -> None:
     lines, bench = await line("quad1")
     report, ping = (f"zmav/demo/quad1/bench/{what}" for what in ("report/x", "ping"))
-    lane, session = lines.responders["quad1"]._questions, bench.client.session
+    lane, session = lines.responders["quad1"].questions, bench.client.session
     held = Held(lane)
     asker = Asker(session)
     await held.hold(asker)

@@ -16,7 +16,6 @@ import pytest
 import zenoh
 
 import zmav
-from mesh.credentials import rosterwatch
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import RosterWatch
 from mesh.plan import plan_router
@@ -47,9 +46,8 @@ Watch = Callable[..., Any]
 
 
 @pytest.fixture
-async def watch(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Watch]:
+async def watch(fleet: Fleet) -> AsyncIterator[Watch]:
     """``await watch(name, *connect)``: a router of that member with its watch, in a hurry."""
-    monkeypatch.setattr(rosterwatch, "SHORTEST", 0.1)
     async with contextlib.AsyncExitStack() as stack:
 
         async def start(name: str, *connect: str) -> Watched:
@@ -57,9 +55,9 @@ async def watch(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[
             credentials = Credentials.load(fleet.members[name])
             plan = plan_router(None, name, SessionSettings(credentials=str(credentials.folder)))
             said: list[str] = []
-            return Watched(
-                door, await stack.enter_async_context(RosterWatch(door.session, plan, credentials, said.append)), said
-            )
+            watch = RosterWatch(door.session, plan, credentials, said.append)
+            watch.shortest = 0.1
+            return Watched(door, await stack.enter_async_context(watch), said)
 
         yield start
 

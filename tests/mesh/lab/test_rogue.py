@@ -21,7 +21,6 @@ from tests.mesh.lab.rogue import FALSE_ALT
 from tests.mesh.proofs import rigs
 from zmav import wire
 from zmav.errors import TimedOut
-from zmav.vehicle import vehicle as handle
 from zmav.wire import VehicleState
 
 pytestmark = pytest.mark.root
@@ -60,7 +59,7 @@ async def taken_over(lab: Lab, *arguments: str) -> AsyncIterator[Path]:
         await asyncio.to_thread(process.wait)
 
 
-async def test_a_relay_that_was_taken_over(able: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_relay_that_was_taken_over(able: None, tmp_path: Path) -> None:
     async with Lab(rigs.chain(2, credentials=True), tmp_path / "lab") as lab:
         await lab.ready()
         async with rigs.station(lab) as z:
@@ -86,7 +85,7 @@ async def test_a_relay_that_was_taken_over(able: None, tmp_path: Path, monkeypat
                             break
             async with taken_over(lab, "drop"):
                 await is_heard_again(quad)
-                monkeypatch.setattr(handle, "GIVE_UP", 3.0)
+                quad.give_up = 3.0
                 mode = quad.state.mode
                 with pytest.raises(TimedOut, match="not believed"):
                     await quad.set_mode("STABILIZE")

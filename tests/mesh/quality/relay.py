@@ -31,7 +31,7 @@ class Relay:
     def __init__(self, port: int) -> None:
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._listener.bind(("127.0.0.1", 0))
-        self._target = ("127.0.0.1", port)
+        self.target = ("127.0.0.1", port)
         self._there: dict[tuple[str, int], socket.socket] = {}
         self._back: dict[socket.socket, tuple[str, int]] = {}
         self.drop: list[Drop] = [nothing, nothing]
@@ -75,7 +75,7 @@ class Relay:
             while self._due and self._due[0][0] <= time.monotonic():
                 _, _, data, out, to = heapq.heappop(self._due)
                 with contextlib.suppress(OSError):  # nobody is there just now
-                    out.sendto(data, to or self._target)
+                    out.sendto(data, to or self.target)
 
     def _take(self, each: socket.socket) -> None:
         try:

@@ -107,7 +107,7 @@ async def test_the_way_through_a_chain_and_its_weakest_hop(fleet: Fleet) -> None
 
 async def test_after_a_cut_the_next_graph_shows_the_other_way(fleet: Fleet) -> None:
     """A triangle: quad2 is linked to ground, too, over a relay that is cut."""
-    relay = fleet.routers.relay(int(fleet.relays["quad1"]._target[1]))
+    relay = fleet.routers.relay(int(fleet.relays["quad1"].target[1]))
     await fleet.routers.open("quad3", relay.endpoint, fleet.relays["quad2"].endpoint)
     fleet.alive("quad3")
     await fleet.routers.measure("quad3")

@@ -207,7 +207,7 @@ async def test_a_token_that_comes_late_ends_nothing(bench: StartBench) -> None:
     await b.state(lambda s: s["lease"], "lease")
     token = here(b, "alice", "one")
     leases = b.vehicle.leases
-    await b.state(lambda s: ("alice", "one") in leases._present, "the token")
+    await b.state(lambda s: ("alice", "one") in leases.present, "the token")
     assert leases.holder == "alice"
     token.undeclare()
     await b.event("alice, who held the lease, is gone")
@@ -219,7 +219,7 @@ async def test_a_token_that_was_there_before_the_agent_counts(bench: StartBench,
     await onboard.close(b.vehicle)
     again = await onboard(b.vehicle.adapter.session, b.peer.url, "quad1")
     await b.ground.do("lease", holder="alice", ttl=30, instance="one")
-    while ("alice", "one") not in again.leases._present:
+    while ("alice", "one") not in again.leases.present:
         await asyncio.sleep(0.01)
     token.undeclare()
     await b.event("is gone")
@@ -282,7 +282,7 @@ async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: Start
     far = net.ground(endpoint).session.liveliness()
     token = far.declare_token(keys.HOLDER.key("demo", "quad1", holder="alice", instance="one"))
     leases = b.vehicle.leases
-    await until(lambda: ("alice", "one") in leases._present, "the token")
+    await until(lambda: ("alice", "one") in leases.present, "the token")
     mine = await take(b, instance="one", router=str(router.info.zid()))
     token.undeclare()
     await until(lambda: leases._looking is not None, "a token that is missed")

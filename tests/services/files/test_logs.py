@@ -119,11 +119,12 @@ async def test_what_is_no_log_is_said(net: Net, onboard: StartOnboard, tmp_path:
 
 
 async def test_an_autopilot_without_logs_is_given_up(
-    net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    net: Net,
+    onboard: StartOnboard,
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr("zmav.services.files.logs.GIVE_UP", 0.5)
-    monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
     async with disk(net, onboard, tmp_path) as d:
+        d.onboard.logs.patience, d.onboard.logs.give_up = 0.2, 0.5
         d.call(lambda: d.world.vehicles[0].node.answer("LOG_REQUEST_LIST", lambda channel, msg, sender: None))
         with pytest.raises(TimedOut, match="may have no log"):
             await d.v.logs.list()

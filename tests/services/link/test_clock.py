@@ -13,13 +13,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.services.rates.rate_peer import StreamPeer
-from zmav import onboard as onboard_module
 from zmav import wire
 from zmav.mavlink import Frame, Packer, encode, load_dialect, parse_frame
-from zmav.services.link import clock, timesync
+from zmav.services.link import timesync
 from zmav.services.link.clock import SETTLED, WRAP_MS, AutopilotClock
 
 if TYPE_CHECKING:
+    from tests.conftest import StartOnboard
     from tests.services.conftest import Bench, StartBench
 
 UTC_AHEAD = 1.7e9
@@ -206,9 +206,9 @@ def test_milliseconds_wrap() -> None:
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(onboard: StartOnboard) -> None:
     """Housekeeping at twice its pace."""
-    monkeypatch.setattr(onboard_module, "TICK", onboard_module.TICK / 2)
+    onboard.pace = 2.0
 
 
 async def last(b: Bench, name: str) -> wire.LastMessage:
@@ -307,10 +307,11 @@ async def test_an_answer_before_the_autopilot_is_taken_in_is_no_restart() -> Non
 
 
 async def test_a_time_that_went_forward_is_no_restart(
-    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
+    bench: StartBench,
+    one: StreamPeer,
 ) -> None:
-    monkeypatch.setattr(clock, "SILENCE", 0.5, raising=False)
     b = await streaming(bench, one)
+    b.vehicle.timesync.clock.silence = 0.5
     await b.state(lambda s: s["clock"] and s["attitude"], "clock and attitude")
     one.answers_timesync = False
     await one.count("TIMESYNC", len(one.heard("TIMESYNC")) + 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import pytest
@@ -23,7 +24,6 @@ from tests.services.missions.mission_peer import (
 )
 from zmav import keys
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
-from zmav.services.missions import missions
 from zmav.services.missions.transfer import TransferTimes
 
 OLD, NEW = raw(waypoints(4, alt=90.0)), waypoints(10)
@@ -152,10 +152,10 @@ async def test_a_stack_that_is_exact_must_keep_parameters(mission_bench: Mission
 
 
 async def test_it_dies_in_the_middle_and_is_mended_when_it_comes_back(
-    mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
+    mission_bench: MissionBench,
 ) -> None:
-    monkeypatch.setattr(missions, "MEND_EVERY", 0.1)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
+    b.vehicle.missions.mend_every = 0.1
     peer.load(MISSION, OLD)
     peer.dies_at = 6
     error = await refused(b, items=NEW)
@@ -170,11 +170,11 @@ async def test_it_dies_in_the_middle_and_is_mended_when_it_comes_back(
 
 
 async def test_what_somebody_else_put_there_is_not_mended(
-    mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
+    mission_bench: MissionBench,
 ) -> None:
     """The new plan is found whole when the autopilot comes back: then it is the one in force."""
-    monkeypatch.setattr(missions, "MEND_EVERY", 0.1)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
+    b.vehicle.missions.mend_every = 0.1
     peer.load(MISSION, OLD)
     peer.dies_at = 6
     await refused(b, items=NEW)
@@ -185,11 +185,10 @@ async def test_what_somebody_else_put_there_is_not_mended(
 
 
 async def test_a_second_try_goes_back_to_the_plan_before_the_first(
-    mission_bench: MissionBench, monkeypatch: pytest.MonkeyPatch
+    mission_bench: MissionBench,
 ) -> None:
-    monkeypatch.setattr(missions, "MEND_EVERY", 1000.0)
     b, peer = await mission_bench("ardupilot", pace=BRIEF)
-    b.vehicle.missions._mended = asyncio.get_running_loop().time() + 1000.0
+    b.vehicle.missions.mend_every = math.inf
     peer.load(MISSION, OLD)
     peer.dies_at = 6
     await refused(b, items=NEW)

@@ -270,10 +270,11 @@ async def test_what_cannot_be_begun(mission_bench: MissionBench) -> None:
 
 @pytest.mark.parametrize("hears", [True, False])
 async def test_the_item_is_set_by_message_where_the_command_is_unknown(
-    mission_bench: MissionBench, hears: bool, monkeypatch: pytest.MonkeyPatch
+    mission_bench: MissionBench,
+    hears: bool,
 ) -> None:
-    monkeypatch.setattr("zmav.services.missions.flight.SET_TIMEOUT", 0.3)
     b, peer = await mission_bench("ardupilot")
+    b.vehicle.mission_flight.set_timeout = 0.3
     peer.results[SET_CURRENT] = [UNSUPPORTED]
     peer.load(MISSION, raw(waypoints(3)))
     if hears:

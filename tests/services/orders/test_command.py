@@ -9,7 +9,6 @@ import pytest
 
 from zmav.errors import Refused, Stale, TimedOut, Unsupported
 from zmav.mavlink import encode
-from zmav.services.orders import command
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench, Told
@@ -125,9 +124,9 @@ async def test_it_is_not_armed_in_a_mode_that_sets_off(
     assert orders == [(SET_MODE, guided), (ARM, 0)]
 
 
-async def test_in_progress_is_waited_for(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "ACK_TIMEOUT", 0.2)
+async def test_in_progress_is_waited_for(bench: StartBench) -> None:
     b = await (await bench()).connected()
+    b.vehicle.commander.ack_timeout = 0.2
     b.peer.results[ARM] = [IN_PROGRESS]
     asked = asyncio.create_task(b.ground.do("arm", ready_timeout=0))
     await b.peer.until(lambda: bool(b.peer.commands(ARM)), "command")
@@ -140,9 +139,9 @@ async def test_in_progress_is_waited_for(bench: StartBench, monkeypatch: pytest.
     assert len(b.peer.commands(ARM)) == 1
 
 
-async def test_in_progress_that_never_ends(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "IN_PROGRESS_TIMEOUT", 0.2)
+async def test_in_progress_that_never_ends(bench: StartBench) -> None:
     b = await (await bench()).connected()
+    b.vehicle.commander.in_progress_timeout = 0.2
     b.peer.results[ARM] = [IN_PROGRESS]
     with pytest.raises(TimedOut, match="no acknowledgement"):
         await b.ground.do("arm", ready_timeout=0)
@@ -162,10 +161,10 @@ async def test_answers_to_others_and_to_other_commands_do_not_count(bench: Start
     assert (await asked).status == "done"
 
 
-async def test_an_acknowledgement_that_does_not_come_true(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "CONFIRM_TIMEOUT", 0.3)
+async def test_an_acknowledgement_that_does_not_come_true(bench: StartBench) -> None:
     b = await (await bench()).connected()
-    monkeypatch.setattr(b.peer, "obey", lambda number, fields: None)
+    b.vehicle.commander.confirm_timeout = 0.3
+    b.peer.obedient = False
     for verb, args, words in (
         ("arm", {"ready_timeout": 0}, "armed, but HEARTBEAT does not show it"),
         ("set_mode", {"mode": "GUIDED"}, "mode GUIDED was acknowledged, but does not come"),

@@ -196,11 +196,11 @@ async def test_an_order_that_comes_as_the_vehicle_closes_is_not_begun(net: Net, 
 
 
 async def test_an_order_whose_outcome_is_forgotten_is_not_done_again(
-    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+    bench: StartBench,
 ) -> None:
     """Its caller asks again after a long hole in the network: the vehicle must not take off once more."""
     b = await (await (await bench()).connected()).flying()
-    monkeypatch.setattr(orders, "MEMORY", 0.0)
+    b.vehicle.orders.operations.memory = 0.0
     await b.ground.do("set_mode", mode="LOITER", id="once", wait=5)
     told = len(b.peer.commands(SET_MODE))
     with pytest.raises(Refused, match=r"ended .* s ago"):
@@ -209,17 +209,18 @@ async def test_an_order_whose_outcome_is_forgotten_is_not_done_again(
 
 
 async def test_orders_without_end_take_no_memory_without_end(
-    bench: StartBench, monkeypatch: pytest.MonkeyPatch
+    bench: StartBench,
 ) -> None:
     b = await (await bench()).connected()
-    monkeypatch.setattr(orders, "MOST_KEPT", 5)
-    monkeypatch.setattr(orders, "MOST_IDS", 10)
+    kept = b.vehicle.orders.operations
+    kept.most_kept, kept.most_ids = 5, 10
     for number in range(30):
         await b.ground.do("ping", id=f"{number}", wait=5)
         await b.ground.do("ping")
-    kept = b.vehicle.orders._operations
-    assert len(kept._operations) <= 6
-    assert len(kept._ended) <= 11
+    assert len([*kept]) <= 6
+    with pytest.raises(Refused, match="ended"):
+        await b.ground.do("ping", id="22", wait=5)
+    assert (await b.ground.do("ping", id="14", wait=5)).status == "done", "its id is forgotten, too"
     with pytest.raises(BadInput, match="id"):
         await b.ground.do("ping", id="x" * 65)
 

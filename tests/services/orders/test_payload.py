@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from zmav.errors import BadInput, NotHolder, Refused, TimedOut
-from zmav.services.orders import flight
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench, Told
@@ -125,7 +124,7 @@ async def test_px4_s_second_acknowledgement_refuses_at_once(bench: StartBench) -
         await b.ground.do("set_mode", mode="HOLD")
 
 
-async def test_reboot_waits_for_the_clock_to_begin_again(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_reboot_waits_for_the_clock_to_begin_again(bench: StartBench) -> None:
     b = await (await bench()).connected()
     begun = time.monotonic_ns() - 100_000_000_000
 
@@ -141,7 +140,7 @@ async def test_reboot_waits_for_the_clock_to_begin_again(bench: StartBench, monk
     begun = time.monotonic_ns() - 1_000_000_000
     assert (await asked).status == "done"
 
-    monkeypatch.setattr(flight, "REBOOT_TIMEOUT", 0.5)
+    b.vehicle.flight.reboot_timeout = 0.5
     with pytest.raises(TimedOut, match="has not come back"):
         await b.ground.do("reboot")
 

@@ -12,8 +12,6 @@ import pytest
 from tests.services.params.param_peer import HOME, INT8, INT32, NO_INDEX, REAL32, ParamPeer, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Stale, TimedOut
-from zmav.services.link import identity
-from zmav.services.params import fill, params, requests
 
 if TYPE_CHECKING:
     from tests.conftest import StartOnboard
@@ -130,9 +128,9 @@ async def test_the_count_changes_in_the_middle(scene: StartScene) -> None:
     assert await s.values() == {name: value for name, (value, _) in s.peer.params.items()}
 
 
-async def test_a_group_is_enabled_later(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(params, "SETTLE", 0.1)
+async def test_a_group_is_enabled_later(scene: StartScene) -> None:
     s = await (await scene()).read()
+    s.b.vehicle.params.settle = 0.1
     s.peer.params = {"FENCE_ALT": (100.0, REAL32), **s.peer.params}
     s.peer.value("FRAME")
     await s.until(lambda: s.known.count == 5, "new count")
@@ -145,11 +143,10 @@ async def test_a_group_is_enabled_later(scene: StartScene, monkeypatch: pytest.M
         await s.get("FENCE_ALT")
 
 
-async def test_an_autopilot_that_answers_nothing(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fill, "LIST_TIMEOUT", 0.05)
-    monkeypatch.setattr(fill, "LIST_TRIES", 3)
-    monkeypatch.setattr(requests, "LONGEST_WAIT", 0.05)
+async def test_an_autopilot_that_answers_nothing(scene: StartScene) -> None:
     s = await scene(prepare=lambda peer: peer.deaf.update({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"}))
+    talk = s.b.vehicle.params.talk
+    talk.list_timeout, talk.list_tries, talk.longest_wait = 0.05, 3, 0.05
     event = await s.b.event("parameters not read")
     assert (event["kind"], event["severity"]) == ("param", "warning")
     assert s.peer.lists() == 3
@@ -163,9 +160,9 @@ async def test_an_autopilot_that_answers_nothing(scene: StartScene, monkeypatch:
         await s.b.ground.do("param_set", name="RTL_ALT", value=1)
 
 
-async def test_one_index_never_comes(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fill, "INDEX_TRIES", 2)
+async def test_one_index_never_comes(scene: StartScene) -> None:
     s = await scene(many(20), lambda peer: peer.deaf.update({"PARAM_REQUEST_READ"}) or peer.lost.add(9))
+    s.b.vehicle.params.talk.index_tries = 2
     await s.b.event("1 of 20 parameters do not come")
     table = await s.table()
     assert (table.complete, table.count, len(table.params)) == (False, 20, 19)
@@ -178,15 +175,14 @@ async def test_param_error_says_that_there_is_no_such_index(scene: StartScene) -
     await s.b.event("1 of 20 parameters do not come")
 
 
-async def test_the_autopilot_falls_silent_in_the_middle(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fill, "HEARTBEAT_TIMEOUT", 1.0)
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
+async def test_the_autopilot_falls_silent_in_the_middle(scene: StartScene) -> None:
 
     def prepare(peer: ParamPeer) -> None:
         peer.stop_at = 10
         peer.deaf.add("PARAM_REQUEST_READ")
 
     s = await scene(many(30), prepare)
+    s.b.vehicle.identity.heartbeat_timeout = 1.0
     await s.peer.until(lambda: bool(s.peer.asked()), "question")
     s.peer.beating = False
     with pytest.raises(Stale, match="silent"):
@@ -226,11 +222,11 @@ async def test_refresh_reports_how_far_it_is(scene: StartScene) -> None:
 
 
 async def test_lost_heartbeats_do_not_end_a_reading_that_goes_on(
-    scene: StartScene, monkeypatch: pytest.MonkeyPatch
+    scene: StartScene,
 ) -> None:
     """At a fifth of the frames lost, three heartbeats of one a second soon are, and nobody is gone."""
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 0.5)
     s = await (await scene(many(60))).read()
+    s.b.vehicle.identity.heartbeat_timeout = 0.5
     s.peer.on_told = lambda told: None
     refresh = asyncio.create_task(s.b.ground.do("param_refresh"))
     await s.peer.until(lambda: s.peer.lists() == 2, "second list")
@@ -245,9 +241,9 @@ async def test_lost_heartbeats_do_not_end_a_reading_that_goes_on(
 # Who the autopilot is.
 
 
-async def test_another_autopilot_has_another_set(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
+async def test_another_autopilot_has_another_set(scene: StartScene) -> None:
     s = await (await scene()).read()
+    s.b.vehicle.identity.heartbeat_timeout = 1.0
     s.peer.beating = False
     await s.b.state(lambda state: not state["connected"], "silence")
     s.peer.uid, s.peer.params = 77, {"OTHER": (3.0, REAL32)}
@@ -256,9 +252,9 @@ async def test_another_autopilot_has_another_set(scene: StartScene, monkeypatch:
     assert await s.values() == {"OTHER": 3.0}
 
 
-async def test_silence_alone_is_no_reason_to_read_again(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
+async def test_silence_alone_is_no_reason_to_read_again(scene: StartScene) -> None:
     s = await (await scene()).read()
+    s.b.vehicle.identity.heartbeat_timeout = 1.0
     s.peer.send("ATTITUDE", time_boot_ms=50_000)
     s.peer.beating = False
     await s.b.state(lambda state: not state["connected"], "silence")

@@ -11,7 +11,6 @@ import pytest
 from tests.services.params.param_peer import HOME, INT8, INT32, REAL32, many, scenes
 from zmav import wire
 from zmav.errors import BadInput, Refused, Stale, TimedOut, Unsupported
-from zmav.services.link import identity
 from zmav.services.params import requests
 
 if TYPE_CHECKING:
@@ -138,17 +137,17 @@ async def test_lost_answers_cost_a_retry(scene: StartScene) -> None:
     assert len(s.peer.heard("PARAM_SET")) == 3
 
 
-async def test_no_answer_at_all(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requests, "LONGEST_WAIT", 0.03)
+async def test_no_answer_at_all(scene: StartScene) -> None:
     s = await (await scene(prepare=lambda peer: peer.deaf.add("PARAM_SET"))).read()
+    s.b.vehicle.params.talk.longest_wait = 0.03
     with pytest.raises(TimedOut, match=f"after {requests.SET_TRIES} PARAM_SETs"):
         await s.b.ground.do("param_set", name="RTL_ALT", value=1600)
     assert len(s.peer.heard("PARAM_SET")) == requests.SET_TRIES
 
 
-async def test_a_silent_autopilot_is_not_asked(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
+async def test_a_silent_autopilot_is_not_asked(scene: StartScene) -> None:
     s = await (await scene()).read()
+    s.b.vehicle.identity.heartbeat_timeout = 1.0
     s.peer.beating = False
     await s.b.state(lambda state: not state["connected"], "silence")
     for verb, args in (("param_set", {"name": "FRAME", "value": 2}), ("param_load", {"values": {"FRAME": 2}})):
@@ -203,9 +202,9 @@ async def test_load_sets_what_differs_and_names_what_failed(scene: StartScene) -
     assert {told.fields["param_id"] for told in s.peer.heard("PARAM_SET")} == {"RTL_ALT", "FRAME"}
 
 
-async def test_load_enables_a_group_and_sets_what_is_in_it(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requests, "READ_TRIES", 1)  # asked for before it is enabled, it is not there
+async def test_load_enables_a_group_and_sets_what_is_in_it(scene: StartScene) -> None:
     s = await (await scene({**HOME, "FENCE_ENABLE": (0, INT8)})).read()
+    s.b.vehicle.params.talk.read_tries = 1  # asked for before it is enabled, it is not there
     answer = s.peer.on_told
 
     def enable(told: Told) -> None:
@@ -231,9 +230,9 @@ async def test_load_of_many_over_a_bad_link_reports_progress(scene: StartScene) 
     assert (news[-1], s.peer.params["P_0059"][0]) == ({"done": 60, "of": 60}, 59.5)
 
 
-async def test_load_stops_where_the_autopilot_falls_silent(scene: StartScene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identity, "HEARTBEAT_TIMEOUT", 1.0)
+async def test_load_stops_where_the_autopilot_falls_silent(scene: StartScene) -> None:
     s = await (await scene(many(30))).read()
+    s.b.vehicle.identity.heartbeat_timeout = 1.0
     s.peer.deaf.add("PARAM_SET")
     load = asyncio.create_task(s.b.ground.do("param_load", values=dict.fromkeys(s.peer.params, -1)))
     await s.peer.count("PARAM_SET", 1)

@@ -151,7 +151,7 @@ async def test_of_what_waits_the_oldest_gives_way_and_is_counted(net: Net) -> No
         await held.hold(asker)
         for number in range(questions.MOST):
             asker.ask(f"zmav/demo/lane/x/{number}")
-        while len(made._channels[0].waiting) + len(made._channels[1].waiting) < questions.MOST:
+        while made.waiting < questions.MOST:
             await asyncio.sleep(0.001)  # they are on their way
         for number in range(questions.MOST):
             asker.ask(f"zmav/demo/lane/x/{questions.MOST + number}")
@@ -164,11 +164,11 @@ async def test_of_what_waits_the_oldest_gives_way_and_is_counted(net: Net) -> No
         assert asker.answered() == [HELD, *newest]
 
 
-async def test_who_has_given_up_is_not_answered(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_has_given_up_is_not_answered(net: Net) -> None:
     async with lane(net) as (made, ground):
         made.declare("zmav/demo/lane/x", word("zmav/demo/lane/x"))
         await linked(ground, "zmav/demo/lane/x")
-        monkeypatch.setattr(questions, "GIVEN_UP", -1.0)
+        made.given_up = -1.0
         assert await ground.ask("zmav/demo/lane/x") == []
         assert made.counts["given_up"] == 1
 
@@ -248,7 +248,7 @@ async def test_names_like_an_unknown_one_are_looked_for_seldom_and_for_short_one
     assert said == [True, True, False, False]
 
 
-async def test_what_only_looks_is_bounded_for_each_who_asks(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_only_looks_is_bounded_for_each_who_asks(bench: StartBench) -> None:
     b = await (await bench()).connected()
     go = asyncio.Event()
 

@@ -12,13 +12,11 @@ import zenoh
 
 from tests.services.rates.rate_peer import SET_INTERVAL, StreamPeer
 from zmav import keys, wire
-from zmav import onboard as onboard_module
 from zmav.autopilots.ardupilot import ArduPilot
 from zmav.autopilots.px4 import Px4
 from zmav.errors import BadInput
 from zmav.mavlink import Packer, load_dialect
 from zmav.services.link.clock import AutopilotClock
-from zmav.services.rates import rates as rate_module
 from zmav.services.rates.demand import PLAIN_HZ
 from zmav.services.rates.meter import WINDOW
 from zmav.services.rates.rates import OWN
@@ -33,9 +31,9 @@ FLOOR = dict(ArduPilot.floor)
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(onboard: StartOnboard) -> None:
     """Housekeeping at twice its pace."""
-    monkeypatch.setattr(onboard_module, "TICK", onboard_module.TICK / 2)
+    onboard.pace = 2.0
 
 
 @pytest.fixture
@@ -107,9 +105,10 @@ async def test_the_floor_is_asked_for_until_it_flows_and_again_after_a_restart(
     # At 2 Hz a message counts as flowing for one and a half seconds, however busy this machine is.
     floor = dict.fromkeys(list(FLOOR)[:2], 2.0)
     monkeypatch.setattr(ArduPilot, "floor", floor)
-    monkeypatch.setattr(rate_module, "UNANSWERED_PAUSE", 0.2)
     one.mute = {SET_INTERVAL}
-    b = await (await bench(one)).connected()
+    b = await bench(one)
+    b.vehicle.rates.unanswered_pause = 0.2
+    await b.connected()
     await one.until(lambda: all(len(one.asked(name)) >= 2 for name in floor), "second asking")
     one.mute = set()
     for name in floor:

@@ -3,14 +3,13 @@
 # ruff: noqa: F811 (fixtures of another file)
 from __future__ import annotations
 
+import asyncio
+import time
 from typing import TYPE_CHECKING
-
-import pytest
 
 from tests.services.rates.test_rate import flows, on, one, quick, token  # noqa: F401  (fixtures)
 from zmav.mavlink import load_dialect
-from zmav.services.rates import demand as demand_module
-from zmav.services.rates.demand import FASTEST
+from zmav.services.rates.demand import FASTEST, Demands
 
 if TYPE_CHECKING:
     from tests.services.conftest import StartBench
@@ -32,10 +31,11 @@ async def test_who_comes_late_is_served_however_many_wishes_there_are(bench: Sta
 
 
 async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
-    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
+    bench: StartBench,
+    one: StreamPeer,
 ) -> None:
-    monkeypatch.setattr(demand_module, "ASK_AGAIN", 0.4)
     b = await on(bench, one)
+    b.vehicle.rates.demands.ask_again = 0.4
     slow = token(b.ground, "VFR_HUD", 7, "slow-1")
     await flows(one, "VFR_HUD", 7.0)
     fast = [token(b.ground, "VFR_HUD", 30, f"fast-{n}") for n in range(2 * FASTEST)]
@@ -46,23 +46,17 @@ async def test_who_was_left_out_is_found_again_when_faster_readers_have_gone(
     slow.undeclare()
 
 
-async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(
-    bench: StartBench, one: StreamPeer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_flood_of_wishes_is_planned_for_once_in_a_while(bench: StartBench, one: StreamPeer) -> None:
     """Each plan looks at all that is wanted, so not every wish may cause one."""
-    monkeypatch.setattr(demand_module, "QUIET", 3600.0)
-    b = await on(bench, one)
-    demands, told = b.vehicle.rates.demands, 0
-    plan = demands._plan
-
-    def count() -> None:
-        nonlocal told
-        told += 1
-        plan()
-
-    monkeypatch.setattr(demands, "_plan", count)
+    b, plans = await on(bench, one), list[float]()
+    demands = Demands(b.vehicle.companion, lambda: plans.append(time.monotonic()))
+    demands.quiet = 3600.0
+    demands.start()
     held = [token(b.ground, "VFR_HUD", n, f"flood-{n}") for n in range(1, 201)]
     await flows(one, "VFR_HUD", 200.0)
-    assert told <= 1
+    while max((each.hz for each in demands.current().get("VFR_HUD", ())), default=0.0) < 200.0:
+        await asyncio.sleep(0.01)
+    assert len(plans) <= 1
+    demands.close()
     for each in held:
         each.undeclare()

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from tests.services.rates.rate_peer import SerialPeer
 from zmav import keys, wire
-from zmav import onboard as onboard_module
 from zmav.autopilots.ardupilot import ArduPilot
 from zmav.links import open_link
 from zmav.mavlink import load_dialect
@@ -20,6 +19,7 @@ from zmav.services.rates.meter import Measured
 from zmav.services.rates.plan import FULL, PATIENCE, ROOM, TRICKLE_HZ, Shedder, Target, Want, share, wanted
 
 if TYPE_CHECKING:
+    from tests.conftest import StartOnboard
     from tests.services.conftest import StartBench
 
 WANTS = st.lists(
@@ -147,9 +147,9 @@ def test_what_a_link_can_carry() -> None:
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(onboard: StartOnboard) -> None:
     """Housekeeping at twice its pace."""
-    monkeypatch.setattr(onboard_module, "TICK", onboard_module.TICK / 2)
+    onboard.pace = 2.0
 
 
 async def test_a_full_line_slows_the_least_wanted_and_says_so(

@@ -6,8 +6,6 @@ import asyncio
 import struct
 from unittest import mock
 
-import pytest
-
 from zmav.autopilots.px4_events import ARMING_SUMMARY, HEALTH_SUMMARY
 from zmav.mavlink.event import Event, event_id
 from zmav.services.status import px4_events
@@ -58,12 +56,11 @@ def test_the_end_of_another_report_ends_this_one() -> None:
     assert not checks.known and not checks.coming
 
 
-async def test_each_loss_is_followed_by_as_many_questions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(px4_events, "EVERY", 0.001)
-    monkeypatch.setattr(px4_events, "ASK_EVERY", 0.0)
+async def test_each_loss_is_followed_by_as_many_questions() -> None:
     companion, commander = mock.Mock(), mock.AsyncMock()
     companion.identity.connected, companion.identity.armed = True, False
     texts = px4_events.EventTexts(companion, commander)
+    texts.every, texts.ask_every = 0.001, 0.0
     texts.start()
     for loss in range(1, 4):
         while commander.command.await_count < loss * px4_events.ASKS:

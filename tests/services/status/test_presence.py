@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,11 +16,10 @@ from zmav import keys, wire
 from zmav.errors import Clash, Refused
 from zmav.mavlink import Packer, encode
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.services.link import identity
 
 if TYPE_CHECKING:
     from tests.conftest import Net
-    from tests.services.conftest import Bench, Peer, StartBench, StartPeer
+    from tests.services.conftest import Bench, Peer, StartBench, StartPeer, Told
 
 ARM, REQUEST_MESSAGE = 400, 512
 RTL = 6
@@ -226,25 +225,23 @@ async def test_two_system_ids_are_no_clash_and_the_tokens_say_who_is_there(bench
 
 
 async def test_two_autopilots_of_one_system_id_on_one_link(
-    bench: StartBench, peer: StartPeer, monkeypatch: pytest.MonkeyPatch
+    bench: StartBench,
+    peer: StartPeer,
 ) -> None:
-    monkeypatch.setattr(identity, "UID_MEMORY", 2.0)
-    monkeypatch.setattr(identity, "ASK_EVERY", 0.5)
-    one = await peer(uid=1)
+    one, there = await peer(uid=1), True
     b = await (await bench(one)).connected()
-    answers = one.obey
+    b.vehicle.identity.uid_memory, b.vehicle.identity.ask_every = 2.0, 0.5
 
-    def both(number: int, fields: dict[str, Any]) -> None:
-        answers(number, fields)
-        if number == REQUEST_MESSAGE:
+    def answer_twice(told: Told) -> None:
+        if there and told.fields.get("command") == REQUEST_MESSAGE:
             twin(one)
 
-    monkeypatch.setattr(one, "obey", both)
+    one.on_told = answer_twice
     state = await b.state(lambda s: s["clash"], "clash")
     assert state["clash"] == "2 autopilots with system id 1 on this link"
     with pytest.raises(Clash):
         await b.ground.do("arm")
-    monkeypatch.setattr(one, "obey", answers)
+    there = False
     await b.state(lambda s: s["clash"] is None and s["uid"] == f"{1:016x}", "end of the clash")
 
 

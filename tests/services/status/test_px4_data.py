@@ -16,7 +16,7 @@ from tests.ports import free_udp_ports
 from tests.services.files.disk import noise
 from zmav import keys, wire
 from zmav.autopilots.px4_events import ARMING_SUMMARY, HEALTH_SUMMARY
-from zmav.cli.log import _chosen
+from zmav.cli.log import chosen_of
 from zmav.errors import BadInput, Refused
 from zmav.formats.plans import load
 from zmav.onboard import Onboard
@@ -93,14 +93,17 @@ class TestLogs:
                 data = p.log(noise(1000 + age, age), now - age)
             logs = await p.v.logs.list()
             assert [(log.id, log.size) for log in logs] == [(2, 1300), (1, 1200), (0, 1100)]
-            assert [log.id for log in _chosen(logs, ("latest",))] == [0]
+            assert [log.id for log in chosen_of(logs, ("latest",))] == [0]
             assert (await p.v.logs.get(logs[-1], tmp_path / "log")).read_bytes() == data
 
     async def test_one_log_and_none(
-        self, net: Net, onboard: StartOnboard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        net: Net,
+        onboard: StartOnboard,
+        tmp_path: Path,
     ) -> None:
-        monkeypatch.setattr("zmav.services.files.logs.PATIENCE", 0.2)
         async with px4(net, onboard, tmp_path, speed=1.0) as p:
+            p.onboard.logs.patience = 0.2
             assert await p.v.logs.list() == []
             p.log(noise(10), time.time())
             assert [log.id for log in await p.v.logs.list()] == [0]

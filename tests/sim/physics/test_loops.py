@@ -174,7 +174,7 @@ def test_what_the_rotors_cannot_give_winds_up_nothing() -> None:
     for _ in range(5):
         flight.sp.rates(0.0, 0.0, 30.0)
         flight.run(0.2)
-    kept = abs(float(flight.fleet.cascade._rate_i[2, 0]))
+    kept = abs(float(flight.fleet.cascade.rate_i[2, 0]))
     assert kept < 0.02
 
 

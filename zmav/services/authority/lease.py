@@ -73,7 +73,8 @@ class Leases:
         self._expires = self._committed = 0.0
         self._ahead = self._set_by = 0.0
         """UTC less monotonic seconds when last looked at, and by how much it was set since the lease was given"""
-        self._present: set[tuple[str, str]] = set()
+        self.present: set[tuple[str, str]] = set()
+        """holder and instance of each whose token is there"""
         self._ended: collections.OrderedDict[str, wire.LeaseEnd] = collections.OrderedDict()
         self._subscriber: Any = None
 
@@ -275,12 +276,12 @@ class Leases:
         who = (parts["holder"], parts["instance"])
         holds = bool(self._token) and who == (self._holder, self._instance)
         if sample.kind == zenoh.SampleKind.PUT:
-            if len(self._present) < MOST_PRESENT:
-                self._present.add(who)
+            if len(self.present) < MOST_PRESENT:
+                self.present.add(who)
                 if holds:
                     self._found()
-        elif who in self._present:
-            self._present.discard(who)
+        elif who in self.present:
+            self.present.discard(who)
             if holds and self._router:
                 self._found()
                 self._looking = asyncio.get_running_loop().create_task(self._look())

@@ -78,7 +78,7 @@ class Segment:
         self.origin = origin
         self.start, self.end = points[0].t, points[-1].t
         self.rests = _rests(points)
-        self._times = [point.t for point in points]
+        self.times = [point.t for point in points]
         self._yaws = [point.yaw for point in points]
         velocities = _velocities(points)
         self.pieces = [
@@ -94,7 +94,7 @@ class Segment:
 
     def local(self, t_utc: float) -> tuple[wire.Vector, wire.Vector, wire.Vector, float | None]:
         """As :meth:`at`: position, velocity, acceleration (NED about the origin) and yaw."""
-        index = min(max(bisect.bisect_right(self._times, t_utc) - 1, 0), len(self.pieces) - 1)
+        index = min(max(bisect.bisect_right(self.times, t_utc) - 1, 0), len(self.pieces) - 1)
         pos, vel, acc = self.pieces[index].at(t_utc)
         if not self.start <= t_utc < self.end:
             vel, acc = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

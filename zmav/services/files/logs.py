@@ -56,6 +56,8 @@ class Listed(NamedTuple):
 class Logs:
     """Orders ``log_*``. Lives on the event loop."""
 
+    patience, give_up = PATIENCE, GIVE_UP
+
     def __init__(self, companion: Companion, ftp: Ftp, files: Files) -> None:
         self._port, self._identity, self._ftp, self._files = companion.port, companion.identity, ftp, files
 
@@ -119,15 +121,15 @@ class Logs:
         """All LOG_ENTRYs by id; what was lost of them is asked for again."""
         found: dict[int, Listed] = {}
         total, last = -1, 0
-        deadline = time.monotonic() + GIVE_UP
+        deadline = time.monotonic() + self.give_up
         ask, silence = (0, ALL), 0
         with Inbox(self._port, source, "LOG_ENTRY") as mail:
             while True:
                 _send(self._port, source, "LOG_REQUEST_LIST", start=ask[0], end=ask[1])
-                while (frame := await mail.frame(PATIENCE)) is not None:
+                while (frame := await mail.frame(self.patience)) is not None:
                     entry, total, newest = _entry(frame)
                     last = total - 1 if self._by_place else max(last, newest)
-                    deadline = time.monotonic() + GIVE_UP
+                    deadline = time.monotonic() + self.give_up
                     if total:
                         found[entry.id] = entry
                         report({"logs": len(found), "of": total})

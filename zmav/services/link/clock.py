@@ -32,8 +32,6 @@ SLOWEST = 0.02
 """of real time; a simulation that is slower stands still for us"""
 SETTLED = 5
 """answers after which the offset is believed"""
-SILENCE = 5.0
-"""s without an answer, after which a time that fell behind may be that of an autopilot that has restarted"""
 WRAP_MS = 1 << 32
 """``time_boot_ms`` begins again after 49.7 days"""
 
@@ -71,6 +69,9 @@ class AutopilotClock:
     Our time is ``time.monotonic()``, so that a step of the companion's UTC disturbs nothing; ``utc_ahead()`` says how
     far UTC is ahead of it at present.
     """
+
+    silence = 5.0
+    """s without an answer, after which a time that fell behind may be that of an autopilot that has restarted"""
 
     def __init__(
         self,
@@ -127,7 +128,7 @@ class AutopilotClock:
             self._count += 1
             self._offset = Offset(received, found.low, found.high, 1.0 - pace, UNSTEADY * max(pace, 1.0))
             return "good"
-        if found.low - high > JUMP and (gone_back or received - before.at > SILENCE):
+        if found.low - high > JUMP and (gone_back or received - before.at > self.silence):
             return self._begin(found, "restarted" if gone_back else "behind")
         if found.low - high > JUMP or low - found.high > JUMP:
             return self._begin(found, "stepped")

@@ -16,8 +16,6 @@ from zmav.services.status.events import Events
 VERSION = Command("MAV_CMD_REQUEST_MESSAGE", (148.0,))
 """AUTOPILOT_VERSION"""
 HEARTBEAT_TIMEOUT = 3.0
-UID_MEMORY = 15.0
-ASK_EVERY = 5.0
 NOT_AUTOPILOTS = (6, 18, 26, 27, 30)
 """MAV_TYPE of a ground station, an onboard controller, a gimbal, ADS-B, a camera"""
 AUTOPILOT_INVALID = 8
@@ -29,6 +27,10 @@ class VehicleChanged(NamedTuple):
 
 class Identity:
     """The autopilot behind the link: its address, rules, uid, and whether it is heard. Lives on the event loop."""
+
+    heartbeat_timeout = HEARTBEAT_TIMEOUT
+    uid_memory = 15.0
+    ask_every = 5.0
 
     def __init__(self, port: Port, events: Events, sysid: int | None = None) -> None:
         self._port, self._events, self._wanted = port, events, sysid
@@ -188,19 +190,19 @@ class Identity:
     def tick(self) -> None:
         """A few times a second: presence, the question who it is, and whether two answer."""
         now = time.monotonic()
-        if self.connected and now - self._heard > HEARTBEAT_TIMEOUT:
+        if self.connected and now - self._heard > self.heartbeat_timeout:
             self.connected, self._intended = False, None
             self._uids.clear()
-            self._events.emit("autopilot", "critical", f"autopilot silent for {HEARTBEAT_TIMEOUT:.0f} s")
+            self._events.emit("autopilot", "critical", f"autopilot silent for {self.heartbeat_timeout:.0f} s")
             self._port.bus.tell(VehicleChanged())
-        if self.connected and self.source and now - self._asked > (ASK_EVERY if self.uid else 1.0):
+        if self.connected and self.source and now - self._asked > (self.ask_every if self.uid else 1.0):
             self._asked = now
             asked = VERSION.message(self._port.dialect)
             self._port.send(asked.name, **asked.addressed(*self.source))
         self._judge_uids(now)
 
     def _judge_uids(self, now: float) -> None:
-        self._uids = {uid: t for uid, t in self._uids.items() if now - t < UID_MEMORY}
+        self._uids = {uid: t for uid, t in self._uids.items() if now - t < self.uid_memory}
         clash = None
         if len(self._uids) > 1 and self.source:
             clash = f"{len(self._uids)} autopilots with system id {self.source[0]} on this link"

@@ -23,8 +23,6 @@ from zmav.services.missions.missions import Missions
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 
-SET_TIMEOUT = 4.0
-"""s for MISSION_CURRENT to show an item that only a message without acknowledgement could set"""
 START_AGAIN = 1.0
 """s until the mission's mode is asked for again where it was refused"""
 LAST_WORD = 1.5
@@ -38,6 +36,9 @@ FLIES = ("MAV_CMD_MISSION_START", "MAV_CMD_DO_LAND_START")
 
 class MissionFlight:
     """Handlers of ``mission_start`` and ``mission_current``. Lives on the event loop."""
+
+    set_timeout = 4.0
+    """s for MISSION_CURRENT to show an item that only a message without acknowledgement could set"""
 
     def __init__(self, companion: Companion, commander: Commander, missions: Missions, bounds: Bounds) -> None:
         self._port, self._identity, self._do = companion.port, companion.identity, commander
@@ -126,7 +127,7 @@ class MissionFlight:
                 await self._do.command(Command("MAV_CMD_DO_SET_MISSION_CURRENT", (float(seq),)))
                 return
         with self._do.inbox("MISSION_CURRENT") as inbox:
-            deadline = time.monotonic() + SET_TIMEOUT
+            deadline = time.monotonic() + self.set_timeout
             while time.monotonic() < deadline:
                 await self._do.give(Message("MISSION_SET_CURRENT", {"seq": seq}))
                 again = time.monotonic() + 1.0

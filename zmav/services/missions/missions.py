@@ -36,7 +36,6 @@ from zmav.wire import MissionKind
 
 QUERY_WAIT = 1.5
 """s that a reader waits for a plan that is not in the cache; then it is told how far the reading is"""
-MEND_EVERY = 5.0
 NO_MISSION = 1
 """MISSION_STATE_NO_MISSION"""
 Owner = tuple[tuple[int, int] | None, str | None]
@@ -73,6 +72,8 @@ class Progress:
 
 class Missions:
     """Handlers of the ``mission_*`` orders that move nothing, the cache and its queries. Lives on the event loop."""
+
+    mend_every = 5.0
 
     def __init__(
         self,
@@ -314,7 +315,7 @@ class Missions:
 
     def _on_heartbeat(self, fields: Fields, frame: Frame) -> None:
         """An autopilot that fell silent in the middle of an upload answers again."""
-        if self._owed and not self._lock.locked() and time.monotonic() - self._mended > MEND_EVERY:
+        if self._owed and not self._lock.locked() and time.monotonic() - self._mended > self.mend_every:
             self._mended = time.monotonic()
             self._in_background(self._mend())
 

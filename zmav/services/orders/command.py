@@ -19,11 +19,7 @@ from zmav.services.companion import Companion
 from zmav.services.link.port import Inbox, is_ours
 from zmav.services.orders.orders import Report
 
-ACK_TIMEOUT = 0.5
 RETRIES = 3
-IN_PROGRESS_TIMEOUT = 10.0
-CONFIRM_TIMEOUT = 4.0
-"""s for a HEARTBEAT to show what an acknowledgement promised"""
 EXPLAIN_TIME = 0.2
 """s that the words explaining a refusal may come after it"""
 UNKNOWN_PROGRESS = 255
@@ -38,6 +34,11 @@ class Ack(NamedTuple):
 
 class Commander:
     """Sends commands to the autopilot and watches them through. Lives on the event loop."""
+
+    ack_timeout = 0.5
+    in_progress_timeout = 10.0
+    confirm_timeout = 4.0
+    """s for a HEARTBEAT to show what an acknowledgement promised"""
 
     def __init__(self, companion: Companion, control: Control) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
@@ -155,14 +156,14 @@ class Commander:
     async def until_mode_told(self) -> None:
         """Wait for the next message that tells the mode, where an older one may be wrong; a second at most."""
         with self.inbox(*self._identity.mode_messages) as inbox:
-            await inbox.get(CONFIRM_TIMEOUT)
+            await inbox.get(self.confirm_timeout)
 
     async def until_heartbeat(self, true: Callable[[], bool], otherwise: str) -> None:
         """Wait until a HEARTBEAT, or what tells the mode sooner, shows it; raises :class:`TimedOut` with the words
         given.
         """
         with self.inbox(*self._identity.mode_messages) as inbox:
-            deadline = time.monotonic() + CONFIRM_TIMEOUT
+            deadline = time.monotonic() + self.confirm_timeout
             while not true():
                 if await inbox.get(deadline - time.monotonic()) is None:
                     raise TimedOut(otherwise, vehicle=self._port.name)
@@ -188,7 +189,7 @@ class Commander:
         for attempt in range(RETRIES + 1):
             message = command.message(self._port.dialect, attempt)
             self._port.send(message.name, **message.addressed(*self.source()))
-            deadline = time.monotonic() + ACK_TIMEOUT
+            deadline = time.monotonic() + self.ack_timeout
             while (heard := await inbox.get(deadline - time.monotonic())) is not None:
                 name, fields = heard
                 if name != "COMMAND_ACK" or fields["command"] != number or not is_ours(fields, self._port):
@@ -197,7 +198,7 @@ class Commander:
                     return Ack(int(fields["result"]), int(fields["result_param2"]))
                 if report is not None and fields["progress"] != UNKNOWN_PROGRESS:
                     report({"progress": fields["progress"] / 100.0})
-                deadline = time.monotonic() + IN_PROGRESS_TIMEOUT
+                deadline = time.monotonic() + self.in_progress_timeout
         why = f"no acknowledgement of {command.name} after {RETRIES + 1} attempts"
         raise TimedOut(why, vehicle=self._port.name, command=command.name)
 
@@ -215,7 +216,7 @@ class Commander:
 
     async def _confirm_mode(self, command: Command, mode: str, since: float, inbox: Inbox) -> None:
         number = self._port.dialect.value("MAV_CMD", command.name)
-        deadline = time.monotonic() + CONFIRM_TIMEOUT
+        deadline = time.monotonic() + self.confirm_timeout
         while not self._is_in(mode):
             heard = await inbox.get(deadline - time.monotonic())
             if heard is None:

@@ -39,7 +39,7 @@ ON_GROUND = 1
 """MAV_LANDED_STATE"""
 LAND_TIMEOUT = 180.0
 RETURN_TIMEOUT = 900.0
-REBOOT_TIMEOUT, REBOOT_LOOK = 60.0, 0.2
+REBOOT_LOOK = 0.2
 RALLY_TIMEOUT = 20.0
 """s for the rally points to be read, where they are not known"""
 RESTS, LONGER = 0.3, 3.0
@@ -57,6 +57,8 @@ class Flight:
 
     ``param``: the autopilot's parameter of that name, where it is known; ``rally``: the rally points that are on it.
     """
+
+    reboot_timeout = 60.0
 
     def __init__(
         self,
@@ -227,8 +229,8 @@ class Flight:
             before, since = self._timesync.restarts, time.monotonic()
             await self._do.command(Command("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", (1.0,)))
             while self._timesync.restarts == before:
-                if time.monotonic() - since > REBOOT_TIMEOUT:
-                    late = f"it acknowledged the reboot {REBOOT_TIMEOUT:.0f} s ago, and has not come back"
+                if time.monotonic() - since > self.reboot_timeout:
+                    late = f"it acknowledged the reboot {self.reboot_timeout:.0f} s ago, and has not come back"
                     raise TimedOut(late, vehicle=self._port.name)
                 report({"connected": self._identity.connected})
                 await asyncio.sleep(REBOOT_LOOK)

@@ -12,7 +12,7 @@ import collections
 import hashlib
 import logging
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -31,10 +31,8 @@ from zmav.verbs import VERBS, Access, Verb
 from zmav.waiting import in_thread
 
 logger = logging.getLogger(__name__)
-MEMORY = 60.0
-"""seconds a finished order's outcome is kept for a caller who asks again"""
-MOST_KEPT, MOST_IDS = 1000, 10_000
-"""finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
+MOST_KEPT = 1000
+"""finished orders whose outcome is kept, and proofs of who gave one"""
 MOST_WAITING = 256
 """orders that have come and were not looked at yet, but for those that make it safe"""
 MOST_URGENT = 256
@@ -99,6 +97,11 @@ class Operations:
     Lives on the event loop.
     """
 
+    memory = 60.0
+    """seconds a finished order's outcome is kept for a caller who asks again"""
+    most_kept, most_ids = MOST_KEPT, 10_000
+    """finished orders whose outcome is kept, and ids of older ones: those are not done again either"""
+
     def __init__(self) -> None:
         self._operations: dict[str, Operation] = {}
         self._ended: collections.OrderedDict[str, float] = collections.OrderedDict()
@@ -108,6 +111,10 @@ class Operations:
     def under_way(self) -> list[Operation]:
         """Those that have not ended."""
         return [operation for operation in self._operations.values() if not operation.task.done()]
+
+    def __iter__(self) -> Iterator[Operation]:
+        """Those that are under way, and those whose outcome is kept."""
+        return iter(tuple(self._operations.values()))
 
     def knows(self, name: str) -> bool:
         """The order of that id is under way, or its outcome is kept."""
@@ -159,15 +166,15 @@ class Operations:
         return known
 
     def _forget(self) -> None:
-        old = time.monotonic() - MEMORY
+        old = time.monotonic() - self.memory
         ended = [(name, op.ended) for name, op in self._operations.items() if op.ended is not None]
-        beyond = len(ended) - MOST_KEPT
+        beyond = len(ended) - self.most_kept
         for number, (name, at) in enumerate(ended):
             if at <= old or number < beyond:
                 del self._operations[name]
                 if not name.startswith("#"):
                     self._ended[name] = at
-        while len(self._ended) > MOST_IDS:
+        while len(self._ended) > self.most_ids:
             self._ended.popitem(last=False)
 
 
@@ -200,7 +207,7 @@ class Orders:
         self._own = questions is None
         self._questions = questions or Questions(session, answers, anybody)
         self._verbs: dict[str, tuple[type[wire.Order], Guarded]] = {}
-        self._operations = Operations()
+        self.operations = Operations()
         self._proofs: collections.OrderedDict[bytes, Origin] = collections.OrderedDict()
         """digests of the last orders and their proofs; of the intake's thread"""
         self._outcomes = Outcomes(answers)
@@ -253,7 +260,7 @@ class Orders:
     @property
     def under_way(self) -> int:
         """Orders that have not ended."""
-        return len(self._operations.under_way)
+        return len(self.operations.under_way)
 
     async def close(self) -> None:
         """End what is under way, and say so to the one who asked."""
@@ -262,7 +269,7 @@ class Orders:
             self._intake.close()
         if self._own:
             self._questions.close()
-        tasks = [operation.task for operation in self._operations.under_way]
+        tasks = [operation.task for operation in self.operations.under_way]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, *self._answers, return_exceptions=True)
@@ -333,9 +340,9 @@ class Orders:
                 question = wire.decode(payload, wire.Again, what)
             except BadInput:
                 raise e from None
-            return await _outcome_of(self._operations.find(verb, question.again, origin), question.wait)
+            return await _outcome_of(self.operations.find(verb, question.again, origin), question.wait)
         wire.refuse_repeated(payload, what)
-        if repeated is not None and not self._operations.knows(args.id):
+        if repeated is not None and not self.operations.knows(args.id):
             raise repeated
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
@@ -343,7 +350,7 @@ class Orders:
                 self._check_looking(verb, origin)
             return _run(handler, args, report, origin)
 
-        operation = self._operations.once(verb, args.id, payload, origin, begin)
+        operation = self.operations.once(verb, args.id, payload, origin, begin)
         return await _outcome_of(operation, args.wait if args.id else None)
 
     def _only_looks(self, verb: str) -> bool:
@@ -351,7 +358,7 @@ class Orders:
         return not {keys.VIEWER, keys.ANYONE}.isdisjoint(self._known[verb].writers)
 
     def _check_looking(self, verb: str, origin: Origin | None) -> None:
-        looking = [op for op in self._operations.under_way if op.origin == origin and self._only_looks(op.verb)]
+        looking = [op for op in self.operations.under_way if op.origin == origin and self._only_looks(op.verb)]
         if len(looking) >= MOST_LOOKING:
             text = f"{MOST_LOOKING} orders of yours are under way that only look: wait for one of them"
             raise Refused(text, reason="busy", verb=verb)

@@ -15,13 +15,9 @@ from zmav.services.link.identity import HEARTBEAT_TIMEOUT
 from zmav.services.params.requests import Inbox, ParamTalk
 from zmav.services.params.values import NO_INDEX, ParamValue
 
-LIST_TRIES = 6
-LIST_TIMEOUT = 1.0
-"""s for the first answer to PARAM_REQUEST_LIST; half as long again each time"""
 QUIET = 1.5
 """s of silence after which a stream is over"""
 WINDOW = 10
-INDEX_TRIES = 25
 SILENCE = 15.0
 """s without any PARAM_VALUE after which a reading is given up"""
 RESTARTS = 4
@@ -59,7 +55,7 @@ class ParamFill:
 
     async def _stream(self, inbox: Inbox) -> None:
         """Ask for the list and take in what comes until its last index, or until it falls silent."""
-        asked, timeout, deadline, began, came = 0, LIST_TIMEOUT, 0.0, 0.0, False
+        asked, timeout, deadline, began, came = 0, self._talk.list_timeout, 0.0, 0.0, False
         while True:
             now = time.monotonic()
             if not came and now >= deadline:
@@ -77,7 +73,7 @@ class ParamFill:
                 return
 
     def _ask_list(self, asked: int) -> None:
-        if asked >= LIST_TRIES:
+        if asked >= self._talk.list_tries:
             raise self._late(f"no PARAM_VALUE after {asked} times PARAM_REQUEST_LIST")
         if not self._talk.send("PARAM_REQUEST_LIST") and not asked:
             raise LinkDown(f"{self._name}: nothing can be sent on the link", vehicle=self._name)
@@ -119,7 +115,7 @@ class ParamFill:
         """Put questions until the window is full."""
         while waiting and len(asked) < WINDOW:
             index = waiting.popleft()
-            if index in self._params.missing and tries[index] < INDEX_TRIES:
+            if index in self._params.missing and tries[index] < self._talk.index_tries:
                 tries[index] += 1
                 asked[index] = time.monotonic()
                 self._talk.send("PARAM_REQUEST_READ", param_index=index)

@@ -33,8 +33,6 @@ from zmav.waiting import together
 
 BEGIN_AFTER = 1.0
 """s that the background reading waits for the uid, which tells whether there is anything to read"""
-SETTLE = 2.0
-"""s from a change of the count to the new reading: who enables one group enables another"""
 LINK_DOWN_RETRY = 5.0
 RETRY = (30.0, 600.0)
 """s until a background reading that failed is tried again: after the first time, and at most"""
@@ -44,6 +42,9 @@ LOADED_AT_ONCE = 4
 
 class Params:
     """The parameters of the vehicle's autopilot. Lives on the event loop; ``tick`` is called a few times a second."""
+
+    settle = 2.0
+    """s from a change of the count to the new reading: who enables one group enables another"""
 
     def __init__(self, companion: Companion) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
@@ -147,7 +148,7 @@ class Params:
         if self._connected_at is None:
             self._connected_at, self._due, self._retry = now, now, RETRY[0]
         if self.known.restarts != self._restarts:
-            self._restarts, self._due = self.known.restarts, max(self._due, now + SETTLE)
+            self._restarts, self._due = self.known.restarts, max(self._due, now + self.settle)
         known_who = self._identity.uid is not None or now - self._connected_at > BEGIN_AFTER
         idle = self._reading is None and not self._loader.under_way
         if not self.known.complete and idle and known_who and now >= self._due and self._identity.clash is None:

@@ -21,11 +21,8 @@ from zmav.services.link.port import RoundTrip, is_ours
 from zmav.services.params.values import Entry, ParamSet, ParamValue
 from zmav.waiting import within
 
-READ_TRIES = 4
 SET_TRIES = 10
 """at 20 % loss each way three attempts in ten fail: ten in a row are one in 30,000"""
-LONGEST_WAIT = 3.0
-"""s for one attempt"""
 BY_NAME = -1
 DOES_NOT_EXIST = 1
 
@@ -61,6 +58,14 @@ class Inbox:
 
 class ParamTalk:
     """Hears the autopilot's PARAM_VALUEs into ``params`` and asks it questions. Lives on the event loop."""
+
+    list_tries = 6
+    list_timeout = 1.0
+    """s for the first answer to PARAM_REQUEST_LIST; half as long again each time"""
+    index_tries = 25
+    read_tries = 4
+    longest_wait = 3.0
+    """s for one attempt"""
 
     def __init__(self, companion: Companion, params: ParamSet) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
@@ -133,7 +138,7 @@ class ParamTalk:
     async def read(self, name: str) -> Entry | None:
         """The parameter of that name, asked for by it; None where the autopilot has none or does not answer."""
         with self.hearing() as inbox:
-            for attempt in range(READ_TRIES):
+            for attempt in range(self.read_tries):
                 self.check()
                 asked = time.monotonic()
                 self.send("PARAM_REQUEST_READ", param_id=name, param_index=BY_NAME)
@@ -185,7 +190,7 @@ class ParamTalk:
 
     async def _about(self, name: str, inbox: Inbox, asked: float, attempt: int) -> Answer | None:
         """The next answer about ``name``; None once the question of monotonic time ``asked`` counts as lost."""
-        deadline = asked + min(self.pace.timeout * (1.0 + attempt / 2), LONGEST_WAIT)
+        deadline = asked + min(self.pace.timeout * (1.0 + attempt / 2), self.longest_wait)
         while (answer := await inbox.get(deadline - time.monotonic())) is not None:
             if answer.name == name:
                 if attempt == 0:

@@ -30,8 +30,6 @@ from zmav.trust.gate import Prove
 log = logging.getLogger(__name__)
 MOST = 32
 """questions of one channel that wait"""
-GIVEN_UP = 2.0
-"""s: the one who asked has given up, or asked again; what zmav's clients wait for an answer"""
 SLICE = 0.002
 """s of work for one question before another's turn"""
 SHARE, CREDIT = 0.25, 0.05
@@ -93,6 +91,9 @@ class Questions:
     ``admit`` raises :class:`~zmav.errors.Forbidden` for a question that is not to be answered. ``counts``: those that
     were ``dropped`` for newer ones, or ``given_up`` by who asked. ``bus`` is told of :class:`QuestionsDropped`.
     """
+
+    given_up = 2.0
+    """s: the one who asked has given up, or asked again; what zmav's clients wait for an answer"""
 
     def __init__(
         self, session: zenoh.Session, answers: Answers, admit: Prove, share: float = SHARE, bus: Bus | None = None
@@ -159,6 +160,11 @@ class Questions:
             self._answering.refuse(query, error)
         return False
 
+    @property
+    def waiting(self) -> int:
+        """Questions that have come and are not begun."""
+        return sum(len(channel.waiting) for channel in self._channels)
+
     def close(self) -> None:
         """Answer no more."""
         self._closed.set()
@@ -210,7 +216,7 @@ class Questions:
         query = question.query
         try:
             if question.steps is None:
-                if time.monotonic() - question.at > GIVEN_UP:
+                if time.monotonic() - question.at > self.given_up:
                     self.counts["given_up"] += 1
                     _end(question)
                     return

@@ -43,10 +43,6 @@ FASTEST = 16
 """readers of one message that are remembered, the fastest of them: who comes first has no right to stay"""
 UNKNOWNS = 64
 """messages without a name that anybody may ask for"""
-QUIET = 0.1
-"""s between two times that changes are told: a flood of tokens is one change"""
-ASK_AGAIN = 5.0
-"""s between two times that all readers are asked for again, where some were left out and there is room now"""
 NOT_STREAMED = {
     "HEARTBEAT",
     "STATUSTEXT",
@@ -77,6 +73,11 @@ class Demand(NamedTuple):
 class Demands:
     """The readers of one vehicle's messages. Lives on the event loop; ``plan`` is called on a change."""
 
+    ask_again = 5.0
+    """s between two times that all readers are asked for again, where some were left out and there is room now"""
+    quiet = 0.1
+    """s between two times that changes are told: a flood of tokens is one change"""
+
     def __init__(self, companion: Companion, plan: Callable[[], None]) -> None:
         self._session, self._port, self._plan = companion.session, companion.port, plan
         self.junk = 0
@@ -86,9 +87,9 @@ class Demands:
         """by message, and by the token's key"""
         self._left_out: set[str] = set()
         """messages some of whose readers are not remembered"""
-        self._asked = -ASK_AGAIN
+        self._asked = -self.ask_again
         self._telling: asyncio.TimerHandle | None = None
-        self._told = -QUIET
+        self._told = -self.quiet
         self._plain: list[Demand] = []
         self._subscriber: Any = None
         self._source: tuple[int, int] | None = None
@@ -124,7 +125,7 @@ class Demands:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        demand = _demand(key, self._port.dialect)
+        demand = demand_of(key, self._port.dialect)
         if sample.kind == zenoh.SampleKind.PUT:
             self._take(key, demand)
         elif demand is not None and self._tokens.get(demand.name, {}).pop(key, None) is not None:
@@ -159,7 +160,7 @@ class Demands:
         self.fastest = max((each.hz for held in self._tokens.values() for each in held.values()), default=0.0)
         if self._telling is None:
             loop = asyncio.get_running_loop()
-            self._telling = loop.call_at(max(loop.time(), self._told + QUIET), self._tell)
+            self._telling = loop.call_at(max(loop.time(), self._told + self.quiet), self._tell)
 
     def _tell(self) -> None:
         self._telling, self._told = None, asyncio.get_running_loop().time()
@@ -171,7 +172,7 @@ class Demands:
         """Look who subscribes to messages of this (system, component)."""
         try:
             room = any(len(self._tokens.get(name, ())) < FASTEST for name in self._left_out)
-            if room and asyncio.get_running_loop().time() - self._asked > ASK_AGAIN:
+            if room and asyncio.get_running_loop().time() - self._asked > self.ask_again:
                 self.start()
             if source != self._source:
                 self._declare(source)
@@ -201,7 +202,7 @@ class Demands:
         return keys.RX.key(self._port.fleet, self._port.name, sys=source[0], comp=source[1], msg=name)
 
 
-def _demand(key: str, dialect: Dialect) -> Demand | None:
+def demand_of(key: str, dialect: Dialect) -> Demand | None:
     """What a token says; None where that is nothing that can be asked for. Its vehicle may be a pattern."""
     *_, name, rate, instance = key.split("/")
     try:

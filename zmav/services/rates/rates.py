@@ -40,8 +40,6 @@ ANSWER = 0.5
 """s for an acknowledgement"""
 LONGEST_PAUSE = 60.0
 """s between two tries of what does not come"""
-UNANSWERED_PAUSE = 3.0
-"""... while it does not even answer: it may be starting"""
 FASTER = 1.25
 """of the rate asked for, from which on somebody else has asked for more"""
 SLOWER_FROM = 20.0
@@ -54,6 +52,9 @@ class Rates:
     ``needs``: what else the companion reads, in Hz: the pilot's switch. ``clock`` tells how fast a simulation goes: so
     much faster comes what it is asked for.
     """
+
+    unanswered_pause = 3.0
+    """... while it does not even answer: it may be starting"""
 
     def __init__(self, companion: Companion, needs: Mapping[str, float], clock: AutopilotClock) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
@@ -219,7 +220,7 @@ class Rates:
         result = await self._set_interval(source, target.name, 1e6 / rate)
         standing.since, standing.forgotten = time.monotonic(), False
         standing.not_before = standing.since + standing.pause + 3.0 / rate
-        standing.pause = min(2.0 * standing.pause, UNANSWERED_PAUSE if result is None else LONGEST_PAUSE)
+        standing.pause = min(2.0 * standing.pause, self.unanswered_pause if result is None else LONGEST_PAUSE)
         if result is None or result == CommandResult.ACCEPTED:
             standing.refused = None  # without an answer: what flows will tell
         else:

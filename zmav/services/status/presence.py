@@ -25,14 +25,15 @@ from zmav.trust.proof import Signer
 from zmav.trust.verify import Verifier
 
 NOBODY = "-"
-ASK_EVERY = 2.0
-"""seconds between two of those who seem to clash with us being asked who they are"""
 UID_GRACE = 2.0
 """seconds an autopilot has to tell its uid before its token goes out without one"""
 
 
 class Presence:
     """One vehicle's token, and everybody else's. On the event loop; :meth:`check` from any thread."""
+
+    ask_every = 2.0
+    """seconds between two of those who seem to clash with us being asked who they are"""
 
     def __init__(self, companion: Companion, instance: str, verifier: Verifier | None, signer: Signer | None) -> None:
         self._session, self._identity, self._events = companion.session, companion.identity, companion.events
@@ -149,7 +150,7 @@ class Presence:
 
     def _ask(self, now: float) -> None:
         """Have one of those who seem to clash with us prove who it is, each in its turn."""
-        if self._verifier is None or now - self._asked < ASK_EVERY:
+        if self._verifier is None or now - self._asked < self.ask_every:
             return
         # Who is not on our roster may be on a newer one, and comes after those who are.
         # Whose tokens are a crowd may have a true one that gave way to others.
@@ -169,7 +170,7 @@ class Presence:
                     proven((vehicle, state.instance))
 
         place = (self._fleet, vehicle)
-        challenge_vehicle(self._session, place, on_state, timeout=ASK_EVERY, signer=self._signer)
+        challenge_vehicle(self._session, place, on_state, timeout=self.ask_every, signer=self._signer)
 
     def _suspects(self, vehicles: Iterable[str]) -> list[tuple[str, str]]:
         found = ((_who(token), token) for token in self._tokens(vehicles))
@@ -192,7 +193,7 @@ class Presence:
                 found(str(reply.ok.key_expr), (vehicle, instance))
 
         key = keys.ALIVE.key(self._fleet, vehicle, role=self._role, sys="*", autopilot="*", uid="*", instance=instance)
-        self._session.liveliness().get(key, on_reply, timeout=ASK_EVERY)
+        self._session.liveliness().get(key, on_reply, timeout=self.ask_every)
 
     def _on_found(self, key: str, who: tuple[str, str]) -> None:
         with contextlib.suppress(BadKey):

@@ -29,9 +29,8 @@ from zmav.services.companion import Companion
 from zmav.services.orders.command import Commander
 from zmav.services.status.events import SEVERITIES
 
-EVERY = 1.0
-ASK_EVERY, ASKS = 5.0, 3
-"""s between requests for a report of the checks, and how many while none comes"""
+ASKS = 3
+"""requests while none comes"""
 ERROR = 3
 """the mildest log level of a check that stands against something; those beyond it warn"""
 EVERY_MODE = 0xFFFFFFFF
@@ -95,6 +94,10 @@ class Checks:
 class EventTexts:
     """Passes EVENTs (410) on, in words where there are some for them. Lives on the event loop."""
 
+    every = 1.0
+    ask_every = 5.0
+    """s between requests for a report of the checks"""
+
     def __init__(self, companion: Companion, commander: Commander) -> None:
         self._identity, self._do, self._events = companion.identity, commander, companion.events
         self.checks = Checks()
@@ -151,13 +154,13 @@ class EventTexts:
         """While none has come: it reported before we were here, or some of it was lost. Not in flight."""
         asks, asked = 0, 0.0
         while True:
-            await asyncio.sleep(EVERY)
+            await asyncio.sleep(self.every)
             who, now = self._identity, time.monotonic()
             if not who.connected or who.autopilot is None:
                 self.checks, asks = Checks(), 0  # it may come back as another
             elif self.checks.known:
                 asks = 0
-            elif who.armed or asks >= ASKS or now - asked < ASK_EVERY:
+            elif who.armed or asks >= ASKS or now - asked < self.ask_every:
                 continue
             elif who.autopilot.report_checks is not None:
                 asks, asked = asks + 1, now

@@ -63,8 +63,8 @@ class Cascade:
         self.thrust: Array = np.zeros(n)  # newtons asked of all rotors together
         self._turn: Array = np.zeros(n)  # yaw rate and acceleration fed forward
         self._turn_acc: Array = np.zeros(n)
-        self._vel_i: Array = np.zeros((3, n))
-        self._rate_i: Array = np.zeros((3, n))
+        self.vel_i: Array = np.zeros((3, n))
+        self.rate_i: Array = np.zeros((3, n))
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
         mix = np.linalg.pinv(airframe.wrench_matrix())
         self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
@@ -107,10 +107,10 @@ class Cascade:
             want_vel[:2, raw] = limit_length(want_vel[:2, raw], limits["speed"][raw])
             want_vel[2, raw] = clamp(want_vel[2, raw], -limits["speed_up"][raw], limits["speed_down"][raw])
         error = want_vel - est.vel
-        self._vel_i = clamp(self._vel_i + error * gains.vel_i * dt, -VEL_I_MAX, VEL_I_MAX)
-        self._vel_i[:2] *= ~by_hand
-        self._vel_i[2] *= ~ballistic
-        acc = ref.acc + error * gains.vel_p + self._vel_i
+        self.vel_i = clamp(self.vel_i + error * gains.vel_i * dt, -VEL_I_MAX, VEL_I_MAX)
+        self.vel_i[:2] *= ~by_hand
+        self.vel_i[2] *= ~ballistic
+        acc = ref.acc + error * gains.vel_p + self.vel_i
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
         acc[:2] = limit_length(acc[:2], np.minimum(GRAVITY, GRAVITY - acc[2]) * np.tan(sp.limits["lean"]))
         self.want_vel, self.want_acc = want_vel, acc
@@ -132,8 +132,8 @@ class Cascade:
         """Nobody flies: everything is where it is."""
         ref = self.reference
         ref.pos, ref.vel, ref.acc = est.pos.copy(), est.vel.copy(), np.zeros_like(est.vel)
-        self._vel_i[:] = 0.0
-        self._rate_i[:] = 0.0
+        self.vel_i[:] = 0.0
+        self.rate_i[:] = 0.0
         self._rate[:] = 0.0
         self._by_rates = self._by_torque = None
         self.attitude = est.q.copy()
@@ -198,14 +198,14 @@ class Cascade:
             return self._idle
         gains = self.gains
         miss = self._rate - est.rate
-        kept = clamp(self._rate_i + miss * (gains.rate_i * dt), -gains.rate_i_max, gains.rate_i_max)
-        self._rate_i = kept * self._flying
-        spin = miss * gains.rate_p + self._rate_i
+        kept = clamp(self.rate_i + miss * (gains.rate_i * dt), -gains.rate_i_max, gains.rate_i_max)
+        self.rate_i = kept * self._flying
+        spin = miss * gains.rate_p + self.rate_i
         spin[2] += self._turn_acc
         torque = self._inertia * spin
         if self._by_torque is not None:
             torque[:, self._by_torque] = (self.setpoints.body * self._torque_nm)[:, self._by_torque]
-            self._rate_i[:, self._by_torque] = 0.0
+            self.rate_i[:, self._by_torque] = 0.0
         throttle = self._mix(torque)
         return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
 

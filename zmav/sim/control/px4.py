@@ -46,11 +46,11 @@ class Px4Cascade(Cascade):
         n = start.shape[1]
         self.gains.hover[:] = airframe.hover_share
         self._full = airframe.thrust_max_n * len(airframe.rotors)
-        self._allocator = Allocator(airframe)
+        self.allocator = Allocator(airframe)
         self._vel_before: Array = np.zeros((3, n))
-        self._vel_dot: Array = np.zeros((3, n))
+        self.vel_dot: Array = np.zeros((3, n))
         self._rate_before: Array = np.zeros((3, n))
-        self._rate_dot: Array = np.zeros((3, n))
+        self.rate_dot: Array = np.zeros((3, n))
         self._missed: Array = np.zeros((3, n))  # torque that found no room, with its sign
         self._products()
 
@@ -69,14 +69,14 @@ class Px4Cascade(Cascade):
         want[2] = clamp(want[2], -limits["speed_up"], limits["speed_down"])
         error = want - est.vel
         share = dt / (dt + 1.0 / (2.0 * np.pi * VEL_D_CUTOFF_HZ))
-        self._vel_dot += ((est.vel - self._vel_before) / dt - self._vel_dot) * share
+        self.vel_dot += ((est.vel - self._vel_before) / dt - self.vel_dot) * share
         self._vel_before = est.vel.copy()
-        acc = ref.acc + error * g.vel_p + self._vel_i - self._vel_dot * g.vel_d
+        acc = ref.acc + error * g.vel_p + self.vel_i - self.vel_dot * g.vel_d
         self.want_vel, self.want_acc = want, acc
         thrust = self._fit(self._thrust_vector(acc))
         self._integrate_velocity(error, acc, thrust, dt)
-        self._vel_i[:2] *= ~by_hand
-        self._vel_i[2] *= ~ballistic
+        self.vel_i[:2] *= ~by_hand
+        self.vel_i[2] *= ~ballistic
         self._turn_at_once(raw)
         self._hold(est, thrust, by_hand, ballistic)
 
@@ -112,8 +112,8 @@ class Px4Cascade(Cascade):
         produced = thrust[:2] * (GRAVITY / g.hover)
         excess = dot(acc[:2], acc[:2]) > dot(produced, produced)
         error[:2] -= (acc[:2] - limit_length(acc[:2], np.sqrt(dot(produced, produced)))) * (2.0 / g.vel_p[0]) * excess
-        self._vel_i += error * g.vel_i * dt
-        self._vel_i[2] = clamp(self._vel_i[2], -GRAVITY, GRAVITY)
+        self.vel_i += error * g.vel_i * dt
+        self.vel_i[2] = clamp(self.vel_i[2], -GRAVITY, GRAVITY)
 
     def _turn_at_once(self, raw: Flags) -> None:
         """A heading that is streamed goes to the attitude as it is; the others are turned to smoothly."""
@@ -175,15 +175,15 @@ class Px4Cascade(Cascade):
         if g.changes != self._seen:
             self._products()
         share = dt / (dt + 1.0 / (2.0 * np.pi * GYRO_D_CUTOFF_HZ))
-        self._rate_dot += ((est.rate - self._rate_before) / dt - self._rate_dot) * share
+        self.rate_dot += ((est.rate - self._rate_before) / dt - self.rate_dot) * share
         self._rate_before = est.rate.copy()
         miss = self._rate - est.rate
-        torque = miss * self._p + self._rate_i - self._rate_dot * self._d + self._rate * g.rate_ff
+        torque = miss * self._p + self.rate_i - self.rate_dot * self._d + self._rate * g.rate_ff
         self._integrate_rates(miss, dt)
         if self._by_torque is not None:
             torque[:, self._by_torque] = self.setpoints.body[:, self._by_torque]
-            self._rate_i[:, self._by_torque] = 0.0
-        shares, self._missed = self._allocator.allocate(torque, self.thrust * (1.0 / self._full))
+            self.rate_i[:, self._by_torque] = 0.0
+        shares, self._missed = self.allocator.allocate(torque, self.thrust * (1.0 / self._full))
         throttle = _throttle(shares, g.curve)
         return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
 
@@ -193,8 +193,8 @@ class Px4Cascade(Cascade):
         error = np.where(self._missed > SATURATED, np.minimum(miss, 0.0), miss)
         error = np.where(self._missed < -SATURATED, np.maximum(error, 0.0), error)
         fade = np.maximum(1.0 - (error * (1.0 / I_FADES_RADPS)) ** 2, 0.0)
-        kept = clamp(self._rate_i + error * fade * self._i * dt, -g.rate_i_max, g.rate_i_max)
-        self._rate_i = kept * self._flying
+        kept = clamp(self.rate_i + error * fade * self._i * dt, -g.rate_i_max, g.rate_i_max)
+        self.rate_i = kept * self._flying
 
 
 def _throttle(share: Array, curve: Array) -> Array:

@@ -40,7 +40,8 @@ class Log:
 class LogStore:
     """The logs of one vehicle, oldest first, within bounds."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST, most_one: int = MOST_ONE) -> None:
+        self._most, self._most_one = most, most_one
         self.logs: list[Log] = []
         self._next = 1
 
@@ -48,7 +49,7 @@ class LogStore:
         """A new log; its ``data`` may still grow, up to :data:`MOST_ONE`."""
         log = Log(self._next, data, now_s)
         self._next += 1
-        while self.logs and sum(len(each.data) for each in self.logs) + MOST_ONE > MOST:
+        while self.logs and sum(len(each.data) for each in self.logs) + self._most_one > self._most:
             self.logs.pop(0)
         self.logs.append(log)
         return log

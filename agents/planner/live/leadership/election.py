@@ -54,10 +54,10 @@ class LeaderElection:
     """there are some in our book, while we are in charge"""
     _heard: float = -1e9
     _since: float | None = None
-    _tokens: TokenTable[str, Token] = field(init=False)
+    tokens: TokenTable[str, Token] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._tokens = TokenTable(self.is_planner, lambda token: token == self._held)
+        self.tokens = TokenTable(self.is_planner, lambda token: token == self._held)
 
     @property
     def in_charge(self) -> bool:
@@ -74,9 +74,9 @@ class LeaderElection:
             return
         key = f"{token.instance} {token.in_charge}"
         if present:
-            self._tokens.add(name, key, token)
+            self.tokens.add(name, key, token)
         else:
-            self._tokens.remove(name, key)
+            self.tokens.remove(name, key)
 
     def hear(self, book: swarm.Book, now: float) -> bool:
         """Another's book came. True: it is in charge and we are not any more."""
@@ -111,9 +111,9 @@ class LeaderElection:
         self._since = now if self._since is None else self._since
         silent = now - max(self._heard, self._since)
         if self.book is not None:
-            somebody = self._held in self._tokens.of(self.book.planner)
+            somebody = self._held in self.tokens.of(self.book.planner)
         else:
-            somebody = any(True for _ in self._tokens)
+            somebody = any(True for _ in self.tokens)
         return silent > (self.patience + SILENCE if somebody else self.patience)
 
     def take(self) -> swarm.Book | None:

@@ -111,18 +111,18 @@ def test_who_crosses_second_waits_for_the_first_and_the_first_for_nobody() -> No
 def test_the_order_is_the_same_by_brute_force() -> None:
     parts = [Part(k, Track(m), 1.0, 2.5, 0.0, Offset()) for k, m in carousel(5, 4.0, turn=6.0).items()]
     order = Order(parts, 1.5)
-    moments = np.arange(order._count, dtype=np.float64) * 0.25
+    moments = np.arange(order.count, dtype=np.float64) * 0.25
     places = np.array([part.track.at(moments)[0] for part in parts])
     for k in range(len(parts)):
         for i in range(len(parts)):
-            for b in (10, 20, order._count - 1):
+            for b in (10, 20, order.count - 1):
                 near = [
                     a
                     for c in range(b + 1)
                     for a in range(c - 1)
                     if i != k and np.linalg.norm(places[i, a] - places[k, c]) < 2.0
                 ]
-                assert order._first[k, i, b] == max(near, default=-1)
+                assert order.first[k, i, b] == max(near, default=-1)
 
 
 @pytest.mark.parametrize("n", [1, 2])

@@ -166,7 +166,6 @@ given_back: list[str] = []
 
 async def test_of_many_those_that_do_not_answer_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("agents.planner.execute.executor.VehicleCommand", Shy)
-    monkeypatch.setattr("agents.planner.execute.executor.TAKE_AGAIN", 0.01)
     nobody, z = TimedOut("it does not answer"), Any
     Shy.silent = {"c": nobody}
     async with Executor(z, "abc", taking=0.05) as executor:  # type: ignore[arg-type]

@@ -66,7 +66,7 @@ class Craft:
         if self.segment is None:
             return self.rest
         pieces, t = self.segment.pieces, now + self.clock
-        index = min(max(int(np.searchsorted(self.segment._times, t, side="right")) - 1, 0), len(pieces) - 1)
+        index = min(max(int(np.searchsorted(self.segment.times, t, side="right")) - 1, 0), len(pieces) - 1)
         return pieces[index].at(t)[0]
 
     def freeze(self, now: float) -> None:

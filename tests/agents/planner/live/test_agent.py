@@ -146,8 +146,8 @@ async def test_it_is_paused_goes_on_and_is_replaced(field: Field) -> None:
     assert (await planner.order("pause", swarm.GoalId(goal=name)))["goals"] == [name]
     await field.until(name, lambda entry: entry.state == "paused")
     run = field.agent.runs[name]
-    assert isinstance(run._flying, LeasedVehicles)
-    executor = run._flying._executor
+    assert isinstance(run.flying, LeasedVehicles)
+    executor = run.flying.executor
     assert executor is not None
     await within(PATIENCE_S, _until(lambda: executor.phase != "flying"))  # or halted, on a machine that is too slow
     rest = field.fleet.places()["quad1"]
@@ -224,7 +224,7 @@ async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field
     assert seen is not None
     assert seen.view.home_ned == pytest.approx((*PLACES["quad4"], 0.0), abs=1.5)
     for silent, known, near in ((0.0, True, True), (heard.TORN + 1.0, True, False), (heard.KNOWN + 1.0, False, False)):
-        fleet._last["quad4"] = (seen.state, time.monotonic() - silent)
+        fleet.last["quad4"] = (seen.state, time.monotonic() - silent)
         assert ("quad4" in fleet.view().vehicles, "quad4" in fleet.hearing().heard) == (known, near)
 
 
@@ -247,7 +247,7 @@ async def test_clocks_are_learnt_one_after_another_and_the_gone_are_forgotten(fi
     await clocks.ask("ghost")
     clocks.hear()
     assert clocks.of(["quad1"])["quad1"] is offsets["quad1"]
-    assert "ghost" not in clocks._offsets
+    assert "ghost" not in clocks.offsets
 
 
 async def test_where_it_is_tight_plans_have_less_margin_and_less_speed(field: Field) -> None:
@@ -442,7 +442,7 @@ async def test_the_fleet_files_fence_is_there_and_a_wrong_origin_is_named(field:
     assert [each.name for each in aside.context.world.obstacles] == ["fleet-file"]
     state = field.me.vehicle("quad1").state
     far = msgspec.structs.replace(state, name="far", local=(2e5, 0.0, -10.0))
-    aside.context.fleet._last["far"] = (far, time.monotonic())
+    aside.context.fleet.last["far"] = (far, time.monotonic())
     with pytest.raises(BadInput, match="far is 200 km from the fleet's origin"):
         check_known(aside.context, swarm.Hold(vehicles=["far"]))
 
@@ -466,7 +466,7 @@ async def test_who_takes_over_knows_the_obstacles_or_flies_nothing(
     aside.on_book(wire.encode(swarm.Book(**mine, instance="again", term=1)))
     book = aside.context.charge.take()
     assert book is not None
-    aside._check_map(book, again := aside.context.ledger.take_over(book))
+    aside.check_map(book, again := aside.context.ledger.take_over(book))
     assert len(aside.context.world.obstacles) == known
     assert [entry.state for entry in again] == [state]
 
@@ -482,7 +482,7 @@ async def test_one_planner_commands_however_many_there_are(field: Field) -> None
         assert any(entry.id == name for entry in other.context.book().goals), "a standby keeps the book"
         with pytest.raises(Refused, match="ground is in charge"):
             await Planner(field.me, {"planner": "other"}).order("submit", swarm.Submit(goal=swap(10.0)))
-        other._take_charge()  # as it would on the far side of a torn network
+        other.take_charge()  # as it would on the far side of a torn network
         await within(PATIENCE_S, _until(lambda: not field.agent.context.charge.in_charge))
         assert field.agent.runs == {}
         assert field.agent.context.charge.of == "other"

@@ -65,7 +65,7 @@ def test_a_flood_of_tokens_is_bounded_and_takes_none_from_the_planner_in_charge(
     for n in range(5000):
         other.token("a", Token(f"forged{n}", True), True)
         other.token("c", Token(f"forged{n}", False), True)
-    assert len(other._tokens) <= STRANGERS + 2 * OF_EACH
+    assert len(other.tokens) <= STRANGERS + 2 * OF_EACH
     assert not other.lost(PATIENCE + SILENCE), "the true one is known among them"
     other.token("a", Token("1", True), False)
     assert other.lost(PATIENCE + 0.1), "and what is forged beside it holds nobody off when it is gone"

@@ -16,7 +16,7 @@ from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Loiter, PlanTo, Step, VehicleView
 from agents.planner.live.frames import enu
 from agents.planner.live.orders import circle
-from agents.planner.live.plan import _circles, _points
+from agents.planner.live.plan import circles, points_of
 from agents.planner.live.scenes import Room
 from agents.planner.live.world import Pieces
 from agents.planner.solve.loiter import STEADY
@@ -85,8 +85,8 @@ def _heights(step: Loiter) -> list[float]:
 def resolved(goal: wire.swarm.Goal, fleet: FleetView) -> list[Step]:
     """In a world of which nothing is known, whose bounds are those that the agent makes for the goal."""
     places = [enu(fleet.vehicles[name].pos_ned) for name in goal.vehicles]
-    places += [enu(point) for point in _points(goal)]
-    places += _circles(goal, fleet, places)
+    places += [enu(point) for point in points_of(goal)]
+    places += circles(goal, fleet, places)
     return resolve(goal, fleet, Room((), (), Pieces(), 1.5).empty(places))
 
 

@@ -73,7 +73,7 @@ async def test_a_flood_of_refused_orders_leaves_what_happened_in_sight(net: Net,
         member("eye") as eye,
         Agent(z, PlannerSettings(name="ground", fleet="alpha")) as agent,
     ):
-        gate, key = agent._handlers.gate, keys.SWARM.key("alpha", "ground", verb="abort")
+        gate, key = agent.handlers.gate, keys.SWARM.key("alpha", "ground", verb="abort")
         assert gate is not None
         await within(PATIENCE_S, find(eye))
         agent.context.say("goal", "notice", "the true news")

@@ -121,15 +121,18 @@ async def test_a_plan_that_is_solved_late_has_its_own_time_to_be_judged(
 
 
 def test_a_plan_is_told_of_before_it_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    out, judged = io.BytesIO(), jobs.Judgement(True, None, 1.0)
-    there, plan = SolverProcess(out), Plan(status="ok")
+    class Solved(SolverProcess):
+        def solve(self, job: jobs.Solve) -> Plan:
+            return plan
+
+    out, judged, plan = io.BytesIO(), jobs.Judgement(True, None, 1.0), Plan(status="ok")
+    there = Solved(out)
 
     def judge(job: jobs.Judge) -> jobs.Judgement:
         out.seek(0)
         assert jobs.read(out) == jobs.Solved(7)
         return judged
 
-    monkeypatch.setattr(there, "solve", lambda job: plan)
     monkeypatch.setattr("agents.planner.live.worker.judge", judge)
     there.serve(7, jobs.Solve(scene((0.0, 30.0, 10.0))))
     out.seek(0)
@@ -152,9 +155,9 @@ async def _of(job: asyncio.Future[jobs.JudgedPlan]) -> jobs.JudgedPlan:
 
 
 def test_typed_errors_cross_the_pipe() -> None:
-    from agents.planner.live.solver import _error
+    from agents.planner.live.solver import error_of
 
-    error = _error(jobs.Failed(1, "plan", "no way", {"kind": "unreachable", "ids": ["a"]}))
+    error = error_of(jobs.Failed(1, "plan", "no way", {"kind": "unreachable", "ids": ["a"]}))
     assert isinstance(error, PlanError)
     assert (error.kind, error.ids, error.message) == ("unreachable", ["a"], "no way")
 

@@ -12,6 +12,7 @@ import pytest
 from agents.planner.cli.asking import match_names
 from agents.planner.goals.steps import VehicleView
 from agents.planner.live import frames
+from agents.planner.live.checks import MOST_OBSTACLES
 from agents.planner.live.fleet import HeardVehicle
 from agents.planner.live.reserved import ReservedAirspace, Tube, meet, tube
 from agents.planner.live.scenes import DEPTH, room_of, scene_of
@@ -109,10 +110,11 @@ def test_a_standby_knows_what_the_chief_knows() -> None:
     assert other.expire(10.0) == ["c"]
 
 
-def test_too_many_obstacles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.planner.live.world.MOST_OBSTACLES", 2)
+def test_too_many_obstacles_are_refused() -> None:
     world = World()
-    world.give(told("a", BOX), 0.0), world.give(told("b", BOX), 0.0)
+    world.give(told("a", BOX), 0.0)
+    for number in range(MOST_OBSTACLES - 1):
+        world.give(told(f"b{number}", BOX), 0.0)
     with pytest.raises(BadInput, match="room"):
         world.give(told("c", BOX), 0.0)
     assert world.give(told("a", None, t=1.0), 0.0)
