@@ -109,7 +109,7 @@ def test_a_backlog_is_taken_together_where_it_may_be(watch: Watch, peer: Peer) -
 
 def test_who_hurries_waits_for_no_nap(watch: Watch, peer: Peer) -> None:
     watched, link, address = listen(watch)
-    link.patience, link._nap = lambda: 30.0, 30.0
+    link.patience, link.nap = lambda: 30.0, 30.0
     vehicle = peer()
     for datagram in (b"a", b"b"):
         vehicle.sendto(datagram, address)

@@ -106,7 +106,8 @@ class Link(ABC):
         """
         self.joins = False
         """datagrams that wait already, because they come faster than they are taken, are given together"""
-        self._nap = FIRST_NAP_S
+        self.nap = FIRST_NAP_S
+        """s of the next wait for more; it shortens where much comes"""
         self._hurry = threading.Lock()  # held but for a moment after hurry()
         self._hurry.acquire()
 
@@ -252,14 +253,14 @@ class Link(ABC):
                 data += self._more()
             self._give(data)
             if len(data) >= MUCH:
-                self._judge_nap(len(data), self._nap)
+                self._judge_nap(len(data), self.nap)
             while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
                 pass
 
     def _rest(self, patience: float) -> bool:
         """Let frames lie, and take them together; whether any had come. The nap grows for as long as little comes."""
-        self._nap = min(self._nap, patience)
-        self._hurry.acquire(timeout=self._nap)
+        self.nap = min(self.nap, patience)
+        self._hurry.acquire(timeout=self.nap)
         if self._closing.is_set():
             return False
         came, before = False, self._counters.rx_bytes
@@ -271,9 +272,9 @@ class Link(ABC):
 
     def _judge_nap(self, brought: int, patience: float) -> None:
         if brought >= MUCH:
-            self._nap = max(self._nap / 2.0, SHORTEST_NAP_S)
+            self.nap = max(self.nap / 2.0, SHORTEST_NAP_S)
         elif brought < MUCH / 2:
-            self._nap = min(2.0 * self._nap, patience)
+            self.nap = min(2.0 * self.nap, patience)
 
     def _give(self, data: bytes) -> None:
         self._counters.rx_bytes += len(data)

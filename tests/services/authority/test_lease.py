@@ -255,13 +255,13 @@ async def test_it_outlasts_a_link_that_is_down_and_no_longer_than_its_time(bench
     token = here(b, "alice", "one")
     await take(b, ttl=4.0, instance="one", router=AWAY)
     token.undeclare()
-    await until(lambda: b.vehicle.leases._looking is not None, "a token that is missed")
+    await until(lambda: b.vehicle.leases.misses_holder, "a token that is missed")
     token = here(b, "alice", "one")
-    await until(lambda: b.vehicle.leases._looking is None, "the token")
+    await until(lambda: not b.vehicle.leases.misses_holder, "the token")
     assert b.vehicle.leases.holder == "alice"
     token.undeclare()
     await b.event("lease of alice ran out", kind="lease")
-    assert b.vehicle.leases._looking is None
+    assert not b.vehicle.leases.misses_holder
 
 
 async def test_who_asks_meanwhile_has_it(bench: StartBench) -> None:
@@ -271,7 +271,7 @@ async def test_who_asks_meanwhile_has_it(bench: StartBench) -> None:
     with pytest.raises(NotHolder, match="alice commands quad1"):
         await b.ground.do("lease", holder="bob", priority=7)
     token.undeclare()
-    await until(lambda: b.vehicle.leases._looking is not None, "a token that is missed")
+    await until(lambda: b.vehicle.leases.misses_holder, "a token that is missed")
     assert await take(b, "bob", priority=7)
     assert (await b.event("alice, who held the lease, is gone", kind="lease"))["detail"]["reason"] == "gone"
 
@@ -285,7 +285,7 @@ async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: Start
     await until(lambda: ("alice", "one") in leases.present, "the token")
     mine = await take(b, instance="one", router=str(router.info.zid()))
     token.undeclare()
-    await until(lambda: leases._looking is not None, "a token that is missed")
+    await until(lambda: leases.misses_holder, "a token that is missed")
     for _ in range(25):  # it is in use: the token is late, and not its holder
         await b.ground.do("lease", holder="alice", instance="one", router=str(router.info.zid()), lease=mine)
         await asyncio.sleep(0.05)

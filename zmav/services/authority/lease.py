@@ -83,6 +83,11 @@ class Leases:
         heard = on_loop(asyncio.get_running_loop(), self._on_token)
         self._subscriber = self._session.liveliness().declare_subscriber(holders, heard, history=True)
 
+    @property
+    def misses_holder(self) -> bool:
+        """The holder's token went, and it is not known yet whether the holder did."""
+        return self._looking is not None
+
     def close(self) -> None:
         self._found()
         self._subscriber.undeclare()
