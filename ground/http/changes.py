@@ -16,8 +16,6 @@ import msgspec
 
 DEGREES, OTHERS = 7, 3
 """decimals"""
-LATE = 2.0
-"""s after which what a reader has is old, and it gets all of it again"""
 MOST = 4096
 """keys of one socket; one more, and each begins again"""
 
@@ -34,6 +32,9 @@ class Sent:
 class Changes:
     """What one subscription of one socket has been sent. Lives on the event loop."""
 
+    late = 2.0
+    """s after which what a reader has is old, and it gets all of it again"""
+
     def __init__(self) -> None:
         self._sent: dict[str, Sent] = {}
 
@@ -45,7 +46,7 @@ class Changes:
         """What to send in place of a whole ``{"key", "t", "value", ...}``, whose figures are :func:`rounded`."""
         key, now = document["key"], time.monotonic()
         sent = self._sent.get(key)
-        found = changed(sent.document, document) if sent is not None and now - sent.at < LATE else None
+        found = changed(sent.document, document) if sent is not None and now - sent.at < self.late else None
         if sent is None or found is None:
             if len(self._sent) >= MOST:
                 self._sent.clear()

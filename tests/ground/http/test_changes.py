@@ -51,7 +51,7 @@ def test_figures_are_rounded_to_what_an_instrument_shows() -> None:
     }
 
 
-def test_a_whole_one_comes_first_and_where_the_last_is_old(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_whole_one_comes_first_and_where_the_last_is_old() -> None:
     sent = Changes()
     assert sent.message(said({"a": 1, "b": {"c": 2}})) == {**said({"a": 1, "b": {"c": 2}}), "n": 0}
     second = sent.message(said({"a": 1, "b": {"c": 3}}, 2.0))
@@ -59,9 +59,9 @@ def test_a_whole_one_comes_first_and_where_the_last_is_old(monkeypatch: pytest.M
     assert sent.message(said({"a": 1}))["n"] == 0, "a field has gone"
     sent.forget(KEY)
     assert sent.message(said({"a": 1}))["n"] == 0
-    with monkeypatch.context() as late:
-        late.setattr(changes, "LATE", -1.0)
-        assert sent.message(said({"a": 1}))["n"] == 0
+    sent.late = -1.0
+    assert sent.message(said({"a": 1}))["n"] == 0
+    sent.late = Changes.late
     assert sent.message(said({"a": 1}))["n"] == 1
     for number in range(changes.MOST):
         sent.message({**said({}), "key": f"zmav/demo/q{number}/state"})

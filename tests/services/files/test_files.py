@@ -271,7 +271,7 @@ async def test_a_file_is_sent_again_only_where_the_vehicle_does_not_know_of_it(
             return answers
 
         monkeypatch.setattr(d.z, "ask", noting)
-        monkeypatch.setattr("zmav.vehicle.vehicle.ASK_AGAIN", 0.1)  # the file takes longer: both are quick here
+        d.v.ask_again = 0.1  # the file takes longer: both are quick here
         data = noise(MOST_PUT)
         assert (await d.v.files.put_bytes(data, "/APM/f"))["verified"]
         assert len(sizes) >= 2 + lost and len(unknown) >= lost
