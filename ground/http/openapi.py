@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -18,12 +18,13 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
+from ground.http.orders import GOALS
 from ground.http.setpoints import Point
 from zmav import wire
-from zmav.verbs import VERBS, Verb
+from zmav.verbs import SWARM_VERBS, VERBS, Verb
 
 REF = "#/components/schemas/{name}"
-DO = "/do/{vehicle}/{verb}"
+DO, SWARM = "/do/{vehicle}/{verb}", "/swarm/{verb}"
 POINT = "/setpoint/{vehicle}"
 TEXT: dict[str, Any] = {"type": "string"}
 NUMBER: dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
@@ -100,7 +101,8 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
         {JSON: OBJECT},
     ),
     ("post", "/swarm/{verb}"): (
-        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle",
+        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle; of a "
+        "kind of goal its fields, preview (true: only shown), when (now or queue)",
         {JSON: OBJECT},
     ),
     ("post", "/agent/{vehicle}/{agent}/{verb}"): (
@@ -123,6 +125,9 @@ class ErrorAnswer(wire.Wire, kw_only=True):
     error: Error
 
 
+Schemas = Mapping[type[wire.Wire], dict[str, Any]]
+
+
 def routes(gateway: Gateway) -> list[BaseRoute]:
     async def openapi(request: Request) -> Response:
         """This description, for programs (OpenAPI 3.1)."""
@@ -133,8 +138,10 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 
 def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
     """The OpenAPI document of these routes."""
-    kinds: Sequence[type[wire.Wire]] = (*(verb.args for verb in VERBS.values()), Point, wire.Outcome, ErrorAnswer)
-    _, components = msgspec.json.schema_components(kinds, ref_template=REF)
+    orders = (verb.args for verb in (*VERBS.values(), *SWARM_VERBS.values()))
+    kinds: Sequence[type[wire.Wire]] = (*orders, *GOALS.values(), Point, wire.Outcome, ErrorAnswer)
+    references, components = msgspec.json.schema_components(kinds, ref_template=REF)
+    schemas = dict(zip(kinds, references, strict=True))
     for loose in ("Error", "ErrorAnswer"):
         components[loose].pop("additionalProperties", None)
     return {
@@ -148,7 +155,7 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
             "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         },
         "tags": [{"name": name, "description": text} for name, text in TAGS.items()],
-        "paths": _paths(routes),
+        "paths": _paths(routes, schemas),
         "components": {
             "schemas": components,
             "securitySchemes": {
@@ -160,7 +167,7 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
     }
 
 
-def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
+def _paths(routes: Iterable[BaseRoute], schemas: Schemas) -> dict[str, dict[str, Any]]:
     paths: dict[str, dict[str, Any]] = {}
     for route in routes:
         if not getattr(route, "include_in_schema", True):
@@ -175,8 +182,17 @@ def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
             paths.setdefault(route.path_format, {})["get"] = operation
     if DO in paths:
         names = [_parameter("vehicle", PATH["vehicle"], TEXT, "path")]
-        paths |= {DO.replace("{verb}", verb.name): {"post": _order(verb, names)} for verb in VERBS.values()}
+        paths |= _orders(DO, VERBS.values(), names, schemas)
+    if SWARM in paths:
+        paths |= _orders(SWARM, _planner_verbs(), [], schemas)
     return paths
+
+
+def _planner_verbs() -> Iterator[Verb]:
+    yield from SWARM_VERBS.values()
+    for name, kind in GOALS.items():
+        doc = " ".join((kind.__doc__ or name).split("\n\n")[0].replace("``", "").split())
+        yield Verb(name, kind, SWARM_VERBS["submit"].access, doc, SWARM_VERBS["submit"].writers)
 
 
 def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> dict[str, Any]:
@@ -203,13 +219,20 @@ def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> d
     return operation
 
 
-def _order(verb: Verb, names: list[dict[str, Any]]) -> dict[str, Any]:
+def _orders(
+    path: str, verbs: Iterable[Verb], names: list[dict[str, Any]], schemas: Schemas
+) -> dict[str, dict[str, Any]]:
+    group = path.split("/")[1]
+    return {path.replace("{verb}", each.name): {"post": _order(group, each, names, schemas)} for each in verbs}
+
+
+def _order(group: str, verb: Verb, names: list[dict[str, Any]], schemas: Schemas) -> dict[str, Any]:
     return {
         "summary": verb.doc,
-        "operationId": f"do_{verb.name}",
+        "operationId": f"{group}_{verb.name}",
         "tags": ["Orders"],
         "parameters": names,
-        "requestBody": {"content": _json({"$ref": REF.format(name=verb.args.__name__)})},
+        "requestBody": {"content": _json(schemas[verb.args])},
         "responses": {
             "200": {"description": "how it ended", "content": _json({"$ref": REF.format(name="Outcome")})},
             "default": _error(),

@@ -13,8 +13,8 @@ import asyncio
 import fnmatch
 import time
 import uuid
-from collections.abc import Coroutine, Mapping
-from typing import Any
+from collections.abc import Collection, Coroutine
+from typing import Any, get_args
 
 import msgspec
 from starlette.requests import Request
@@ -30,10 +30,12 @@ from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
 from zmav.services.orders.orders import Operations, Report
 from zmav.swarm import FleetOrder, order_planner, planner_in_charge
 from zmav.vehicle import Vehicle
-from zmav.verbs import SWARM_VERBS, VERBS, Verb
+from zmav.verbs import SWARM_VERBS, VERBS
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
+GOALS = {str(kind.__struct_config__.tag): kind for kind in get_args(wire.swarm.Goal)}
+"""kinds of goals: each is a verb of the planner's, too"""
 LOOK, ANSWER, END = 1.5, 3.0, 30.0
 """s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
 would be flown
@@ -118,10 +120,19 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         return answer(await tell(gateway, vehicle, parts["agent"], parts["verb"], request))
 
     async def planner(request: Request) -> Response:
-        """Ask the planner in charge; the body holds the verb's arguments, as {"goal": {"kind": "goto", ...}}."""
-        verb = _known(request.path_params["verb"], SWARM_VERBS)
+        """Ask the planner in charge; the body holds the verb's arguments, as {"goal": {"kind": "goto", ...}}.
+
+        A kind of goal is a verb, too: its fields are given to the planner, or with preview=true shown.
+        """
+        said = verb = request.path_params["verb"]
+        if verb in GOALS:
+            values = await arguments_of(request, GOALS[verb])
+            verb = "preview" if values.pop("preview", False) is True else "submit"
+            values = {**{name: values.pop(name) for name in ("id", "when") if name in values}, "goal": values}
+            values["goal"]["kind"] = said
+        else:
+            values = await arguments_of(request, SWARM_VERBS[_known(verb, (*SWARM_VERBS, *GOALS))].args)
         kind = SWARM_VERBS[verb].args
-        values = await arguments_of(request, kind)
         values["id"] = values.get("id") or uuid.uuid4().hex
         args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
         return answer({"verb": verb, "result": await _asked(gateway.client, verb, args)})
@@ -147,7 +158,7 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
 
 
-def _known(verb: str, verbs: Mapping[str, Verb] = VERBS) -> str:
+def _known(verb: str, verbs: Collection[str] = VERBS) -> str:
     if verb not in verbs:
         known = ", ".join(verbs)
         raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)
