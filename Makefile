@@ -11,6 +11,7 @@ BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 PYTEST_JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 4)
 ARGS ?=
+TSC := $(shell command -v tsc || ls node_modules/.bin/tsc 2>/dev/null)
 
 # Stale: its Python is gone, was upgraded or is not the one asked for by PYTHON=; it was made for a tree elsewhere (its
 # scripts hold that path); or something was cut short, which leaves .made unwritten or .installing behind.
@@ -71,6 +72,8 @@ lint: $(VENV)/.dev ## check style, format and types
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy --strict"
 	@$(BIN)/mypy --strict $(PACKAGES)
+	@if [ -n "$(TSC)" ]; then echo "==> tsc --checkJs --strict"; $(TSC) -p ground/http/static/tsconfig.json; \
+	    else echo "==> the page's types are left out: no tsc here (npm install --no-save typescript)"; fi
 
 docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again
 	@$(BIN)/python docs/generate.py

@@ -79,7 +79,7 @@ RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
 def files() -> list[Path]:
     """Every file of the project: the root's own, and those of its folders that are not some tool's."""
     tops = [path for path in ROOT.iterdir() if not path.name.startswith(".") or path.name in (".ci", ".gitignore")]
-    folders = [path for path in tops if path.is_dir() and path.name not in ("build", "dist")]
+    folders = [path for path in tops if path.is_dir() and path.name not in ("build", "dist", "node_modules")]
     inside = [each for path in folders if not (path / "pyvenv.cfg").exists() for each in path.rglob("*")]
     return [path for path in (*tops, *inside) if path.is_file() and "__pycache__" not in path.parts]
 

@@ -34,6 +34,8 @@ WRITING = ("send", "do", "setpoint", "release")
 """first parts of paths that write to vehicles whatever the method: what MATLAB's urlread can do is GET"""
 ACTING = (*WRITING, "stream", "stop")
 """those, and what changes something here: nobody is to be made to do it by a link on a page"""
+OPEN = "static"
+"""first part of the paths of what the pages are made of, which is the same everywhere: no token is asked for it"""
 HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^:\[\]]*))(?::[0-9]*)?")
 """RFC 3986, 3.2.2 and 3.2.3: brackets only around an IPv6 address, and after them a port or nothing"""
 ADMITTED = "admitted"
@@ -108,7 +110,8 @@ class Guard:
         if bearer.lower().startswith("bearer "):
             given = bearer[7:].strip().encode("latin-1")
         method = scope.get("method", "GET")
-        self._check_token(given)
+        if _first(path) != OPEN:
+            self._check_token(given)
         self._check_host(headers.get("host", ""))
         self._check_site(headers, method, path)
         if self._rules.read_only and writes(method, path):

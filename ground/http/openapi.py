@@ -49,7 +49,7 @@ GROUP = {
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "tiles"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
@@ -57,6 +57,7 @@ PATH = {
     "agent": "the agent's name, as in ev1: what 'zmav agent run' was started with",
     "verb": "the order",
     "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
+    "file": "a file of the pages",
     "z": "zoom of a tile",
     "x": "its column, from the west",
     "y": "its row, from the north",

@@ -1,20 +1,18 @@
 """The gateway's pages: ``/`` shows the fleet, ``/docs`` the HTTP interface, ``/tiles`` what the map stands on.
 
-The files are in ``static``: plain HTML, CSS and JavaScript, and nothing from elsewhere. What a page links to is put
-into it when the gateway starts: one request brings it all, also where a token would have to go along with each, and
-its policy (Content-Security-Policy) lets run exactly what we wrote, by its hash.
+What they are made of is in ``static`` and served as it is: HTML, CSS and JavaScript modules, and nothing from
+elsewhere. Their policy (Content-Security-Policy) lets run what comes from there, and nothing that stands in a page.
 """
 
 from __future__ import annotations
 
 import asyncio
-import base64
 import gzip
 import hashlib
 import html
 import re
-from collections.abc import Mapping
-from importlib import resources
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
 
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -24,13 +22,12 @@ from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from ground.http.tiles import PICTURES
 
-LINKED = re.compile(
-    r'<link rel="stylesheet" href="([a-z/]+\.css)">|<script src="([a-z/]+\.js)"></script>'
-    r'|(<script type="application/json" id="[a-z]+") src="([a-z0-9/-]+\.json)"></script>'
-)
+KINDS = {".css": "text/css", ".html": "text/html", ".js": "text/javascript", ".json": "application/json"}
 POLICY = (
     "default-src 'none'",
     "connect-src 'self'",
+    "script-src 'self'",
+    "style-src 'self'",
     "img-src data: blob: 'self'",
     "base-uri 'none'",
     "form-action 'none'",
@@ -39,57 +36,52 @@ POLICY = (
 FIELD = re.compile(r"\{([a-z_]+)\}")
 
 
-class Page:
-    """One HTML file with what it links to put in, and the policy for it."""
+class Asset:
+    """One file as it is served; a browser asks each time whether it still has the newest."""
 
-    def __init__(self, name: str, fields: Mapping[str, str] | None = None) -> None:
-        self._styles: list[str] = []
-        self._scripts: list[str] = []
-        filled = FIELD.sub(lambda found: html.escape((fields or {})[found[1]]), _read(name))
-        text = LINKED.sub(self._put_in, filled)
-        self._body = text.encode()
+    def __init__(self, kind: str, text: str) -> None:
+        self._kind, self._body = kind, text.encode()
         self._packed = gzip.compress(self._body, mtime=0)
-
-    def _put_in(self, found: re.Match[str]) -> str:
-        if found[3]:  # data, which no policy need let run
-            return f"{found[3]}>{_read(found[4])}</script>"
-        text = _read(found[1] or found[2])
-        if found[1]:
-            self._styles.append(_hash(text))
-            return f"<style>{text}</style>"
-        self._scripts.append(_hash(text))
-        return f"<script>{text}</script>"
+        self._tag = f'"{hashlib.sha256(self._body).hexdigest()[:32]}"'
 
     def response(self, request: Request) -> Response:
-        packs = "gzip" in request.headers.get("accept-encoding", "")
         headers = {
-            "Content-Security-Policy": self._policy(),
+            "ETag": self._tag,
+            "Cache-Control": "no-cache",
+            "Content-Security-Policy": "; ".join(POLICY),
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",  # the address may hold the token
-            "Cache-Control": "no-store",
             "Vary": "Accept-Encoding",
-            **({"Content-Encoding": "gzip"} if packs else {}),
         }
-        return Response(self._packed if packs else self._body, media_type="text/html", headers=headers)
-
-    def _policy(self) -> str:
-        ours = [f"script-src {' '.join(self._scripts)}", f"style-src {' '.join(self._styles)}"]
-        return "; ".join([*POLICY, *ours])
+        if request.headers.get("if-none-match") == self._tag:
+            return Response(status_code=304, headers=headers)
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            return Response(self._packed, media_type=self._kind, headers={**headers, "Content-Encoding": "gzip"})
+        return Response(self._body, media_type=self._kind, headers=headers)
 
 
 def routes(gateway: Gateway) -> list[BaseRoute]:
     fields = {"fleet": gateway.client.fleet_name, "read_only": "yes" if gateway.read_only else "no"}
     tiles = gateway.tiles
     fields["tiles"] = "" if tiles is None else f"{tiles.kind} {tiles.closest or ''}"
-    pages = {"fleet": Page("index.html", fields), "docs": Page("docs.html")}
+    texts = dict(_files())
+    texts["index.html"] = FIELD.sub(lambda found: html.escape(fields[found[1]]), texts["index.html"])
+    assets = {name: Asset(KINDS[PurePosixPath(name).suffix], text) for name, text in texts.items()}
 
     async def fleet(request: Request) -> Response:
         """The fleet, live, in a browser."""
-        return pages["fleet"].response(request)
+        return assets["index.html"].response(request)
 
     async def docs(request: Request) -> Response:
         """This interface, to read and to try."""
-        return pages["docs"].response(request)
+        return assets["docs.html"].response(request)
+
+    async def static(request: Request) -> Response:
+        """What the pages are made of; it needs no token, as it is the same everywhere."""
+        name = request.path_params["file"]
+        if name not in assets or name.endswith(".html"):
+            raise Failure(404, "not_found", "the pages have no such file")
+        return assets[name].response(request)
 
     async def file(request: Request) -> Response:
         """The file of tiles that the gateway was started with, or the part that a Range header asks for."""
@@ -110,14 +102,15 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     return [
         Route("/", fleet, methods=["GET"]),
         Route("/docs", docs, methods=["GET"]),
+        Route("/static/{file:path}", static, methods=["GET"]),
         Route("/tiles", file, methods=["GET"]),
         Route("/tiles/{z:int}/{x:int}/{y:int}", tile, methods=["GET"]),
     ]
 
 
-def _read(name: str) -> str:
-    return resources.files("ground.http").joinpath("static", name).read_text(encoding="utf-8")
-
-
-def _hash(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+def _files() -> Iterator[tuple[str, str]]:
+    """What is in ``static``: names as in addresses, and texts."""
+    folder = Path(__file__).with_name("static")
+    for path in folder.rglob("*"):
+        if path.suffix in KINDS:
+            yield path.relative_to(folder).as_posix(), path.read_text(encoding="utf-8")

@@ -1,22 +1,32 @@
-"use strict";
 // The bar of orders: for the selected, or for all where nobody is. It names whom it means before it is pressed.
 
-class OrderBar {
-  /** @param {Store} store @param {FleetMap} view @param {PlanLayer} plans */
+import { confirmed } from "./ask.js";
+import { byId, make, makeButton, say, toast } from "./dom.js";
+import { toNed, wayBetween } from "./geo.js";
+import { armTwice, askArm, askHeight, order } from "./orders.js";
+import { askPlanner, planFirst } from "./planner.js";
+import { READ_ONLY } from "./settings.js";
+import { showTab } from "./tabs.js";
+import { few, metres, t } from "./words.js";
+
+/** @typedef {import("./types.js").Place} Place @typedef {import("./vehicle.js").Vehicle} Vehicle */
+
+export class OrderBar {
+  /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view @param {import("./planlayer.js").PlanLayer} plans */
   constructor(store, view, plans) {
     this.store = store;
     this.view = view;
     this.plans = plans;
     const bar = byId("bar");
-    const add = (label, className, act, title) => {
+    const add = (/** @type {string} */ label, /** @type {string} */ className, /** @type {(() => void) | null} */ act, /** @type {string} */ title) => {
       const button = makeButton(label, className, act, title);
       bar.append(button);
       return button;
     };
-    this.hold = add("Hold", "safe", () => order(this.ids, "hold"), "stop where they are, at once");
-    this.pause = add("Pause", "safe", () => this.pauseOrResume(), "come to rest along what is flown; the goals stay");
-    this.land = add("Land", "safe", null, "land where they are; who is disarmed is left out");
-    this.rtl = add("Return", "safe", null, "home and land: by a plan in which nobody meets, where a planner is; who is disarmed is left out");
+    this.hold = add(t("hold"), "safe", () => order(this.ids, "hold"), t("hold.title"));
+    this.pause = add(t("pause"), "safe", () => this.pauseOrResume(), t("pause.title"));
+    this.land = add(t("land"), "safe", null, t("land.title"));
+    this.rtl = add(t("return"), "safe", null, t("return.title"));
     /** A second press is for whom the first one named: another selection takes it back. */
     this.asked = [armTwice(this.land, () => order(this.ids, "land")), armTwice(this.rtl, () => order(this.ids, "rtl"))];
     this.meant = "";
@@ -26,10 +36,10 @@ class OrderBar {
     bar.append(make("span", "divider"));
     /** What moves or arms: for the selected only. */
     this.moving = [
-      add("Arm…", "", () => this.arm(), ""),
-      add("Take off…", "", () => this.takeoff(), ""),
-      add("Mode…", "", () => this.mode(), ""),
-      add("Go here…", "", () => this.goHere(), "then click on the map"),
+      add(t("arm.ask"), "", () => this.arm(), ""),
+      add(t("takeoff.ask"), "", () => this.takeoff(), ""),
+      add(t("mode.ask"), "", () => this.mode(), ""),
+      add(t("go.ask"), "", () => this.goHere(), t("go.title")),
     ];
     this.moving[3].dataset.tool = "go";
   }
@@ -43,6 +53,13 @@ class OrderBar {
     return this.store.chosen.map((vehicle) => vehicle.name);
   }
 
+  /** @param {number} all how many there are */
+  whom(all) {
+    if (!this.store.selected.size) return t("whom.all", { all });
+    const names = few(this.names, 6);
+    return all > 1 ? t("whom", { names, count: this.names.length, all }) : names;
+  }
+
   draw() {
     const all = this.store.all.length;
     const live = this.store.connection === "live";
@@ -50,16 +67,18 @@ class OrderBar {
     const meant = this.ids.join(" ");
     if (meant !== this.meant) for (const rest of this.asked) rest();
     this.meant = meant;
-    say(byId("whom-names"), this.store.selected.size ? `${few(this.names, 6)}${all > 1 ? ` (${this.names.length} of ${all})` : ""}` : `all ${all}`);
+    say(byId("whom-names"), this.whom(all));
     const count = this.store.selected.size;
-    const suffix = count === 0 ? " all" : count === 1 ? ` ${this.names[0] || ""}` : ` ${count}`;
-    for (const [button, label] of [[this.hold, "Hold"], [this.land, "Land"], [this.rtl, "Return"]]) if (!button.classList.contains("asking")) say(button, label + suffix);
+    const who = count === 0 ? t("all") : count === 1 ? this.names[0] || "" : String(count);
+    /** @type {[HTMLButtonElement, string][]} */
+    const labels = [[this.hold, t("hold.who", { who })], [this.land, t("land.who", { who })], [this.rtl, t("return.who", { who })]];
+    for (const [button, label] of labels) if (!button.classList.contains("asking")) say(button, label);
     for (const button of this.moving) button.disabled = !live || count === 0;
     const flying = this.goalsOf();
     const paused = flying.length > 0 && flying.every((entry) => entry.state === "paused");
-    say(this.pause, paused ? "Go on" : "Pause");
+    say(this.pause, paused ? t("resume") : t("pause"));
     this.pause.disabled = !live || !this.store.planner || flying.length === 0;
-    this.pause.title = this.store.planner ? "come to rest along what is flown; the goals stay" : "there is no planner: Hold stops them";
+    this.pause.title = this.store.planner ? t("pause.title") : t("pause.none");
   }
 
   /** Open goals of whom is meant. */
@@ -77,10 +96,7 @@ class OrderBar {
 
   async arm() {
     const armed = this.store.chosen.every((vehicle) => vehicle.state.armed);
-    const verb = armed ? "disarm" : "arm";
-    const text = armed ? "Their motors stop. It is refused in the air." : "Their motors start to turn. Is everybody clear of them?";
-    const ids = this.ids;
-    if (await confirmed(`${armed ? "Disarm" : "Arm"} ${few(this.names, 8)}?`, text, armed ? "Disarm" : "Arm")) await order(ids, verb);
+    await askArm(this.ids, this.names, armed);
   }
 
   /** Several go only where nothing hinders one of them, and by the planner, in an order in which nobody meets, where there is one. */
@@ -90,30 +106,28 @@ class OrderBar {
     const hindered = chosen.filter((vehicle) => vehicle.hindrances.length);
     if (chosen.length > 1 && hindered.length) {
       showTab("preflight");
-      toast(`No takeoff of ${names.length}: ${hindered.map((vehicle) => `${vehicle.name}: ${vehicle.hindrances[0]}`).join("; ")}. Select the others, or see to it.`, "bad", 15000);
+      toast(t("takeoff.hindered", { count: names.length, reasons: hindered.map((vehicle) => `${vehicle.name}: ${vehicle.hindrances[0]}`).join("; ") }), "bad", 15000);
       return;
     }
     const planned = this.store.planner && chosen.length > 1;
-    const field = { label: "Height above home", value: 10 };
-    const how = planned ? "The planner takes them up, in an order in which nobody meets." : "They climb at once, each straight up.";
     const ids = this.ids;
-    const height = await confirmed(`Take off with ${few(names, 8)}?`, `${how} Is the air above them free?`, "Take off", field);
-    if (!(height > 0)) return;
+    const height = await askHeight(names, planned ? t("takeoff.planned") : t("takeoff.straight"));
+    if (height === null) return;
     if (planned) await askPlanner("submit", { goal: { kind: "takeoff", vehicles: names, height } });
     else await order(ids, "takeoff", { alt_rel: height });
   }
 
   async mode() {
     const ids = this.ids;
-    const options = [...new Set(this.store.all.map((vehicle) => vehicle.state.mode).filter((mode) => typeof mode === "string"))];
-    const field = { label: "Mode", value: "", type: /** @type {"text"} */ ("text"), options };
-    const mode = await confirmed(`Another mode for ${few(this.names, 8)}`, "By the autopilot's own name; a pilot's mode takes the vehicle from the programs.", "Set", field);
+    const options = [...new Set(this.store.all.flatMap(({ state }) => (typeof state.mode === "string" ? [state.mode] : [])))];
+    const field = { label: t("mode.field"), value: "", type: /** @type {"text"} */ ("text"), options };
+    const mode = await confirmed(t("mode.title", { who: few(this.names, 8) }), t("mode.text"), t("mode.yes"), field);
     if (mode) await order(ids, "set_mode", { mode });
   }
 
   goHere() {
     if (this.view.tool && this.view.tool.name === "go") return this.view.end();
-    this.view.begin(`Click where ${few(this.names, 6)} ${this.names.length > 1 ? "are" : "is"} to go; Esc ends it`, {
+    this.view.begin(t("go.tool", { who: few(this.names, 6), count: this.names.length }), {
       name: "go",
       click: (place) => {
         this.view.end();
@@ -124,60 +138,29 @@ class OrderBar {
 
   /** @param {Place} place */
   async go(place) {
-    const chosen = this.store.chosen.filter((vehicle) => vehicle.placed);
-    if (this.store.planner && this.store.origin) return this.goPlanned(chosen, place);
-    if (chosen.length !== 1) return toast("Several are led by the planner only: start one with 'zmav swarm planner', or select one", "bad", 12000);
+    const chosen = this.store.chosen.filter((vehicle) => vehicle.place);
+    if (this.store.planner && this.store.origin) return this.goPlanned(chosen, this.store.origin, place);
+    if (chosen.length !== 1) return toast(t("go.several"), "bad", 12000);
     const [vehicle] = chosen;
-    const way = wayBetween(vehicle.place, place);
-    const text = `${metres(way.distance)} at ${Math.round(way.bearing) % 360}°, straight: no planner looks at what stands there. The vehicle keeps to its own fence.`;
-    const field = { label: "Height above home", value: Math.max(1, Math.round(vehicle.height || 10)) };
-    const height = await confirmed(`Send ${vehicle.name} there?`, text, "Go", field);
+    const way = wayBetween(/** @type {Place} */ (vehicle.place), place);
+    const text = t("go.text", { metres: metres(way.distance), bearing: Math.round(way.bearing) % 360 });
+    const field = { label: t("height.field"), value: Math.max(1, Math.round(vehicle.height || 10)) };
+    const height = await confirmed(t("go.send", { who: vehicle.name }), text, t("go"), field);
     if (!(height > 0)) return;
-    const where = this.store.nowhere ? { frame: "ned", pos: [...toNed(this.store.origin, place), -height] } : { frame: "global", lat_deg: place.lat, lon_deg: place.lon, alt_rel: height };
+    const where = this.store.nowhere && this.store.origin ? { frame: "ned", pos: [...toNed(this.store.origin, place), -height] } : { frame: "global", lat_deg: place.lat, lon_deg: place.lon, alt_rel: height };
     await order([vehicle.id], "goto", where);
   }
 
-  /** They keep their places about their middle, and their heights. */
-  async goPlanned(chosen, place) {
-    const flying = chosen.filter((vehicle) => vehicle.state.local);
-    if (!flying.length) return toast("The planner needs the fleet's origin: none of them says where it is about it", "bad", 12000);
-    const middle = [0, 1].map((i) => flying.reduce((sum, vehicle) => sum + vehicle.state.local[i], 0) / flying.length);
-    const [north, east] = toNed(this.store.origin, place);
-    const to = flying.map(({ state }) => [north + state.local[0] - middle[0], east + state.local[1] - middle[1], state.local[2]]);
-    await planFirst({ kind: "goto", vehicles: flying.map((vehicle) => vehicle.name), to, labelled: true }, this.plans);
+  /**
+   * They keep their places about their middle, and their heights.
+   * @param {Vehicle[]} chosen @param {Place} origin @param {Place} place
+   */
+  async goPlanned(chosen, origin, place) {
+    const flying = chosen.flatMap(({ name, state }) => (state.local ? [{ name, local: state.local }] : []));
+    if (!flying.length) return toast(t("go.unknown"), "bad", 12000);
+    const middle = [0, 1].map((i) => flying.reduce((sum, each) => sum + each.local[i], 0) / flying.length);
+    const [north, east] = toNed(origin, place);
+    const to = flying.map(({ local }) => [north + local[0] - middle[0], east + local[1] - middle[1], local[2]]);
+    await planFirst({ kind: "goto", vehicles: flying.map((each) => each.name), to, labelled: true }, this.plans);
   }
-}
-
-/** Ask the planner in charge, and say what came of it. @param {string} verb @param {any} args @returns {Promise<any>} */
-async function askPlanner(verb, args) {
-  try {
-    const { result } = await post(`swarm/${verb}`, args);
-    const goals = result.goals ? result.goals.join(", ") || "nothing" : result.goal || "";
-    toast(`planner: ${verb} ${goals}`, "good", 5000);
-    return result;
-  } catch (error) {
-    toast(`planner: not done: ${verb}: ${error.message}`, "bad", 15000);
-    return null;
-  }
-}
-
-/** Show what would be flown, and have it flown if a person agrees. @param {any} goal @param {PlanLayer} plans */
-async function planFirst(goal, plans) {
-  const names = few(goal.vehicles, 8);
-  const box = toast(`The planner looks for a way for ${names} …`, "", 0);
-  let preview;
-  try {
-    preview = (await post("swarm/preview", { goal })).result;
-  } catch (error) {
-    toast(`No plan for ${names}: ${error.message}`, "bad", 15000);
-    return;
-  } finally {
-    box.remove();
-  }
-  plans.preview(preview.steps);
-  plans.draw();
-  const clear = preview.clearance === null ? "" : `, ${metres(preview.clearance)} between the nearest two`;
-  const yes = await confirmed(`${goal.kind} with ${names}?`, `${span(preview.makespan)}${clear}. The dotted ways on the map are what would be flown.`, "Fly it", null, true);
-  plans.preview([]);
-  if (yes) await askPlanner("submit", { goal });
 }

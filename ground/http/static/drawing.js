@@ -1,9 +1,26 @@
-"use strict";
 // Drawing on the map: corners by clicks, moved by dragging, taken away with Delete; a list of what was drawn, and what is
 // done with it.
 
-class Drawing {
-  /** @param {Store} store @param {FleetMap} view @param {PlanLayer} plans */
+import { confirmed } from "./ask.js";
+import { byId, make, makeButton, saveFile, say, toast } from "./dom.js";
+import { askPlanner, planFirst } from "./planner.js";
+import { READ_ONLY } from "./settings.js";
+import { commandOf, fenceTableOf, KIND_WORD, obstacleOf, planFileOf, Shapes } from "./shapes.js";
+import { L } from "./vendor.js";
+import { t } from "./words.js";
+
+/**
+ * @typedef {import("./types.js").Place} Place
+ * @typedef {import("./shapes.js").Shape} Shape
+ * @typedef {import("./shapes.js").ShapeKind} ShapeKind
+ * @typedef {"radius" | "floor" | "ceiling"} Measure
+ */
+
+/** @type {ShapeKind[]} */
+const KINDS = ["search", "no_fly", "geofence", "obstacle"];
+
+export class Drawing {
+  /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view @param {import("./planlayer.js").PlanLayer} plans */
   constructor(store, view, plans) {
     this.store = store;
     this.view = view;
@@ -12,15 +29,17 @@ class Drawing {
     this.layer = L.layerGroup().addTo(view.map);
     /** @type {number | null} whose corners can be moved */
     this.editing = null;
+    /** @type {(() => void) | null} closes the area that is being drawn */
+    this.finish = null;
     this.list = make("ol", "shapes");
-    const tool = (kind) => {
-      const button = makeButton(KIND_WORD[kind], "small", () => this.begin(kind), kind === "obstacle" ? "a click is its centre" : "click its corners; Enter or a click on the first one ends it");
+    const tool = (/** @type {ShapeKind} */ kind) => {
+      const button = makeButton(KIND_WORD[kind], "small", () => this.begin(kind), kind === "obstacle" ? t("draw.centre.title") : t("draw.corners.title"));
       button.dataset.tool = kind;
       return button;
     };
-    this.undo = makeButton("Undo", "small", () => this.back(), "take the last change back (ctrl+Z)");
-    this.saves = makeButton("Save .plan", "small", () => saveFile("fence.plan", JSON.stringify(planFileOf(this.shapes.all), null, 2)), "fences and no-fly areas: zmav mission upload NAME fence.plan");
-    byId("drawing").append(make("div", "orders", "", ...["search", "no_fly", "geofence", "obstacle"].map(tool), this.undo, this.saves), this.list);
+    this.undo = makeButton(t("draw.undo"), "small", () => this.back(), t("draw.undo.title"));
+    this.saves = makeButton(t("draw.plan"), "small", () => saveFile("fence.plan", JSON.stringify(planFileOf(this.shapes.all), null, 2)), t("draw.plan.title"));
+    byId("drawing").append(make("div", "orders", "", ...KINDS.map(tool), this.undo, this.saves), this.list);
     document.addEventListener("keydown", (event) => {
       if (event.target instanceof HTMLInputElement) return;
       if ((event.ctrlKey || event.metaKey) && event.key === "z") this.back();
@@ -43,12 +62,12 @@ class Drawing {
     const line = L.polyline([], style).addTo(this.view.map);
     const first = L.circleMarker([0, 0], { ...style, dashArray: null, radius: 7, fillOpacity: 0.4 });
     const finish = () => {
-      if (points.length < 3) return toast("An area has three corners or more", "warn");
+      if (points.length < 3) return void toast(t("draw.three"), "warn");
       this.view.end();
       this.editing = this.shapes.add(kind, points).id;
       this.refresh();
     };
-    const words = kind === "obstacle" ? "Click the obstacle's centre; Esc ends it" : `Click the corners of the ${KIND_WORD[kind]}; Enter, or a click on the first one, closes it; Esc drops it`;
+    const words = kind === "obstacle" ? t("draw.centre.tool") : t("draw.corners.tool", { kind: KIND_WORD[kind] });
     this.view.begin(words, {
       name: kind,
       click: (place) => {
@@ -63,7 +82,9 @@ class Drawing {
         first.setLatLng([points[0].lat, points[0].lon]).addTo(this.view.map);
         line.setLatLngs(points.map((each) => [each.lat, each.lon]));
       },
-      move: (place) => points.length && line.setLatLngs([...points, place].map((each) => [each.lat, each.lon])),
+      move: (place) => {
+        if (points.length) line.setLatLngs([...points, place].map((each) => [each.lat, each.lon]));
+      },
       end: () => {
         line.remove();
         first.remove();
@@ -73,7 +94,7 @@ class Drawing {
     this.finish = kind === "obstacle" ? null : finish;
   }
 
-  /** Within some pixels on the screen. */
+  /** Within some pixels on the screen. @param {Place} a @param {Place} b */
   near(a, b) {
     const [p, q] = [a, b].map((each) => this.view.map.latLngToContainerPoint([each.lat, each.lon]));
     return p.distanceTo(q) < 14;
@@ -88,7 +109,7 @@ class Drawing {
     this.layer.clearLayers();
     for (const shape of this.shapes.all) this.drawShape(shape);
     this.list.replaceChildren(...this.shapes.all.map((shape) => this.row(shape)));
-    if (!this.shapes.all.length) this.list.append(make("li", "muted", "Nothing drawn yet. What is drawn here stays in this browser until it is given to the planner or saved."));
+    if (!this.shapes.all.length) this.list.append(make("li", "muted", t("draw.none")));
     this.undo.disabled = !this.shapes.past.length;
     this.saves.disabled = !this.shapes.all.some((each) => each.kind !== "search");
     say(byId("drawing-count"), this.shapes.all.length ? String(this.shapes.all.length) : "");
@@ -122,11 +143,14 @@ class Drawing {
     });
   }
 
-  /** A handle at a corner, or between two, where one is made by dragging it. */
+  /**
+   * A handle at a corner, or between two, where one is made by dragging it.
+   * @param {Shape} shape @param {any} drawn @param {number} index @param {Place} point @param {boolean} between
+   */
   corner(shape, drawn, index, point, between) {
     const icon = L.divIcon({ className: between ? "corner between" : "corner", iconSize: between ? [12, 12] : [16, 16] });
-    const handle = L.marker([point.lat, point.lon], { icon, draggable: true, keyboard: true, title: between ? "drag: a new corner" : "drag it; Delete takes it away", alt: `corner of ${shape.name}` }).addTo(this.layer);
-    const moved = (latlng) => {
+    const handle = L.marker([point.lat, point.lon], { icon, draggable: true, keyboard: true, title: between ? t("draw.between") : t("draw.corner"), alt: t("draw.corner.name", { name: shape.name }) }).addTo(this.layer);
+    const moved = (/** @type {{lat: number, lng: number}} */ latlng) => {
       const points = [...shape.points];
       points.splice(index, between ? 0 : 1, { lat: latlng.lat, lon: latlng.lng });
       return points;
@@ -141,17 +165,17 @@ class Drawing {
       this.refresh();
     });
     const remove = () => {
-      if (between || shape.points.length < 4) return toast("An area has three corners or more", "warn");
+      if (between || shape.points.length < 4) return toast(t("draw.three"), "warn");
       this.shapes.change(() => shape.points.splice(index, 1));
       this.refresh();
     };
     handle.on("contextmenu", remove);
-    handle.on("keydown", (event) => event.originalEvent.key === "Delete" && remove());
+    handle.on("keydown", (/** @type {any} */ event) => event.originalEvent.key === "Delete" && remove());
   }
 
   /** @param {Shape} shape */
   row(shape) {
-    const number = (label, field) => {
+    const number = (/** @type {string} */ label, /** @type {Measure} */ field) => {
       const input = make("input");
       Object.assign(input, { type: "number", step: "any", value: String(shape[field]) });
       input.addEventListener("change", () => {
@@ -164,13 +188,13 @@ class Drawing {
     };
     const name = make("input", "shape-name");
     name.value = shape.name;
-    name.setAttribute("aria-label", "name");
+    name.setAttribute("aria-label", t("draw.name"));
     name.addEventListener("change", () => {
-      if (!/^[A-Za-z0-9_-]{1,40}$/.test(name.value)) return toast("A name is made of letters, digits, - and _", "bad"), this.refresh();
+      if (!/^[A-Za-z0-9_-]{1,40}$/.test(name.value)) return toast(t("draw.name.wrong"), "bad"), this.refresh();
       this.shapes.change(() => (shape.name = name.value));
       this.refresh();
     });
-    const numbers = shape.kind === "search" ? [number("flown at", "ceiling")] : [...(shape.kind === "obstacle" ? [number("radius", "radius")] : []), number("floor", "floor"), number("ceiling", "ceiling")];
+    const numbers = shape.kind === "search" ? [number(t("draw.flown"), "ceiling")] : [...(shape.kind === "obstacle" ? [number(t("draw.radius"), "radius")] : []), number(t("draw.floor"), "floor"), number(t("draw.ceiling"), "ceiling")];
     const row = make("li", this.editing === shape.id ? "editing" : "", "", make("div", "shape-head", "", make("b", "", KIND_WORD[shape.kind]), name), make("div", "shape-numbers", "", ...numbers), make("div", "orders", "", ...this.acts(shape)));
     row.addEventListener("focusin", () => {
       if (this.editing === shape.id) return;
@@ -184,40 +208,46 @@ class Drawing {
   /** @param {Shape} shape */
   acts(shape) {
     const acts = [];
-    if (!READ_ONLY && shape.kind === "search") acts.push(makeButton("Search it…", "small safe", () => this.search(shape), "split between the selected by the planner; shown before it is flown"));
-    if (!READ_ONLY && shape.kind !== "search") acts.push(makeButton("Give to the planner…", "small safe", () => this.give(shape), "all plans keep clear of it"));
-    acts.push(makeButton("Copy command", "small", () => this.copy(shape), "the line that does the same"));
-    if (shape.kind === "geofence") acts.push(makeButton("Save .toml", "small", () => saveFile(`${shape.name}.toml`, fenceTableOf(shape)), "the [geofence] table of a fleet file"));
-    acts.push(makeButton("Delete", "small", () => (this.shapes.remove(shape), this.refresh())));
+    if (!READ_ONLY && shape.kind === "search") acts.push(makeButton(t("draw.fly"), "small safe", () => this.search(shape), t("draw.fly.title")));
+    if (!READ_ONLY && shape.kind !== "search") acts.push(makeButton(t("draw.give"), "small safe", () => this.give(shape), t("draw.give.title")));
+    acts.push(makeButton(t("draw.copy"), "small", () => this.copy(shape), t("draw.copy.title")));
+    if (shape.kind === "geofence") acts.push(makeButton(t("draw.toml"), "small", () => saveFile(`${shape.name}.toml`, fenceTableOf(shape)), t("draw.toml.title")));
+    acts.push(makeButton(t("draw.delete"), "small", () => (this.shapes.remove(shape), this.refresh())));
     return acts;
   }
 
   get origin() {
-    if (!this.store.origin) toast("The fleet's origin is not known: no vehicle says where it is about it", "bad", 12000);
+    if (!this.store.origin) toast(t("draw.no-origin"), "bad", 12000);
     return this.store.origin;
   }
 
+  /** @param {Shape} shape */
   async search(shape) {
-    if (!this.origin) return;
+    const origin = this.origin;
+    if (!origin) return;
     const vehicles = this.store.chosen.map((vehicle) => vehicle.name);
-    if (!vehicles.length) return toast("Select who is to search it", "bad");
-    const polygon = /** @type {any} */ (obstacleOf(shape, this.origin).what).polygon;
+    if (!vehicles.length) return toast(t("draw.who"), "bad");
+    const { polygon } = obstacleOf(shape, origin).what;
     await planFirst({ kind: "search", vehicles, polygon, height: shape.ceiling }, this.plans);
   }
 
+  /** @param {Shape} shape */
   async give(shape) {
-    if (!this.origin) return;
-    const text = shape.kind === "geofence" ? "Every plan stays inside of it from now on; it takes the place of the one before." : "Every plan keeps clear of it from now on. What is flown is checked against it.";
-    if (await confirmed(`Give ${KIND_WORD[shape.kind]} ${shape.name} to the planner?`, text, "Give")) await askPlanner("obstacle", { obstacle: obstacleOf(shape, this.origin) });
+    const origin = this.origin;
+    if (!origin) return;
+    const text = shape.kind === "geofence" ? t("give.fence") : t("give.text");
+    if (await confirmed(t("give.title", { kind: KIND_WORD[shape.kind], name: shape.name }), text, t("give.yes"))) await askPlanner("obstacle", { obstacle: obstacleOf(shape, origin) });
     setTimeout(() => this.refresh(), 1500); // by then the planner says what it keeps clear of
   }
 
+  /** @param {Shape} shape */
   async copy(shape) {
-    if (!this.origin) return;
-    const line = commandOf(shape, this.origin, this.store.chosen.map((vehicle) => vehicle.name));
+    const origin = this.origin;
+    if (!origin) return;
+    const line = commandOf(shape, origin, this.store.chosen.map((vehicle) => vehicle.name));
     try {
       await navigator.clipboard.writeText(line);
-      toast(`Copied: ${line}`, "good");
+      toast(t("draw.copied", { line }), "good");
     } catch (error) {
       toast(line, "", 30000); // no clipboard without TLS or beyond this computer: to be copied by hand
     }

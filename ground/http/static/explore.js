@@ -1,9 +1,16 @@
-"use strict";
 // Any key expression, live: the newest value of each key, how fast it comes and how old it is.
+
+import { byId, make, makeButton } from "./dom.js";
+import { span, t } from "./words.js";
 
 const MOST_SHOWN = 200;
 
-// Whether a key expression takes a key in: * is a chunk, ** any number of them, $* any part of one.
+/**
+ * @typedef {import("./types.js").Message} Message
+ * @typedef {{key: string, element: HTMLDetailsElement, table: HTMLElement, rate: HTMLElement, times: number[], value: any, fresh: boolean}} Entry
+ */
+
+/** Whether a key expression takes a key in: * is a chunk, ** any number of them, $* any part of one. @param {string} expression @param {string} key */
 function takes(expression, key) {
   const pattern = expression
     .split("/")
@@ -13,12 +20,13 @@ function takes(expression, key) {
   return new RegExp(`^${pattern}$`).test(key);
 }
 
+/** @param {any} value @returns {string} */
 function number(value) {
   if (typeof value !== "number" || Number.isInteger(value)) return JSON.stringify(value);
   return String(Number(value.toPrecision(7)));
 }
 
-// A value as rows of a name and a text: the fields of a message with their units, or what is in an object.
+/** A value as rows of a name and a text: the fields of a message with their units, or what is in an object. @param {any} value @returns {string[][]} */
 function rowsOf(value) {
   const isMessage = value && value.fields && value.units;
   const object = isMessage ? value.fields : value;
@@ -30,16 +38,21 @@ function rowsOf(value) {
   });
 }
 
-class Explorer {
+export class Explorer {
+  /** @param {import("./link.js").Link} link */
   constructor(link) {
     this.link = link;
+    /** @type {Map<string, Entry>} */
     this.keys = new Map();
-    this.own = new Map(); // what a person typed, by the key expression it stands for
-    this.list = document.getElementById("subscriptions");
-    this.values = document.getElementById("values");
-    this.trouble = document.getElementById("trouble");
+    /** @type {Map<string, string>} what a person typed, by the key expression it stands for */
+    this.own = new Map();
+    /** @type {string | null} what was asked for and is not answered yet */
+    this.asked = null;
+    this.list = byId("subscriptions");
+    this.values = byId("values");
+    this.trouble = byId("trouble");
     this.field = byId("key");
-    byId("subscribe").addEventListener("submit", (event) => {
+    byId("subscribe").addEventListener("submit", (/** @type {Event} */ event) => {
       event.preventDefault();
       this.ask(this.field.value.trim());
     });
@@ -48,6 +61,7 @@ class Explorer {
     }
   }
 
+  /** @param {string | null} text */
   ask(text) {
     if (!text) return;
     this.say("");
@@ -55,12 +69,13 @@ class Explorer {
     this.link.subscribe(text, { hz: Number(byId("hz").value) || 2 });
   }
 
+  /** @param {string} text */
   say(text) {
     this.trouble.textContent = text;
     this.trouble.hidden = !text;
   }
 
-  // The gateway's words on what was asked.
+  /** The gateway's words on what was asked. @param {any} message */
   told(message) {
     if (message.subscribed && this.asked && !this.own.has(message.subscribed) && this.link.wanted.has(this.asked)) {
       this.add(message.subscribed, this.asked);
@@ -73,10 +88,9 @@ class Explorer {
     }
   }
 
+  /** @param {string} expression @param {string} text */
   add(expression, text) {
-    const remove = make("button", "plain", "×");
-    remove.type = "button";
-    remove.title = `stop reading ${text}`;
+    const remove = makeButton("×", "plain", null, t("explore.stop", { key: text }));
     const chip = make("li", "chip", text, remove);
     remove.addEventListener("click", () => {
       this.link.unsubscribe(text);
@@ -93,11 +107,12 @@ class Explorer {
     this.list.append(chip);
   }
 
+  /** @param {Message} message */
   take(message) {
     if (!this.own.size || ![...this.own.keys()].some((expression) => takes(expression, message.key))) return;
     let entry = this.keys.get(message.key);
     if (!entry) {
-      if (this.keys.size >= MOST_SHOWN) return this.say(`only the first ${MOST_SHOWN} keys are shown: subscribe to fewer`);
+      if (this.keys.size >= MOST_SHOWN) return this.say(t("explore.many", { most: MOST_SHOWN }));
       entry = this.enter(message.key);
     }
     entry.times.push(Date.now());
@@ -106,11 +121,14 @@ class Explorer {
     entry.fresh = true;
   }
 
+  /** @param {string} key @returns {Entry} */
   enter(key) {
-    const head = make("summary", "", "", make("code", "", key), make("span", "muted"));
+    const rate = make("span", "muted");
+    const head = make("summary", "", "", make("code", "", key), rate);
     const table = make("table");
     const element = make("details", "value", "", head, table);
-    const entry = { key, element, head, table, times: [], value: null, fresh: true };
+    /** @type {Entry} */
+    const entry = { key, element, table, rate, times: [], value: null, fresh: true };
     element.open = this.keys.size < 6;
     element.dataset.key = key;
     const after = [...this.keys.values()].filter((other) => other.key > key).sort((a, b) => (a.key < b.key ? -1 : 1))[0];
@@ -126,7 +144,7 @@ class Explorer {
       const last = times[times.length - 1];
       const rate = times.length > 1 ? (1000 * (times.length - 1)) / (last - times[0] || 1) : 0;
       const age = (now - last) / 1000;
-      entry.head.lastChild.textContent = age > 3 ? `${span(age)} ago` : rate ? `${rate.toFixed(1)} Hz` : "";
+      entry.rate.textContent = age > 3 ? t("ago", { span: span(age) }) : rate ? `${rate.toFixed(1)} Hz` : "";
       if (!entry.fresh || !entry.element.open) continue;
       entry.fresh = false;
       entry.table.replaceChildren(...rowsOf(entry.value).map(([name, text]) => make("tr", "", "", make("th", "", name), make("td", "", text))));

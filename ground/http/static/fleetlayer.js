@@ -1,5 +1,14 @@
-"use strict";
 // The vehicles on the map: where they are, look and go, what they are, their tracks, homes, targets and links.
+
+import { byId, make, mark, say } from "./dom.js";
+import { L } from "./vendor.js";
+import { fixed, LEVEL_WORD, LEVELS, t } from "./words.js";
+
+/**
+ * @typedef {import("./types.js").Place} Place
+ * @typedef {import("./vehicle.js").Vehicle} Vehicle
+ * @typedef {[number, number, number, number]} Box left, top, right, bottom
+ */
 
 const SVG = "http://www.w3.org/2000/svg";
 /** Outlines about the middle, pointing north, by kind. @type {Record<string, string>} */
@@ -10,11 +19,13 @@ const SHAPES = {
   boat: "M0-12Q8-3 6 10H-6Q-8-3 0-12Z",
   other: "M0-11 8 9 0 5-8 9Z",
 };
+const TRAIL_MS = 120000; // of a track
+/** @type {Record<string, string>} */
 const GRADE_COLOUR = { good: "--good", fair: "--warn", poor: "--bad", down: "--bad", unknown: "--muted" };
 const SIDES = [[14, -9], [14, 6], [-14, -9], [-14, 6], [0, -30], [0, 16], [18, -24], [-18, -24], [18, 20], [-18, 20]];
 
-class FleetLayer {
-  /** @param {Store} store @param {FleetMap} view */
+export class FleetLayer {
+  /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view */
   constructor(store, view) {
     this.store = store;
     this.view = view;
@@ -38,7 +49,7 @@ class FleetLayer {
     if (tracks) this.tracksAt = Date.now();
     for (const vehicle of this.store.all) {
       try {
-        if (vehicle.placed) this.vehicle(vehicle, tracks);
+        if (vehicle.place) this.vehicle(vehicle, vehicle.place, tracks);
       } catch (error) {
         // A state that is not as it should be spoils its own mark and no other; its card says so.
       }
@@ -47,23 +58,24 @@ class FleetLayer {
     this.placeLabels();
   }
 
-  make(vehicle) {
+  /** @param {Vehicle} vehicle @param {Place} place */
+  make(vehicle, place) {
     const svg = document.createElementNS(SVG, "svg");
     svg.setAttribute("viewBox", "-16 -16 32 32");
-    const circle = (radius, name) => {
+    const circle = (/** @type {number} */ radius, /** @type {string} */ name) => {
       const made = document.createElementNS(SVG, "circle");
       made.setAttribute("r", String(radius));
       made.setAttribute("class", name);
       return made;
     };
     const shape = document.createElementNS(SVG, "path");
-    shape.setAttribute("d", SHAPES[vehicle.state.kind] || SHAPES.other);
+    shape.setAttribute("d", SHAPES[vehicle.state.kind || ""] || SHAPES.other);
     shape.setAttribute("fill", vehicle.colour);
     svg.append(circle(19, "halo"), circle(15, "ring"), shape);
-    const icon = L.divIcon({ className: "craft", html: /** @type {any} */ (svg), iconSize: [34, 34] });
-    const marker = L.marker([vehicle.place.lat, vehicle.place.lon], { icon, keyboard: true, title: vehicle.name, alt: vehicle.name }).addTo(this.map);
-    marker.on("click", (event) => this.clicked(vehicle, event));
-    marker.on("keypress", (event) => event.originalEvent.key === "Enter" && this.store.select([vehicle.id]));
+    const icon = L.divIcon({ className: "craft", html: svg, iconSize: [34, 34] });
+    const marker = L.marker([place.lat, place.lon], { icon, keyboard: true, title: vehicle.name, alt: vehicle.name }).addTo(this.map);
+    marker.on("click", (/** @type {any} */ event) => this.clicked(vehicle, event));
+    marker.on("keypress", (/** @type {any} */ event) => event.originalEvent.key === "Enter" && this.store.select([vehicle.id]));
     const track = L.polyline([], { renderer: this.canvas, weight: 2, opacity: 0.75, interactive: false, smoothFactor: 1.5 }).addTo(this.map);
     const thin = { renderer: this.canvas, weight: 1.5, interactive: false };
     const home = L.circleMarker([0, 0], { ...thin, radius: 4, fillOpacity: 0.9, fillColor: this.view.colour("--panel") });
@@ -75,6 +87,7 @@ class FleetLayer {
     return drawn;
   }
 
+  /** @param {Vehicle} vehicle @param {any} event of Leaflet */
   clicked(vehicle, event) {
     if (this.view.tool) return this.view.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng });
     const keys = event.originalEvent;
@@ -82,16 +95,17 @@ class FleetLayer {
     else this.store.select([vehicle.id]);
   }
 
-  vehicle(vehicle, tracks) {
-    const drawn = this.drawn.get(vehicle.id) || this.make(vehicle);
-    const here = [vehicle.place.lat, vehicle.place.lon];
+  /** @param {Vehicle} vehicle @param {Place} place @param {boolean} tracks draw these too */
+  vehicle(vehicle, place, tracks) {
+    const drawn = this.drawn.get(vehicle.id) || this.make(vehicle, place);
+    const here = [place.lat, place.lon];
     drawn.marker.setLatLng(here);
     drawn.svg.style.transform = `rotate(${vehicle.heading}rad)`;
     const element = drawn.marker.getElement();
     const level = vehicle.level;
     for (const [name, on] of Object.entries({ selected: this.store.selected.has(vehicle.id), stale: vehicle.stale, bad: level === "bad", warn: level === "warn", armed: vehicle.state.armed === true }))
       element.classList.toggle(name, on);
-    mark(element, "aria-label", `${vehicle.name}, ${vehicle.state.mode || "mode unknown"}, ${LEVEL_WORD[level]}`);
+    mark(element, "aria-label", t("craft.name", { name: vehicle.name, mode: vehicle.state.mode || "–", level: LEVEL_WORD[level] }));
     say(drawn.label, vehicle.height === null ? vehicle.name : `${vehicle.name} ${fixed(vehicle.height, 0)} m`);
     if (drawn.colour !== vehicle.colour) {
       drawn.colour = vehicle.colour;
@@ -108,7 +122,7 @@ class FleetLayer {
 
   /** Links between routers whose places are known, by their quality. */
   links() {
-    const places = new Map(this.store.all.filter((each) => each.placed).flatMap((each) => [[each.name, each.place], [each.id, each.place]]));
+    const places = new Map(this.store.all.flatMap(({ name, id, place }) => /** @type {[string, Place][]} */ (place ? [[name, place], [id, place]] : [])));
     const there = new Set();
     for (const link of byId("show-links").checked ? this.store.links : []) {
       const [a, b] = [places.get(link.a), places.get(link.b)];
@@ -129,25 +143,27 @@ class FleetLayer {
 
   /** Beside each vehicle, on the first side that is free; the selected and those in trouble first. None is better than two in one place. */
   placeLabels() {
+    /** @type {Box[]} */
     const taken = [];
+    /** @type {Map<Vehicle, {x: number, y: number}>} */
     const points = new Map();
     for (const vehicle of this.store.all) {
       const drawn = this.drawn.get(vehicle.id);
-      if (!drawn || !vehicle.placed) continue;
+      if (!drawn || !vehicle.place) continue;
       const point = this.map.latLngToContainerPoint([vehicle.place.lat, vehicle.place.lon]);
       points.set(vehicle, point);
       taken.push([point.x - 9, point.y - 9, point.x + 9, point.y + 9]);
     }
-    const rank = (vehicle) => (this.store.selected.has(vehicle.id) ? 0 : 1 + LEVELS.indexOf(vehicle.level));
+    const rank = (/** @type {Vehicle} */ vehicle) => (this.store.selected.has(vehicle.id) ? 0 : 1 + LEVELS.indexOf(vehicle.level));
     const size = this.map.getSize();
-    const inside = (box) => box[0] >= 2 && box[1] >= 2 && box[2] <= size.x - 2 && box[3] <= size.y - 2;
-    const free = (box) => taken.every((other) => box[2] <= other[0] || box[0] >= other[2] || box[3] <= other[1] || box[1] >= other[3]);
+    const inside = (/** @type {Box} */ box) => box[0] >= 2 && box[1] >= 2 && box[2] <= size.x - 2 && box[3] <= size.y - 2;
+    const free = (/** @type {Box} */ box) => taken.every((other) => box[2] <= other[0] || box[0] >= other[2] || box[3] <= other[1] || box[1] >= other[3]);
     for (const [vehicle, point] of [...points].sort((a, b) => rank(a[0]) - rank(b[0]))) {
       const label = this.drawn.get(vehicle.id).label;
       const width = this.ink.measureText(label.textContent).width + 4;
       const boxes = SIDES.map(([dx, dy]) => {
         const left = dx > 0 ? point.x + dx : dx < 0 ? point.x + dx - width : point.x - width / 2;
-        return [left, point.y + dy, left + width, point.y + dy + 15];
+        return /** @type {Box} */ ([left, point.y + dy, left + width, point.y + dy + 15]);
       });
       const box = boxes.find((each) => inside(each) && free(each));
       label.hidden = !box;

@@ -1,9 +1,14 @@
-"use strict";
 // Pictures of the ground below everything else, out of the file that the gateway was started with.
 
-/** @param {FleetMap} view */
-async function showGround(view) {
-  const [kind, closest] = /** @type {HTMLMetaElement} */ (document.querySelector("meta[name=zmav-tiles]")).content.split(" ");
+import { toast } from "./dom.js";
+import { CLOSEST } from "./map.js";
+import { address, TILES } from "./settings.js";
+import { L, pmtiles } from "./vendor.js";
+import { t, wordsOf } from "./words.js";
+
+/** @param {import("./map.js").FleetMap} view */
+export async function showGround(view) {
+  const [kind, closest] = TILES.split(" ");
   if (!kind) return;
   view.map.createPane("ground").style.zIndex = "155";
   const how = { pane: "ground", maxZoom: CLOSEST };
@@ -14,9 +19,9 @@ async function showGround(view) {
     }
     const archive = new pmtiles.PMTiles(address("tiles"));
     const header = await archive.getHeader();
-    if (header.tileType === pmtiles.TileType.Mvt) return toast("The tiles are vectors, which are not drawn here: pictures (PNG, JPEG, WebP) are", "warn", 15000);
+    if (header.tileType === pmtiles.TileType.Mvt) return toast(t("ground.vectors"), "warn", 15000);
     pmtiles.leafletRasterLayer(archive, { ...how, minZoom: 1, minNativeZoom: header.minZoom, maxNativeZoom: header.maxZoom }).addTo(view.map);
   } catch (error) {
-    toast(`No pictures of the ground: ${error.message}`, "bad", 15000);
+    toast(t("ground.failed", { text: wordsOf(error) }), "bad", 15000);
   }
 }

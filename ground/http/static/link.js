@@ -1,23 +1,27 @@
-"use strict";
 // The WebSocket to the gateway: subscribes again when it comes back, and knows when it is dead although it is open.
 
-const TOKEN = new URLSearchParams(location.search).get("token");
+import { address } from "./settings.js";
+
 const SILENCE_MS = 5000; // nothing heard, not even an answer to a ping: the connection is dead
 
-// An address of the gateway, with the token where this page has one.
-function address(path) {
-  return TOKEN ? `${path}${path.includes("?") ? "&" : "?"}token=${encodeURIComponent(TOKEN)}` : path;
-}
+/** @typedef {import("./types.js").How} How */
 
-class Link {
-  // onMessage(message), onState(state): "live", or "lost" with the time (ms) of the last word.
+export class Link {
+  /**
+   * @param {(message: any) => void} onMessage
+   * @param {(state: "live" | "lost", heard: number) => void} onState with the time (ms) of the last word
+   */
   constructor(onMessage, onState) {
     this.onMessage = onMessage;
     this.onState = onState;
+    /** @type {Map<string, How>} */
     this.wanted = new Map();
-    this.heard = 0;
+    this.heard = this.opened = 0;
+    /** @type {number | null} ms to the gateway and back */
     this.rtt = null;
     this.delay = 300;
+    /** @type {WebSocket | null} */
+    this.socket = null;
     setInterval(() => this.check(), 1000);
     this.open();
   }
@@ -41,23 +45,26 @@ class Link {
       this.onState("live", this.heard);
       this.onMessage(message);
     };
-    socket.onclose = () => {
-      if (this.socket !== socket) return;
-      this.onState("lost", this.heard);
-      setTimeout(() => this.open(), this.delay);
-      this.delay = Math.min(this.delay * 1.7, 4000);
-      this.socket = null;
-    };
+    socket.onclose = () => this.ended(socket);
   }
 
-  // Once a second: ask for a sign of life, and give a silent connection up.
+  /** @param {WebSocket} socket */
+  ended(socket) {
+    if (this.socket !== socket) return;
+    this.onState("lost", this.heard);
+    setTimeout(() => this.open(), this.delay);
+    this.delay = Math.min(this.delay * 1.7, 4000);
+    this.socket = null;
+  }
+
+  /** Once a second: ask for a sign of life, and give a silent connection up. */
   check() {
-    if (!this.socket) return;
-    if (this.socket.readyState === WebSocket.OPEN) this.ping();
+    const socket = this.socket;
+    if (!socket) return;
+    if (socket.readyState === WebSocket.OPEN) this.ping();
     if (Date.now() - Math.max(this.heard, this.opened) > SILENCE_MS) {
-      const dead = this.socket;
-      dead.onclose(null);
-      dead.close();
+      this.ended(socket);
+      socket.close();
     }
   }
 
@@ -65,16 +72,18 @@ class Link {
     this.send({ ping: Date.now() });
   }
 
+  /** @param {object} message */
   send(message) {
     if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  // how: {hz} a second at most, {history} past events first.
+  /** @param {string} key @param {How} how */
   subscribe(key, how) {
     this.wanted.set(key, how);
     this.send({ subscribe: key, ...how });
   }
 
+  /** @param {string} key */
   unsubscribe(key) {
     this.wanted.delete(key);
     this.send({ unsubscribe: key });

@@ -1,12 +1,21 @@
-"use strict";
 // The map: what it stands on (outline of the world, a square grid in metres), how it is moved, and its tools. What flies is
 // drawn by fleetlayer.js, what is planned by planlayer.js.
 
-const CLOSEST = 23;
+import { byId, make, say } from "./dom.js";
+import { polygonsOf, toNed, wayBetween } from "./geo.js";
+import { L } from "./vendor.js";
+import { t } from "./words.js";
+
+/**
+ * @typedef {import("./types.js").Place} Place
+ * @typedef {{name: string, click: (place: Place) => void, move?: (place: Place) => void, end?: () => void}} Tool what a click means
+ */
+
+export const CLOSEST = 23;
 const OUTLINE_TO = 11; // zoom up to which the outline of the world says anything: it is a kilometre coarse
 
-class FleetMap {
-  /** @param {Store} store @param {HTMLElement} element @param {HTMLElement} note */
+export class FleetMap {
+  /** @param {import("./store.js").Store} store @param {HTMLElement} element @param {HTMLElement} note */
   constructor(store, element, note) {
     this.store = store;
     this.note = note;
@@ -17,25 +26,33 @@ class FleetMap {
       worldCopyJump: true, maxZoom: CLOSEST, minZoom: 1, zoomSnap: 0.5, center: [20, 0], zoom: 1,
     });
     this.map.createPane("world").style.zIndex = "150";
-    this.outline = L.layerGroup();
-    const land = polygonsOf(JSON.parse(byId("land").textContent));
-    this.land = L.polygon(land, { pane: "world", renderer: L.canvas({ pane: "world" }), className: "land", weight: 1, interactive: false });
+    this.land = L.polygon([], { pane: "world", renderer: L.canvas({ pane: "world" }), className: "land", weight: 1, interactive: false });
     this.scale = L.control.scale({ imperial: false, position: "bottomleft" }).addTo(this.map);
     this.grid = make("canvas", "grid");
     this.grid.setAttribute("aria-hidden", "true");
     element.prepend(this.grid);
     this.following = true;
-    this.fitted = false;
-    /** @type {null | {name: string, click: (place: Place) => void, move?: (place: Place) => void, end?: () => void}} what a click does */
+    this.fitted = this.drawn = false;
+    this.wasNowhere = store.nowhere;
+    /** @type {Place | null} where the grid begins while no origin is known */
+    this.zero = null;
+    /** @type {Tool | null} */
     this.tool = null;
     this.map.on("move zoomend resize", () => this.drawGrid());
     this.map.on("zoomend", () => this.drawOutline());
     this.map.on("dragstart", () => this.follow(false));
-    this.map.on("click", (event) => this.tool && this.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng }));
-    this.map.on("mousemove", (event) => this.tool && this.tool.move && this.tool.move({ lat: event.latlng.lat, lon: event.latlng.lng }));
+    this.map.on("click", (/** @type {any} */ event) => this.tool && this.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng }));
+    this.map.on("mousemove", (/** @type {any} */ event) => this.tool && this.tool.move && this.tool.move({ lat: event.latlng.lat, lon: event.latlng.lng }));
     element.addEventListener("wheel", () => this.follow(false), { passive: true });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paint());
     this.paint();
+    this.readOutline();
+  }
+
+  /** The outline of the world: the page is there before it. */
+  async readOutline() {
+    const answer = await fetch("static/vendor/land-110m.json");
+    if (answer.ok) this.land.setLatLngs(polygonsOf(await answer.json()));
   }
 
   /** A colour of the style sheet's, for what is drawn on a canvas. @param {string} name */
@@ -50,7 +67,7 @@ class FleetMap {
   }
 
   drawOutline() {
-    const wanted = !this.store.nowhere || !this.store.all.some((vehicle) => vehicle.placed);
+    const wanted = !this.store.nowhere || !this.store.all.some((vehicle) => vehicle.place);
     const shows = wanted && this.map.getZoom() <= OUTLINE_TO;
     this.element.classList.toggle("wide", shows);
     if (shows !== this.map.hasLayer(this.land)) shows ? this.land.addTo(this.map) : this.land.remove();
@@ -64,8 +81,12 @@ class FleetMap {
 
   /** Who is to stay in view: the selected, or all. */
   get shown() {
-    const chosen = this.store.chosen.filter((vehicle) => vehicle.placed);
-    return chosen.length ? chosen : this.store.all.filter((vehicle) => vehicle.placed);
+    const chosen = this.store.chosen.filter((vehicle) => vehicle.place);
+    return chosen.length ? chosen : this.store.all.filter((vehicle) => vehicle.place);
+  }
+
+  get placesShown() {
+    return this.shown.flatMap((vehicle) => vehicle.place || []);
   }
 
   /** Show these places with room around them. @param {Place[]} places */
@@ -78,7 +99,7 @@ class FleetMap {
   }
 
   draw() {
-    const places = this.shown.map((vehicle) => vehicle.place);
+    const places = this.placesShown;
     if (places.length && (!this.fitted || (this.following && !this.holds(places)))) this.fit(places);
     if (this.wasNowhere !== this.store.nowhere) {
       this.wasNowhere = this.store.nowhere;
@@ -88,7 +109,7 @@ class FleetMap {
     if (!this.drawn) this.drawGrid();
   }
 
-  /** Everybody is in view, and the view is not far larger than they need. */
+  /** Everybody is in view, and the view is not far larger than they need. @param {Place[]} places */
   holds(places) {
     const view = this.map.getBounds();
     if (!places.every((place) => view.pad(-0.06).contains([place.lat, place.lon]))) return false;
@@ -108,16 +129,15 @@ class FleetMap {
     const left = this.map.containerPointToLatLng([0, size.y / 2]);
     const right = this.map.containerPointToLatLng([size.x, size.y / 2]);
     const scale = size.x / wayBetween({ lat: middle.lat, lon: left.lng }, { lat: middle.lat, lon: Math.min(right.lng, left.lng + 179) }).distance; // pixels a metre
-    const placed = this.store.all.some((vehicle) => vehicle.placed);
-    if (!placed || !Number.isFinite(scale) || scale < 1e-3) {
-      say(this.note, placed ? "north is up" : "north is up · no position yet");
+    const first = this.store.all.flatMap((vehicle) => vehicle.place || [])[0];
+    if (!first || !Number.isFinite(scale) || scale < 1e-3) {
+      say(this.note, first ? t("map.north") : t("map.nowhere"));
       return;
     }
     const rough = 70 / scale;
     const tens = 10 ** Math.floor(Math.log10(rough));
     const cell = [1, 2, 5, 10].map((n) => n * tens).find((n) => n >= rough) || rough;
-    const first = this.store.all.find((vehicle) => vehicle.placed);
-    const origin = this.store.origin || (this.zero = this.zero || first.place);
+    const origin = this.store.origin || (this.zero = this.zero || first);
     const [north, east] = toNed(origin, { lat: middle.lat, lon: middle.lng });
     const ink = this.grid.getContext("2d");
     ink.scale(ratio, ratio);
@@ -136,13 +156,13 @@ class FleetMap {
       ink.lineTo(size.x, y);
     }
     ink.stroke();
-    const where = this.store.nowhere ? "no place on earth is known: metres about the origin" : "north is up";
-    say(this.note, `${where} · a square is ${cell >= 1000 ? `${cell / 1000} km` : `${cell} m`}`);
+    const where = this.store.nowhere ? t("map.local") : t("map.north");
+    say(this.note, t("map.square", { where, size: cell >= 1000 ? `${cell / 1000} km` : `${cell} m` }));
   }
 
   // Tools: a click on the map means something else until the tool ends.
 
-  /** @param {string} words what a click does, shown over the map @param {{name: string, click: (place: Place) => void, move?: (place: Place) => void, end?: () => void}} tool */
+  /** @param {string} words what a click does, shown over the map @param {Tool} tool */
   begin(words, tool) {
     this.end();
     this.tool = tool;

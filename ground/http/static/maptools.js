@@ -1,15 +1,21 @@
-"use strict";
 // What stands over the map: zoom, show all, follow, measure, and the box that selects.
 
-class MapTools {
-  /** @param {Store} store @param {FleetMap} map */
+import { byId, make } from "./dom.js";
+import { wayBetween } from "./geo.js";
+import { L } from "./vendor.js";
+import { metres, t } from "./words.js";
+
+/** @typedef {import("./types.js").Place} Place */
+
+export class MapTools {
+  /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} map */
   constructor(store, map) {
     this.store = store;
     this.map = map;
-    const on = (id, act) => byId(id).addEventListener("click", act);
+    const on = (/** @type {string} */ id, /** @type {() => void} */ act) => byId(id).addEventListener("click", act);
     on("zoom-in", () => map.map.zoomIn());
     on("zoom-out", () => map.map.zoomOut());
-    on("fit", () => map.fit(map.shown.map((vehicle) => vehicle.place)));
+    on("fit", () => map.fit(map.placesShown));
     on("follow", () => map.follow(!map.following));
     on("measure", () => this.measure());
     on("box", () => this.boxTool());
@@ -29,22 +35,25 @@ class MapTools {
     if (this.map.tool && this.map.tool.name === "measure") return this.map.end();
     /** @type {Place[]} */
     const points = [];
-    const show = (place) => {
+    const show = (/** @type {Place | null} */ place) => {
       const all = place ? [...points, place] : points;
       this.line.setLatLngs(all.map((each) => [each.lat, each.lon]));
       if (all.length < 2) return;
       const last = wayBetween(all[all.length - 2], all[all.length - 1]);
       const total = all.slice(1).reduce((sum, each, index) => sum + wayBetween(all[index], each).distance, 0);
-      const text = `${metres(last.distance)} at ${Math.round(last.bearing) % 360}°${all.length > 2 ? ` · ${metres(total)} in all` : ""}`;
+      const leg = t("measure.leg", { metres: metres(last.distance), bearing: Math.round(last.bearing) % 360 });
+      const text = all.length > 2 ? t("measure.all", { leg, metres: metres(total) }) : leg;
       this.words.setLatLng([all[all.length - 1].lat, all[all.length - 1].lon]).setContent(make("span", "", text)).addTo(this.map.map);
     };
-    this.map.begin("Click points to measure between them; Esc ends it", {
+    this.map.begin(t("measure.tool"), {
       name: "measure",
       click: (place) => {
         points.push(place);
         show(null);
       },
-      move: (place) => points.length && show(place),
+      move: (place) => {
+        if (points.length) show(place);
+      },
       end: () => {
         this.line.remove();
         this.words.remove();
@@ -56,7 +65,7 @@ class MapTools {
 
   boxTool() {
     if (this.map.tool && this.map.tool.name === "box") return this.map.end();
-    this.map.begin("Draw a box around the vehicles that are meant; Esc ends it", { name: "box", click: () => {}, end: () => this.map.map.dragging.enable() });
+    this.map.begin(t("box.tool"), { name: "box", click: () => {}, end: () => this.map.map.dragging.enable() });
     this.map.map.dragging.disable();
   }
 
@@ -68,9 +77,9 @@ class MapTools {
     element.append(frame);
     /** @type {[number, number] | null} */
     let from = null;
-    const at = (event) => {
+    const at = (/** @type {PointerEvent} */ event) => {
       const area = element.getBoundingClientRect();
-      return [event.clientX - area.left, event.clientY - area.top];
+      return /** @type {[number, number]} */ ([event.clientX - area.left, event.clientY - area.top]);
     };
     element.addEventListener("pointerdown", (event) => {
       const tool = this.map.tool && this.map.tool.name === "box";
@@ -79,7 +88,7 @@ class MapTools {
       event.stopPropagation();
       this.map.map.dragging.disable();
       element.setPointerCapture(event.pointerId);
-      from = /** @type {[number, number]} */ (at(event));
+      from = at(event);
     }, true);
     element.addEventListener("pointermove", (event) => {
       if (!from) return;
@@ -95,7 +104,7 @@ class MapTools {
       frame.hidden = true;
       this.map.map.dragging.enable();
       if (area.getSize().x < 4 && area.getSize().y < 4) return;
-      const inside = this.store.all.filter((each) => each.placed && area.contains(this.map.map.latLngToContainerPoint([each.place.lat, each.place.lon])));
+      const inside = this.store.all.filter((each) => each.place && area.contains(this.map.map.latLngToContainerPoint([each.place.lat, each.place.lon])));
       this.store.select(inside.map((each) => each.id));
       if (this.map.tool && this.map.tool.name === "box") this.map.end();
     });

@@ -1,27 +1,33 @@
-"use strict";
 // What is planned and what is kept clear of: ways that are flown or previewed, fences, no-fly areas, obstacles.
 
-class PlanLayer {
-  /** @param {Store} store @param {FleetMap} view */
+import { make } from "./dom.js";
+import { toGlobal } from "./geo.js";
+import { L } from "./vendor.js";
+
+/** @typedef {import("./types.js").TrackPoint} TrackPoint @typedef {import("./types.js").Place} Place */
+
+export class PlanLayer {
+  /** @param {import("./store.js").Store} store @param {import("./map.js").FleetMap} view */
   constructor(store, view) {
     this.store = store;
     this.view = view;
     this.ways = L.layerGroup().addTo(view.map);
     this.shapes = L.layerGroup().addTo(view.map);
-    /** @type {Record<string, number[][]>[]} tracks of a preview, one after another */
+    /** @type {import("./types.js").Tracks[]} of a preview, one after another */
     this.previewed = [];
     this.drawnOf = "";
     this.drawnShapes = "";
   }
 
-  /** Show what would be flown; an empty list shows nothing any more. @param {any[]} steps */
+  /** Show what would be flown; an empty list shows nothing any more. @param {import("./types.js").Step[]} steps */
   preview(steps) {
     this.previewed = steps.map((step) => step.tracks || {});
     this.drawnOf = "";
-    if (!this.previewed.length || !this.store.origin) return;
-    const places = this.previewed.flatMap((tracks) => Object.values(tracks).flat().map((p) => toGlobal(this.store.origin, p[1], p[2])));
+    const origin = this.store.origin;
+    if (!this.previewed.length || !origin) return;
+    const places = this.previewed.flatMap((tracks) => Object.values(tracks).flat().map((p) => toGlobal(origin, p[1], p[2])));
     this.view.follow(false);
-    this.view.fit([...places, ...this.view.shown.map((vehicle) => vehicle.place)]);
+    this.view.fit([...places, ...this.view.placesShown]);
   }
 
   draw() {
@@ -35,15 +41,17 @@ class PlanLayer {
     if (shapes === this.drawnShapes) return;
     this.drawnShapes = shapes;
     this.shapes.clearLayers();
-    if (this.store.origin) for (const each of this.store.obstacles.values()) this.shape(each, now);
+    if (this.store.origin) for (const each of this.store.obstacles.values()) this.shape(each, this.store.origin, now);
   }
 
+  /** @param {number} now UTC seconds */
   drawWays(now) {
     this.ways.clearLayers();
-    if (!this.store.origin) return;
-    const colour = (name) => (this.store.all.find((vehicle) => vehicle.name === name) || { colour: "gray" }).colour;
-    const line = (name, track, style) => {
-      const points = track.map((p) => toGlobal(this.store.origin, p[1], p[2])).map((place) => [place.lat, place.lon]);
+    const origin = this.store.origin;
+    if (!origin) return;
+    const colour = (/** @type {string} */ name) => (this.store.all.find((vehicle) => vehicle.name === name) || { colour: "gray" }).colour;
+    const line = (/** @type {string} */ name, /** @type {TrackPoint[]} */ track, /** @type {object} */ style) => {
+      const points = track.map((p) => toGlobal(origin, p[1], p[2])).map((place) => [place.lat, place.lon]);
       if (points.length < 2) return;
       L.polyline(points, { color: colour(name), interactive: false, ...style }).addTo(this.ways);
       L.circleMarker(points[points.length - 1], { color: colour(name), radius: 6, weight: 2, fill: false, interactive: false }).addTo(this.ways);
@@ -53,22 +61,22 @@ class PlanLayer {
     for (const tracks of this.previewed) for (const [name, track] of Object.entries(tracks)) line(name, track, { weight: 4, dashArray: "1 8", opacity: 0.9 });
   }
 
-  /** @param {any} obstacle see zmav/wire/swarm.py @param {number} now UTC seconds */
-  shape(obstacle, now) {
+  /** @param {import("./types.js").Obstacle} obstacle @param {Place} origin @param {number} now UTC seconds */
+  shape(obstacle, origin, now) {
     const what = obstacle.what;
-    /** @returns {[number, number]} */
-    const at = (north, east) => {
-      const place = toGlobal(this.store.origin, north, east);
+    const at = (/** @type {number} */ north, /** @type {number} */ east) => {
+      const place = toGlobal(origin, north, east);
       return [place.lat, place.lon];
     };
     const keepOut = { color: this.view.colour("--keepout"), weight: 2, fillOpacity: 0.16, interactive: false };
     const fence = { color: this.view.colour("--fence"), weight: 3, fill: false, dashArray: "12 6", interactive: false };
     const polygon = what.polygon ? what.polygon.map(([n, e]) => at(n, e)) : [];
-    const moved = (i) => what.center[i] + (what.velocity ? what.velocity[i] * Math.min(now - obstacle.t, 30) : 0);
+    const [center, low, high] = [what.center || [0, 0], what.low || [0, 0], what.high || [0, 0]];
+    const moved = (/** @type {number} */ i) => center[i] + (what.velocity ? what.velocity[i] * Math.min(now - obstacle.t, 30) : 0);
     const layer =
       what.shape === "geofence" ? L.polygon(polygon, fence)
       : what.shape === "no_fly" ? L.polygon(polygon, keepOut)
-      : what.shape === "box" ? L.rectangle(L.latLngBounds([at(what.low[0], what.low[1]), at(what.high[0], what.high[1])]), keepOut)
+      : what.shape === "box" ? L.rectangle(L.latLngBounds([at(low[0], low[1]), at(high[0], high[1])]), keepOut)
       : L.circle(at(moved(0), moved(1)), { ...keepOut, radius: what.radius });
     layer.addTo(this.shapes).bindTooltip(make("span", "", obstacle.name), { permanent: true, direction: "center", className: "named" });
   }

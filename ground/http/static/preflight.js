@@ -1,8 +1,10 @@
-"use strict";
 // What hinders each vehicle from taking off: the autopilot's own words, and what the rules call bad.
 
-class Preflight {
-  /** @param {Store} store */
+import { byId, make, makeButton, say } from "./dom.js";
+import { t } from "./words.js";
+
+export class Preflight {
+  /** @param {import("./store.js").Store} store */
   constructor(store) {
     this.store = store;
     this.head = make("p", "muted");
@@ -15,10 +17,10 @@ class Preflight {
     const whom = this.store.selected.size ? this.store.chosen : this.store.all;
     const rows = whom.map((vehicle) => {
       try {
-        const airborne = vehicle.state.armed ? (vehicle.state.landed === false ? "in the air" : "armed") : "";
+        const airborne = vehicle.state.armed ? (vehicle.state.landed === false ? t("preflight.airborne") : t("armed")) : "";
         return { id: vehicle.id, name: vehicle.name, reasons: vehicle.hindrances, airborne };
       } catch (error) {
-        return { id: vehicle.id, name: vehicle.name, reasons: ["what it says is not understood"], airborne: "" };
+        return { id: vehicle.id, name: vehicle.name, reasons: [t("vehicle.garbled")], airborne: "" };
       }
     });
     const hindered = rows.filter((row) => row.reasons.length);
@@ -26,11 +28,12 @@ class Preflight {
     const state = JSON.stringify([rows, this.store.selected.size]);
     if (state === this.drawn) return;
     this.drawn = state;
-    const scope = this.store.selected.size ? "selected" : "all";
-    say(this.head, !rows.length ? "Nobody is there." : hindered.length ? `${hindered.length} of ${rows.length} ${scope} cannot go; several take off only when nothing hinders any of them.` : `Nothing hinders the ${rows.length} ${scope}.`);
+    const scope = this.store.selected.size ? t("selected") : t("all");
+    const words = hindered.length ? t("preflight.hindered", { count: hindered.length, all: rows.length, scope }) : t("preflight.ready", { all: rows.length, scope });
+    say(this.head, rows.length ? words : t("preflight.nobody"));
     this.list.replaceChildren(
       ...[...rows].sort((a, b) => b.reasons.length - a.reasons.length).map((row) =>
-        make("li", row.reasons.length ? "no" : "go", "", make("b", "", row.reasons.length ? "✗" : "✓"), makeButton(row.name, "plain", () => this.store.select([row.id])), make("span", "", row.reasons.join("; ") || row.airborne || "ready")),
+        make("li", row.reasons.length ? "no" : "go", "", make("b", "", row.reasons.length ? "✗" : "✓"), makeButton(row.name, "plain", () => this.store.select([row.id])), make("span", "", row.reasons.join("; ") || row.airborne || t("preflight.go"))),
       ),
     );
   }

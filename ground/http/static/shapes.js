@@ -1,7 +1,11 @@
-"use strict";
 // Areas that a person draws: what they are, each change undone, and the files and lines that the command line takes.
 
+import { keep, kept } from "./dom.js";
+import { toNed } from "./geo.js";
+import { t } from "./words.js";
+
 /**
+ * @typedef {import("./types.js").Place} Place
  * @typedef {"no_fly" | "geofence" | "search" | "obstacle"} ShapeKind
  * @typedef {{id: number, name: string, kind: ShapeKind, points: Place[], radius: number, floor: number, ceiling: number}} Shape
  * points: corners; of an obstacle its centre alone. floor, ceiling: m above the fleet's origin; of a search area ceiling is
@@ -9,9 +13,9 @@
  */
 
 /** @type {Record<ShapeKind, string>} */
-const KIND_WORD = { no_fly: "no-fly", geofence: "fence", search: "search area", obstacle: "obstacle" };
+export const KIND_WORD = { no_fly: t("draw.no-fly"), geofence: t("draw.fence"), search: t("draw.search"), obstacle: t("draw.obstacle") };
 
-class Shapes {
+export class Shapes {
   constructor() {
     /** @type {Shape[]} */
     this.all = kept("shapes", []);
@@ -49,16 +53,19 @@ class Shapes {
   }
 }
 
-/** As the planner takes it: see zmav/wire/swarm.py. @param {Shape} shape @param {Place} origin */
-function obstacleOf(shape, origin) {
-  const corners = shape.points.map((point) => toNed(origin, point).map((m) => Number(m.toFixed(2))));
+/**
+ * As the planner takes it: see zmav/wire/swarm.py.
+ * @param {Shape} shape @param {Place} origin @returns {import("./types.js").Obstacle}
+ */
+export function obstacleOf(shape, origin) {
+  const corners = shape.points.map((point) => /** @type {[number, number]} */ (toNed(origin, point).map((m) => Number(m.toFixed(2)))));
   const heights = { floor: shape.floor, ceiling: shape.ceiling };
   const what = shape.kind === "obstacle" ? { shape: "cylinder", center: corners[0], radius: shape.radius, ...heights } : { shape: shape.kind, polygon: corners, ...heights };
   return { name: shape.name, t: Date.now() / 1000, what };
 }
 
 /** The line that does the same. @param {Shape} shape @param {Place} origin @param {string[]} names */
-function commandOf(shape, origin, names) {
+export function commandOf(shape, origin, names) {
   const corners = shape.points.map((point) => toNed(origin, point).map((m) => m.toFixed(1)).join(","));
   const heights = `--floor ${shape.floor} --ceiling ${shape.ceiling}`;
   if (shape.kind === "search") return `zmav swarm search ${names.length ? names.join(" ") : "'*'"} --polygon '${corners.join(" ")}' --alt ${shape.ceiling}`;
@@ -67,8 +74,8 @@ function commandOf(shape, origin, names) {
 }
 
 /** A .plan for 'zmav mission upload': fences to stay in, no-fly areas and obstacles to stay out of. @param {Shape[]} shapes */
-function planFileOf(shapes) {
-  const at = (point) => [Number(point.lat.toFixed(7)), Number(point.lon.toFixed(7))];
+export function planFileOf(shapes) {
+  const at = (/** @type {Place} */ point) => [Number(point.lat.toFixed(7)), Number(point.lon.toFixed(7))];
   const polygons = shapes.filter((each) => each.kind === "no_fly" || each.kind === "geofence").map((each) => ({ version: 1, inclusion: each.kind === "geofence", polygon: each.points.map(at) }));
   const circles = shapes.filter((each) => each.kind === "obstacle").map((each) => ({ version: 1, inclusion: false, circle: { center: at(each.points[0]), radius: each.radius } }));
   return {
@@ -82,16 +89,7 @@ function planFileOf(shapes) {
 }
 
 /** The [geofence] table of a fleet file. @param {Shape} shape */
-function fenceTableOf(shape) {
+export function fenceTableOf(shape) {
   const corners = shape.points.map((point) => `  [${point.lat.toFixed(7)}, ${point.lon.toFixed(7)}],`);
   return `[geofence]\npolygon = [\n${corners.join("\n")}\n]\nfloor = ${shape.floor.toFixed(1)}\nceiling = ${shape.ceiling.toFixed(1)}\n`;
-}
-
-/** Have the browser save a text. @param {string} name @param {string} text */
-function saveFile(name, text) {
-  const link = make("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "application/octet-stream" }));
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }

@@ -1,135 +1,43 @@
-"use strict";
 // What is known: the one place that the socket writes to and that every view reads. A view changes it by its methods only.
 
-const STALE_S = 2;
-const TRAIL_MS = 120000;
+import { hue, keep, kept } from "./dom.js";
+import { metresPerRadian, RADIAN, toGlobal } from "./geo.js";
+import { Vehicle } from "./vehicle.js";
+
+/**
+ * @typedef {import("./types.js").Message} Message
+ * @typedef {import("./types.js").State} State
+ * @typedef {import("./types.js").Place} Place
+ */
+
 const MOST_VEHICLES = 500;
 const MOST_EVENTS = 100;
 
-/** @typedef {{rule: string, level: string, text: string, advice: string}} Alarm what is not well, by the rules of zmav/doctor */
-
-class Vehicle {
-  /** @param {string} fleet @param {string} name */
-  constructor(fleet, name) {
-    this.fleet = fleet;
-    this.name = name;
-    this.id = `${fleet}/${name}`;
-    /** @type {any} the last state: see zmav/wire/state.py */
-    this.state = null;
-    /** @type {Alarm[]} by the gateway, the worst first */
-    this.alarms = [];
-    this.at = 0;
-    this.placed = false;
-    /** @type {{at: number, lat: number, lon: number, alt: number}[]} */
-    this.trail = [];
-    /** @type {Place | null} */
-    this.home = null;
-    /** @type {Place | null} where its autopilot flies to */
-    this.target = null;
-    /** @type {any} what GET /report says of it */
-    this.report = null;
-    this.colour = "gray";
-    /** @type {Alarm[]} */
-    this.found = [];
-    this.judged = this.judgedAt = 0;
-  }
-
-  take(state, alarms, place) {
-    this.state = state;
-    this.alarms = alarms || [];
-    this.at = Date.now();
-    this.place = place;
-    this.placed = Boolean(place);
-    if (!place) return;
-    const last = this.trail[this.trail.length - 1];
-    if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.height });
-    while (this.trail.length > 300) this.trail.shift();
-  }
-
-  get age() {
-    return (Date.now() - this.at) / 1000;
-  }
-
-  get stale() {
-    return this.age > STALE_S;
-  }
-
-  /** m above home, or down from the fleet's origin; null: not known. */
-  get height() {
-    const s = this.state;
-    if (s.position && Number.isFinite(s.position.alt_rel)) return s.position.alt_rel;
-    return s.local ? -s.local[2] : null;
-  }
-
-  get speed() {
-    return this.state.velocity ? Math.hypot(this.state.velocity[0], this.state.velocity[1]) : null;
-  }
-
-  /** Radians clockwise from north. */
-  get heading() {
-    return (this.state.attitude && Number(this.state.attitude.yaw)) || 0;
-  }
-
-  /** What it does, and for whom. */
-  get doing() {
-    const lease = this.state.lease;
-    const mover = this.state.mover && this.state.mover !== "nobody" ? this.state.mover : "";
-    return [mover, lease ? `for ${lease.holder}` : ""].filter(Boolean).join(" ");
-  }
-
-  /** All that is not well, the worst first. Several views ask for it while the page is drawn. @returns {Alarm[]} */
-  get troubles() {
-    const now = Math.floor(Date.now() / 100);
-    if (this.judged !== now || this.judgedAt !== this.at) [this.judged, this.judgedAt, this.found] = [now, this.at, this.judge()];
-    return this.found;
-  }
-
-  /** What the state tells, at once, and what is known beside it, a second later. @returns {Alarm[]} */
-  judge() {
-    if (this.stale) return [{ rule: "state", level: "bad", text: `no word for ${span(this.age)}`, advice: "is its computer on, and its router linked to this one?" }];
-    const more = this.report ? this.report.reasons.filter((each) => !this.alarms.some((alarm) => alarm.rule === each.rule)) : [];
-    return [...this.alarms, ...more].sort((a, b) => LEVELS.indexOf(a.level) - LEVELS.indexOf(b.level));
-  }
-
-  get level() {
-    const troubles = this.troubles;
-    return troubles.length ? troubles[0].level : "ok";
-  }
-
-  /** What hinders a takeoff, in the autopilot's own words where it has any. @returns {string[]} */
-  get hindrances() {
-    const s = this.state;
-    const own = s.not_ready && s.not_ready.length ? s.not_ready : s.ready === false ? ["not ready, and it does not say why"] : [];
-    const ours = this.troubles.filter((each) => each.level === "bad" && each.rule !== "not-ready").map((each) => each.text);
-    return s.armed ? ours : [...ours, ...own];
-  }
-}
-
-class Store {
+export class Store {
   constructor() {
     /** @type {Map<string, Vehicle>} by fleet/name, in the order of the names */
     this.vehicles = new Map();
     /** @type {Set<string>} ids: changed by a person and by nothing else */
     this.selected = new Set();
-    /** @type {{name: string, t: number, severity: string, text: string}[]} the newest first */
+    /** @type {import("./types.js").FleetEvent[]} the newest first */
     this.events = [];
     this.eventCount = 0;
     /** @type {Map<string, number>} alarms seen by a person: id and rule */
     this.seen = new Map();
-    /** @type {any} the planner's book; see zmav/wire/swarm.py */
+    /** @type {import("./types.js").Book | null} */
     this.book = null;
-    this.bookAt = 0;
     this.chargeAt = 0;
-    /** @type {Map<string, any>} what is flown, by goal */
+    /** @type {Map<string, import("./types.js").Plan>} what is flown, by goal */
     this.plans = new Map();
-    /** @type {Map<string, any>} */
+    /** @type {Map<string, import("./types.js").Obstacle>} by name */
     this.obstacles = new Map();
-    /** @type {{a: string, b: string, grade: string, loss: number | null}[]} */
+    /** @type {import("./types.js").MeshLink[]} */
     this.links = [];
     /** @type {Place | null} the fleet's origin; null: none is known */
     this.origin = null;
     /** True where nobody knows a place on earth: then places are metres about nowhere. */
     this.nowhere = true;
+    /** @type {"connecting" | "live" | "lost"} */
     this.connection = "connecting";
     this.lastWord = 0;
     /** @type {Record<string, string[]>} groups of vehicles by a name that a person gave them */
@@ -138,7 +46,7 @@ class Store {
     this.changed = () => {};
   }
 
-  /** @param {any} message of the gateway's */
+  /** @param {Message} message */
   take(message) {
     const chunks = message.key.split("/");
     if (chunks.length === 4 && chunks[3] === "state") this.takeState(chunks[1], chunks[2], message);
@@ -148,6 +56,7 @@ class Store {
     else if (chunks[3] === "mav" && message.value && message.value.fields) this.takeMessage(this.vehicles.get(`${chunks[1]}/${chunks[2]}`), chunks[7], message.value.fields);
   }
 
+  /** @param {string} fleet @param {string} name @param {Message} message */
   takeState(fleet, name, { value: state, alarms }) {
     if (!state || typeof state !== "object") return;
     const id = `${fleet}/${name}`;
@@ -159,10 +68,10 @@ class Store {
       this.vehicles = new Map(all.sort((a, b) => a[0].localeCompare(b[0], "en", { numeric: true })));
       [...this.vehicles.values()].forEach((each, index) => (each.colour = hue(index)));
     }
-    vehicle.take(state, alarms, this.placeOf(state));
+    vehicle.take(state, alarms || [], this.placeOf(state));
   }
 
-  /** @returns {Place | null} */
+  /** @param {State} state @returns {Place | null} */
   placeOf(state) {
     const here = state.position;
     const local = Array.isArray(state.local) && state.local.every(Number.isFinite) ? state.local : null;
@@ -184,6 +93,7 @@ class Store {
     return toGlobal(this.origin, local[0], local[1]);
   }
 
+  /** @param {string} name @param {any} event */
   takeEvent(name, event) {
     if (!event || typeof event.text !== "string") return;
     if (this.events.some((other) => other.t === event.t && other.text === event.text)) return; // heard before the connection was lost
@@ -193,32 +103,35 @@ class Store {
     this.events.length = Math.min(this.events.length, MOST_EVENTS);
   }
 
+  /** @param {string} topic @param {any} value */
   takeFleet(topic, value) {
     if (!value || typeof value !== "object") return;
     if (topic === "charge") this.chargeAt = Date.now();
     else if (topic === "goal" && Array.isArray(value.goals)) {
       if (this.book && value.term < this.book.term) return;
       this.book = value;
-      this.bookAt = this.chargeAt = Date.now();
+      this.chargeAt = Date.now();
       for (const goal of this.plans.keys()) if (!this.openGoals.some((entry) => entry.id === goal)) this.plans.delete(goal);
     } else if (topic === "plan" && value.tracks) this.plans.set(value.goal, value);
-    else if (topic === "obstacle" && Array.isArray(value.obstacles)) this.obstacles = new Map(value.obstacles.map((each) => [each.name, each]));
+    else if (topic === "obstacle" && Array.isArray(value.obstacles)) this.obstacles = new Map(value.obstacles.map((/** @type {import("./types.js").Obstacle} */ each) => [each.name, each]));
   }
 
+  /** @param {any} value */
   takeObstacle(value) {
     if (!value || typeof value.name !== "string") return;
     if (value.what) this.obstacles.set(value.name, value);
     else this.obstacles.delete(value.name);
   }
 
+  /** @param {Vehicle | undefined} vehicle @param {string} name @param {any} fields */
   takeMessage(vehicle, name, fields) {
     if (!vehicle) return;
-    const place = (lat, lon) => (lat || lon ? { lat: lat / 1e7, lon: lon / 1e7 } : null);
+    const place = (/** @type {number} */ lat, /** @type {number} */ lon) => (lat || lon ? { lat: lat / 1e7, lon: lon / 1e7 } : null);
     if (name === "HOME_POSITION") vehicle.home = place(fields.latitude, fields.longitude);
     if (name === "POSITION_TARGET_GLOBAL_INT") vehicle.target = place(fields.lat_int, fields.lon_int);
   }
 
-  /** What GET /report said. */
+  /** @param {import("./types.js").Report} report */
   takeReport(report) {
     this.links = report.links;
     for (const vehicle of this.vehicles.values()) vehicle.report = null;
@@ -229,7 +142,7 @@ class Store {
   }
 
   get all() {
-    return [...this.vehicles.values()].filter((vehicle) => vehicle.state);
+    return [...this.vehicles.values()];
   }
 
   /** The vehicles that are selected. */
@@ -257,6 +170,12 @@ class Store {
   /** @param {string} id */
   toggle(id) {
     if (!this.selected.delete(id)) this.selected.add(id);
+    this.changed();
+  }
+
+  /** A person knows of an alarm. @param {string} key */
+  see(key) {
+    this.seen.set(key, Date.now());
     this.changed();
   }
 

@@ -1,16 +1,27 @@
-"use strict";
 // The table of all vehicles: those in trouble first, filtered by words; a click selects. And the counts, which select, too.
+
+import { confirmed } from "./ask.js";
+import { byId, make, makeButton, mark, say } from "./dom.js";
+import { few, LEVEL_WORD, LEVELS, shown, span, t } from "./words.js";
+
+/**
+ * @typedef {import("./vehicle.js").Vehicle} Vehicle
+ * @typedef {{element: HTMLElement, cells: Record<string, HTMLElement>, box: HTMLInputElement, swatch: HTMLElement, kind: HTMLElement}} Row
+ * @typedef {{name: string, word: string, fits: (vehicle: Vehicle) => boolean}} Kind what a count counts
+ */
 
 const SORT_MS = 1000;
 
-class FleetTable {
-  /** @param {Store} store */
+export class FleetTable {
+  /** @param {import("./store.js").Store} store */
   constructor(store) {
     this.store = store;
-    this.body = document.querySelector("#table tbody");
-    /** @type {Map<string, any>} */
+    this.body = byId("rows");
+    /** @type {Map<string, Row>} */
     this.rows = new Map();
     this.sortedAt = 0;
+    /** @type {string | null} id: where a range begins */
+    this.from = null;
     this.held = false;
     this.last = "";
     const area = byId("table-scroll");
@@ -19,6 +30,7 @@ class FleetTable {
     byId("select-all").addEventListener("click", () => store.select(this.shown.map((vehicle) => vehicle.id)));
     byId("select-none").addEventListener("click", () => store.select([]));
     byId("save-group").addEventListener("click", () => this.saveGroup());
+    /** @type {Map<Kind, HTMLButtonElement>} */
     this.counts = new Map();
     this.buildCounts();
     this.groupsDrawn = "";
@@ -26,6 +38,7 @@ class FleetTable {
 
   /** Those that the filter lets through. */
   get shown() {
+    /** @type {string[]} */
     const words = byId("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
     return this.store.all.filter((vehicle) => {
       const text = this.textOf(vehicle);
@@ -33,22 +46,26 @@ class FleetTable {
     });
   }
 
+  /** @param {Vehicle} vehicle */
   textOf(vehicle) {
     const s = vehicle.state;
-    return [vehicle.name, vehicle.fleet, s.kind, s.autopilot, s.mode, s.armed ? "armed" : "disarmed", vehicle.doing, LEVEL_WORD[vehicle.level], ...vehicle.troubles.map((each) => each.text)].join(" ").toLowerCase();
+    return [vehicle.name, vehicle.fleet, s.kind, s.autopilot, s.mode, s.armed ? t("armed") : t("disarmed"), vehicle.doing, LEVEL_WORD[vehicle.level], ...vehicle.troubles.map((each) => each.text)].join(" ").toLowerCase();
   }
 
   async saveGroup() {
-    const field = { label: "Name of the group", value: "", type: /** @type {"text"} */ ("text") };
+    const field = { label: t("group.field"), value: "", type: /** @type {"text"} */ ("text") };
     const names = this.store.chosen.map((vehicle) => vehicle.name);
-    const name = await confirmed(`Save ${names.length} vehicles as a group`, few(names, 12), "Save", field);
+    const name = await confirmed(t("group.title", { count: names.length }), few(names, 12), t("group.yes"), field);
     if (name) this.store.saveGroup(name);
   }
 
   buildCounts() {
-    const kinds = [...LEVELS.map((level) => ({ name: level, word: LEVEL_WORD[level], fits: (vehicle) => vehicle.level === level })), { name: "armed", word: "armed", fits: (vehicle) => vehicle.state.armed === true }];
+    /** @type {Kind[]} */
+    const levels = LEVELS.map((level) => ({ name: level, word: LEVEL_WORD[level], fits: (vehicle) => vehicle.level === level }));
+    /** @type {Kind[]} */
+    const kinds = [...levels, { name: "armed", word: t("armed"), fits: (vehicle) => vehicle.state.armed === true }];
     for (const kind of kinds) {
-      const button = makeButton("", `chip ${kind.name}`, () => this.store.select(this.store.all.filter(kind.fits).map((vehicle) => vehicle.id)), `select those: ${kind.word}`);
+      const button = makeButton("", `chip ${kind.name}`, () => this.store.select(this.store.all.filter(kind.fits).map((vehicle) => vehicle.id)), t("select.those", { word: kind.word }));
       button.hidden = true;
       this.counts.set(kind, button);
       byId("counts").append(button);
@@ -72,7 +89,7 @@ class FleetTable {
     byId("nobody").hidden = this.rows.size > 0;
     if (Date.now() - this.sortedAt > SORT_MS && !this.held) this.sort();
     const count = this.store.chosen.length;
-    say(byId("selected-note"), count ? `${count} of ${this.store.all.length} selected` : "none selected: orders are for all");
+    say(byId("selected-note"), count ? t("table.selected", { count, all: this.store.all.length }) : t("table.none"));
     byId("save-group").hidden = count === 0;
   }
 
@@ -84,17 +101,19 @@ class FleetTable {
     if (text === this.last) return;
     this.last = text;
     const focused = document.activeElement;
-    this.body.append(...order.map((id) => this.rows.get(id).element));
+    this.body.append(...order.flatMap((id) => this.rows.get(id)?.element || []));
     if (focused instanceof HTMLElement && this.body.contains(focused)) focused.focus();
   }
 
+  /** @param {Vehicle} vehicle @returns {Row} */
   makeRow(vehicle) {
+    /** @type {Record<string, HTMLElement>} */
     const cells = {};
-    const cell = (name, className = "") => (cells[name] = make("td", className));
+    const cell = (/** @type {string} */ name, className = "") => (cells[name] = make("td", className));
     const box = make("input");
     box.type = "checkbox";
-    box.setAttribute("aria-label", `select ${vehicle.name}`);
-    box.addEventListener("click", (event) => event.stopPropagation());
+    box.setAttribute("aria-label", t("select.one", { who: vehicle.name }));
+    box.addEventListener("click", (/** @type {Event} */ event) => event.stopPropagation());
     box.addEventListener("change", () => this.store.toggle(vehicle.id));
     const swatch = make("i", "swatch");
     swatch.style.background = vehicle.colour;
@@ -102,19 +121,19 @@ class FleetTable {
     const element = make("tr", "", "", make("td", "", "", box), name, cell("mode"), cell("doing"), cell("height", "num"), cell("speed", "num"), cell("battery", "num"), cell("gps"), cell("link"), cell("age", "num"));
     element.tabIndex = 0;
     element.dataset.row = vehicle.name;
-    element.addEventListener("click", (event) => this.pick(vehicle, event));
-    element.addEventListener("keydown", (event) => this.key(vehicle, event));
+    element.addEventListener("click", (/** @type {MouseEvent} */ event) => this.pick(vehicle, event));
+    element.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => this.key(vehicle, event));
     this.body.append(element);
     const row = { element, cells, box, swatch, kind: name.lastChild };
     this.rows.set(vehicle.id, row);
     return row;
   }
 
-  /** A click means this one alone; with ctrl one more or less; with shift all from the last one to this. */
+  /** A click means this one alone; with ctrl one more or less; with shift all from the last one to this. @param {Vehicle} vehicle @param {MouseEvent} event */
   pick(vehicle, event) {
     if (event.ctrlKey || event.metaKey) this.store.toggle(vehicle.id);
     else if (event.shiftKey && this.from) {
-      const ids = [...this.body.children].filter((row) => !(/** @type {HTMLElement} */ (row).hidden)).map((row) => [...this.rows].find((each) => each[1].element === row)[0]);
+      const ids = [...this.rows].filter(([, row]) => !row.element.hidden).sort(([, a], [, b]) => a.element.compareDocumentPosition(b.element) & Node.DOCUMENT_POSITION_FOLLOWING ? -1 : 1).map(([id]) => id);
       const [a, b] = [ids.indexOf(this.from), ids.indexOf(vehicle.id)].sort((x, y) => x - y);
       this.store.select(ids.slice(Math.max(a, 0), b + 1));
       return;
@@ -122,10 +141,11 @@ class FleetTable {
     this.from = vehicle.id;
   }
 
+  /** @param {Vehicle} vehicle @param {KeyboardEvent} event */
   key(vehicle, event) {
-    const step = { ArrowDown: "nextElementSibling", ArrowUp: "previousElementSibling" }[event.key];
-    if (step) {
-      let next = event.currentTarget[step];
+    if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      const step = event.key === "ArrowDown" ? "nextElementSibling" : "previousElementSibling";
+      let next = /** @type {any} */ (event.currentTarget)[step];
       while (next && next.hidden) next = next[step];
       if (next) next.focus();
     } else if (event.key === "Enter") this.store.select([vehicle.id]);
@@ -134,6 +154,7 @@ class FleetTable {
     event.preventDefault();
   }
 
+  /** @param {Vehicle} vehicle @param {Row} row */
   drawRow(vehicle, row) {
     const { element, cells } = row;
     const selected = this.store.selected.has(vehicle.id);
@@ -148,7 +169,7 @@ class FleetTable {
       element.classList.toggle("stale", vehicle.stale);
       mark(element, "title", vehicle.troubles.map((each) => each.text).join("\n"));
       say(row.kind, s.kind || "");
-      say(cells.mode, `${s.mode || "–"}${s.armed ? "" : s.armed === false ? " · disarmed" : " · armed?"}`);
+      say(cells.mode, [s.mode || "–", s.armed ? "" : s.armed === false ? t("disarmed") : t("armed.unknown")].filter(Boolean).join(" · "));
       say(cells.doing, [vehicle.troubles.length ? vehicle.troubles[0].text : "", vehicle.doing].filter(Boolean).join(" · ") || "–");
       say(cells.height, shown(vehicle.height, 1, " m"));
       say(cells.speed, shown(vehicle.speed, 1));
@@ -157,17 +178,17 @@ class FleetTable {
       say(cells.gps, s.gps ? `${s.gps.fix.replace("_FIXED", "").replace("_FIX", "").replace(/_/g, " ")} ${s.gps.satellites ?? ""}` : "–");
       say(cells.link, this.linkOf(vehicle));
     } catch (error) {
-      say(cells.doing, "what it says is not understood");
+      say(cells.doing, t("vehicle.garbled"));
     }
     say(cells.age, vehicle.stale ? span(vehicle.age) : `${vehicle.age.toFixed(1)} s`);
   }
 
-  /** Its weakest hop, or how far it is. */
+  /** Its weakest hop, or how far it is. @param {Vehicle} vehicle */
   linkOf(vehicle) {
     const network = vehicle.report && vehicle.report.network;
     if (network && network.weakest && network.weakest.grade !== "good") return `${network.weakest.grade}: ${network.weakest.ends.join("–")}`;
-    const trip = network && network.rtt !== null ? `${Math.round(network.rtt * 1000)} ms` : "";
-    return trip || (vehicle.state.link_loss ? `${Math.round(vehicle.state.link_loss * 100)} % lost` : "–");
+    const trip = network && network.rtt != null ? `${Math.round(network.rtt * 1000)} ms` : "";
+    return trip || (vehicle.state.link_loss ? t("table.lost", { percent: Math.round(vehicle.state.link_loss * 100) }) : "–");
   }
 
   drawGroups() {
@@ -176,8 +197,8 @@ class FleetTable {
     this.groupsDrawn = text;
     byId("groups").replaceChildren(
       ...Object.entries(this.store.groups).map(([name, ids]) => {
-        const drop = makeButton("×", "plain", () => this.store.dropGroup(name), `forget the group ${name}`);
-        return make("span", "group", "", makeButton(name, "chip", () => this.store.select(ids), `select ${few(ids.map((id) => id.split("/")[1]), 12)}`), drop);
+        const drop = makeButton("×", "plain", () => this.store.dropGroup(name), t("group.forget", { name }));
+        return make("span", "group", "", makeButton(name, "chip", () => this.store.select(ids), t("select.one", { who: few(ids.map((id) => id.split("/")[1]), 12) })), drop);
       }),
     );
   }

@@ -200,6 +200,18 @@ class Tab:
                 self.said.append(message["params"]["entry"]["text"])
 
 
+PIECES = ("main", "geo", "shapes", "tabs", "words")
+"""modules of the page whose names are the window's own in tests"""
+
+
+async def pieces(tab: Tab) -> None:
+    """Let scripts use what the page's modules export by its name; the browser has each module once."""
+    await tab.until("document.readyState === 'complete'")
+    names = json.dumps([f"./static/{name}.js" for name in PIECES])
+    await tab.run(f"""Promise.all({names}.map((name) => import(name)))
+        .then((found) => {{ for (const each of found) Object.assign(window, each); }})""")
+
+
 async def _result(future: asyncio.Future[dict[str, Any]]) -> dict[str, Any]:
     return await future
 
@@ -355,6 +367,7 @@ def press(name: str, label: str) -> str:
 async def show(tab: Tab, served: Served) -> None:
     """The page again, once it hears the fleet: a test may be the first of them, or the only one."""
     await tab.open(f"http://127.0.0.1:{served.port}/")
+    await pieces(tab)
     await tab.until(f"{row('quad1')} !== null && {row('quad2')} !== null")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     await tab.run("document.getElementById('select-all').click()")  # the selected have cards

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from ground.http.guard import Rules
-from tests.ground.http.browser import FakePlanner, Fleet, Tab, card, row
+from tests.ground.http.browser import FakePlanner, Fleet, Tab, card, pieces, row
 from zmav import wire
 from zmav.mavlink import load_dialect
 from zmav.vehicle.missions import plans_of
@@ -45,13 +45,14 @@ def at(north: float, east: float, **more: Any) -> dict[str, Any]:
 
 async def opened(tab: Tab, served: Served, *names: str) -> None:
     await tab.open(f"http://127.0.0.1:{served.port}/")
+    await pieces(tab)
     await tab.size(1400, 900)
     for name in names or ("quad1", "quad2"):
         await tab.until(f"{row(name)} !== null")
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     await tab.until("map.fitted")
     await tab.run("localStorage.clear(); drawing.shapes.all = []; drawing.refresh(); store.groups = {}")
-    await tab.run("map.fit(map.shown.map((each) => each.place)); map.follow(false)")  # nothing moves under the pointer
+    await tab.run("map.fit(map.placesShown); map.follow(false)")  # nothing moves under the pointer
 
 
 async def on_map(tab: Tab, name: str, north: float = 0.0, east: float = 0.0) -> tuple[float, float]:
@@ -160,9 +161,10 @@ async def test_a_local_frame_has_a_map_too(tab: Tab, served: Served, fleet: Flee
     fleet.more = {"lab1": at(0, 0, position=None), "lab2": at(3, 4, position=None)}
     fresh = f"http://127.0.0.1:{served.port}/"
     await tab.open(fresh)
+    await pieces(tab)
     await tab.until(f"{row('lab1')} !== null && {row('lab2')} !== null && map.fitted")
     await tab.run("for (const id of [...store.vehicles.keys()]) if (!id.includes('lab')) store.vehicles.delete(id)")
-    found = await tab.run("(([a, b]) => wayBetween(a.place, b.place).distance)(store.all.filter((v) => v.placed))")
+    found = await tab.run("(([a, b]) => wayBetween(a.place, b.place).distance)(store.all.filter((v) => v.place))")
     assert found == pytest.approx(5.0, abs=0.05)
 
 
@@ -459,6 +461,7 @@ async def test_a_viewer_gets_no_button_that_acts(tab: Tab, serve: Serve) -> None
     viewer = serve(Rules(read_only=True))
     viewer.vehicle("quad7", 7)
     await tab.open(f"http://127.0.0.1:{viewer.port}/")
+    await pieces(tab)
     await tab.until("document.getElementById('link').textContent.startsWith('live')")
     viewer.vehicle("quad7", 7)
     await tab.until(f"{row('quad7')} !== null")

@@ -1,0 +1,46 @@
+// One question at a time, before what arms or moves.
+
+import { byId, make } from "./dom.js";
+
+/** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */
+
+/**
+ * Ask, and give what was entered (or true), or null for no. One question at a time. The answer is the button's own, taken as
+ * it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
+ * @param {string} title @param {string} text @param {string} yes @param {Field | null} field
+ * @param {boolean} aside beside what is shown on the map
+ * @returns {Promise<any>}
+ */
+export function confirmed(title, text, yes, field = null, aside = false) {
+  const dialog = byId("confirm");
+  if (dialog.open) return Promise.resolve(null);
+  const form = dialog.querySelector("form");
+  const input = dialog.querySelector("input");
+  byId("confirm-title").textContent = title;
+  byId("confirm-text").textContent = text;
+  byId("confirm-yes").textContent = yes;
+  const label = byId("confirm-field");
+  label.hidden = !field;
+  input.disabled = !field;
+  if (field) {
+    label.querySelector("span").textContent = field.label;
+    label.querySelector("i").textContent = field.type === "text" ? "" : field.unit || "m";
+    byId("modes").replaceChildren(...(field.options || []).map((each) => Object.assign(make("option"), { value: each })));
+    input.type = field.type || "number";
+    input.min = field.type === "text" ? "" : "0.1";
+    input.max = field.type === "text" ? "" : "10000";
+    input.required = true;
+    input.value = field.value;
+  }
+  dialog.classList.toggle("aside", aside);
+  dialog.showModal();
+  return new Promise((resolve) => {
+    form.onsubmit = (/** @type {SubmitEvent} */ event) => {
+      const button = /** @type {HTMLButtonElement | null} */ (event.submitter);
+      const agreed = button !== null && button.value === "yes";
+      const entered = field && (field.type === "text" ? input.value.trim() : Number(input.value));
+      resolve(agreed ? (field ? entered : true) : null);
+    };
+    dialog.oncancel = () => resolve(null);
+  });
+}

@@ -1,0 +1,45 @@
+// What the planner in charge is asked, and the ways that it would fly shown before a person agrees.
+
+import { confirmed } from "./ask.js";
+import { toast } from "./dom.js";
+import { post } from "./orders.js";
+import { few, metres, span, t, wordsOf } from "./words.js";
+
+/** @typedef {import("./types.js").Goal} Goal */
+
+/** Ask the planner in charge, and say what came of it. @param {string} verb @param {any} args @returns {Promise<any>} */
+export async function askPlanner(verb, args) {
+  try {
+    const { result } = await post(`swarm/${verb}`, args);
+    const goals = result.goals ? result.goals.join(", ") || t("planner.nothing") : result.goal || "";
+    toast(t("planner.done", { verb, goals }), "good", 5000);
+    return result;
+  } catch (error) {
+    toast(t("planner.failed", { verb, text: wordsOf(error) }), "bad", 15000);
+    return null;
+  }
+}
+
+/**
+ * Show what would be flown, and have it flown if a person agrees.
+ * @param {Goal} goal @param {import("./planlayer.js").PlanLayer} plans
+ */
+export async function planFirst(goal, plans) {
+  const names = few(goal.vehicles, 8);
+  const box = toast(t("preview.waits", { who: names }), "", 0);
+  let preview;
+  try {
+    preview = (await post("swarm/preview", { goal })).result;
+  } catch (error) {
+    toast(t("preview.failed", { who: names, text: wordsOf(error) }), "bad", 15000);
+    return;
+  } finally {
+    box.remove();
+  }
+  plans.preview(preview.steps);
+  plans.draw();
+  const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });
+  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), t("preview.text", { span: span(preview.makespan), clear }), t("preview.yes"), null, true);
+  plans.preview([]);
+  if (yes) await askPlanner("submit", { goal });
+}

@@ -1,0 +1,60 @@
+// What the gateway sends, as far as the page reads it: zmav/wire/state.py, zmav/wire/swarm.py, zmav/doctor.
+
+/**
+ * @typedef {import("./words.js").Level} Level
+ * @typedef {{lat: number, lon: number}} Place degrees, WGS84
+ * @typedef {[number, number, number]} Vector NED, m or m/s
+ *
+ * @typedef {object} State of a vehicle
+ * @property {boolean} [replayed]
+ * @property {number | null} [sysid]
+ * @property {string | null} [autopilot]
+ * @property {string | null} [kind]
+ * @property {string | null} [mode]
+ * @property {boolean | null} [armed]
+ * @property {boolean | null} [landed]
+ * @property {boolean | null} [ready]
+ * @property {string[]} [not_ready]
+ * @property {{lat_deg: number, lon_deg: number, alt_amsl: number, alt_rel: number} | null} [position]
+ * @property {Vector | null} [local]
+ * @property {Vector | null} [velocity]
+ * @property {{roll: number, pitch: number, yaw: number} | null} [attitude]
+ * @property {{voltage?: number | null, remaining?: number | null} | null} [battery]
+ * @property {{fix: string, satellites?: number | null, hdop?: number | null} | null} [gps]
+ * @property {number} [link_loss]
+ * @property {{holder: string} | null} [lease]
+ * @property {string} [mover]
+ *
+ * @typedef {{rule: string, level: Level, text: string, advice: string}} Alarm what is not well, by the rules of zmav/doctor
+ * @typedef {{name: string, t: number, severity: string, text: string}} FleetEvent
+ *
+ * @typedef {{kind: string, vehicles: string[]} & Record<string, any>} Goal
+ * @typedef {{id: string, goal: Goal, state: string, text: string, progress: number, clearance: number | null}} GoalEntry
+ * @typedef {{planner: string, term: number, goals: GoalEntry[]}} Book of the planner in charge
+ * @typedef {number[]} TrackPoint seconds after the start, then m NED about the fleet's origin
+ * @typedef {Record<string, TrackPoint[]>} Tracks by vehicle
+ * @typedef {{goal: string, start: number, makespan: number, tracks: Tracks}} Plan start: UTC seconds
+ * @typedef {{tracks?: Tracks, makespan: number}} Step of a preview, which begins where the one before it ends
+ *
+ * @typedef {object} What an obstacle is
+ * @property {string} shape
+ * @property {[number, number][]} [polygon]
+ * @property {number[]} [center]
+ * @property {number[]} [velocity]
+ * @property {number} [radius]
+ * @property {number[]} [low]
+ * @property {number[]} [high]
+ * @property {number} [floor]
+ * @property {number} [ceiling]
+ * @typedef {{name: string, t: number, what: What}} Obstacle
+ *
+ * @typedef {{a: string, b: string, grade: string, loss: number | null, rtt: number | null}} MeshLink
+ * @typedef {{weakest: {grade: string, ends: string[]} | null, rtt: number | null} | null} Network
+ * @typedef {{fleet: string, name: string, reasons: Alarm[], network: Network}} VehicleReport
+ * @typedef {{links: MeshLink[], vehicles: VehicleReport[]}} Report of GET /report
+ *
+ * @typedef {{key: string, t: number, value: any, alarms?: Alarm[], deleted?: boolean}} Message of a key
+ * @typedef {{hz?: number, history?: number}} How a key is read
+ */
+
+export {};

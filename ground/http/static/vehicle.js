@@ -1,0 +1,107 @@
+// One vehicle: what it says, what that means, and what is not well with it.
+
+import { LEVELS, span, t } from "./words.js";
+
+/** @typedef {import("./types.js").Alarm} Alarm @typedef {import("./types.js").Place} Place @typedef {import("./types.js").State} State @typedef {import("./types.js").Level} Level */
+
+const STALE_S = 2;
+const MOST_POINTS = 300; // of a track
+
+export class Vehicle {
+  /** @param {string} fleet @param {string} name */
+  constructor(fleet, name) {
+    this.fleet = fleet;
+    this.name = name;
+    this.id = `${fleet}/${name}`;
+    /** @type {State} the last one; empty before the first */
+    this.state = {};
+    /** @type {Alarm[]} by the gateway, the worst first */
+    this.alarms = [];
+    this.at = 0;
+    /** @type {Place | null} */
+    this.place = null;
+    /** @type {{at: number, lat: number, lon: number, alt: number | null}[]} alt: see height */
+    this.trail = [];
+    /** @type {Place | null} */
+    this.home = null;
+    /** @type {Place | null} where its autopilot flies to */
+    this.target = null;
+    /** @type {import("./types.js").VehicleReport | null} */
+    this.report = null;
+    this.colour = "gray";
+    /** @type {Alarm[]} */
+    this.found = [];
+    this.judged = this.judgedAt = 0;
+  }
+
+  /** @param {State} state @param {Alarm[]} alarms @param {Place | null} place */
+  take(state, alarms, place) {
+    this.state = state;
+    this.alarms = alarms;
+    this.at = Date.now();
+    this.place = place;
+    if (!place) return;
+    const last = this.trail[this.trail.length - 1];
+    if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.height });
+    while (this.trail.length > MOST_POINTS) this.trail.shift();
+  }
+
+  get age() {
+    return (Date.now() - this.at) / 1000;
+  }
+
+  get stale() {
+    return this.age > STALE_S;
+  }
+
+  /** m above home, or down from the fleet's origin; null: not known. */
+  get height() {
+    const s = this.state;
+    if (s.position && Number.isFinite(s.position.alt_rel)) return s.position.alt_rel;
+    return s.local ? -s.local[2] : null;
+  }
+
+  get speed() {
+    return this.state.velocity ? Math.hypot(this.state.velocity[0], this.state.velocity[1]) : null;
+  }
+
+  /** Radians clockwise from north. */
+  get heading() {
+    return (this.state.attitude && Number(this.state.attitude.yaw)) || 0;
+  }
+
+  /** What it does, and for whom. */
+  get doing() {
+    const lease = this.state.lease;
+    const mover = this.state.mover && this.state.mover !== "nobody" ? this.state.mover : "";
+    return [mover, lease ? t("doing.for", { holder: lease.holder }) : ""].filter(Boolean).join(" ");
+  }
+
+  /** All that is not well, the worst first. Several views ask for it while the page is drawn. @returns {Alarm[]} */
+  get troubles() {
+    const now = Math.floor(Date.now() / 100);
+    if (this.judged !== now || this.judgedAt !== this.at) [this.judged, this.judgedAt, this.found] = [now, this.at, this.judge()];
+    return this.found;
+  }
+
+  /** What the state tells, at once, and what is known beside it, a second later. @returns {Alarm[]} */
+  judge() {
+    if (this.stale) return [{ rule: "state", level: "bad", text: t("vehicle.silent", { span: span(this.age) }), advice: t("vehicle.silent.advice") }];
+    const more = this.report ? this.report.reasons.filter((each) => !this.alarms.some((alarm) => alarm.rule === each.rule)) : [];
+    return [...this.alarms, ...more].sort((a, b) => LEVELS.indexOf(a.level) - LEVELS.indexOf(b.level));
+  }
+
+  /** @returns {Level} */
+  get level() {
+    const troubles = this.troubles;
+    return troubles.length ? troubles[0].level : "ok";
+  }
+
+  /** What hinders a takeoff, in the autopilot's own words where it has any. @returns {string[]} */
+  get hindrances() {
+    const s = this.state;
+    const own = s.not_ready && s.not_ready.length ? s.not_ready : s.ready === false ? [t("preflight.unsaid")] : [];
+    const ours = this.troubles.filter((each) => each.level === "bad" && each.rule !== "not-ready").map((each) => each.text);
+    return s.armed ? ours : [...ours, ...own];
+  }
+}
