@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import zenoh
 
 from ground.feed import MOST, Feed, OnFrame, Origin
+from ground.http.audit import Audit
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput, BadMessage, Clash, NoSuchVehicle, Stale
@@ -131,6 +132,7 @@ class Gateway:
         self.client, self.read_only, self.stream_timeout, self.tiles = client, read_only, stream_timeout, tiles
         self.started = time.time()
         self.wants = Wants(client)
+        self.audit = Audit(client)
         self.sent = 0
         """frames put to vehicles by the faces"""
         self.figures: dict[str, Callable[[], float]] = {}
@@ -313,6 +315,7 @@ class Gateway:
             self.client.put(keys.TX, key, data)
             self.sent += 1
             found.append(key)
+        self.audit.say(f"frame/{name}", [vehicle.name for vehicle in vehicles], "", "sent")
         return found
 
     def _reachable(self, sysid: int) -> Vehicle:

@@ -44,6 +44,7 @@ GROUP = {
     "/ws": "Key space",
     "do": "Orders",
     "agent": "Orders",
+    "orders": "Orders",
     "fleet": "Orders",
     "swarm": "Orders",
     "setpoint": "Setpoints",
