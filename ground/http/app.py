@@ -14,7 +14,20 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http import audit, keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, setpoints, watching, ws
+from ground.http import (
+    audit,
+    keyspace,
+    mavlink2rest,
+    mavnode,
+    metrics,
+    missions,
+    openapi,
+    orders,
+    page,
+    setpoints,
+    watching,
+    ws,
+)
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal
@@ -59,7 +72,7 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-FACES = (page, audit, openapi, metrics, mavnode, mavlink2rest, orders, setpoints, watching, ws, keyspace)
+FACES = (page, audit, openapi, metrics, mavnode, mavlink2rest, orders, missions, setpoints, watching, ws, keyspace)
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from ground.http.gateway import Gateway
 
 logger = logging.getLogger(__name__)
-ORDERING = ("do", "fleet", "swarm", "agent", "setpoint", "release")
+ORDERING = ("do", "fleet", "swarm", "agent", "mission", "setpoint", "release")
 """first parts of the paths that give orders; frames are told of by who sends them"""
-LOOKING = ("swarm/preview", "swarm/status")
+LOOKING = ("swarm/preview", "swarm/status", "mission/read")
 AGAIN_S, MOST, KEPT = 1.0, 500, 500
 """s in which the same is told once; so many different ones in that time, and lines that the gateway itself keeps"""
 WAITED_S, UNDER_WAY = 60.0, "running"
@@ -114,7 +114,7 @@ class Audited:
             await self._app(scope, receiving, sending)
         finally:
             with contextlib.suppress(Exception):  # the order was given, whatever there is to say of it
-                args = {**query, **_object(body)}
+                args = {**query, **({} if path.startswith("mission") else _object(body))}
                 verb, vehicles = _meant(path, args)
                 if str(args.get("preview", "")).lower() != "true":
                     took = time.monotonic() - began
@@ -144,7 +144,7 @@ def _meant(path: str, args: MutableMapping[str, Any]) -> tuple[str, list[str]]:
         return "/".join([group, *rest[1:]]), rest[:1]
     goal = args.get("goal")
     named = args.pop("vehicles", None) or (goal.get("vehicles") if isinstance(goal, dict) else None) or []
-    return path, [str(name) for name in (named if isinstance(named, list) else [named])]
+    return path, [str(name) for name in (named if isinstance(named, list) else str(named).split(","))]
 
 
 def _outcome(status: int, reply: bytes) -> str:

@@ -45,6 +45,7 @@ GROUP = {
     "do": "Orders",
     "agent": "Orders",
     "orders": "Orders",
+    "mission": "Orders",
     "fleet": "Orders",
     "swarm": "Orders",
     "setpoint": "Setpoints",
@@ -70,6 +71,7 @@ PATH = {
 """parts of paths by their names"""
 
 _HOLDER = ("as", "a name for this caller, under which it holds the lease", TEXT)
+_KIND = ("kind", "that kind alone: mission, fence, rally", TEXT)
 _PORT = ("port", "UDP port to send to", {"type": "integer", "minimum": 1, "maximum": 65535})
 QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
     "/keys/{key}": (("timeout", "s to wait for answers", NUMBER),),
@@ -81,6 +83,8 @@ QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
     "/stop/{sys}/{comp}": (_PORT,),
     "/setpoint/{vehicle}": (_HOLDER,),
     "/release/{vehicle}": (_HOLDER,),
+    "/mission/read": (_KIND,),
+    "/mission/upload": (("vehicles", "names or patterns, with commas between them", TEXT), _KIND),
     "/ws": (
         ("key", "key expression to subscribe to from the start; may be repeated", TEXT),
         ("hz", "samples of a key a second, at most", NUMBER),
@@ -111,6 +115,8 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
         "its arguments: name and value for set, none for params; others as the agent itself says",
         {JSON: OBJECT, FORM: OBJECT},
     ),
+    ("post", "/mission/read"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
+    ("post", "/mission/upload"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
     ("post", "/setpoint/{vehicle}"): ("", {JSON: {"$ref": "#/components/schemas/Point"}}),
 }
 """bodies by method and path: what they are, schemas by their type"""

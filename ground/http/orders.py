@@ -69,7 +69,7 @@ class FleetOrders:
         args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
-            order = FleetOrder(self._gateway.client, self._matching(patterns), verb, args)
+            order = FleetOrder(self._gateway.client, matching(self._gateway.client, patterns), verb, args)
             report({"order": order})
             return _seen_through(order)
 
@@ -82,17 +82,19 @@ class FleetOrders:
         told = [msgspec.to_builtins(told) for told in order.told.values()]
         return answer({"verb": verb, "status": status, "took": took, "notes": order.notes, "vehicles": told})
 
-    def _matching(self, patterns: Any) -> list[Vehicle]:
-        patterns = [patterns] if isinstance(patterns, str) else patterns
-        if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
-            text = "vehicles are a list of names or patterns"
-            raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
-        known = self._gateway.client.fleet()
-        found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
-        if not found:
-            present = ", ".join(v.name for v in known) or "nobody"
-            raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
-        return list({(v.fleet, v.name): v for v in found}.values())
+
+def matching(client: Client, patterns: Any) -> list[Vehicle]:
+    """The vehicles that names and patterns mean; raises :class:`BadInput`, and :class:`NoSuchVehicle` for none."""
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
+        text = "vehicles are a list of names or patterns"
+        raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
+    known = client.fleet()
+    found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
+    if not found:
+        present = ", ".join(v.name for v in known) or "nobody"
+        raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
+    return list({(v.fleet, v.name): v for v in found}.values())
 
 
 async def _seen_through(order: FleetOrder) -> dict[str, Any]:
