@@ -8,17 +8,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from zmav.cli.common import Work, connected, dialect_option
+from zmav.cli import places
+from zmav.cli.common import Work, amount, connected, dialect_option
 from zmav.errors import BadConfig, missing_extra
 from zmav.links.sockets import is_loopback
 from zmav.process import leave, say, until_stopped
 
 if TYPE_CHECKING:
     from ground.http.guard import Rules
-    from ground.http.tiles import Tiles
+    from ground.http.tiles import Picture, Tiles
+    from ground.http.tileserver import TileServer
     from zmav.client import Client
 
 VARIABLE = "ZMAV_HTTP_TOKEN"
+
+
+def edges(text: str) -> tuple[float, float, float, float]:
+    """``S,W,N,E`` in degrees."""
+    south, west, north, east = places.numbers(text, 4, "S,W,N,E: degrees, as -35.37,149.15,-35.36,149.17")
+    return (south, west, north, east)
 
 
 @click.command("http")
@@ -36,6 +44,17 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
 @click.option("--tiles", type=click.Path(dir_okay=False), help="Pictures of the ground: FILE.pmtiles or FILE.mbtiles.")
+@click.option("--tile-server", metavar="URL", help="Pictures of the ground from https://HOST/{z}/{x}/{y}.png, kept.")
+@click.option(
+    "--tile-cache",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("~/.cache/zmav/tiles"),
+    show_default=True,
+    help="Folder in which those are kept.",
+)
+@click.option("--tile-space", callback=amount, default="500MB", show_default=True, help="So much of them at most.")
+@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), help="A picture to lay over the map.")
+@click.option("--corners", type=edges, metavar="S,W,N,E", help="Where it lies, in degrees.")
 @dialect_option
 @connected
 def command(
@@ -47,12 +66,21 @@ def command(
     allow_host: tuple[str, ...],
     allow_origin: tuple[str, ...],
     tiles: str | None,
+    tile_server: str | None,
+    tile_cache: Path,
+    tile_space: int,
+    picture: Path | None,
+    corners: tuple[float, float, float, float] | None,
 ) -> Work:
     """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
 
     'curl localhost:8088/vehicles' says who is there, 'curl localhost:8088/last/1/1/ATTITUDE' a message,
     'curl localhost:8088/keys/quad1' anything in the key space; a browser finds a page at http://localhost:8088/.
     """
+    if tiles and tile_server:
+        raise click.UsageError("give one of --tiles and --tile-server")
+    if (picture is None) != (corners is None):
+        raise click.UsageError("a picture lies somewhere: give --picture and --corners")
     secret = _read_token(token_file) if token_file else token
     if host != "localhost" and not is_loopback(host) and not secret:
         text = (
@@ -68,23 +96,29 @@ def command(
         raise missing_extra("'zmav http'", e.name, "ground") from e
     from ground.http.guard import LOOPBACK, Rules
     from ground.http.server import bound
-    from ground.http.tiles import Tiles
+    from ground.http.tiles import Picture, Tiles
+    from ground.http.tileserver import TileServer
 
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
     rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
     sock = bound(host, port)
-    ground = Tiles(Path(tiles)) if tiles else None
-    return lambda z: _serve(z, host, sock, rules, ground)
+    over = Picture(picture, corners) if picture is not None and corners is not None else None
+    ground: Tiles | TileServer | None = Tiles(Path(tiles)) if tiles else None
+    if tile_server:
+        ground = TileServer(tile_server, tile_cache.expanduser(), tile_space)
+    return lambda z: _serve(z, host, sock, rules, ground, over)
 
 
-async def _serve(z: Client, host: str, sock: socket.socket, rules: Rules, tiles: Tiles | None) -> None:
+async def _serve(
+    z: Client, host: str, sock: socket.socket, rules: Rules, tiles: Tiles | TileServer | None, picture: Picture | None
+) -> None:
     from ground.http.app import make_app
     from ground.http.gateway import Gateway
     from ground.http.server import serving
 
     async with (
-        Gateway(z, rules.read_only, tiles=tiles) as gateway,
+        Gateway(z, rules.read_only, tiles=tiles, picture=picture) as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host

@@ -25,7 +25,8 @@ from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
 if TYPE_CHECKING:
-    from ground.http.tiles import Tiles
+    from ground.http.tiles import Picture, Tiles
+    from ground.http.tileserver import TileServer
 
 LASTING = 30.0
 """s that an asked message is wanted for"""
@@ -127,9 +128,15 @@ class Gateway:
     """
 
     def __init__(
-        self, client: Client, read_only: bool = False, stream_timeout: float = 60.0, tiles: Tiles | None = None
+        self,
+        client: Client,
+        read_only: bool = False,
+        stream_timeout: float = 60.0,
+        tiles: Tiles | TileServer | None = None,
+        picture: Picture | None = None,
     ) -> None:
-        self.client, self.read_only, self.stream_timeout, self.tiles = client, read_only, stream_timeout, tiles
+        self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
+        self.tiles, self.picture = tiles, picture
         self.started = time.time()
         self.wants = Wants(client)
         self.audit = Audit(client)
@@ -152,6 +159,8 @@ class Gateway:
         for end in self._ends:
             end()
         self.wants.close()
+        if self.tiles is not None:
+            self.tiles.close()
         if self._feed is not None:
             self._feed.close()
 

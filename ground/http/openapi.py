@@ -51,7 +51,7 @@ GROUP = {
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles", "picture"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {

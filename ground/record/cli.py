@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import importlib
-import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ import click
 import zmav
 from ground.record.folder import Folder
 from zmav import keys, wire
-from zmav.cli.common import dialect_option, fleet_option, run, show_table, size, zenoh_options
+from zmav.cli.common import amount, dialect_option, fleet_option, run, show_table, size, zenoh_options
 from zmav.errors import BadConfig, BadInput, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
@@ -24,16 +23,6 @@ from zmav.session import SessionSettings
 if TYPE_CHECKING:
     from ground.record.recorder import Wanted
     from ground.record.storage import RecordingSettings
-
-UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
-
-
-def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
-    """An option's callback that reads bytes with their unit: ``5GB``."""
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
-    if found is None or found[2] not in UNITS:
-        raise click.BadParameter(f"{text!r} is not a number with its unit, as in 1GB", ctx, option)
-    return int(float(found[1]) * UNITS[found[2]])
 
 
 @click.command("record")
