@@ -24,6 +24,7 @@ from ground.http import (
     openapi,
     orders,
     page,
+    replay,
     setpoints,
     watching,
     ws,
@@ -72,7 +73,8 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-FACES = (page, audit, openapi, metrics, mavnode, mavlink2rest, orders, missions, setpoints, watching, ws, keyspace)
+VIEWS = (page, audit, replay, openapi, metrics, watching)
+FACES = (*VIEWS, mavnode, mavlink2rest, orders, missions, setpoints, ws, keyspace)
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:

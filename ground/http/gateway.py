@@ -27,6 +27,7 @@ from zmav.waiting import within
 if TYPE_CHECKING:
     from ground.http.tiles import Picture, Tiles
     from ground.http.tileserver import TileServer
+    from ground.record.steering import SteeredPlayer
 
 LASTING = 30.0
 """s that an asked message is wanted for"""
@@ -134,9 +135,10 @@ class Gateway:
         stream_timeout: float = 60.0,
         tiles: Tiles | TileServer | None = None,
         picture: Picture | None = None,
+        player: SteeredPlayer | None = None,
     ) -> None:
         self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
-        self.tiles, self.picture = tiles, picture
+        self.tiles, self.picture, self.player = tiles, picture, player
         self.started = time.time()
         self.wants = Wants(client)
         self.audit = Audit(client)

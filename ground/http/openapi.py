@@ -19,6 +19,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
 from ground.http.orders import GOALS
+from ground.http.replay import Steer
 from ground.http.setpoints import Point
 from zmav import wire
 from zmav.verbs import SWARM_VERBS, VERBS, Verb
@@ -51,7 +52,7 @@ GROUP = {
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles", "picture"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles", "picture", "replay"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
@@ -117,6 +118,7 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
     ),
     ("post", "/mission/read"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
     ("post", "/mission/upload"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
+    ("post", "/replay"): ("what changes", {JSON: {"$ref": REF.format(name="Steer")}}),
     ("post", "/setpoint/{vehicle}"): ("", {JSON: {"$ref": "#/components/schemas/Point"}}),
 }
 """bodies by method and path: what they are, schemas by their type"""
@@ -147,7 +149,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
     """The OpenAPI document of these routes."""
     orders = (verb.args for verb in (*VERBS.values(), *SWARM_VERBS.values()))
-    kinds: Sequence[type[wire.Wire]] = (*orders, *GOALS.values(), Point, wire.Outcome, ErrorAnswer)
+    kinds: Sequence[type[wire.Wire]] = (*orders, *GOALS.values(), Point, Steer, wire.Outcome, ErrorAnswer)
     references, components = msgspec.json.schema_components(kinds, ref_template=REF)
     schemas = dict(zip(kinds, references, strict=True))
     for loose in ("Error", "ErrorAnswer"):

@@ -64,6 +64,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     tiles = gateway.tiles
     fields["tiles"] = "" if tiles is None else f"{tiles.kind} {tiles.closest or ''}"
     over = gateway.picture
+    fields["replay"] = "yes" if gateway.player is not None else "no"
     fields["picture"] = "" if over is None else " ".join(map(str, over.corners))
     texts = dict(_files())
     texts["index.html"] = FIELD.sub(lambda found: html.escape(fields[found[1]]), texts["index.html"])
