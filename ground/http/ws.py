@@ -23,6 +23,7 @@ import zenoh
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from ground.http.changes import Changes, rounded
 from ground.http.documents import document_of_sample, names_a_message, to_json
 from ground.http.gateway import Gateway
 from ground.http.reply import body_of, failure_of
@@ -128,16 +129,23 @@ class Outbox(Generic[T]):
 class Came:
     """A sample and when it came (UTC seconds); its text is made when the first socket sends it."""
 
-    __slots__ = ("_text", "key", "sample", "t")
+    __slots__ = ("_rounded", "_text", "key", "sample", "t")
 
     def __init__(self, sample: zenoh.Sample, t: float) -> None:
         self.key, self.sample, self.t = str(sample.key_expr), sample, t
         self._text: str | None = None
+        self._rounded: dict[str, Any] | None = None
 
     def text(self, dialect: Dialect) -> str:
         if self._text is None:
             self._text = to_json(document_of_sample(self.sample, self.t, dialect)).decode()
         return self._text
+
+    def rounded(self, dialect: Dialect) -> dict[str, Any]:
+        """As a document; it is not to be changed."""
+        if self._rounded is None:
+            self._rounded = rounded(document_of_sample(self.sample, self.t, dialect))
+        return self._rounded
 
 
 Sink = Callable[[Came], None]
@@ -212,14 +220,18 @@ logger = logging.getLogger(__name__)
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):
-    """What a client sends: one of ``subscribe``, ``unsubscribe`` and ``ping``, which comes back as ``pong``."""
+    """What a client sends: one of the first four; ``ping`` comes back as ``pong``."""
 
     subscribe: str | None = None
     unsubscribe: str | None = None
+    whole: str | None = None
+    """a key of which all is to come again, where only changes were asked for"""
     ping: float | None = None
     hz: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_HZ)] | None = None
     history: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0
     """how many of each vehicle's past events come first"""
+    changes: bool = False
+    """of each key only what changed since its last message: see :mod:`ground.http.changes`"""
 
 
 class Reader:
@@ -240,9 +252,11 @@ class Socket:
 
     def __init__(self, gateway: Gateway, sources: Sources, ws: WebSocket) -> None:
         self._gateway, self._sources, self._ws = gateway, sources, ws
-        self._outbox: Outbox[Came | dict[str, Any]] = Outbox()
+        self._outbox: Outbox[tuple[int, Came] | dict[str, Any]] = Outbox()
         self._readers: dict[str, Reader] = {}
         self._periods: dict[int, float] = {}
+        self._changes: dict[int, Changes] = {}
+        """by the subscription's number, of those that want no more"""
         self._numbers = 0
         self._since: float | None = None
         """since when a message is being sent (monotonic seconds); None: nothing is"""
@@ -295,6 +309,9 @@ class Socket:
         client = self._gateway.client
         if ask.ping is not None:
             self._say({"pong": ask.ping})
+        elif ask.whole is not None:
+            for changes in self._changes.values():
+                changes.forget(ask.whole)
         elif ask.unsubscribe is not None:
             key = keys.expression(ask.unsubscribe, client.fleet_name)
             if key not in self._readers:
@@ -308,13 +325,15 @@ class Socket:
             if len(self._readers) >= MOST_SUBSCRIPTIONS:
                 text = f"no more than {MOST_SUBSCRIPTIONS} subscriptions a socket: unsubscribe, or use a wildcard"
                 raise BadInput(text, field="subscribe", value=key, expected=f"at most {MOST_SUBSCRIPTIONS}")
-            await self._take(key, ask.hz, ask.history)
+            await self._take(key, ask.hz, ask.history, ask.changes)
             self._say({"subscribed": key, "hz": ask.hz})
 
-    async def _take(self, key: str, hz: float | None, history: int) -> None:
+    async def _take(self, key: str, hz: float | None, history: int, changes: bool) -> None:
         wanted = want_key(key, hz, "http") if hz is not None and names_a_message(key) else ""
         self._numbers += 1
         number, owner = self._numbers, object()
+        if changes:
+            self._changes[number] = Changes()
         source = await self._sources.join(key, owner, lambda came: self._arrived(number, came), history)
         token = self._gateway.client.session.liveliness().declare_token(wanted) if wanted else None
         self._readers[key] = Reader(number, owner, source, token)
@@ -322,15 +341,16 @@ class Socket:
 
     def _arrived(self, number: int, came: Came) -> None:
         if _is_event(came.key):
-            self._outbox.queue(number, came)
+            self._outbox.queue(number, (number, came))
         else:
-            self._outbox.put(number, came.key, came)
+            self._outbox.put(number, came.key, (number, came))
 
     async def _drop(self, key: str) -> None:
         reader = self._readers.pop(key, None)
         if reader is not None:
             await reader.end(self._sources)
             del self._periods[reader.number]
+            self._changes.pop(reader.number, None)
             self._outbox.forget(reader.number)
 
     def _say(self, words: dict[str, Any]) -> None:
@@ -341,12 +361,19 @@ class Socket:
         while True:
             item = await self._outbox.get(self._periods)
             self._since = time.monotonic()
-            text = item.text(self._gateway.dialect) if isinstance(item, Came) else to_json(item).decode()
-            await self._ws.send_text(text)
+            await self._ws.send_text(self._text_of(item))
             self._since = None
             sent += 1
             if sent % IN_A_ROW == 0:
                 await asyncio.sleep(0)  # sending need not wait, and others have work to do
+
+    def _text_of(self, item: tuple[int, Came] | dict[str, Any]) -> str:
+        if isinstance(item, dict):
+            return to_json(item).decode()
+        number, came = item
+        if (changes := self._changes.get(number)) is None:
+            return came.text(self._gateway.dialect)
+        return to_json(changes.message(came.rounded(self._gateway.dialect))).decode()
 
     async def _watch(self) -> None:
         """Return when the client has not taken a message for :data:`STALL` seconds."""
@@ -411,8 +438,8 @@ def _ask_of(data: str | bytes) -> Ask:
     except (msgspec.DecodeError, UnicodeError, RecursionError) as e:
         said = str(data[:80])
         raise BadInput(f"not understood: {e}", field="message", value=said, expected=EXPECTED) from e
-    if [ask.subscribe, ask.unsubscribe, ask.ping].count(None) != 2:
-        text = "one of subscribe, unsubscribe and ping is needed"
+    if [ask.subscribe, ask.unsubscribe, ask.whole, ask.ping].count(None) != 3:
+        text = "one of subscribe, unsubscribe, whole and ping is needed"
         raise BadInput(text, field="message", value=str(data[:80]), expected=EXPECTED)
     return ask
 

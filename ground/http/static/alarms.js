@@ -4,12 +4,15 @@
 import { byId, make, makeButton, say } from "./dom.js";
 import { LEVEL_WORD, LEVELS, t } from "./words.js";
 
+const SETTLED_MS = 5000; // after that a page that was loaded again has heard what is wrong
+
 /** @typedef {{key: string, who: string, id: string, alarm: import("./types.js").Alarm}} Standing */
 
 export class Alarms {
   /** @param {import("./store.js").Store} store */
   constructor(store) {
     this.store = store;
+    this.since = Date.now();
     /** @type {Map<string, {element: HTMLElement, level: HTMLElement, words: HTMLElement, seen: HTMLButtonElement}>} */
     this.rows = new Map();
     this.list = make("ol", "alarms");
@@ -28,7 +31,8 @@ export class Alarms {
   draw() {
     const all = this.all;
     const now = new Set(all.map((each) => each.key));
-    for (const key of this.store.seen.keys()) if (!now.has(key)) this.store.seen.delete(key);
+    const settled = Date.now() - this.since > SETTLED_MS && this.store.connection === "live";
+    this.store.keepSeen((key) => now.has(key) || !(settled || this.rows.has(key)));
     for (const [key, row] of this.rows) {
       if (now.has(key)) continue;
       row.element.remove();

@@ -33,7 +33,7 @@ export function confirmed(title, text, yes, field = null, aside = false) {
     input.value = field.value;
   }
   dialog.classList.toggle("aside", aside);
-  dialog.showModal();
+  aside ? dialog.show() : dialog.showModal(); // beside the map all else can be used meanwhile: a hold waits for no answer
   return new Promise((resolve) => {
     form.onsubmit = (/** @type {SubmitEvent} */ event) => {
       const button = /** @type {HTMLButtonElement | null} */ (event.submitter);
@@ -41,6 +41,16 @@ export function confirmed(title, text, yes, field = null, aside = false) {
       const entered = field && (field.type === "text" ? input.value.trim() : Number(input.value));
       resolve(agreed ? (field ? entered : true) : null);
     };
+    input.onkeydown = (/** @type {KeyboardEvent} */ event) => {
+      if (event.key !== "Enter") return;
+      event.preventDefault(); // the form's own Enter is its first button, which is no
+      form.requestSubmit(byId("confirm-yes"));
+    };
     dialog.oncancel = () => resolve(null);
+    dialog.onkeydown = (/** @type {KeyboardEvent} */ event) => {
+      if (event.key !== "Escape" || !aside) return;
+      dialog.close();
+      resolve(null);
+    };
   });
 }

@@ -2,6 +2,7 @@
 
 import { byId, fillIn, make, makeButton } from "./dom.js";
 import { address } from "./settings.js";
+import { followTheme } from "./theme.js";
 import { t, wordsOf } from "./words.js";
 
 /** @typedef {any} Schema a JSON schema, or another part of an OpenAPI document */
@@ -115,6 +116,7 @@ byId("filter").addEventListener("input", () => {
   }
 });
 fillIn();
+followTheme();
 for (const anchor of document.querySelectorAll("a")) anchor.href = address(anchor.getAttribute("href") || "");
 draw().catch((error) => {
   byId("trouble").hidden = false;

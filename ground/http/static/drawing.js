@@ -16,6 +16,7 @@ import { t } from "./words.js";
  * @typedef {"radius" | "floor" | "ceiling"} Measure
  */
 
+const STEP = 4; // pixels that an arrow key moves a corner by
 /** @type {ShapeKind[]} */
 const KINDS = ["search", "no_fly", "geofence", "obstacle"];
 
@@ -149,7 +150,7 @@ export class Drawing {
    */
   corner(shape, drawn, index, point, between) {
     const icon = L.divIcon({ className: between ? "corner between" : "corner", iconSize: between ? [12, 12] : [16, 16] });
-    const handle = L.marker([point.lat, point.lon], { icon, draggable: true, keyboard: true, title: between ? t("draw.between") : t("draw.corner"), alt: t("draw.corner.name", { name: shape.name }) }).addTo(this.layer);
+    const handle = L.marker([point.lat, point.lon], { icon, draggable: true, keyboard: true, corner: between ? null : index, title: between ? t("draw.between") : t("draw.corner"), alt: t("draw.corner.name", { name: shape.name }) }).addTo(this.layer);
     const moved = (/** @type {{lat: number, lng: number}} */ latlng) => {
       const points = [...shape.points];
       points.splice(index, between ? 0 : 1, { lat: latlng.lat, lon: latlng.lng });
@@ -170,7 +171,18 @@ export class Drawing {
       this.refresh();
     };
     handle.on("contextmenu", remove);
-    handle.on("keydown", (/** @type {any} */ event) => event.originalEvent.key === "Delete" && remove());
+    handle.on("keydown", (/** @type {any} */ event) => {
+      const [dx, dy] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[/** @type {string} */ (event.originalEvent.key)] || [0, 0];
+      if (event.originalEvent.key === "Delete") remove();
+      if (!dx && !dy) return;
+      event.originalEvent.stopPropagation();
+      event.originalEvent.preventDefault();
+      const pixels = this.view.map.latLngToContainerPoint(handle.getLatLng()).add([STEP * dx, STEP * dy]);
+      const points = moved(this.view.map.containerPointToLatLng(pixels));
+      this.shapes.change(() => (shape.points = points));
+      this.refresh();
+      this.layer.getLayers().find((/** @type {any} */ each) => each.options.corner === index)?.getElement().focus();
+    });
   }
 
   /** @param {Shape} shape */

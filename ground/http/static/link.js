@@ -1,5 +1,6 @@
 // The WebSocket to the gateway: subscribes again when it comes back, and knows when it is dead although it is open.
 
+import { Wholes } from "./changes.js";
 import { address } from "./settings.js";
 
 const SILENCE_MS = 5000; // nothing heard, not even an answer to a ping: the connection is dead
@@ -20,6 +21,7 @@ export class Link {
     /** @type {number | null} ms to the gateway and back */
     this.rtt = null;
     this.delay = 300;
+    this.wholes = new Wholes();
     /** @type {WebSocket | null} */
     this.socket = null;
     setInterval(() => this.check(), 1000);
@@ -32,6 +34,7 @@ export class Link {
     const socket = new WebSocket(url);
     this.socket = socket;
     this.opened = Date.now();
+    this.wholes.clear();
     socket.onopen = () => {
       this.delay = 300;
       for (const [key, how] of this.wanted) this.send({ subscribe: key, ...how });
@@ -43,7 +46,9 @@ export class Link {
       const message = JSON.parse(event.data);
       if (message.pong !== undefined) this.rtt = Date.now() - message.pong;
       this.onState("live", this.heard);
-      this.onMessage(message);
+      const whole = this.wholes.take(message);
+      if (whole) this.onMessage(whole);
+      else this.send({ whole: message.key });
     };
     socket.onclose = () => this.ended(socket);
   }

@@ -9,6 +9,7 @@ import { Events } from "./events.js";
 import { Explorer } from "./explore.js";
 import { FleetLayer } from "./fleetlayer.js";
 import { Goals } from "./goals.js";
+import { Heights } from "./heights.js";
 import { showGround } from "./ground.js";
 import { wireKeys } from "./keyboard.js";
 import { Link } from "./link.js";
@@ -17,10 +18,13 @@ import { MapTools } from "./maptools.js";
 import { allowOrders } from "./orders.js";
 import { PlanLayer } from "./planlayer.js";
 import { Preflight } from "./preflight.js";
+import { Scrubber } from "./scrub.js";
 import { address, FLEET } from "./settings.js";
+import { Sounds } from "./sounds.js";
 import { Store } from "./store.js";
 import { FleetTable } from "./table.js";
 import { wireTabs } from "./tabs.js";
+import { wireTheme } from "./theme.js";
 import { span, t } from "./words.js";
 
 const DRAW_MS = 200;
@@ -28,7 +32,7 @@ const REPORT_MS = 1000;
 
 fillIn();
 export const store = new Store();
-const link = new Link(
+export const link = new Link(
   (message) => {
     if (message.key === undefined) return explorer.told(message);
     store.take(message);
@@ -45,7 +49,11 @@ new MapTools(store, map);
 showGround(map);
 export const plans = new PlanLayer(store, map);
 export const drawing = new Drawing(store, map, plans);
-const views = [map, new FleetTable(store), new FleetLayer(store, map), plans, new Alarms(store), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
+const alarms = new Alarms(store);
+export const scrubber = new Scrubber(store, map, plans);
+export const heights = new Heights(store, map, plans, scrubber);
+export const fleetLayer = new FleetLayer(store, map);
+const views = [map, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -100,8 +108,9 @@ function readTargets() {
 
 wireTabs();
 wireKeys(store, map);
+wireTheme(() => map.paint());
 for (const anchor of document.querySelectorAll("footer a")) /** @type {HTMLAnchorElement} */ (anchor).href = address(anchor.getAttribute("href") || "");
-link.subscribe("*", { hz: 5 });
+link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
 link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });

@@ -31,6 +31,9 @@ export class FleetMap {
     this.grid = make("canvas", "grid");
     this.grid.setAttribute("aria-hidden", "true");
     element.prepend(this.grid);
+    this.crosshair = make("div", "crosshair");
+    this.crosshair.hidden = true;
+    element.append(this.crosshair);
     this.following = true;
     this.fitted = this.drawn = false;
     this.wasNowhere = store.nowhere;
@@ -43,8 +46,8 @@ export class FleetMap {
     this.map.on("dragstart", () => this.follow(false));
     this.map.on("click", (/** @type {any} */ event) => this.tool && this.tool.click({ lat: event.latlng.lat, lon: event.latlng.lng }));
     this.map.on("mousemove", (/** @type {any} */ event) => this.tool && this.tool.move && this.tool.move({ lat: event.latlng.lat, lon: event.latlng.lng }));
+    element.addEventListener("keydown", (event) => this.aim(event));
     element.addEventListener("wheel", () => this.follow(false), { passive: true });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paint());
     this.paint();
     this.readOutline();
   }
@@ -71,6 +74,16 @@ export class FleetMap {
     const shows = wanted && this.map.getZoom() <= OUTLINE_TO;
     this.element.classList.toggle("wide", shows);
     if (shows !== this.map.hasLayer(this.land)) shows ? this.land.addTo(this.map) : this.land.remove();
+  }
+
+  /** With a tool the space bar is a click at the middle of the map, which arrow keys move. @param {KeyboardEvent} event */
+  aim(event) {
+    if (event.target !== this.element) return;
+    if (event.key.startsWith("Arrow")) this.follow(false);
+    if (event.key !== " " || !this.tool) return;
+    event.preventDefault();
+    const middle = this.map.getCenter();
+    this.tool.click({ lat: middle.lat, lon: middle.lng });
   }
 
   /** @param {boolean} on */
@@ -167,7 +180,9 @@ export class FleetMap {
     this.end();
     this.tool = tool;
     this.element.classList.add("aiming");
-    say(byId("map-tool").firstElementChild, words);
+    this.crosshair.hidden = false;
+    this.element.focus({ preventScroll: true });
+    say(byId("map-tool").firstElementChild, t("tool.words", { words }));
     byId("map-tool").hidden = false;
     for (const button of document.querySelectorAll("[data-tool]")) button.setAttribute("aria-pressed", String(/** @type {HTMLElement} */ (button).dataset.tool === tool.name));
   }
@@ -176,6 +191,7 @@ export class FleetMap {
     const tool = this.tool;
     this.tool = null;
     this.element.classList.remove("aiming");
+    this.crosshair.hidden = true;
     byId("map-tool").hidden = true;
     for (const button of document.querySelectorAll("[data-tool]")) button.setAttribute("aria-pressed", "false");
     if (tool && tool.end) tool.end();

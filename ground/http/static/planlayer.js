@@ -13,7 +13,7 @@ export class PlanLayer {
     this.view = view;
     this.ways = L.layerGroup().addTo(view.map);
     this.shapes = L.layerGroup().addTo(view.map);
-    /** @type {import("./types.js").Tracks[]} of a preview, one after another */
+    /** @type {import("./types.js").Step[]} of a preview, one after another */
     this.previewed = [];
     this.drawnOf = "";
     this.drawnShapes = "";
@@ -21,11 +21,11 @@ export class PlanLayer {
 
   /** Show what would be flown; an empty list shows nothing any more. @param {import("./types.js").Step[]} steps */
   preview(steps) {
-    this.previewed = steps.map((step) => step.tracks || {});
+    this.previewed = steps;
     this.drawnOf = "";
     const origin = this.store.origin;
     if (!this.previewed.length || !origin) return;
-    const places = this.previewed.flatMap((tracks) => Object.values(tracks).flat().map((p) => toGlobal(origin, p[1], p[2])));
+    const places = this.previewed.flatMap(({ tracks = {} }) => Object.values(tracks).flat().map((p) => toGlobal(origin, p[1], p[2])));
     this.view.follow(false);
     this.view.fit([...places, ...this.view.placesShown]);
   }
@@ -49,16 +49,15 @@ export class PlanLayer {
     this.ways.clearLayers();
     const origin = this.store.origin;
     if (!origin) return;
-    const colour = (/** @type {string} */ name) => (this.store.all.find((vehicle) => vehicle.name === name) || { colour: "gray" }).colour;
     const line = (/** @type {string} */ name, /** @type {TrackPoint[]} */ track, /** @type {object} */ style) => {
       const points = track.map((p) => toGlobal(origin, p[1], p[2])).map((place) => [place.lat, place.lon]);
       if (points.length < 2) return;
-      L.polyline(points, { color: colour(name), interactive: false, ...style }).addTo(this.ways);
-      L.circleMarker(points[points.length - 1], { color: colour(name), radius: 6, weight: 2, fill: false, interactive: false }).addTo(this.ways);
+      L.polyline(points, { color: this.store.colourOf(name), interactive: false, ...style }).addTo(this.ways);
+      L.circleMarker(points[points.length - 1], { color: this.store.colourOf(name), radius: 6, weight: 2, fill: false, interactive: false }).addTo(this.ways);
     };
     for (const plan of this.store.plans.values())
       for (const [name, track] of Object.entries(plan.tracks)) line(name, track.filter((p) => plan.start + p[0] >= now - 1), { weight: 2, dashArray: "8 6", opacity: 0.9 });
-    for (const tracks of this.previewed) for (const [name, track] of Object.entries(tracks)) line(name, track, { weight: 4, dashArray: "1 8", opacity: 0.9 });
+    for (const { tracks = {} } of this.previewed) for (const [name, track] of Object.entries(tracks)) line(name, track, { weight: 4, dashArray: "1 8", opacity: 0.9 });
   }
 
   /** @param {import("./types.js").Obstacle} obstacle @param {Place} origin @param {number} now UTC seconds */

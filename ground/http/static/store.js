@@ -23,7 +23,7 @@ export class Store {
     this.events = [];
     this.eventCount = 0;
     /** @type {Map<string, number>} alarms seen by a person: id and rule */
-    this.seen = new Map();
+    this.seen = new Map(kept("seen", []));
     /** @type {import("./types.js").Book | null} */
     this.book = null;
     this.chargeAt = 0;
@@ -145,6 +145,16 @@ export class Store {
     return [...this.vehicles.values()];
   }
 
+  /** @param {string} name */
+  named(name) {
+    return this.all.find((vehicle) => vehicle.name === name);
+  }
+
+  /** @param {string} name of a vehicle */
+  colourOf(name) {
+    return this.named(name)?.colour ?? "gray";
+  }
+
   /** The vehicles that are selected. */
   get chosen() {
     return this.all.filter((vehicle) => this.selected.has(vehicle.id));
@@ -176,7 +186,16 @@ export class Store {
   /** A person knows of an alarm. @param {string} key */
   see(key) {
     this.seen.set(key, Date.now());
+    keep("seen", [...this.seen]);
     this.changed();
+  }
+
+  /** What is not there any more comes as new the next time. @param {(key: string) => boolean} there */
+  keepSeen(there) {
+    const left = [...this.seen].filter(([key]) => there(key));
+    if (left.length === this.seen.size) return;
+    this.seen = new Map(left);
+    keep("seen", left);
   }
 
   /** @param {string} name */

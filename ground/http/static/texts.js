@@ -156,6 +156,15 @@ export const TEXTS = {
   "ground.vectors": "The tiles are vectors, which are not drawn here: pictures (PNG, JPEG, WebP) are",
   "ground.failed": "No pictures of the ground: {text}",
 
+  "tool.words": "{words} (by keys: arrows, then the space bar)",
+  "heights": "Heights",
+  "heights.title": "heights from the side, each below its mark (H)",
+  "heights.label": { one: "Heights from the side: {count} vehicle, up to {top} m", other: "Heights from the side: {count} vehicles, up to {top} m" },
+  "scrub.label": "Time in what is planned",
+  "scrub.now": "Now",
+  "scrub.now.title": "with the time again",
+  "scrub.words": "{at} of {length}",
+
   // The table and the cards.
   "table": "Vehicles",
   "table.all.title": "select all that are shown (A)",
@@ -202,6 +211,13 @@ export const TEXTS = {
   "draw": "Draw",
   "events": "Events",
   "events.none": "none yet",
+
+  "sound": "sound",
+  "sound.off": "none",
+  "sound.tone": "a tone",
+  "sound.speech": "spoken",
+  "sound.on": "Alarms are heard from now on",
+  "sound.says": "{who}: {text}",
 
   // Drawing.
   "draw.no-fly": "no-fly",
@@ -252,6 +268,33 @@ export const TEXTS = {
   "explore.try": "Try",
   "explore.stop": "stop reading {key}",
   "explore.many": "only the first {most} keys are shown: subscribe to fewer",
+
+  // How the page looks, and its keys.
+  "theme": "Colours",
+  "theme.system": "as the system",
+  "theme.light": "light",
+  "theme.dark": "dark",
+  "theme.contrast": "high contrast",
+  "keys": "Keys",
+  "keys.close": "Close",
+  "keys.esc": "Esc",
+  "keys.del": "Del",
+  "keys.undo": "Ctrl+Z",
+  "key.filter": "find vehicles by words",
+  "key.all": "select all that are shown",
+  "key.esc": "end what the map does, or select nobody",
+  "key.rows": "go through the table",
+  "key.space": "one more or less in the table; with a map tool: a click in the middle of the map",
+  "key.enter": "select this one alone; close an area that is drawn",
+  "key.fit": "show all, or the selected",
+  "key.heights": "heights from the side",
+  "key.measure": "measure",
+  "key.box": "select by a box",
+  "key.zoom": "zoom, with the map in focus; arrows move it",
+  "key.tabs": "from tab to tab",
+  "key.delete": "take a corner away; arrows move it",
+  "key.undo": "undo what was drawn",
+  "key.help": "these keys",
 
   // The page of the HTTP interface.
   "docs.title": "HTTP interface",

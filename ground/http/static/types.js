@@ -54,7 +54,7 @@
  * @typedef {{links: MeshLink[], vehicles: VehicleReport[]}} Report of GET /report
  *
  * @typedef {{key: string, t: number, value: any, alarms?: Alarm[], deleted?: boolean}} Message of a key
- * @typedef {{hz?: number, history?: number}} How a key is read
+ * @typedef {{hz?: number, history?: number, changes?: boolean}} How a key is read
  */
 
 export {};

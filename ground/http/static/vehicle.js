@@ -20,7 +20,7 @@ export class Vehicle {
     this.at = 0;
     /** @type {Place | null} */
     this.place = null;
-    /** @type {{at: number, lat: number, lon: number, alt: number | null}[]} alt: see height */
+    /** @type {{at: number, lat: number, lon: number, alt: number | null}[]} alt: see above */
     this.trail = [];
     /** @type {Place | null} */
     this.home = null;
@@ -42,7 +42,7 @@ export class Vehicle {
     this.place = place;
     if (!place) return;
     const last = this.trail[this.trail.length - 1];
-    if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.height });
+    if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.above });
     while (this.trail.length > MOST_POINTS) this.trail.shift();
   }
 
@@ -59,6 +59,11 @@ export class Vehicle {
     const s = this.state;
     if (s.position && Number.isFinite(s.position.alt_rel)) return s.position.alt_rel;
     return s.local ? -s.local[2] : null;
+  }
+
+  /** m above the fleet's origin, or above home where none is known. */
+  get above() {
+    return this.state.local ? -this.state.local[2] : this.height;
   }
 
   get speed() {

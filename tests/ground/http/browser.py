@@ -155,14 +155,29 @@ class Tab:
             await self.mouse("mouseMoved", x, y, held=True, shift=shift)
         await self.mouse("mouseReleased", *end, shift=shift)
 
-    async def key(self, name: str) -> None:
+    async def key(self, name: str, shift: bool = False) -> None:
         """A key by its DOM name: Escape, Enter, Delete, a."""
-        code = {"Escape": 27, "Enter": 13, "Delete": 46, "ArrowDown": 40, "Tab": 9, " ": 32}.get(
-            name, ord(name[0].upper())
-        )
+        code = {
+            "Escape": 27,
+            "Enter": 13,
+            "Delete": 46,
+            "ArrowLeft": 37,
+            "ArrowUp": 38,
+            "ArrowRight": 39,
+            "ArrowDown": 40,
+            "Tab": 9,
+            " ": 32,
+        }.get(name, ord(name[0].upper()))
         text = {"text": "\r"} if name == "Enter" else {"text": name} if len(name) == 1 else {}
         for kind in ("keyDown", "keyUp"):
-            await self.call("Input.dispatchKeyEvent", type=kind, key=name, windowsVirtualKeyCode=code, **text)
+            await self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=name,
+                windowsVirtualKeyCode=code,
+                modifiers=8 if shift else 0,
+                **text,
+            )
 
     async def size(self, width: int, height: int) -> None:
         """Of the window, as a phone or a screen has it."""
@@ -201,7 +216,7 @@ class Tab:
                 self.said.append(message["params"]["entry"]["text"])
 
 
-PIECES = ("main", "geo", "shapes", "tabs", "words")
+PIECES = ("main", "dom", "geo", "shapes", "tabs", "words")
 """modules of the page whose names are the window's own in tests"""
 
 

@@ -365,6 +365,8 @@ async def test_alarms_are_seen_by_hand_and_stay_until_gone(tab: Tab, served: Ser
     assert first
     await tab.run(f"{alarm}.querySelector('button.small').click()")
     await tab.until(f"{alarm}.classList.contains('seen')")
+    await tab.open(f"http://127.0.0.1:{served.port}/")  # again, as after a reload
+    await tab.until(f"{alarm}.classList.contains('seen')")
     fleet.more["quad1"]["battery"] = wire.Battery(remaining=0.9)
     await tab.until(f"{alarm} === undefined")
     fleet.more["quad1"]["battery"] = wire.Battery(remaining=0.05)

@@ -1,0 +1,137 @@
+"""The map's side view, what is planned in time, links and headings, by the pointer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.ground.http.browser import FakePlanner, Fleet, Tab
+from tests.ground.http.test_operator import TOASTS, at, bar, on_map, opened
+from zmav import wire
+
+if TYPE_CHECKING:
+    from tests.ground.http.conftest import Served
+
+
+@pytest.fixture
+def fleet(fleet: Fleet) -> Iterator[Fleet]:
+    yield fleet
+    fleet.names, fleet.more = ["quad1", "quad2"], {}
+
+
+@pytest.fixture
+def planner(served: Served) -> Iterator[FakePlanner]:
+    planner = FakePlanner(served)
+    yield planner
+    planner.close()
+
+
+def high(north: float, east: float, height: float, **more: Any) -> dict[str, Any]:
+    state = at(north, east, **more)
+    state["local"] = (north, east, -height)
+    return state
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_heights_are_seen_from_the_side(tab: Tab, served: Served, fleet: Fleet) -> None:
+    fleet.more = {"quad1": high(0, 0, 12), "quad2": high(0, 40, 31)}
+    await opened(tab, served)
+    tall = await tab.run("map.map.getSize().y")
+    await tab.click("#heights-button")
+    await tab.until("!heights.canvas.hidden && heights.marks.length === 2")
+    assert await tab.run("map.map.getSize().y") < tall, "the map makes room"
+    low, up = sorted(await tab.run("heights.marks"), key=lambda mark: str(mark["name"]))
+    assert (low["height"], up["height"]) == (pytest.approx(12), pytest.approx(31))
+    area = await tab.run("(({left}) => left)(map.element.getBoundingClientRect())")
+    for name, mark in (("quad1", low), ("quad2", up)):
+        assert area + mark["x"] == pytest.approx((await on_map(tab, name))[0], abs=1.5), "each is below its mark"
+    assert await tab.run("heights.y(31) < heights.y(12) && heights.y(12) < heights.y(0)")
+    drawn = f"heights.ink.getImageData({up['x']}, heights.y(31), 1, 1).data[3]"
+    assert await tab.run(drawn) == 255, "something is drawn there"
+    fleet.more["quad1"] = high(0, 0, 25)
+    await tab.until("heights.marks.find((each) => each.name === 'quad1').height === 25")
+    await tab.until("store.named('quad1').trail.length > 1 && store.named('quad1').trail.some((p) => p.alt === 12)")
+    assert "2 vehicles, up to" in await tab.run("heights.canvas.getAttribute('aria-label')")
+    await tab.click("#heights-button")
+    assert await tab.run(f"heights.canvas.hidden && map.map.getSize().y === {tall}")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_planned_way_is_gone_through_in_time(
+    tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 20)}
+    await opened(tab, served)
+    await tab.until("store.planner && store.origin")
+    assert await tab.run("document.getElementById('scrub').hidden"), "nothing is planned"
+    await tab.click("[data-row=quad1]")
+    await tab.run(f"{bar('Go here')}.click()")
+    await tab.click(await on_map(tab, "quad1", 10, -5))
+    await tab.until("document.getElementById('confirm').open && !document.getElementById('scrub').hidden")
+    left, top, right, bottom = await tab.run(
+        "(({left, top, right, bottom}) => [left, top, right, bottom])(byId('scrub-time').getBoundingClientRect())"
+    )
+    middle = (top + bottom) / 2
+    await tab.drag((left + 8, middle), ((left + right) / 2, middle))
+    await tab.until("scrubber.ghosts.length === 1")
+    time = float(await tab.run("byId('scrub-time').value"))
+    assert 2.0 < time < 4.0, "about half of six seconds"
+    north, east = await tab.run("toNed(store.origin, scrubber.ghosts[0].place)")
+    assert (north, east) == (pytest.approx(30 * time / 6, abs=0.1), pytest.approx(20 * time / 6, abs=0.1))
+    assert "of 6.0 s" in await tab.text("#scrub-words")
+    assert await tab.run("document.querySelectorAll('path.ghost').length") == 1
+    await tab.run("byId('scrub-time').focus()")
+    await tab.key("ArrowRight")
+    assert float(await tab.run("byId('scrub-time').value")) > time, "by keys, too"
+    fleet.orders.clear()
+    await tab.click("[data-verb=hold]")
+    await tab.until(f"{TOASTS}.includes('quad1: hold done')")
+    assert fleet.orders == ["quad1/do/hold"], "no question delays a hold"
+    assert await tab.run("document.getElementById('confirm').open")
+    await tab.run("document.querySelector('#confirm button').focus()")
+    await tab.key("Escape")
+    await tab.until("!document.getElementById('confirm').open && document.getElementById('scrub').hidden")
+    assert await tab.run("scrubber.ghosts.length") == 0
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_marks_tell_kind_colour_and_heading_and_follow(tab: Tab, served: Served, fleet: Fleet) -> None:
+    yaw = wire.Attitude(roll=0.0, pitch=0.0, yaw=1.0)
+    fleet.more = {"quad1": at(0, 0, attitude=yaw), "quad2": at(0, 20, kind="rover")}
+    await opened(tab, served)
+    await tab.until("document.querySelectorAll('.craft svg').length >= 2")
+    drawn = await tab.run("""['quad1', 'quad2'].map((name) => {
+        const path = document.querySelector(`.craft[title=${name}] path`);
+        return [path.getAttribute('d'), path.getAttribute('fill'), path.closest('svg').style.transform];
+    })""")
+    assert drawn[0][0] != drawn[1][0], "a rover has another outline"
+    assert drawn[0][1] != drawn[1][1]
+    assert drawn[0][2] == "rotate(1rad)"
+    await tab.click("#follow")
+    await tab.until("document.getElementById('follow').getAttribute('aria-pressed') === 'true'")
+    fleet.more["quad2"] = at(900, 900, kind="rover")
+    await tab.until("map.map.getBounds().contains([store.named('quad2').place.lat, store.named('quad2').place.lon])")
+    assert await tab.run(
+        "map.map.getBounds().contains([store.named('quad1').place.lat, store.named('quad1').place.lon])"
+    )
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_links_have_the_colour_of_their_quality(tab: Tab, served: Served, fleet: Fleet) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    line = "fleetLayer.lines.get('quad1 quad2')"
+    # One process has one router: what /report would say of two is put in its place.
+    await tab.run("Object.defineProperty(store, 'links', {get: () => window.said, set: () => {}}); window.said = []")
+    for grade, colour in (("good", "--good"), ("fair", "--warn"), ("poor", "--bad"), ("down", "--bad")):
+        await tab.run(f"window.said = [{{a: 'quad1', b: 'quad2', grade: '{grade}', loss: 0, rtt: 0}}]")
+        dashed = "" if grade == "down" else "!"
+        await tab.until(f"{line}.options.color === map.colour('{colour}') && {dashed}{line}.options.dashArray")
+    await tab.click("#show-links")
+    await tab.until(f"{line} === undefined")
+    assert not tab.said
