@@ -62,8 +62,9 @@ class Gateway:
 
     def ask(self, path: str, body: Any = None) -> tuple[int, Any]:
         data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.url + path, data, {"Content-Type": "application/json"})
         try:
-            with urllib.request.urlopen(self.url + path, data, timeout=30.0) as reply:
+            with urllib.request.urlopen(request, timeout=30.0) as reply:
                 return reply.status, json.load(reply)
         except urllib.error.HTTPError as e:
             return e.code, json.load(e)
@@ -84,12 +85,12 @@ def test_a_recording_is_shown_and_steered_and_takes_no_orders(serve: Serve, tmp_
             page = reply.read().decode()
         assert 'name="zmav-replay" content="yes"' in page and 'name="zmav-read-only" content="yes"' in page
 
-        gateway.ask("/replay", {"paused": True, "to": 20})
+        assert gateway.ask("/replay", {"paused": True, "to": 20})[1]["paused"]
         gateway.until(lambda: gateway.ask("/replay")[1]["at"] == BEGIN + 20)
         status, report = gateway.ask("/report")
         assert [(each["fleet"], each["name"]) for each in report["vehicles"]] == [("demo-replay", "quad1")]
 
-        gateway.ask("/replay", {"paused": False, "speed": 10})
+        assert gateway.ask("/replay", {"paused": False, "speed": 10})[1]["speed"] == 10
         gateway.until(lambda: gateway.ask("/replay")[1]["paused"])
         assert gateway.ask("/replay")[1]["at"] == BEGIN + 30
 
