@@ -1,6 +1,7 @@
 // One question at a time, before what arms or moves.
 
-import { byId, make } from "./dom.js";
+import { byId, make, toast } from "./dom.js";
+import { t } from "./words.js";
 
 /** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */
 
@@ -13,7 +14,11 @@ import { byId, make } from "./dom.js";
  */
 export function confirmed(title, text, yes, field = null, aside = false) {
   const dialog = byId("confirm");
-  if (dialog.open) return Promise.resolve(null);
+  if (dialog.open) {
+    toast(t("ask.open"), "warn");
+    dialog.querySelector("button").focus();
+    return Promise.resolve(null);
+  }
   const form = dialog.querySelector("form");
   const input = dialog.querySelector("input");
   byId("confirm-title").textContent = title;

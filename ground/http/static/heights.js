@@ -89,7 +89,7 @@ export class Heights {
     const step = [1, 2, 5, 10].map((n) => n * tens).find((n) => n >= rough) || rough;
     this.ink.font = `12px ${getComputedStyle(document.body).fontFamily}`;
     for (let height = Math.ceil(this.bottom / step) * step; height <= this.top; height += step) {
-      this.ink.strokeStyle = this.view.colour(height === 0 ? "--muted" : "--line");
+      this.ink.strokeStyle = this.view.colour(height === 0 ? "--muted" : "--grid");
       this.ink.fillStyle = this.view.colour("--muted");
       this.ink.beginPath();
       this.ink.moveTo(0, Math.round(this.y(height)) + 0.5);

@@ -12,6 +12,7 @@ import { t } from "./words.js";
  */
 
 export const CLOSEST = 23;
+const BUTTONS = 120; // pixels that the buttons take on the left, or at the top where it is narrow
 const OUTLINE_TO = 11; // zoom up to which the outline of the world says anything: it is a kilometre coarse
 
 export class FleetMap {
@@ -107,7 +108,7 @@ export class FleetMap {
     if (!places.length) return;
     const bounds = L.latLngBounds(places.map((place) => [place.lat, place.lon]));
     const middle = bounds.getCenter();
-    this.map.fitBounds(bounds.extend(middle.toBounds(60)), { padding: [50, 50], maxZoom: CLOSEST - 1, animate: false });
+    this.map.fitBounds(bounds.extend(middle.toBounds(60)), { paddingTopLeft: this.map.getSize().x > 600 ? [BUTTONS, 50] : [50, BUTTONS], paddingBottomRight: [50, 50], maxZoom: CLOSEST - 1, animate: false });
     this.fitted = true;
   }
 
@@ -154,7 +155,7 @@ export class FleetMap {
     const [north, east] = toNed(origin, { lat: middle.lat, lon: middle.lng });
     const ink = this.grid.getContext("2d");
     ink.scale(ratio, ratio);
-    ink.strokeStyle = this.colour("--line");
+    ink.strokeStyle = this.colour("--grid");
     ink.beginPath();
     const west = east - size.x / 2 / scale;
     const south = north - size.y / 2 / scale;

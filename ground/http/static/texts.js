@@ -101,6 +101,7 @@ export const TEXTS = {
   "order.unknown": "{who}: no word on {verb}: {text}",
   "order.sure": "{label}?",
   "cancel": "Cancel",
+  "ask.open": "One question at a time: answer this one first",
 
   // The planner.
   "planner": "planner",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,8 @@ import pytest
 
 from tests.ground.http.browser import FakePlanner, Fleet, Tab
 from tests.ground.http.test_operator import TOASTS, at, bar, on_map, opened
-from zmav import wire
+from zmav import keys, wire
+from zmav.wire import swarm
 
 if TYPE_CHECKING:
     from tests.ground.http.conftest import Served
@@ -77,21 +79,23 @@ async def test_a_planned_way_is_gone_through_in_time(
     middle = (top + bottom) / 2
     await tab.drag((left + 8, middle), ((left + right) / 2, middle))
     await tab.until("scrubber.ghosts.length === 1")
-    time = float(await tab.run("byId('scrub-time').value"))
-    assert 2.0 < time < 4.0, "about half of six seconds"
+    chosen = float(await tab.run("byId('scrub-time').value"))
+    assert 2.0 < chosen < 4.0, "about half of six seconds"
     north, east = await tab.run("toNed(store.origin, scrubber.ghosts[0].place)")
-    assert (north, east) == (pytest.approx(30 * time / 6, abs=0.1), pytest.approx(20 * time / 6, abs=0.1))
+    assert (north, east) == (pytest.approx(30 * chosen / 6, abs=0.1), pytest.approx(20 * chosen / 6, abs=0.1))
     assert "of 6.0 s" in await tab.text("#scrub-words")
     assert await tab.run("document.querySelectorAll('path.ghost').length") == 1
     await tab.run("byId('scrub-time').focus()")
     await tab.key("ArrowRight")
-    assert float(await tab.run("byId('scrub-time').value")) > time, "by keys, too"
+    assert float(await tab.run("byId('scrub-time').value")) > chosen, "by keys, too"
     fleet.orders.clear()
     await tab.click("[data-verb=hold]")
     await tab.until(f"{TOASTS}.includes('quad1: hold done')")
     assert fleet.orders == ["quad1/do/hold"], "no question delays a hold"
     assert await tab.run("document.getElementById('confirm').open")
-    await tab.run("document.querySelector('#confirm button').focus()")
+    await tab.run(f"{bar('Mode')}.click()")
+    await tab.until(f"{TOASTS}.includes('answer this one first')")
+    assert await tab.run("document.activeElement.closest('dialog').id") == "confirm"
     await tab.key("Escape")
     await tab.until("!document.getElementById('confirm').open && document.getElementById('scrub').hidden")
     assert await tab.run("scrubber.ghosts.length") == 0
@@ -134,4 +138,39 @@ async def test_links_have_the_colour_of_their_quality(tab: Tab, served: Served, 
         await tab.until(f"{line}.options.color === map.colour('{colour}') && {dashed}{line}.options.dashArray")
     await tab.click("#show-links")
     await tab.until(f"{line} === undefined")
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_what_is_flown_goes_with_the_time(tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 20)}
+    goal = swarm.GoTo(vehicles=["quad1"], to=[(0.0, 50.0, -10.0)])
+    planner.goals = [swarm.GoalEntry(id="g7", goal=goal, state="flying", t=time.time(), progress=0.1)]
+    await opened(tab, served)
+    await tab.until("store.openGoals.length === 1 && store.origin")
+    start = time.time() - 5.0
+    plan = swarm.PlanReport(
+        t=start,
+        planner="base",
+        goal="g7",
+        start=start,
+        makespan=100.0,
+        clearance=None,
+        tracks={"quad1": [(0.0, 0.0, 0.0, -10.0), (100.0, 0.0, 50.0, -30.0)]},
+    )
+    served.session.put(keys.FLEET.key("demo", topic="plan"), wire.encode(plan))
+    await tab.until("!byId('scrub').hidden && Number(byId('scrub-time').value) >= 5")
+    first = float(await tab.run("byId('scrub-time').value"))
+    await tab.until(f"Number(byId('scrub-time').value) > {first + 0.5}")
+    assert await tab.run("scrubber.ghosts.length === 0 && byId('scrub-now').hidden")
+    await tab.click("#scrub-time")
+    await tab.until("scrubber.ghosts.length === 1")
+    share = float(await tab.run("byId('scrub-time').value")) / 100.0
+    assert share == pytest.approx(0.5, abs=0.02)
+    ghost = await tab.run("({height: scrubber.ghosts[0].height, at: toNed(store.origin, scrubber.ghosts[0].place)})")
+    assert ghost["height"] == pytest.approx(10.0 + 20.0 * share, abs=0.01)
+    assert ghost["at"][1] == pytest.approx(50.0 * share, abs=0.1)
+    assert f"quad1 {10 + 20 * share:.0f} m" in await tab.text(".leaflet-tooltip-pane")
+    await tab.click("#scrub-now")
+    await tab.until("scrubber.ghosts.length === 0 && Number(byId('scrub-time').value) < 40")
     assert not tab.said
