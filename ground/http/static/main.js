@@ -26,6 +26,7 @@ import { Sounds } from "./sounds.js";
 import { Store } from "./store.js";
 import { FleetTable } from "./table.js";
 import { wireTabs } from "./tabs.js";
+import { Teams } from "./teams.js";
 import { wireTheme } from "./theme.js";
 import { span, t } from "./words.js";
 
@@ -57,7 +58,8 @@ export const heights = new Heights(store, map, plans, scrubber);
 export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
-const views = [map, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
+const teams = new Teams(store, map, plans);
+const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
 
 function drawLink() {
   const lost = store.connection === "lost";

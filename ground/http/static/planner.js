@@ -49,6 +49,7 @@ export async function planFirst(goal, plans) {
   } finally {
     box.remove();
   }
+  for (const step of preview.steps) step.makespan = step.makespan || 0; // what has no end yet: follow
   plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });

@@ -15,7 +15,7 @@ from ground.record.sources import Record
 from ground.record.steering import SteeredPlayer
 from tests.ground.http.browser import FakePlanner, Fleet, Tab, pieces, row
 from tests.ground.http.test_missions import PLAN
-from tests.ground.http.test_operator import TOASTS, at, opened
+from tests.ground.http.test_operator import TOASTS, at, on_map, opened
 from zmav import keys, wire
 
 if TYPE_CHECKING:
@@ -67,6 +67,44 @@ async def test_an_area_is_surveyed_with_the_camera_that_was_typed(
     await tab.run("document.querySelector('.survey button').click()")
     await tab.until(f"{TOASTS}.includes('A camera is a sensor over its focal length')")
     assert len(planner.asked) == count
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_formation_is_placed_by_a_click_and_a_leader_followed(
+    tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner
+) -> None:
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    await tab.until("store.planner && store.origin")
+    count = len(planner.asked)
+    await tab.run("showTab('goals'); store.select([])")
+    await tab.click("#formation summary")
+    await tab.click("[data-tool=formation]")
+    await tab.until(f"{TOASTS}.includes('Select who is meant')")
+    await tab.run("store.select(store.all.filter((v) => v.name === 'quad1').map((v) => v.id))")
+    await tab.run("document.querySelector('#formation select').value = 'vee'")
+    await tab.click("[data-tool=formation]")
+    assert len(planner.asked) == count
+    await tab.click(await on_map(tab, "quad1", 12.0, 5.0))
+    await tab.until("document.getElementById('confirm').open")
+    await tab.click("#confirm-yes")  # "Select who is meant" still stands in the corner, and not over it
+    await tab.until(f"{TOASTS}.includes('planner: submit')")
+    goal = planner.asked[-1][1]["goal"]
+    assert (goal["kind"], goal["vehicles"], goal["shape"], goal["spacing"]) == ("formation", ["quad1"], "vee", 8)
+    assert goal["at"] == pytest.approx([12.0, 5.0, -20.0], abs=2.0)
+
+    await tab.click("#follow-form summary")
+    assert await tab.run("[...document.querySelectorAll('#follow-form option')].map((o) => o.value)") == ["quad2"]
+    await tab.click("#follow-form button")
+    await tab.until("document.getElementById('confirm').open")
+    await tab.click("#confirm-yes")
+    await tab.until("!document.getElementById('confirm').open")
+    deadline = time.monotonic() + 10.0
+    while planner.asked[-1][1]["goal"]["kind"] != "follow" or planner.asked[-1][0] != "submit":
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    goal = planner.asked[-1][1]["goal"]
+    assert (goal["vehicles"], goal["leader"], goal["offsets"]) == (["quad1"], "quad2", [[-10, 0, -8]])
 
 
 @pytest.mark.asyncio(loop_scope="module")
