@@ -73,7 +73,7 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-VIEWS = (page, audit, replay, openapi, metrics, watching)
+VIEWS = (page, replay, openapi, metrics, watching)
 FACES = (*VIEWS, mavnode, mavlink2rest, orders, missions, setpoints, ws, keyspace)
 
 

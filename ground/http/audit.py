@@ -13,24 +13,16 @@ import time
 from collections import deque
 from collections.abc import MutableMapping
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qsl
 
-import msgspec
 import zenoh
-from starlette.requests import Request
-from starlette.responses import Response
-from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http.documents import answer
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import ZmavError
 from zmav.ratelimit import RateLimit
-
-if TYPE_CHECKING:
-    from ground.http.gateway import Gateway
 
 logger = logging.getLogger(__name__)
 ORDERING = ("do", "fleet", "swarm", "agent", "mission", "setpoint", "release")
@@ -119,14 +111,6 @@ class Audited:
                 if str(args.get("preview", "")).lower() != "true":
                     took = time.monotonic() - began
                     self._audit.say(verb, vehicles, json.dumps(args), _outcome(status, bytes(reply)), took)
-
-
-def routes(gateway: Gateway) -> list[BaseRoute]:
-    async def orders(request: Request) -> Response:
-        """The last orders given through this gateway, the newest last: who, from where, what, to whom, outcome."""
-        return answer([msgspec.to_builtins(line) for line in gateway.audit.lines])
-
-    return [Route("/orders", orders, methods=["GET"])]
 
 
 def _object(body: bytes) -> dict[str, Any]:

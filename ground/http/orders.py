@@ -139,7 +139,12 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
         return answer({"verb": verb, "result": await _asked(gateway.client, verb, args)})
 
+    async def told(request: Request) -> Response:
+        """The last orders given through this gateway, the newest last: who, from where, what, to whom, outcome."""
+        return answer([msgspec.to_builtins(line) for line in gateway.audit.lines])
+
     return [
+        Route("/orders", told, methods=["GET"]),
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
         Route("/fleet/{verb}", fleet_orders.give, methods=["POST"]),
         Route("/swarm/{verb}", planner, methods=["POST"]),
