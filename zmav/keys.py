@@ -252,7 +252,7 @@ BENCH_PING = _asked("bench_ping", "bench/ping", wire.Pong)
 BENCH_FLOW = Channel("bench_flow", "bench/flow/{run}", qos=Qos.BULK, writers=HOSTS, encoding=RAW)
 """the datagrams of a measurement, in the class that is measured"""
 FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
-"""fleet-wide topics: origin, goal, charge, plan, obstacle, roster"""
+"""fleet-wide topics: origin, goal, charge, plan, obstacle, order, roster"""
 SWARM = _asked(
     "swarm", "swarm/{verb}", wire.Outcome, writers=(OPERATOR, PLANNER), recorded=True, proven=True, answerers=PROGRAMS
 )
@@ -269,12 +269,15 @@ IsVehicle = Callable[[str, str], bool]
 """``is_vehicle(fleet, name)``: whether that is a vehicle, as far as anybody can tell"""
 ROSTER = "roster"
 """the fleet's topic on which the authority's roster travels"""
+ORDERED = "order"
+"""the fleet's topic on which gateways say what they were told to do"""
 TOPICS: dict[str, tuple[str, ...]] = {
     "origin": (OPERATOR, PLANNER),
     "goal": (OPERATOR, PLANNER),
     "charge": (OPERATOR, PLANNER),
     "plan": (OPERATOR, PLANNER),
     "obstacle": (OPERATOR, PLANNER),
+    ORDERED: (OPERATOR, PLANNER),
     ROSTER: (ANYONE,),  # anyone who passes it on: only the authority can sign one
 }
 """who may put which of the fleet's topics; others are as the channel says"""

@@ -14,7 +14,21 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ground.http import keyspace, mavlink2rest, mavnode, metrics, openapi, orders, page, setpoints, watching, ws
+from ground.http import (
+    audit,
+    keyspace,
+    mavlink2rest,
+    mavnode,
+    metrics,
+    missions,
+    openapi,
+    orders,
+    page,
+    replay,
+    setpoints,
+    watching,
+    ws,
+)
 from ground.http.gateway import Gateway
 from ground.http.guard import Guard, Rules
 from ground.http.reply import Failure, failure_of, refusal
@@ -59,7 +73,8 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-FACES = (page, openapi, metrics, mavnode, mavlink2rest, orders, setpoints, watching, ws, keyspace)
+VIEWS = (page, replay, openapi, metrics, watching)
+FACES = (*VIEWS, mavnode, mavlink2rest, orders, missions, setpoints, ws, keyspace)
 
 
 def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
@@ -67,7 +82,7 @@ def make_app(gateway: Gateway, rules: Rules | None = None) -> Starlette:
     routes: list[BaseRoute] = [route for face in FACES for route in face.routes(gateway)]
     handlers = {Failure: _on_failure, ZmavError: _on_error, HTTPException: _on_http}
     rules = rules or Rules(read_only=gateway.read_only)
-    middleware = [Middleware(Envelope), Middleware(Guard, rules=rules)]
+    middleware = [Middleware(Envelope), Middleware(Guard, rules=rules), Middleware(audit.Audited, audit=gateway.audit)]
     if rules.origins:
         methods, headers = ("GET", "POST"), ("authorization", "content-type")
         origins = tuple(rules.origins)

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from zmav.cli.common import Work, connected, dialect_option
+from zmav import keys
+from zmav.cli import places
+from zmav.cli.common import amount, dialect_option, fleet_option, run, zenoh_options
 from zmav.errors import BadConfig, missing_extra
 from zmav.links.sockets import is_loopback
+from zmav.onboard import OnboardSettings
 from zmav.process import leave, say, until_stopped
+from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
+    from ground.http.gateway import Gateway
     from ground.http.guard import Rules
-    from ground.http.tiles import Tiles
-    from zmav.client import Client
+    from ground.record.sources import Source
 
 VARIABLE = "ZMAV_HTTP_TOKEN"
+
+
+def edges(text: str) -> tuple[float, float, float, float]:
+    """``S,W,N,E`` in degrees."""
+    south, west, north, east = places.numbers(text, 4, "S,W,N,E: degrees, as -35.37,149.15,-35.36,149.17")
+    return (south, west, north, east)
 
 
 @click.command("http")
@@ -36,8 +48,27 @@ VARIABLE = "ZMAV_HTTP_TOKEN"
 @click.option("--allow-host", multiple=True, metavar="NAME", help="A name under which it is reached (repeatable).")
 @click.option("--allow-origin", multiple=True, metavar="URL", help="A site whose pages may ask, too (repeatable).")
 @click.option("--tiles", type=click.Path(dir_okay=False), help="Pictures of the ground: FILE.pmtiles or FILE.mbtiles.")
+@click.option(
+    "--replay",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Play recordings as 'zmav replay' does, with a timeline on the page, which only reads (repeatable).",
+)
+@click.option("--tile-server", metavar="URL", help="Pictures of the ground from https://HOST/{z}/{x}/{y}.png, kept.")
+@click.option(
+    "--tile-cache",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("~/.cache/zmav/tiles"),
+    show_default=True,
+    help="Folder in which those are kept.",
+)
+@click.option("--tile-space", callback=amount, default="500MB", show_default=True, help="So much of them at most.")
+@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), help="A picture to lay over the map.")
+@click.option("--corners", type=edges, metavar="S,W,N,E", help="Where it lies, in degrees.")
 @dialect_option
-@connected
+@fleet_option
+@zenoh_options
 def command(
     host: str,
     port: int,
@@ -47,12 +78,25 @@ def command(
     allow_host: tuple[str, ...],
     allow_origin: tuple[str, ...],
     tiles: str | None,
-) -> Work:
+    replay: tuple[Path, ...],
+    tile_server: str | None,
+    tile_cache: Path,
+    tile_space: int,
+    picture: Path | None,
+    corners: tuple[float, float, float, float] | None,
+    dialect: str,
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
     """Serve the fleet over HTTP and WebSocket: for MATLAB, browsers, mavlink2rest's clients and Prometheus.
 
     'curl localhost:8088/vehicles' says who is there, 'curl localhost:8088/last/1/1/ATTITUDE' a message,
     'curl localhost:8088/keys/quad1' anything in the key space; a browser finds a page at http://localhost:8088/.
     """
+    if tiles and tile_server:
+        raise click.UsageError("give one of --tiles and --tile-server")
+    if (picture is None) != (corners is None):
+        raise click.UsageError("a picture lies somewhere: give --picture and --corners")
     secret = _read_token(token_file) if token_file else token
     if host != "localhost" and not is_loopback(host) and not secret:
         text = (
@@ -66,30 +110,61 @@ def command(
         from starlette import applications  # noqa: F401
     except ImportError as e:
         raise missing_extra("'zmav http'", e.name, "ground") from e
+    from ground.http.gateway import Gateway
     from ground.http.guard import LOOPBACK, Rules
     from ground.http.server import bound
-    from ground.http.tiles import Tiles
+    from ground.http.tiles import Picture, Tiles
+    from ground.http.tileserver import TileServer
 
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in allow_host)}
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
-    rules = Rules(token=secret, read_only=read_only, hosts=hosts, origins=origins)
+    rules = Rules(token=secret, read_only=read_only or bool(replay), hosts=hosts, origins=origins)
     sock = bound(host, port)
-    ground = Tiles(Path(tiles)) if tiles else None
-    return lambda z: _serve(z, host, sock, rules, ground)
+    over = Picture(picture, corners) if picture is not None and corners is not None else None
+    ground: Tiles | TileServer | None = Tiles(Path(tiles)) if tiles else None
+    if tile_server:
+        ground = TileServer(tile_server, tile_cache.expanduser(), tile_space)
+    sources = _sources(replay)
+    fleet = keys.replay_of(keys.check_name(fleet, "fleet")) if sources else fleet
+    base = OnboardSettings(link="", name="replay", fleet=fleet, dialect=dialect)
+
+    async def meet() -> None:
+        from zmav.client import connect
+
+        async with connect(fleet=fleet, settings=settings, dialect=dialect) as z, contextlib.AsyncExitStack() as stack:
+            player = None
+            if sources:
+                from ground.record.steering import steered
+
+                player = await stack.enter_async_context(steered(z, sources, base))
+            await _serve(host, sock, rules, Gateway(z, rules.read_only, tiles=ground, picture=over, player=player))
+
+    run(meet())
 
 
-async def _serve(z: Client, host: str, sock: socket.socket, rules: Rules, tiles: Tiles | None) -> None:
+def _sources(files: Sequence[Path]) -> list[Source]:
+    if not files:
+        return []
+    from ground.record.cli import check_mcap
+    from ground.record.sources import Tlogs, open_all
+
+    sources = open_all(files)
+    if any(not isinstance(source, Tlogs) for source in sources):
+        check_mcap()
+    return sources
+
+
+async def _serve(host: str, sock: socket.socket, rules: Rules, made: Gateway) -> None:
     from ground.http.app import make_app
-    from ground.http.gateway import Gateway
     from ground.http.server import serving
 
     async with (
-        Gateway(z, rules.read_only, tiles=tiles) as gateway,
+        made as gateway,
         serving(make_app(gateway, rules), sock) as port,
     ):
         shown = f"[{host}]" if ":" in host else host
         how = "".join((", with a token" if rules.token else "", ", only reading" if rules.read_only else ""))
-        say(f"fleet {z.fleet_name} at http://{shown}:{port}/{how}")
+        say(f"fleet {gateway.client.fleet_name} at http://{shown}:{port}/{how}")
         await until_stopped()
     leave()
 

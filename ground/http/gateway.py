@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import zenoh
 
 from ground.feed import MOST, Feed, OnFrame, Origin
+from ground.http.audit import Audit
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput, BadMessage, Clash, NoSuchVehicle, Stale
@@ -24,7 +25,9 @@ from zmav.vehicle.rates import want_key
 from zmav.waiting import within
 
 if TYPE_CHECKING:
-    from ground.http.tiles import Tiles
+    from ground.http.tiles import Picture, Tiles
+    from ground.http.tileserver import TileServer
+    from ground.record.steering import SteeredPlayer
 
 LASTING = 30.0
 """s that an asked message is wanted for"""
@@ -126,11 +129,19 @@ class Gateway:
     """
 
     def __init__(
-        self, client: Client, read_only: bool = False, stream_timeout: float = 60.0, tiles: Tiles | None = None
+        self,
+        client: Client,
+        read_only: bool = False,
+        stream_timeout: float = 60.0,
+        tiles: Tiles | TileServer | None = None,
+        picture: Picture | None = None,
+        player: SteeredPlayer | None = None,
     ) -> None:
-        self.client, self.read_only, self.stream_timeout, self.tiles = client, read_only, stream_timeout, tiles
+        self.client, self.read_only, self.stream_timeout = client, read_only, stream_timeout
+        self.tiles, self.picture, self.player = tiles, picture, player
         self.started = time.time()
         self.wants = Wants(client)
+        self.audit = Audit(client)
         self.sent = 0
         """frames put to vehicles by the faces"""
         self.figures: dict[str, Callable[[], float]] = {}
@@ -150,6 +161,8 @@ class Gateway:
         for end in self._ends:
             end()
         self.wants.close()
+        if self.tiles is not None:
+            self.tiles.close()
         if self._feed is not None:
             self._feed.close()
 
@@ -313,6 +326,7 @@ class Gateway:
             self.client.put(keys.TX, key, data)
             self.sent += 1
             found.append(key)
+        self.audit.say(f"frame/{name}", [vehicle.name for vehicle in vehicles], "", "sent")
         return found
 
     def _reachable(self, sysid: int) -> Vehicle:

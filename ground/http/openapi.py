@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -18,12 +18,14 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 
 from ground.http.documents import answer
 from ground.http.gateway import Gateway
+from ground.http.orders import GOALS
+from ground.http.replay import Steer
 from ground.http.setpoints import Point
 from zmav import wire
-from zmav.verbs import VERBS, Verb
+from zmav.verbs import SWARM_VERBS, VERBS, Verb
 
 REF = "#/components/schemas/{name}"
-DO = "/do/{vehicle}/{verb}"
+DO, SWARM = "/do/{vehicle}/{verb}", "/swarm/{verb}"
 POINT = "/setpoint/{vehicle}"
 TEXT: dict[str, Any] = {"type": "string"}
 NUMBER: dict[str, Any] = {"type": "number", "exclusiveMinimum": 0}
@@ -43,12 +45,14 @@ GROUP = {
     "/ws": "Key space",
     "do": "Orders",
     "agent": "Orders",
+    "orders": "Orders",
+    "mission": "Orders",
     "fleet": "Orders",
     "swarm": "Orders",
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles", "picture", "replay"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
@@ -68,6 +72,7 @@ PATH = {
 """parts of paths by their names"""
 
 _HOLDER = ("as", "a name for this caller, under which it holds the lease", TEXT)
+_KIND = ("kind", "that kind alone: mission, fence, rally", TEXT)
 _PORT = ("port", "UDP port to send to", {"type": "integer", "minimum": 1, "maximum": 65535})
 QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
     "/keys/{key}": (("timeout", "s to wait for answers", NUMBER),),
@@ -79,6 +84,8 @@ QUERY: dict[str, tuple[tuple[str, str, dict[str, Any]], ...]] = {
     "/stop/{sys}/{comp}": (_PORT,),
     "/setpoint/{vehicle}": (_HOLDER,),
     "/release/{vehicle}": (_HOLDER,),
+    "/mission/read": (_KIND,),
+    "/mission/upload": (("vehicles", "names or patterns, with commas between them", TEXT), _KIND),
     "/ws": (
         ("key", "key expression to subscribe to from the start; may be repeated", TEXT),
         ("hz", "samples of a key a second, at most", NUMBER),
@@ -101,13 +108,17 @@ BODIES: dict[tuple[str, str], tuple[str, dict[str, dict[str, Any]]]] = {
         {JSON: OBJECT},
     ),
     ("post", "/swarm/{verb}"): (
-        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle",
+        "the arguments of that verb of zmav swarm: goal for submit and preview, an id for cancel, obstacle; of a "
+        "kind of goal its fields, preview (true: only shown), when (now or queue)",
         {JSON: OBJECT},
     ),
     ("post", "/agent/{vehicle}/{agent}/{verb}"): (
         "its arguments: name and value for set, none for params; others as the agent itself says",
         {JSON: OBJECT, FORM: OBJECT},
     ),
+    ("post", "/mission/read"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
+    ("post", "/mission/upload"): ("the file", {"text/plain": TEXT, JSON: OBJECT}),
+    ("post", "/replay"): ("what changes", {JSON: {"$ref": REF.format(name="Steer")}}),
     ("post", "/setpoint/{vehicle}"): ("", {JSON: {"$ref": "#/components/schemas/Point"}}),
 }
 """bodies by method and path: what they are, schemas by their type"""
@@ -124,6 +135,9 @@ class ErrorAnswer(wire.Wire, kw_only=True):
     error: Error
 
 
+Schemas = Mapping[type[wire.Wire], dict[str, Any]]
+
+
 def routes(gateway: Gateway) -> list[BaseRoute]:
     async def openapi(request: Request) -> Response:
         """This description, for programs (OpenAPI 3.1)."""
@@ -134,8 +148,10 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
 
 def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
     """The OpenAPI document of these routes."""
-    kinds: Sequence[type[wire.Wire]] = (*(verb.args for verb in VERBS.values()), Point, wire.Outcome, ErrorAnswer)
-    _, components = msgspec.json.schema_components(kinds, ref_template=REF)
+    orders = (verb.args for verb in (*VERBS.values(), *SWARM_VERBS.values()))
+    kinds: Sequence[type[wire.Wire]] = (*orders, *GOALS.values(), Point, Steer, wire.Outcome, ErrorAnswer)
+    references, components = msgspec.json.schema_components(kinds, ref_template=REF)
+    schemas = dict(zip(kinds, references, strict=True))
     for loose in ("Error", "ErrorAnswer"):
         components[loose].pop("additionalProperties", None)
     return {
@@ -149,7 +165,7 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
             "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         },
         "tags": [{"name": name, "description": text} for name, text in TAGS.items()],
-        "paths": _paths(routes),
+        "paths": _paths(routes, schemas),
         "components": {
             "schemas": components,
             "securitySchemes": {
@@ -161,7 +177,7 @@ def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:
     }
 
 
-def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
+def _paths(routes: Iterable[BaseRoute], schemas: Schemas) -> dict[str, dict[str, Any]]:
     paths: dict[str, dict[str, Any]] = {}
     for route in routes:
         if not getattr(route, "include_in_schema", True):
@@ -176,8 +192,17 @@ def _paths(routes: Iterable[BaseRoute]) -> dict[str, dict[str, Any]]:
             paths.setdefault(route.path_format, {})["get"] = operation
     if DO in paths:
         names = [_parameter("vehicle", PATH["vehicle"], TEXT, "path")]
-        paths |= {DO.replace("{verb}", verb.name): {"post": _order(verb, names)} for verb in VERBS.values()}
+        paths |= _orders(DO, VERBS.values(), names, schemas)
+    if SWARM in paths:
+        paths |= _orders(SWARM, _planner_verbs(), [], schemas)
     return paths
+
+
+def _planner_verbs() -> Iterator[Verb]:
+    yield from SWARM_VERBS.values()
+    for name, kind in GOALS.items():
+        doc = " ".join((kind.__doc__ or name).split("\n\n")[0].replace("``", "").split())
+        yield Verb(name, kind, SWARM_VERBS["submit"].access, doc, SWARM_VERBS["submit"].writers)
 
 
 def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> dict[str, Any]:
@@ -204,13 +229,20 @@ def _operation(path: str, endpoint: Any, method: str, names: Sequence[str]) -> d
     return operation
 
 
-def _order(verb: Verb, names: list[dict[str, Any]]) -> dict[str, Any]:
+def _orders(
+    path: str, verbs: Iterable[Verb], names: list[dict[str, Any]], schemas: Schemas
+) -> dict[str, dict[str, Any]]:
+    group = path.split("/")[1]
+    return {path.replace("{verb}", each.name): {"post": _order(group, each, names, schemas)} for each in verbs}
+
+
+def _order(group: str, verb: Verb, names: list[dict[str, Any]], schemas: Schemas) -> dict[str, Any]:
     return {
         "summary": verb.doc,
-        "operationId": f"do_{verb.name}",
+        "operationId": f"{group}_{verb.name}",
         "tags": ["Orders"],
         "parameters": names,
-        "requestBody": {"content": _json({"$ref": REF.format(name=verb.args.__name__)})},
+        "requestBody": {"content": _json(schemas[verb.args])},
         "responses": {
             "200": {"description": "how it ended", "content": _json({"$ref": REF.format(name="Outcome")})},
             "default": _error(),

@@ -13,8 +13,8 @@ import asyncio
 import fnmatch
 import time
 import uuid
-from collections.abc import Coroutine, Mapping
-from typing import Any
+from collections.abc import Collection, Coroutine
+from typing import Any, get_args
 
 import msgspec
 from starlette.requests import Request
@@ -30,10 +30,12 @@ from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
 from zmav.services.orders.orders import Operations, Report
 from zmav.swarm import FleetOrder, order_planner, planner_in_charge
 from zmav.vehicle import Vehicle
-from zmav.verbs import SWARM_VERBS, VERBS, Verb
+from zmav.verbs import SWARM_VERBS, VERBS
 
 PATIENCE = 10.0
 """s for one answer to an order with an id"""
+GOALS = {str(kind.__struct_config__.tag): kind for kind in get_args(wire.swarm.Goal)}
+"""kinds of goals: each is a verb of the planner's, too"""
 LOOK, ANSWER, END = 1.5, 3.0, 30.0
 """s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
 would be flown
@@ -67,7 +69,7 @@ class FleetOrders:
         args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
-            order = FleetOrder(self._gateway.client, self._matching(patterns), verb, args)
+            order = FleetOrder(self._gateway.client, matching(self._gateway.client, patterns), verb, args)
             report({"order": order})
             return _seen_through(order)
 
@@ -80,17 +82,19 @@ class FleetOrders:
         told = [msgspec.to_builtins(told) for told in order.told.values()]
         return answer({"verb": verb, "status": status, "took": took, "notes": order.notes, "vehicles": told})
 
-    def _matching(self, patterns: Any) -> list[Vehicle]:
-        patterns = [patterns] if isinstance(patterns, str) else patterns
-        if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
-            text = "vehicles are a list of names or patterns"
-            raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
-        known = self._gateway.client.fleet()
-        found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
-        if not found:
-            present = ", ".join(v.name for v in known) or "nobody"
-            raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
-        return list({(v.fleet, v.name): v for v in found}.values())
+
+def matching(client: Client, patterns: Any) -> list[Vehicle]:
+    """The vehicles that names and patterns mean; raises :class:`BadInput`, and :class:`NoSuchVehicle` for none."""
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
+        text = "vehicles are a list of names or patterns"
+        raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
+    known = client.fleet()
+    found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
+    if not found:
+        present = ", ".join(v.name for v in known) or "nobody"
+        raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
+    return list({(v.fleet, v.name): v for v in found}.values())
 
 
 async def _seen_through(order: FleetOrder) -> dict[str, Any]:
@@ -118,15 +122,29 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         return answer(await tell(gateway, vehicle, parts["agent"], parts["verb"], request))
 
     async def planner(request: Request) -> Response:
-        """Ask the planner in charge; the body holds the verb's arguments, as {"goal": {"kind": "goto", ...}}."""
-        verb = _known(request.path_params["verb"], SWARM_VERBS)
+        """Ask the planner in charge; the body holds the verb's arguments, as {"goal": {"kind": "goto", ...}}.
+
+        A kind of goal is a verb, too: its fields are given to the planner, or with preview=true shown.
+        """
+        said = verb = request.path_params["verb"]
+        if verb in GOALS:
+            values = await arguments_of(request, GOALS[verb])
+            verb = "preview" if values.pop("preview", False) is True else "submit"
+            values = {**{name: values.pop(name) for name in ("id", "when") if name in values}, "goal": values}
+            values["goal"]["kind"] = said
+        else:
+            values = await arguments_of(request, SWARM_VERBS[_known(verb, (*SWARM_VERBS, *GOALS))].args)
         kind = SWARM_VERBS[verb].args
-        values = await arguments_of(request, kind)
         values["id"] = values.get("id") or uuid.uuid4().hex
         args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
         return answer({"verb": verb, "result": await _asked(gateway.client, verb, args)})
 
+    async def told(request: Request) -> Response:
+        """The last orders given through this gateway, the newest last: who, from where, what, to whom, outcome."""
+        return answer([msgspec.to_builtins(line) for line in gateway.audit.lines])
+
     return [
+        Route("/orders", told, methods=["GET"]),
         Route("/do/{vehicle}/{verb}", do, methods=["GET", "POST"]),
         Route("/fleet/{verb}", fleet_orders.give, methods=["POST"]),
         Route("/swarm/{verb}", planner, methods=["POST"]),
@@ -147,7 +165,7 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     return wire.Outcome(verb=verb, status="done", took=time.monotonic() - start, result=result)
 
 
-def _known(verb: str, verbs: Mapping[str, Verb] = VERBS) -> str:
+def _known(verb: str, verbs: Collection[str] = VERBS) -> str:
     if verb not in verbs:
         known = ", ".join(verbs)
         raise BadKey(f"no order {verb!r}; there are {known}", field="verb", value=verb, expected=known)

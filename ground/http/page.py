@@ -6,7 +6,6 @@ elsewhere. Their policy (Content-Security-Policy) lets run what comes from there
 
 from __future__ import annotations
 
-import asyncio
 import gzip
 import hashlib
 import html
@@ -64,6 +63,9 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
     fields = {"fleet": gateway.client.fleet_name, "read_only": "yes" if gateway.read_only else "no"}
     tiles = gateway.tiles
     fields["tiles"] = "" if tiles is None else f"{tiles.kind} {tiles.closest or ''}"
+    over = gateway.picture
+    fields["replay"] = "yes" if gateway.player is not None else "no"
+    fields["picture"] = "" if over is None else " ".join(map(str, over.corners))
     texts = dict(_files())
     texts["index.html"] = FIELD.sub(lambda found: html.escape(fields[found[1]]), texts["index.html"])
     assets = {name: Asset(KINDS[PurePosixPath(name).suffix], text) for name, text in texts.items()}
@@ -90,19 +92,26 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         return FileResponse(tiles.path, media_type="application/vnd.pmtiles")
 
     async def tile(request: Request) -> Response:
-        """One tile of the MBTiles that the gateway was started with."""
+        """One tile of the MBTiles, or of the tile server, that the gateway was started with."""
         z, x, y = (request.path_params[name] for name in "zxy")
         inside = tiles is not None and tiles.kind == "mbtiles" and z <= 30 and x < 1 << z and y < 1 << z
-        data = await asyncio.to_thread(tiles.tile, z, x, y) if tiles is not None and inside else None
+        data = await tiles.fetch(z, x, y) if tiles is not None and inside else None
         if data is None:
             raise Failure(404, "not_found", "there is no such tile")
         kind = next((kind for magic, kind in PICTURES.items() if data.startswith(magic)), "application/octet-stream")
         return Response(data, media_type=kind, headers={"X-Content-Type-Options": "nosniff"})
 
+    async def picture(request: Request) -> Response:
+        """The picture that is laid over the map."""
+        if over is None:
+            raise Failure(404, "not_found", "no picture here: zmav http --picture FILE --corners S,W,N,E")
+        return FileResponse(over.path, media_type=over.kind, headers={"X-Content-Type-Options": "nosniff"})
+
     return [
         Route("/", fleet, methods=["GET"]),
         Route("/docs", docs, methods=["GET"]),
         Route("/static/{file:path}", static, methods=["GET"]),
+        Route("/picture", picture, methods=["GET"]),
         Route("/tiles", file, methods=["GET"]),
         Route("/tiles/{z:int}/{x:int}/{y:int}", tile, methods=["GET"]),
     ]

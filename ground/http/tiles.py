@@ -5,6 +5,7 @@ https://github.com/protomaps/PMTiles/blob/main/spec/v3/spec.md, https://github.c
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import sqlite3
 from pathlib import Path
@@ -13,6 +14,28 @@ from zmav.errors import BadConfig
 
 MAGIC = {b"PMTiles\x03": "pmtiles", b"SQLite f": "mbtiles"}
 PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
+
+
+class Picture:
+    """A picture of the user's own, laid over the map: ``corners`` are south, west, north, east in degrees. Raises
+    :class:`BadConfig` where it is none that a browser shows, or lies nowhere.
+    """
+
+    def __init__(self, path: Path, corners: tuple[float, float, float, float]) -> None:
+        self.path, self.corners = path, corners
+        south, west, north, east = corners
+        if not (-90.0 <= south < north <= 90.0 and -180.0 <= west < east <= 180.0):
+            expected = "degrees: south, west, north, east, as -35.37,149.15,-35.36,149.17"
+            raise BadConfig(f"picture {path}: corners {corners}", field="corners", value=corners, expected=expected)
+        try:
+            with path.open("rb") as file:
+                head = file.read(12)
+        except OSError as e:
+            raise BadConfig(f"picture {path}: {e}", field="picture", value=str(path), expected="a readable file") from e
+        self.kind = next((kind for magic, kind in PICTURES.items() if head.startswith(magic)), "")
+        if not self.kind:
+            text = f"picture {path}: no PNG, JPEG or WebP; 'gdal_translate -of PNG' makes one of a GeoTIFF"
+            raise BadConfig(text, field="picture", value=str(path), expected="FILE.png, FILE.jpg or FILE.webp")
 
 
 class Tiles:
@@ -35,6 +58,12 @@ class Tiles:
         with contextlib.closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro", uri=True)) as file:
             row = file.execute(text, values).fetchone()
         return row[0] if row else None
+
+    async def fetch(self, z: int, x: int, y: int) -> bytes | None:
+        return await asyncio.to_thread(self.tile, z, x, y)
+
+    def close(self) -> None:
+        """Nothing is held."""
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
         """Rows are counted from the south in the file, from the north in addresses."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import importlib
-import re
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,8 @@ import click
 
 import zmav
 from ground.record.folder import Folder
-from zmav import keys
-from zmav.cli.common import dialect_option, fleet_option, run, size, zenoh_options
+from zmav import keys, wire
+from zmav.cli.common import amount, dialect_option, fleet_option, run, show_table, size, zenoh_options
 from zmav.errors import BadConfig, BadInput, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
@@ -22,16 +23,6 @@ from zmav.session import SessionSettings
 if TYPE_CHECKING:
     from ground.record.recorder import Wanted
     from ground.record.storage import RecordingSettings
-
-UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
-
-
-def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
-    """An option's callback that reads bytes with their unit: ``5GB``."""
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
-    if found is None or found[2] not in UNITS:
-        raise click.BadParameter(f"{text!r} is not a number with its unit, as in 1GB", ctx, option)
-    return int(float(found[1]) * UNITS[found[2]])
 
 
 @click.command("record")
@@ -62,6 +53,13 @@ def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Do nothing but complete an .mcap that was cut short (repeatable).",
 )
+@click.option(
+    "--orders",
+    multiple=True,
+    metavar="FILE",
+    type=click.Path(exists=True, path_type=Path),
+    help="Do nothing but show the orders in a recording that gateways were given (repeatable).",
+)
 @dialect_option
 @fleet_option
 @zenoh_options
@@ -74,6 +72,7 @@ def command(
     name: str | None,
     dialect: str,
     repair: tuple[Path, ...],
+    orders: tuple[Path, ...],
     fleet: str,
     settings: SessionSettings,
 ) -> None:
@@ -87,8 +86,11 @@ def command(
 
     Meanwhile: zmav get '*/history/quad1/state' (--value '{"last": 10}').
     """
-    if mcap or repair:
+    if mcap or repair or orders:
         check_mcap()
+    if orders:
+        _show_orders(orders)
+        return
     if repair:
         for path in repair:
             _repair(path)
@@ -146,6 +148,25 @@ def _repair(path: Path) -> None:
     except OSError as e:
         raise BadConfig(f"cannot complete {path}: {e.strerror}", field="repair", value=str(path)) from e
     say(f"{path}: is whole" if done.whole else f"{path}: completed; it holds {done.messages} messages")
+
+
+def _show_orders(paths: Sequence[Path]) -> None:
+    """One line an order, the earliest first; who, from where, what, to whom, outcome."""
+    from ground.record.sources import open_all
+
+    rows, ending = list[tuple[str, ...]](), f"/@fleet/{keys.ORDERED}"
+    for source in open_all(paths):
+        for record in source.records():
+            if not record.key.endswith(ending):
+                continue
+            with contextlib.suppress(BadInput):
+                line = wire.decode(record.data, wire.OrderLine, record.key)
+                at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(line.t))
+                more = f" ({line.more} more before)" if line.more else ""
+                who = "@".join(filter(None, (line.who, line.source)))
+                rows.append((at, who, line.verb, ", ".join(line.vehicles), line.outcome + more, line.args))
+    show_table(("at", "who", "order", "vehicles", "outcome", "arguments"), rows)
+    say(f"{len(rows)} orders")
 
 
 def check_mcap() -> None:

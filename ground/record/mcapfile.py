@@ -171,6 +171,13 @@ def about(path: Path) -> dict[str, str]:
     return {}
 
 
+def last(path: Path) -> int | None:
+    """When the last message of a whole file was recorded, ns UTC; None: the file does not say."""
+    with path.open("rb") as file, _reading(path):
+        summary = make_reader(file).get_summary() if is_whole(path) else None
+        return summary.statistics.message_end_time if summary is not None and summary.statistics is not None else None
+
+
 def topics(path: Path) -> list[str]:
     """Of a file, also of one that was cut short. Raises as :func:`read_forth` does."""
     found: dict[str, None] = {}

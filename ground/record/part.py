@@ -60,7 +60,8 @@ class Route:
             if self.channel is keys.AGENT_OUT:
                 return schemas.of_signals(wire.decode(first, wire.Signals, "signals"))
         if self.channel is keys.FLEET:
-            known = {"origin": wire.Origin}.get(self.asked.what)
+            kinds: dict[str, type[wire.Wire]] = {"origin": wire.Origin, keys.ORDERED: wire.OrderLine}
+            known = kinds.get(self.asked.what)
             return schemas.of_payload(known) if known else schemas.of_any(f"zmav.{self.asked.what}")
         kind = self.channel.payload
         return schemas.of_payload(kind) if kind else schemas.of_any(f"zmav.{self.channel.name}")

@@ -12,7 +12,8 @@ import heapq
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
@@ -212,40 +213,56 @@ async def _replay(
     base: OnboardSettings,
     settings: SessionSettings,
 ) -> None:
+    async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
+        async with stage(z, sources, name, base) as on:
+            say(f"look at it: zmav ls --fleet {base.fleet}")
+            player, begun = Player(on.parts, speed, loop, start), time.monotonic()
+            try:
+                player.start()
+                await _until_over(player, on.links)
+            finally:
+                for link in on.links:
+                    link.close()  # what is still fed is nobody's: anyone who feeds waits no more
+                await in_thread(player.close)
+        _say_end(player, on.onboards, on.putter.held_back, time.monotonic() - begun)
+
+
+@dataclass
+class Stage:
+    """What recordings are played to."""
+
+    putter: Putter
+    parts: list[tuple[Source, Deliver]] = field(default_factory=list)
+    links: list[FedLink] = field(default_factory=list)
+    onboards: list[Onboard] = field(default_factory=list)
+
+
+@contextlib.asynccontextmanager
+async def stage(z: Client, sources: Sequence[Source], name: str | None, base: OnboardSettings) -> AsyncIterator[Stage]:
+    """Where each recording goes in the fleet of ``z``, which is a recording's. Raises :class:`Clash` where a vehicle is
+    played there already, :class:`BadInput` and :class:`BadConfig` where there is nothing to be played.
+    """
     # asked once: a file that is still written to names more vehicles later
     recorded = await asyncio.to_thread(lambda: [(source, source.vehicles()) for source in sources])
     names = _names(recorded, name)
-    async with zmav.open(fleet=base.fleet, settings=settings, dialect=base.dialect) as z:
-        await z.settle(timeout=SETTLE_S)
-        if taken := sorted(each for each in names.values() if z.present(each, base.fleet)):
-            text = f"{', '.join(taken)}: played already in {base.fleet}: --as 'old-*' plays it under another name"
-            raise Clash(text, vehicles=taken)
-        onboards: list[Onboard] = []
-        links: list[FedLink] = []
-        parts: list[tuple[Source, Deliver]] = []
-        putter = Putter(z, names, name)
-        async with contextlib.AsyncExitStack() as stack:
-            for source, whose in recorded:
-                called = [names[vehicle] for vehicle in whose]
-                say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
-                if isinstance(source, Tlogs):
-                    links.append(link := FedLink(source.label))
-                    onboards.append(Onboard(z.session, msgspec.structs.replace(base, name=called[0]), link))
-                    await stack.enter_async_context(onboards[-1])
-                    parts.append((source, _feed(link)))
-                else:
-                    parts.append((source, putter))
-            stack.callback(putter.close)
-            say(f"look at it: zmav ls --fleet {base.fleet}")
-            player, begun = Player(parts, speed, loop, start), time.monotonic()
-            try:
-                player.start()
-                await _until_over(player, links)
-            finally:
-                for link in links:
-                    link.close()  # what is still fed is nobody's: anyone who feeds waits no more
-                await in_thread(player.close)
-        _say_end(player, onboards, putter.held_back, time.monotonic() - begun)
+    await z.settle(timeout=SETTLE_S)
+    if taken := sorted(each for each in names.values() if z.present(each, base.fleet)):
+        text = f"{', '.join(taken)}: played already in {base.fleet}: --as 'old-*' plays it under another name"
+        raise Clash(text, vehicles=taken)
+    on = Stage(Putter(z, names, name))
+    async with contextlib.AsyncExitStack() as stack:
+        for source, whose in recorded:
+            called = [names[vehicle] for vehicle in whose]
+            say(f"replaying {source.label} as {', '.join(f'{base.fleet}/{each}' for each in called)}")
+            if isinstance(source, Tlogs):
+                on.links.append(link := FedLink(source.label))
+                on.onboards.append(Onboard(z.session, msgspec.structs.replace(base, name=called[0]), link))
+                await stack.enter_async_context(on.onboards[-1])
+                on.parts.append((source, _feed(link)))
+            else:
+                on.parts.append((source, on.putter))
+        stack.callback(on.putter.close)
+        yield on
 
 
 def _feed(link: FedLink) -> Deliver:

@@ -41,6 +41,9 @@ class Source(Protocol):
     def first(self) -> int | None:
         """When it begins, ns UTC; None: it holds nothing that can be played."""
 
+    def last(self) -> int | None:
+        """When it ends, as :meth:`first`."""
+
     def records(self, since: int = 0) -> Iterator[Record]:
         """Again at each call. Raises OSError where it cannot be read, :class:`BadInput` where it is damaged."""
 
@@ -57,6 +60,9 @@ class Tlogs:
 
     def first(self) -> int | None:
         return next((record.at for record in self.records()), None)
+
+    def last(self) -> int | None:
+        return max((record.at for record in self.records()), default=None)
 
     def records(self, since: int = 0) -> Iterator[Record]:
         for path in self._paths:
@@ -86,6 +92,11 @@ class Mcap:
 
     def first(self) -> int | None:
         return next((record.at for record in self.records()), None)
+
+    def last(self) -> int | None:
+        from ground.record import mcapfile
+
+        return mcapfile.last(self._path) or max((record.at for record in self.records()), default=None)
 
     def records(self, since: int = 0) -> Iterator[Record]:
         from ground.record import mcapfile

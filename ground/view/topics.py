@@ -21,8 +21,8 @@ from zmav.wire import Vector, swarm
 
 SAID = 200
 """characters of a topic that are shown in a line of the log"""
-UNDRAWN = ("charge",)
-"""topics that nobody needs to see: several times a second, who is in charge"""
+UNDRAWN = ("charge", "order")
+"""topics that have no place in space: several times a second, who is in charge; what was ordered"""
 OVER = ("done", "failed", "cancelled")
 """states of goals that are not drawn any more"""
 

@@ -93,6 +93,13 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/planner-goals.md: zmav .*": (
+        "searches and surveys want vehicles in the air and a planner: tests/agents/planner/goals/test_survey.py"
+    ),
+    r"docs/recording.md: zmav http --replay .*": "it serves until it is stopped: tests/ground/http/test_replay.py",
+    r"docs/http.md: (curl .*/mission/upload.*|zmav record --orders .*)": (
+        "they want a file: tests/ground/http/test_missions.py, tests/ground/record/test_orders.py"
+    ),
     r"docs/(install|vehicle-setup).md: .*": (
         "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py"
     ),

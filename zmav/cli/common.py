@@ -7,6 +7,7 @@ import importlib
 import itertools
 import json
 import os
+import re
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Sequence
 from importlib.machinery import PathFinder
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from zmav.client import Client
     from zmav.session import SessionSettings
 
+UNITS = {"": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12}
+"""of amounts of bytes"""
 F = TypeVar("F", bound=Callable[..., Any])
 Work = Callable[["Client"], Awaitable[None]]
 """what a verb does with the key space"""
@@ -227,6 +230,14 @@ def size(count: float) -> str:
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
         count /= 1000.0
     return f"{count:.1f} GB"
+
+
+def amount(ctx: click.Context, option: click.Parameter, text: str) -> int:
+    """An option's callback that reads bytes with their unit: ``5GB``."""
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]*)", text.strip().lower())
+    if found is None or found[2] not in UNITS:
+        raise click.BadParameter(f"{text!r} is not a number with its unit, as in 1GB", ctx, option)
+    return int(float(found[1]) * UNITS[found[2]])
 
 
 def dump(value: Any, *, pretty: bool = False) -> str:

@@ -107,6 +107,29 @@ class Outcome(Wire, kw_only=True):
     result: dict[str, Any] = {}
 
 
+class OrderLine(Wire, kw_only=True):
+    """``@fleet/order``: an order that was given through a gateway, for the record."""
+
+    t: float
+    """when it had ended, or was under way"""
+    who: str
+    """what the caller calls himself, else the gateway's member; empty: not known"""
+    source: str
+    """address of his computer"""
+    verb: str
+    """``do/takeoff``, ``fleet/rtl``, ``swarm/submit``..."""
+    vehicles: list[str] = []
+    """names or patterns, as they were given; empty: all, or the planner's"""
+    args: str = ""
+    """JSON, cut off where it is long"""
+    outcome: str
+    """done, running, or why not"""
+    took: float = 0.0
+    """s"""
+    more: int = 0
+    """so many like it, since the last that was told, were not told one by one"""
+
+
 class RunCommand(Forced, kw_only=True):
     """Any MAV_CMD by its name, with its parameters by name or by number.
 

@@ -129,6 +129,21 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     """share of a lane's width seen twice"""
 
 
+class Survey(Search, kw_only=True, tag_field="kind", tag="survey"):
+    """Photograph a polygon from above for a map: a search whose lanes follow from the camera. ``height`` counts from
+    each one's home.
+    """
+
+    camera: tuple[float, float]
+    """m of ground in a picture from 1 m above, across the way and along it: sensor over focal length"""
+    overlap: float = 0.65
+    """share of a picture that the lane beside it shows again"""
+    front: float = 0.75
+    """share of a picture that the next one along the way shows again"""
+    pixels: int = 0
+    """of a picture, across the way; 0: not known"""
+
+
 class TakeOff(Wire, kw_only=True, tag_field="kind", tag="takeoff"):
     """Up from wherever they stand, in an order in which nobody meets."""
 
@@ -153,7 +168,7 @@ class Hold(Wire, kw_only=True, tag_field="kind", tag="hold"):
     vehicles: list[str]
 
 
-Goal = GoTo | Formation | Follow | Search | TakeOff | Land | Return | Hold
+Goal = GoTo | Formation | Follow | Search | Survey | TakeOff | Land | Return | Hold
 
 GoalState = Literal["queued", "planning", "flying", "paused", "done", "failed", "cancelled"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from agents.planner.cli import agent, goals, orders
+from agents.planner.cli.survey import survey
 
 
 @click.group("swarm")
@@ -16,5 +17,5 @@ def swarm() -> None:
     """
 
 
-for each in (agent.planner, *goals.COMMANDS, *orders.COMMANDS):
+for each in (agent.planner, *goals.COMMANDS, survey, *orders.COMMANDS):
     swarm.add_command(each)

@@ -85,9 +85,29 @@ async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> Non
         click.echo(dump(result))
         return
     show_table(("step", "vehicles", "lasts", "clear", ""), map(_step, result["steps"]), right=("lasts", "clear"))
+    if rows := [row for step in result["steps"] for row in _parts(step.get("figures", {}))]:
+        show_table(("vehicle", "flies", "way", "battery", "left", "pictures"), rows, right=("flies", "way", "battery"))
     clear = result.get("clearance")
     words = f"{float(result['makespan']):.1f} s" + (f", {clear:.2f} m clear of each other" if clear is not None else "")
     click.echo(f"in all: {words}")
+
+
+def _parts(figures: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+    """A line a vehicle, of a search or a survey."""
+    rows = list[tuple[str, ...]]()
+    for name, each in figures.items():
+        left, pictures = each.get("battery_left"), each.get("pictures")
+        rows.append(
+            (
+                name,
+                f"{each['seconds']:.0f} s",
+                f"{each['metres']:.0f} m",
+                f"{100.0 * each['battery']:.0f} %",
+                "-" if left is None else f"{100.0 * left:.0f} %",
+                "-" if pictures is None else f"{pictures:.0f}",
+            )
+        )
+    return rows
 
 
 def _step(step: dict[str, Any]) -> tuple[str, ...]:

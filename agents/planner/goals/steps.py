@@ -110,6 +110,8 @@ class Fly:
     """by vehicle: (T, 4) t, x, y, z ENU"""
     instead: tuple[PlanTo, ...] = ()
     text: str = ""
+    figures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """by vehicle, for who has it previewed: numbers by their names"""
 
     @property
     def vehicles(self) -> tuple[str, ...]:

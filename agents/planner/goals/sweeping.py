@@ -1,15 +1,16 @@
-"""A search goal as steps: to where the lanes begin, all lanes on one clock, and back."""
+"""A search or a survey as steps: to where the lanes begin, all lanes on one clock, and back."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from agents.planner.goals import slots, timing
+from agents.planner.goals.curves import lengths_of
 from agents.planner.goals.dealing import Ground, Part, Sweeper
 from agents.planner.goals.search import Split, ground, split
 from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
@@ -18,6 +19,7 @@ from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.model.scene import Scene
 from agents.planner.model.separation import separation
 from zmav import wire
+from zmav.errors import Unsupported
 
 MOST_STOPS = 200
 """places one after another, in which lanes are flown where they cannot be flown on one clock"""
@@ -32,14 +34,22 @@ def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) 
 
     Raises what :func:`agents.planner.goals.search.ground` and :func:`~agents.planner.goals.search.split` raise.
     """
-    slots.check_flying(views, "search")
-    slots.check_hovering(views, "search")
+    kind = kind_of(goal)
+    slots.check_flying(views, kind)
+    slots.check_hovering(views, kind)
+    if isinstance(goal, wire.swarm.Survey) and (low := [view.name for view in views if not view.flies]):
+        text = f"{', '.join(low)} cannot look down on the ground: leave rovers and boats out of a survey"
+        raise Unsupported(text, field="vehicles", vehicles=low)
     sweepers = sweepers_of(goal, views)
     heights = (min(s.height for s in sweepers), max(s.height for s in sweepers))
     polygon = [(float(east), float(north)) for north, east in goal.polygon]
     area = ground(polygon, scene, heights, max(s.radius for s in sweepers))
     course = None if goal.angle is None else frames.course_of(goal.angle)
-    return _steps(split(area, sweepers, goal.overlap, course), area, scene, views)
+    return _steps(goal, split(area, sweepers, goal.overlap, course), area, scene, views)
+
+
+def kind_of(goal: wire.swarm.Search) -> str:
+    return str(type(goal).__struct_config__.tag)
 
 
 def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[Sweeper]:
@@ -47,12 +57,15 @@ def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[S
     sweepers = []
     for view in views:
         body, (east, north, up) = view.body, frames.enu(view.pos_ned)
+        height, width = goal.height, body.sweep_width
+        if isinstance(goal, wire.swarm.Survey):
+            height, width = goal.height - view.floor, goal.height * goal.camera[0]
         sweepers.append(
             Sweeper(
                 name=view.name,
                 start=np.array([east, north, up]),
-                height=goal.height if view.flies else up,
-                width=body.sweep_width,
+                height=height if view.flies else up,
+                width=width,
                 speed=body.speed,
                 accel=body.accel,
                 climb=min(body.climb, body.descend),
@@ -63,7 +76,9 @@ def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[S
     return sweepers
 
 
-def _steps(dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView]) -> list[Step]:
+def _steps(
+    goal: wire.swarm.Search, dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView]
+) -> list[Step]:
     """To the lanes, over them, and back to where everybody was."""
     parts, busy = dealt.parts, [part for part in dealt.parts if len(part.path)]
     limits = {view.name: slots.limits_of([view]) for view in views}
@@ -79,12 +94,39 @@ def _steps(dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView
         motions[part.sweeper.name] = motion
     starts = np.array([motions[name][0, 1:] for name in names])
     homes = np.array([part.sweeper.start for part in busy])
-    text = f"search: {dealt.text}"
+    kind, figures = kind_of(goal), {part.sweeper.name: figures_of(goal, part) for part in busy}
+    text = f"{kind}: {dealt.text}{_pictures(goal, figures)}"
     return [
-        PlanTo(names, starts, True, "to the lanes of a search"),
-        Fly(motions, instead=_stops(names, busy, flown), text=text),
-        PlanTo(names, homes, True, "back from a search"),
+        PlanTo(names, starts, True, f"to the lanes of a {kind}"),
+        Fly(motions, instead=_stops(names, busy, flown), text=text, figures=figures),
+        PlanTo(names, homes, True, f"back from a {kind}"),
     ]
+
+
+def figures_of(goal: wire.swarm.Search, part: Part) -> dict[str, float]:
+    """One vehicle's part: ``seconds`` and ``metres`` there, over the lanes and back, the share of a full
+    ``battery`` that it takes by the vehicle's ``endurance``, and of a survey its ``pictures``.
+    """
+    start, path = part.sweeper.start[None], part.path
+    whole = float(lengths_of(np.vstack((start, path, start)))[-1])
+    figures = {"seconds": part.seconds, "metres": whole, "battery": part.seconds / part.sweeper.endurance}
+    if isinstance(goal, wire.swarm.Survey):
+        figures["pictures"] = math.ceil(float(lengths_of(path)[-1]) / spacing_of(goal)) + 1
+    return figures
+
+
+def spacing_of(goal: wire.swarm.Survey) -> float:
+    """m from one picture to the next along the way."""
+    return goal.height * goal.camera[1] * (1.0 - goal.front)
+
+
+def _pictures(goal: wire.swarm.Search, figures: Mapping[str, Mapping[str, float]]) -> str:
+    """How many pictures, how far apart, and how fine."""
+    if not isinstance(goal, wire.swarm.Survey):
+        return ""
+    count = sum(each["pictures"] for each in figures.values())
+    text = f"; {count:.0f} pictures, one every {spacing_of(goal):.1f} m"
+    return text + (f", {100.0 * goal.height * goal.camera[0] / goal.pixels:.1f} cm a pixel" if goal.pixels else "")
 
 
 def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[tuple[Motion, bool]]) -> tuple[PlanTo, ...]:

@@ -17,6 +17,8 @@ MOST_BYTES = 512 * 1024
 MOST_VEHICLES, MOST_POINTS, MOST_CORNERS = 500, 2000, 500
 FARTHEST = 100_000.0
 """m from the fleet's origin, and the largest number of any kind: fields of 32 bits and less lie behind"""
+WIDTHS, MOST_OVERLAP, MOST_PIXELS = (0.02, 10.0), 0.9, 100_000
+"""of a survey: m of ground in a picture from 1 m above, the largest share seen twice, pixels across"""
 MOST_OBSTACLES = 2000
 OBSTACLE_BYTES = MOST_BYTES // 8
 
@@ -56,9 +58,24 @@ def _check_sizes(goal: swarm.Goal) -> None:
     elif isinstance(goal, swarm.Search) and len(goal.polygon) < 3:
         corners = len(goal.polygon)
         raise BadInput.wrong("goal.polygon", corners, "three or more", f"the search's polygon has {corners} corners")
+    elif isinstance(goal, swarm.Survey):
+        _check_survey(goal)
     elif isinstance(goal, swarm.GoTo) and len(goal.to) != len(goal.vehicles):
         text = f"{len(goal.vehicles)} vehicles have {len(goal.to)} places to go to"
         raise BadInput(text, field="goal.to", value=len(goal.to), expected=f"{len(goal.vehicles)} places")
+
+
+def _check_survey(goal: swarm.Survey) -> None:
+    _positive(goal.height, "goal.height")
+    for i, ratio in enumerate(goal.camera):
+        if not WIDTHS[0] <= ratio <= WIDTHS[1]:
+            expected = f"sensor over focal length, {WIDTHS[0]:g} to {WIDTHS[1]:g}"
+            raise BadInput.wrong(f"goal.camera[{i}]", ratio, expected)
+    for field, share in (("goal.overlap", goal.overlap), ("goal.front", goal.front)):
+        if not 0.0 <= share <= MOST_OVERLAP:
+            raise BadInput.wrong(field, share, f"a share from 0 to {MOST_OVERLAP:g}")
+    if not 0 <= goal.pixels <= MOST_PIXELS:
+        raise BadInput.wrong("goal.pixels", goal.pixels, f"0 (not known) to {MOST_PIXELS}")
 
 
 def check_obstacle(obstacle: swarm.Obstacle) -> None:

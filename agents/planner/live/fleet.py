@@ -172,6 +172,12 @@ class Fleet:
         )
         return HeardVehicle(view, time.monotonic() - at, state)
 
+    def battery_of(self, name: str) -> float | None:
+        """The share that is left in it; None: not known."""
+        seen = self.seen(name)
+        battery = seen.state.battery if seen is not None else None
+        return battery.remaining if battery is not None else None
+
     @property
     def homeless(self) -> list[str]:
         """Those that were in the air when we came, and did not say yet where they took off: they cannot return."""

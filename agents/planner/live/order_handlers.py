@@ -119,7 +119,11 @@ class OrderHandlers:
         self._previews += 1
         try:
             planner = Planner(self._context, "preview", await self._preview_solver())
-            return await preview(planner, args.goal, check_known(self._context, args.goal))
+            told = await preview(planner, args.goal, check_known(self._context, args.goal))
+            for figures in (step.get("figures", {}) for step in told["steps"]):
+                for name, numbers in figures.items():
+                    numbers["battery_left"] = self._context.fleet.battery_of(name)
+            return told
         finally:
             self._previews -= 1
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from agents.planner.goals.formation import offsets_of
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
+from agents.planner.goals.sweeping import sweepers_of
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
@@ -68,7 +69,7 @@ class Planner:
         """What the goal comes down to; raises the typed error of one that cannot be."""
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
-        points += [enu(point) for point in points_of(goal)]
+        points += [enu(point) for point in points_of(goal, view)]
         points += circles(goal, view, points)
         return await self._solver.do(jobs.Resolve(goal, view, room.empty(points)))
 
@@ -175,7 +176,7 @@ def circles(goal: swarm.Goal, view: FleetView, points: Sequence[Vector]) -> list
     return [(float(x.min()) - wide, float(y.min()) - wide, low), (float(x.max()) + wide, float(y.max()) + wide, high)]
 
 
-def points_of(goal: swarm.Goal) -> list[Vector]:
+def points_of(goal: swarm.Goal, view: FleetView) -> list[Vector]:
     """Every place (NED) that a goal names."""
     found: list[Vector] = []
     for field in ("to", "via"):
@@ -186,7 +187,8 @@ def points_of(goal: swarm.Goal) -> list[Vector]:
         for north, east, down in (goal.at, *goal.via):
             found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]
     if isinstance(goal, swarm.Search):
-        found += [(n, e, -goal.height) for n, e in goal.polygon]
+        heights = {each.height for each in sweepers_of(goal, view.pick(goal.vehicles))}
+        found += [(n, e, -height) for n, e in goal.polygon for height in heights]
     if isinstance(goal, swarm.Land):
         found += [(n, e, 0.0) for n, e in goal.at]
     return found

@@ -22,6 +22,8 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView) -> dict[s
         if planned is not None:
             tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
             row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
+        if isinstance(step, Fly) and step.figures:
+            row["figures"] = {name: dict(figures) for name, figures in step.figures.items()}
         steps.append(row)
     clearances = [row["clearance"] for row in steps if row.get("clearance") is not None]
     return {

@@ -6,6 +6,7 @@ import { byId, make, makeButton, saveFile, say, toast } from "./dom.js";
 import { askPlanner, planFirst } from "./planner.js";
 import { READ_ONLY } from "./settings.js";
 import { commandOf, fenceTableOf, KIND_WORD, obstacleOf, planFileOf, Shapes } from "./shapes.js";
+import { surveyForm } from "./survey.js";
 import { L } from "./vendor.js";
 import { t } from "./words.js";
 
@@ -207,7 +208,7 @@ export class Drawing {
       this.refresh();
     });
     const numbers = shape.kind === "search" ? [number(t("draw.flown"), "ceiling")] : [...(shape.kind === "obstacle" ? [number(t("draw.radius"), "radius")] : []), number(t("draw.floor"), "floor"), number(t("draw.ceiling"), "ceiling")];
-    const row = make("li", this.editing === shape.id ? "editing" : "", "", make("div", "shape-head", "", make("b", "", KIND_WORD[shape.kind]), name), make("div", "shape-numbers", "", ...numbers), make("div", "orders", "", ...this.acts(shape)));
+    const row = make("li", this.editing === shape.id ? "editing" : "", "", make("div", "shape-head", "", make("b", "", KIND_WORD[shape.kind]), name), make("div", "shape-numbers", "", ...numbers), make("div", "orders", "", ...this.acts(shape)), ...(!READ_ONLY && shape.kind === "search" ? [surveyForm(this, shape)] : []));
     row.addEventListener("focusin", () => {
       if (this.editing === shape.id) return;
       this.editing = shape.id;

@@ -2,15 +2,20 @@
 
 import { toast } from "./dom.js";
 import { CLOSEST } from "./map.js";
-import { address, TILES } from "./settings.js";
+import { address, PICTURE, TILES } from "./settings.js";
 import { L, pmtiles } from "./vendor.js";
 import { t, wordsOf } from "./words.js";
 
 /** @param {import("./map.js").FleetMap} view */
 export async function showGround(view) {
   const [kind, closest] = TILES.split(" ");
-  if (!kind) return;
   view.map.createPane("ground").style.zIndex = "155";
+  if (PICTURE.length) {
+    const [south, west, north, east] = PICTURE;
+    view.map.createPane("picture").style.zIndex = "156";
+    L.imageOverlay(address("picture"), [[south, west], [north, east]], { pane: "picture", alt: "" }).addTo(view.map);
+  }
+  if (!kind) return;
   const how = { pane: "ground", maxZoom: CLOSEST };
   try {
     if (kind === "mbtiles") {

@@ -15,15 +15,18 @@ import { wireKeys } from "./keyboard.js";
 import { Link } from "./link.js";
 import { FleetMap } from "./map.js";
 import { MapTools } from "./maptools.js";
+import { Missions } from "./missions.js";
 import { allowOrders } from "./orders.js";
 import { PlanLayer } from "./planlayer.js";
 import { Preflight } from "./preflight.js";
 import { Scrubber } from "./scrub.js";
-import { address, FLEET } from "./settings.js";
+import { Replay } from "./replay.js";
+import { address, FLEET, REPLAY } from "./settings.js";
 import { Sounds } from "./sounds.js";
 import { Store } from "./store.js";
 import { FleetTable } from "./table.js";
 import { wireTabs } from "./tabs.js";
+import { Teams } from "./teams.js";
 import { wireTheme } from "./theme.js";
 import { span, t } from "./words.js";
 
@@ -53,7 +56,10 @@ const alarms = new Alarms(store);
 export const scrubber = new Scrubber(store, map, plans);
 export const heights = new Heights(store, map, plans, scrubber);
 export const fleetLayer = new FleetLayer(store, map);
-const views = [map, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
+new Missions(store, map);
+new Replay(store);
+const teams = new Teams(store, map, plans);
+const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -75,7 +81,7 @@ function drawSummary() {
   const parts = [t("summary.vehicles", { count: all.length }), t("summary.armed", { count: all.filter((vehicle) => vehicle.state.armed).length })];
   if (stale && store.connection === "live") parts.push(t("summary.silent", { count: stale }));
   say(byId("summary"), parts.join(" · "));
-  const title = `${stale || store.connection === "lost" ? "⚠ " : ""}zmav · ${parts[0]}`;
+  const title = `${REPLAY ? `${t("replay.mark")} · ` : ""}${stale || store.connection === "lost" ? "⚠ " : ""}zmav · ${parts[0]}`;
   if (document.title !== title) document.title = title;
 }
 

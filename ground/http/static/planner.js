@@ -3,7 +3,7 @@
 import { confirmed } from "./ask.js";
 import { toast } from "./dom.js";
 import { post } from "./orders.js";
-import { few, metres, span, t, wordsOf } from "./words.js";
+import { few, fixed, metres, span, t, wordsOf } from "./words.js";
 
 /** @typedef {import("./types.js").Goal} Goal */
 
@@ -18,6 +18,19 @@ export async function askPlanner(verb, args) {
     toast(t("planner.failed", { verb, text: wordsOf(error) }), "bad", 15000);
     return null;
   }
+}
+
+/** Of a search or a survey: what comes of it, and what each needs for its part. @param {import("./types.js").Step[]} steps @returns {string[]} */
+function figuresOf(steps) {
+  return steps.flatMap((step) => {
+    if (!step.figures) return [];
+    const rows = Object.entries(step.figures).map(([name, each]) => {
+      const left = each.battery_left === null ? "" : t("preview.left", { percent: fixed(100 * each.battery_left, 0) });
+      const pictures = each.pictures === undefined ? "" : t("preview.pictures", { count: each.pictures });
+      return t("preview.part", { name, span: span(each.seconds), metres: metres(each.metres), percent: fixed(100 * each.battery, 0), left, pictures });
+    });
+    return [step.text || "", ...rows];
+  });
 }
 
 /**
@@ -36,10 +49,11 @@ export async function planFirst(goal, plans) {
   } finally {
     box.remove();
   }
+  for (const step of preview.steps) step.makespan = step.makespan || 0; // what has no end yet: follow
   plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });
-  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), t("preview.text", { span: span(preview.makespan), clear }), t("preview.yes"), null, true);
+  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), [t("preview.text", { span: span(preview.makespan), clear }), ...figuresOf(preview.steps)].join("\n"), t("preview.yes"), null, true);
   plans.preview([]);
   if (yes) await askPlanner("submit", { goal });
 }

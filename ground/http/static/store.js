@@ -2,6 +2,7 @@
 
 import { hue, keep, kept } from "./dom.js";
 import { metresPerRadian, RADIAN, toGlobal } from "./geo.js";
+import { REPLAY } from "./settings.js";
 import { Vehicle } from "./vehicle.js";
 
 /**
@@ -40,6 +41,8 @@ export class Store {
     /** @type {"connecting" | "live" | "lost"} */
     this.connection = "connecting";
     this.lastWord = 0;
+    /** Where a recording is that is played, UTC s. */
+    this.replayAt = 0;
     /** @type {Record<string, string[]>} groups of vehicles by a name that a person gave them */
     this.groups = kept("groups", {});
     /** Called when a person has changed what is selected: it is shown at once. */
@@ -69,6 +72,7 @@ export class Store {
       [...this.vehicles.values()].forEach((each, index) => (each.colour = hue(index)));
     }
     vehicle.take(state, alarms || [], this.placeOf(state));
+    if (REPLAY) vehicle.clock = () => this.replayAt;
   }
 
   /** @param {State} state @returns {Place | null} */
@@ -167,6 +171,15 @@ export class Store {
 
   get openGoals() {
     return this.book ? this.book.goals.filter((entry) => !["done", "failed", "cancelled"].includes(entry.state)) : [];
+  }
+
+  /** A recording is played from elsewhere: what was heard of another time. */
+  forget() {
+    for (const vehicle of this.vehicles.values()) vehicle.trail = [];
+    this.events = [];
+    this.book = null;
+    this.plans.clear();
+    this.obstacles.clear();
   }
 
   // What a person does.

@@ -6,6 +6,7 @@
  * @typedef {[number, number, number]} Vector NED, m or m/s
  *
  * @typedef {object} State of a vehicle
+ * @property {number} [t] UTC s
  * @property {boolean} [replayed]
  * @property {number | null} [sysid]
  * @property {string | null} [autopilot]
@@ -34,7 +35,8 @@
  * @typedef {number[]} TrackPoint seconds after the start, then m NED about the fleet's origin
  * @typedef {Record<string, TrackPoint[]>} Tracks by vehicle
  * @typedef {{goal: string, start: number, makespan: number, tracks: Tracks}} Plan start: UTC seconds
- * @typedef {{tracks?: Tracks, makespan: number}} Step of a preview, which begins where the one before it ends
+ * @typedef {{seconds: number, metres: number, battery: number, battery_left: number | null, pictures?: number}} Figures
+ * @typedef {{tracks?: Tracks, makespan: number, text?: string, figures?: Record<string, Figures>}} Step of a preview, which begins where the one before it ends
  *
  * @typedef {object} What an obstacle is
  * @property {string} shape

@@ -32,6 +32,8 @@ export class Vehicle {
     /** @type {Alarm[]} */
     this.found = [];
     this.judged = this.judgedAt = 0;
+    /** @type {(() => number) | null} UTC s of a recording that is played, by which it is old */
+    this.clock = null;
   }
 
   /** @param {State} state @param {Alarm[]} alarms @param {Place | null} place */
@@ -47,6 +49,7 @@ export class Vehicle {
   }
 
   get age() {
+    if (this.clock) return Math.max(0, this.clock() - (this.state.t || 0));
     return (Date.now() - this.at) / 1000;
   }
 

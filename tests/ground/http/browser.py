@@ -20,6 +20,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import zenoh
 from websockets.asyncio.client import ClientConnection, connect
 
@@ -352,7 +353,7 @@ class FakePlanner:
                 step = {"step": "PlanTo", "text": "", "makespan": 6.0, "clearance": 3.2, "tracks": tracks}
                 result = {"makespan": 6.0, "clearance": 3.2, "steps": [step]}
             elif verb == "submit":
-                goal = wire.decode(json.dumps(args["goal"]).encode(), swarm.GoTo | swarm.Search | swarm.TakeOff, "goal")  # type: ignore[arg-type]
+                goal = msgspec.convert(args["goal"], swarm.Goal)
                 self.goals = [swarm.GoalEntry(id="g1", goal=goal, state="flying", t=time.time(), progress=0.4)]
                 result = {"goal": "g1"}
             elif verb == "cancel":

@@ -85,7 +85,7 @@ def _heights(step: Loiter) -> list[float]:
 def resolved(goal: wire.swarm.Goal, fleet: FleetView) -> list[Step]:
     """In a world of which nothing is known, whose bounds are those that the agent makes for the goal."""
     places = [enu(fleet.vehicles[name].pos_ned) for name in goal.vehicles]
-    places += [enu(point) for point in points_of(goal)]
+    places += [enu(point) for point in points_of(goal, fleet)]
     places += circles(goal, fleet, places)
     return resolve(goal, fleet, Room((), (), Pieces(), 1.5).empty(places))
 

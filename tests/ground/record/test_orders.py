@@ -1,0 +1,35 @@
+"""The orders in a recording, as 'zmav record --orders' shows them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner
+
+from ground.record.cli import command
+from zmav import keys, wire
+
+KEY = keys.FLEET.key("demo", topic=keys.ORDERED)
+
+
+def test_the_orders_in_a_recording_are_shown(desk: Any) -> None:
+    here = desk()
+    line = wire.OrderLine(
+        t=1_700_000_000.0, who="anna", source="10.0.0.7", verb="do/takeoff", vehicles=["quad1"], outcome="done", more=2
+    )
+    here.storage.put(KEY, wire.encode(line))
+    here.storage.put(KEY, b'{"t": 1, "nonsense": true}')
+    here.storage.put("zmav/demo/@fleet/goal", b'{"t": 1}')
+    here.storage.close()
+    (path,) = here.files("mcap")
+    result = CliRunner().invoke(command, ["--orders", str(path)])
+    assert result.exit_code == 0, result.output
+    (row,) = [line for line in result.output.splitlines() if "takeoff" in line]
+    assert "anna@10.0.0.7" in row and "quad1" in row and "done (2 more before)" in row
+    assert "1 orders" in result.output
+
+
+def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
+    result = CliRunner().invoke(command, ["--orders", str(tmp_path)])
+    assert result.exit_code != 0 and "no .mcap and no .tlog" in f"{result.output}{result.exception}"
