@@ -43,7 +43,7 @@ class Audit:
     """The lines. On the event loop."""
 
     def __init__(self, client: Client) -> None:
-        self._client = client
+        self.client = client
         self.lines: deque[wire.OrderLine] = deque(maxlen=KEPT)
         self._limit = RateLimit[tuple[str, ...]](AGAIN_S, MOST)
         self._waited = RateLimit[tuple[str, ...]](WAITED_S, MOST)
@@ -54,7 +54,7 @@ class Audit:
         more = self._waited.take((*about, args)) if UNDER_WAY in outcome else self._limit.take(about)
         if more is None:
             return
-        member = self._client.member
+        member = self.client.member
         line = wire.OrderLine(
             t=time.time(),
             who=who or (member.credentials.name if member is not None else ""),
@@ -68,7 +68,7 @@ class Audit:
         )
         self.lines.append(line)
         try:
-            self._client.put(keys.FLEET, keys.FLEET.key(self._client.fleet_name, topic=keys.ORDERED), line)
+            self.client.put(keys.FLEET, keys.FLEET.key(self.client.fleet_name, topic=keys.ORDERED), line)
         except (ZmavError, zenoh.ZError) as e:
             logger.warning("an order is in no recording: %s", e)
 

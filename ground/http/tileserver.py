@@ -25,12 +25,8 @@ AT_ONCE, WAITING = 4, 64
 """requests to the server, and tiles that wait for one: a map that is moved on asks for others"""
 TIMEOUT_S, LARGEST = 8.0, 1_000_000
 """for an answer, and bytes of a tile"""
-FRESH_S = 30 * 86400.0
-"""after which a tile is asked for again; until an answer comes the old one is served"""
 DOWN_S = 15.0
 """for which a server that cannot be reached is left alone"""
-USED_S = 3600.0
-"""to which it is known when a tile was asked for last"""
 ROOM = 0.9
 """share of the size to which a full cache is emptied"""
 CLOSEST = 19
@@ -42,6 +38,10 @@ class TileServer:
     """
 
     kind, closest = "mbtiles", CLOSEST
+    fresh_s = 30 * 86400.0
+    """after which a tile is asked for again; until an answer comes the old one is served"""
+    used_s = 3600.0
+    """to which it is known when a tile was asked for last"""
 
     def __init__(self, url: str, folder: Path, most: int) -> None:
         parts = urlsplit(url)
@@ -60,7 +60,8 @@ class TileServer:
             self._file.execute("PRAGMA synchronous=OFF")  # a tile that is lost is asked for again
             table = "tiles (place TEXT PRIMARY KEY, data BLOB NOT NULL, came REAL NOT NULL, used REAL NOT NULL)"
             self._file.execute(f"CREATE TABLE IF NOT EXISTS {table}")
-            self._bytes = int(self._file.execute("SELECT total(length(data)) FROM tiles").fetchone()[0])
+            # bytes of all tiles kept
+            self.size = int(self._file.execute("SELECT total(length(data)) FROM tiles").fetchone()[0])
         except (OSError, sqlite3.Error) as e:
             raise BadConfig(f"tile cache {folder}: {e}", field="tile_cache", value=str(folder)) from e
 
@@ -90,9 +91,9 @@ class TileServer:
             row = self._file.execute("SELECT data, came, used FROM tiles WHERE place=?", (place,)).fetchone()
             if row is None:
                 return None
-            if abs(now - row[2]) > USED_S:
+            if abs(now - row[2]) > self.used_s:
                 self._file.execute("UPDATE tiles SET used=? WHERE place=?", (now, place))
-            return bytes(row[0]), 0.0 <= now - row[1] < FRESH_S
+            return bytes(row[0]), 0.0 <= now - row[1] < self.fresh_s
         return None
 
     def _ask(self, z: int, x: int, y: int) -> bytes | None:
@@ -122,18 +123,18 @@ class TileServer:
         with self._lock, contextlib.suppress(sqlite3.Error):
             old = self._file.execute("SELECT length(data) FROM tiles WHERE place=?", (place,)).fetchone()
             self._file.execute("INSERT OR REPLACE INTO tiles VALUES (?, ?, ?, ?)", (place, data, now, now))
-            self._bytes += len(data) - (old[0] if old else 0)
-            if self._bytes > self._most:
+            self.size += len(data) - (old[0] if old else 0)
+            if self.size > self._most:
                 self._make_room()
 
     def _make_room(self) -> None:
         oldest = self._file.execute("SELECT place, length(data) FROM tiles ORDER BY used").fetchall()
         gone = []
         for place, size in oldest:
-            if self._bytes <= ROOM * self._most:
+            if self.size <= ROOM * self._most:
                 break
             gone.append((place,))
-            self._bytes -= size
+            self.size -= size
         self._file.execute("BEGIN")
         self._file.executemany("DELETE FROM tiles WHERE place=?", gone)
         self._file.execute("COMMIT")

@@ -33,10 +33,11 @@ class Heard:
     def _on(self, sample: zenoh.Sample) -> None:
         self.lines.append(wire.decode(sample.payload.to_bytes(), wire.OrderLine, KEY))
 
-    def line(self, verb: str) -> wire.OrderLine:
+    def line(self, verb: str, outcome: str = "") -> wire.OrderLine:
+        """The last one of that verb, once its outcome holds these words."""
         deadline = time.monotonic() + 10.0
         while time.monotonic() < deadline:
-            if found := [line for line in self.lines if line.verb == verb]:
+            if found := [line for line in self.lines if line.verb == verb and outcome in line.outcome]:
                 return found[-1]
             time.sleep(0.02)
         raise AssertionError(f"no {verb} in {[line.verb for line in self.lines]}")
@@ -115,6 +116,7 @@ def test_a_survey_is_given_as_a_verb_and_its_preview_is_no_order(served: Served,
         assert len([each for each in heard.lines if each.verb == "swarm/survey"]) == 1
         assert served.post("/swarm/survey", {**goal, "camera": [1.5]}).status == 400
         assert served.post("/swarm/survey", {**goal, "hight": 3}).status == 400
+        heard.line("swarm/survey", "hight")
     finally:
         planner.close()
 
@@ -159,7 +161,7 @@ def test_a_recorder_s_trouble_is_no_order_s(served: Served, monkeypatch: pytest.
     def refuse(*_: Any, **__: Any) -> None:
         raise Refused("no room")
 
-    monkeypatch.setattr(served.gateway.audit._client, "put", refuse)
+    monkeypatch.setattr(served.gateway.audit.client, "put", refuse)
     assert served.post("/do/quad1/land", {}).status == 200
 
 

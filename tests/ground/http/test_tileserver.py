@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.server
+import sqlite3
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,7 +65,8 @@ def server() -> Iterator[Server]:
 
 
 def total(tiles: TileServer) -> int:
-    return int(tiles._file.execute("SELECT total(length(data)) FROM tiles").fetchone()[0])
+    with contextlib.closing(sqlite3.connect(tiles.path)) as file:
+        return int(file.execute("SELECT total(length(data)) FROM tiles").fetchone()[0])
 
 
 async def test_a_tile_is_asked_for_once_and_outlives_the_server(server: Server, tmp_path: Path) -> None:
@@ -77,17 +79,12 @@ async def test_a_tile_is_asked_for_once_and_outlives_the_server(server: Server, 
     offline = TileServer(server.url, tmp_path, PLENTY)
     assert await offline.fetch(3, 1, 2) == first
     assert await offline.fetch(3, 1, 3) is None
-    began = time.monotonic()
-    assert [await offline.fetch(5, n, 0) for n in range(30)] == [None] * 30
-    assert time.monotonic() - began < 2.0, "a server that is down is left alone"
     offline.close()
 
 
-async def test_the_cache_is_bounded_and_keeps_what_was_used_last(
-    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tileserver, "USED_S", 0.0)
+async def test_the_cache_is_bounded_and_keeps_what_was_used_last(server: Server, tmp_path: Path) -> None:
     tiles = TileServer(server.url, tmp_path, 20_000)
+    tiles.used_s = 0.0
     for n in range(60):
         await tiles.fetch(9, n, 0)
         await tiles.fetch(9, 0, 0)  # somebody looks at this one all the time
@@ -96,16 +93,16 @@ async def test_the_cache_is_bounded_and_keeps_what_was_used_last(
     assert tiles.path.stat().st_size < 200_000
     tiles.close()
     again = TileServer(server.url, tmp_path, 20_000)
-    assert again._bytes == total(again) > 10_000
+    assert again.size == total(again) > 10_000
     again.close()
 
 
 async def test_an_old_tile_is_asked_for_again_and_served_until_there_is_a_new_one(
-    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    server: Server, tmp_path: Path
 ) -> None:
     tiles = TileServer(server.url, tmp_path, PLENTY)
     old = await tiles.fetch(1, 0, 0)
-    monkeypatch.setattr(tileserver, "FRESH_S", 0.0)
+    tiles.fresh_s = 0.0
     server.status = 404
     assert await tiles.fetch(1, 0, 0) == old and len(server.asked) == 2
     server.status, server.extra = 200, b"new"
