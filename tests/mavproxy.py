@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 PATIENCE_S = 50.0
@@ -63,11 +64,10 @@ class MavProxy:
     def set_param(self, name: str, value: float) -> None:
         """Set it, and look until MAVProxy has heard of it itself."""
         self.type(f"param set {name} {value}")
-        for _ in range(50):
-            shown = self.type(f"param show {name}", rf"{name} +[\d.]+")
-            if float(shown.split()[-1]) == value:
-                return
-        raise AssertionError(f"MAVProxy shows {shown}")
+        deadline = time.monotonic() + PATIENCE_S
+        while float((shown := self.type(f"param show {name}", rf"{name} +[\d.]+")).split()[-1]) != value:
+            assert time.monotonic() < deadline, f"MAVProxy shows {shown}"
+            time.sleep(0.05)
 
     def close(self) -> None:
         assert self.process.stdin is not None

@@ -142,8 +142,8 @@ class Supervisor(zmav.Agent):
                     self.cycles.source = state.sysid, state.compid
                 if state.clock is not None:
                     self.cycles.set_clock(state.clock.boot_t)
-                if state.position is not None and state.local is not None:
-                    self.estimate.anchor(state.position, state.local)
+                if self.idle:
+                    self._locate(state)
                 if self.turned_away(state) and self.settings.by_switch:
                     self._switched = asyncio.get_running_loop().create_task(self._by_switch())
             self._tell()
@@ -294,8 +294,14 @@ class Supervisor(zmav.Agent):
 
     async def _estimated(self) -> None:
         """Wait for the estimate: just after the start it is a matter of moments."""
-        while not self.estimate.ready:
+        while (state := self.vehicle.last_state) is None or not self._locate(state).ready:
             await asyncio.sleep(LOOK)
+
+    def _locate(self, state: wire.VehicleState) -> Estimate:
+        """Have positions about the fleet's origin, where it is known: not while it flies, or it would seem to jump."""
+        if state.position is not None and state.local is not None:
+            self.estimate.anchor(state.position, state.local)
+        return self.estimate
 
     @property
     def idle(self) -> bool:

@@ -64,6 +64,7 @@ class Copter:
         self._seldom = [
             declare(keys.RX.key(fleet, name, **_WHO, msg=msg), **keys.RX.publishing()) for msg in SAID_SELDOM
         ]
+        self._readers = declare(keys.RX.key(fleet, name, sys="*", comp="*", msg="*"))
         self._states = declare(keys.STATE.key(fleet, name), **keys.STATE.publishing())
         link = keys.LINK.key(fleet, name, link="autopilot")
         self._links = declare(link, **keys.LINK.publishing())
