@@ -59,7 +59,7 @@ class Feed:
         self._replay = keys.is_replay(fleet)
         self._origins: dict[str, Origin] = {}
         self._lock = threading.Lock()
-        """each subscriber has a thread of its own"""
+        """samples come on more than one thread of Zenoh's"""
         self.frames = 0
         self.foreign = 0
         """samples left out because their key is none of a vehicle's frame, or a recording's where vehicles are heard"""

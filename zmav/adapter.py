@@ -210,9 +210,9 @@ class Adapter:
     def send_raw(self, data: bytes) -> bool:
         msgid = int.from_bytes(data[7:10], "little") if data[0] == 0xFD else data[5]
         if msgid != HEARTBEAT:
-            self.link.hurry()
             if msgid != TIMESYNC and not self.awaited:
                 self.spoke = time.monotonic()
+            self.link.hurry()  # last: it asks at once how long what comes may lie
         sent = self.link.send(data)
         if sent:
             self.tx.frames += 1

@@ -97,6 +97,16 @@ def test_burst(watch: Watch, device: Device) -> None:
     watched.expect_data(EVERY_BYTE * 400)
 
 
+def test_much_is_read_soon_though_it_may_lie(watch: Watch, device: Device) -> None:
+    """A terminal gives 4095 bytes at once: they are taken more often where more wait."""
+    device.plug()
+    watched = watch(f"{device.path},921600")
+    watched.expect_state(LinkState.UP)
+    watched.link.patience = lambda: 2.0
+    device.write(EVERY_BYTE * 1000)
+    watched.expect_data(EVERY_BYTE * 1000)
+
+
 def test_absent_then_plugged_in(watch: Watch, device: Device) -> None:
     watched = watch(f"{device.path},57600")
     after = watched.expect_state(LinkState.DOWN, f"no device {device.path}: is it plugged in?")

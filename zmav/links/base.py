@@ -23,7 +23,8 @@ from zmav.errors import LinkError, ZmavError
 logger = logging.getLogger(__name__)
 
 OnData = Callable[[bytes], None]
-MUCH = 4096  # bytes, from which on a nap was too long: the least receive buffers hold that much in the smallest frames
+MUCH = 4000  # bytes, from which on a nap was too long: the least receive buffers hold that much in the smallest frames,
+# and a terminal gives 4095 at once at most, however many wait
 FIRST_NAP_S, SHORTEST_NAP_S = 0.005, 0.001
 WAITED_NOT_S = 20e-6  # a read that took no longer found what it brought there already
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
@@ -252,8 +253,10 @@ class Link(ABC):
             if waited < WAITED_NOT_S and self.joins:
                 data += self._more()
             self._give(data)
-            if len(data) >= MUCH:
-                self._judge_nap(len(data), self.nap)
+            if (
+                len(data) >= MUCH
+            ):  # a stream's nap brings nothing by itself, and doubles: a quarter, so that it shortens
+                self.nap = max(self.nap / 4.0, SHORTEST_NAP_S)
             while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
                 pass
 
@@ -264,7 +267,7 @@ class Link(ABC):
         if self._closing.is_set():
             return False
         came, before = False, self._counters.rx_bytes
-        while data := self._more():
+        while not self._closing.is_set() and (data := self._more()):
             self._give(data)
             came = True
         self._judge_nap(self._counters.rx_bytes - before, patience)

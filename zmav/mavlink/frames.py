@@ -122,7 +122,6 @@ class Splitter:
         """Forget an unfinished frame: the link was reopened, and a new stream begins. Counters and sources stay."""
         self.counters.garbage += len(self.partial)
         self.partial = b""
-        """of a frame of which the rest has not come"""
         self._in_sync = True
 
     def _split(self, data: bytes) -> list[Frame]:

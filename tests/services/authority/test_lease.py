@@ -276,7 +276,10 @@ async def test_who_asks_meanwhile_has_it(bench: StartBench) -> None:
     assert (await b.event("alice, who held the lease, is gone", kind="lease"))["detail"]["reason"] == "gone"
 
 
-async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: StartBench, net: Net) -> None:
+@pytest.mark.parametrize("committed", [0.0, 60.0])
+async def test_it_ends_when_its_holder_s_router_is_heard_without_it(
+    bench: StartBench, net: Net, committed: float
+) -> None:
     b = await (await bench()).connected()
     router, endpoint = net.router(net.router(b.endpoint)[1])
     far = net.ground(endpoint).session.liveliness()
@@ -284,6 +287,7 @@ async def test_it_ends_when_its_holder_s_router_is_heard_without_it(bench: Start
     leases = b.vehicle.leases
     await until(lambda: ("alice", "one") in leases.present, "the token")
     mine = await take(b, instance="one", router=str(router.info.zid()))
+    leases.commit(time.monotonic() + committed)
     token.undeclare()
     await until(lambda: leases.misses_holder, "a token that is missed")
     for _ in range(25):  # it is in use: the token is late, and not its holder

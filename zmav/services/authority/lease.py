@@ -70,7 +70,7 @@ class Leases:
         self._answer: dict[str, Any] = {}
         self._priority = 0
         self._ttl = 0.0
-        self._expires = self._committed = 0.0
+        self._expires = self._committed = self._used = 0.0
         self._ahead = self._set_by = 0.0
         """UTC less monotonic seconds when last looked at, and by how much it was set since the lease was given"""
         self.present: set[tuple[str, str]] = set()
@@ -112,7 +112,7 @@ class Leases:
             token = secrets.token_hex(8)
             secret, answer = self._agree(args, token) if origin else (b"", {})
             self._may_take()
-            if self._looking and not self._looking.done():  # who asks meanwhile has it
+            if self._looking:  # who asks meanwhile has it
                 self._gone()
             if self._token and args.priority <= self._priority:
                 raise self.refusal()
@@ -175,7 +175,8 @@ class Leases:
 
     def renew(self) -> None:
         """It is in use."""
-        self._expires = max(time.monotonic() + self._ttl, self._committed)
+        self._used = time.monotonic()
+        self._expires = max(self._used + self._ttl, self._committed)
 
     def commit(self, until: float) -> None:
         """What was handed over lasts until then (monotonic seconds), and the lease with it, renewed or not."""
@@ -283,8 +284,8 @@ class Leases:
         if sample.kind == zenoh.SampleKind.PUT:
             if len(self.present) < MOST_PRESENT:
                 self.present.add(who)
-                if holds:
-                    self._found()
+            if holds:
+                self._found()
         elif who in self.present:
             self.present.discard(who)
             if holds and self._router:
@@ -317,13 +318,13 @@ class Leases:
         """
         answers, loop, key = 0, asyncio.get_running_loop(), f"@/{self._router}/router"
         while answers < ANSWERS:
-            used, heard = self._expires, asyncio.Event()
+            used, heard = self._used, asyncio.Event()
             await asyncio.sleep(ASK_EVERY)
             replies = on_loop(loop, lambda reply, heard=heard: reply.ok and heard.set())
             ask_everybody(self._session, keys.DO.qos, key, replies, timeout=ANSWER_S)
             try:
                 await within(ANSWER_S, heard.wait())
-                answers = answers + 1 if used == self._expires else 0
+                answers = answers + 1 if used == self._used else 0
             except asyncio.TimeoutError:
                 answers = 0
         self._gone()

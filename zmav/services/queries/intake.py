@@ -25,10 +25,13 @@ NAP = 0.005
 """s between two batches of what is more than that, or as long as the work of the last one took: a flood is looked at in
 batches of the ring's size, and leaves the event loop its share of the interpreter
 """
-TIMER_SLACK, TOGETHER_NS = 29, 100_000_000
+TIMER_SLACK, TOGETHER_NS = 29, 10_000_000
 """PR_SET_TIMERSLACK (linux/prctl.h); waiting on a ring, Zenoh's Python looks up ten times a second, and one vehicle has
-sixteen: so late they may, and the kernel has them all look at once. What comes ends a wait at once all the same
+sixteen: so late they may, and the kernel has many look at once. What comes ends a wait at once all the same, but who
+waits for the interpreter asks for it after 5 ms and the slack: an order must not come 0.1 s late where a thread is busy
 """
+_PRCTL = ctypes.PyDLL(None).prctl if sys.platform == "linux" else None
+"""keeps the interpreter's lock: it is called for each batch"""
 
 
 class Intake:
@@ -49,10 +52,11 @@ class Intake:
 
     def _run(self) -> None:
         ring, since, count = self._declared.handler, 0.0, 0
-        _set_slack(TOGETHER_NS)
         with contextlib.suppress(zenoh.ZError):  # undeclared
             while not self._closed.is_set():
+                _set_slack(TOGETHER_NS)
                 batch = [ring.recv()]
+                _set_slack(0)
                 while len(batch) < self._most and (more := ring.try_recv()) is not None:
                     batch.append(more)
                 began = time.thread_time()
@@ -64,12 +68,10 @@ class Intake:
                 since, count = (now, len(batch)) if now - since > WINDOW else (since, count + len(batch))
                 del batch
                 if count > FREE:
-                    _set_slack(0)
                     self._closed.wait(max(NAP, time.thread_time() - began))
-                    _set_slack(TOGETHER_NS)
 
 
 def _set_slack(nanoseconds: int) -> None:
     """By how much this thread's waits may be longer than asked for; 0: the system's usual."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)
+    if _PRCTL is not None:
+        _PRCTL(TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)

@@ -157,13 +157,13 @@ class Demands:
 
     def _change(self) -> None:
         """Have it told: at once, or a moment after the last time."""
-        self.fastest = max((each.hz for held in self._tokens.values() for each in held.values()), default=0.0)
         if self._telling is None:
             loop = asyncio.get_running_loop()
             self._telling = loop.call_at(max(loop.time(), self._told + self.quiet), self._tell)
 
     def _tell(self) -> None:
         self._telling, self._told = None, asyncio.get_running_loop().time()
+        self.fastest = max((each.hz for held in self._tokens.values() for each in held.values()), default=0.0)
         self._plan()
 
     # Plain subscribers.
