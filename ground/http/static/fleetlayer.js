@@ -116,8 +116,8 @@ export class FleetLayer {
     const since = Date.now() - TRAIL_MS;
     drawn.track.setLatLngs([...vehicle.trail.filter((point) => point.at > since).map((point) => [point.lat, point.lon]), here]);
     if (vehicle.home) drawn.home.setLatLng([vehicle.home.lat, vehicle.home.lon]).addTo(this.map);
-    const target = vehicle.target && vehicle.state.armed ? [here, [vehicle.target.lat, vehicle.target.lon]] : [];
-    drawn.aim.setLatLngs(target).addTo(this.map);
+    const aim = vehicle.state.armed ? vehicle.aim : null;
+    drawn.aim.setLatLngs(aim ? [here, [aim.lat, aim.lon]] : []).addTo(this.map);
   }
 
   /** Pixels that the ring about it reaches further than its mark. @param {Vehicle} vehicle */
