@@ -146,7 +146,8 @@ def from_code(code: str, message: str, detail: dict[str, Any] | None = None) -> 
 
 def missing_extra(what: str, package: str | None, extra: str) -> BadConfig:
     """What to say where ``what`` needs a package that an extra of zmav brings."""
-    text = f"{what} needs {package}: pip install 'zmav[{extra}]'"
+    made = f", or in a clone 'make {extra}'" if extra in ("planner", "vision") else ""
+    text = f"{what} needs {package}: pip install 'zmav[{extra}]'{made}"
     return BadConfig(text, field="installation", value=package, expected=f"zmav[{extra}]")
 
 

@@ -88,7 +88,6 @@ class Supervisor(zmav.Agent):
         """the request to take over that counts, while it is looked into"""
         self._ending = False
         self.pilot_at = ""
-        """the instance of the vehicle's agent which said that the pilot has it; empty: the pilot has it not"""
         """the instance of the vehicle's agent that said last that the pilot has it; empty: he has it no more"""
         self._over = asyncio.Event()
         self.why = ""

@@ -68,7 +68,8 @@ class Guard:
         headers = Headers(scope=scope)
         try:
             scope = self._admit(scope, headers)
-            scope.get("state", {})[ADMITTED] = True
+            if _first(scope["path"]) != OPEN:  # which anybody gets
+                scope.get("state", {})[ADMITTED] = True
             if scope["type"] == "http":
                 receive = await _whole_body(headers, receive, self._rules.body_patience)
         except Failure as failure:

@@ -42,9 +42,10 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         if not patterns:
             text = "to whom? vehicles=quad1,quad2, or patterns"
             raise BadInput(text, field="vehicles", value="", expected="names or patterns with commas between them")
-        vehicles = matching(gateway.client, patterns)
+        vehicles, absent = matching(gateway.client, patterns)
         told = await asyncio.gather(*(_upload(vehicle, plans) for vehicle in vehicles))
-        return answer({"status": "done", "vehicles": [msgspec.to_builtins(each) for each in told]})
+        notes = [f"{each}: not told, nobody of that name is present" for each in absent]
+        return answer({"status": "done", "notes": notes, "vehicles": [msgspec.to_builtins(each) for each in told]})
 
     return [
         Route("/mission/read", read, methods=["POST"]),

@@ -69,7 +69,9 @@ class FleetOrders:
         args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
-            order = FleetOrder(self._gateway.client, matching(self._gateway.client, patterns), verb, args)
+            vehicles, absent = matching(self._gateway.client, patterns)
+            order = FleetOrder(self._gateway.client, vehicles, verb, args)
+            order.notes.extend(f"{each}: not told, nobody of that name is present" for each in absent)
             report({"order": order})
             return _seen_through(order)
 
@@ -83,18 +85,21 @@ class FleetOrders:
         return answer({"verb": verb, "status": status, "took": took, "notes": order.notes, "vehicles": told})
 
 
-def matching(client: Client, patterns: Any) -> list[Vehicle]:
-    """The vehicles that names and patterns mean; raises :class:`BadInput`, and :class:`NoSuchVehicle` for none."""
+def matching(client: Client, patterns: Any) -> tuple[list[Vehicle], list[str]]:
+    """The vehicles that names and patterns mean, and what fits nobody; raises :class:`BadInput`, and
+    :class:`NoSuchVehicle` where all fit nobody.
+    """
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if not isinstance(patterns, list) or not all(isinstance(each, str) for each in patterns):
         text = "vehicles are a list of names or patterns"
         raise BadInput(text, field="vehicles", value=str(patterns)[:80], expected='["quad*"]')
-    known = client.fleet()
-    found = [v for v in known for each in patterns[:1000] if _fits(v, each)]
+    known, patterns = client.fleet(), patterns[:1000]
+    found = [v for v in known for each in patterns if _fits(v, each)]
     if not found:
         present = ", ".join(v.name for v in known) or "nobody"
         raise NoSuchVehicle(f"no vehicle matches {', '.join(patterns)[:80]}; present: {present}")
-    return list({(v.fleet, v.name): v for v in found}.values())
+    absent = [each[:80] for each in patterns if not any(_fits(v, each) for v in found)]
+    return list({(v.fleet, v.name): v for v in found}.values()), absent
 
 
 async def _seen_through(order: FleetOrder) -> dict[str, Any]:

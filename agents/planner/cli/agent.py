@@ -73,7 +73,8 @@ async def _planner(own: Any, session: SessionSettings) -> None:
     except ImportError as e:
         raise missing_extra("the planner", e.name, "planner") from e
     async with zmav.open(fleet=own.fleet, settings=session) as z, Agent(z, own):
-        more = "" if jit.compiled() else "; its first start on this machine compiles it, for half a minute of a core"
+        first = "its first start on this machine compiles it, for half a minute of a core"
+        more = "" if jit.compiled() else f"; {first if jit.folder() else f'it is compiled: {jit.NOT_KEPT}'}"
         say(f"{own.fleet}/{own.name}: loading the solver{more}")
         await until_stopped()
         say("ending: what is in the air comes to rest")

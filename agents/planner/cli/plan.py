@@ -24,7 +24,7 @@ from agents.planner.model.scene import Scene, read_scene
 from agents.planner.model.validate import validate
 from agents.planner.solve.bound import least_makespan
 from zmav.cli.common import dump
-from zmav.errors import BadConfig, BadInput, ZmavError
+from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 
 if TYPE_CHECKING:
     from agents.planner.model.verify import Report  # with it comes numba, which a refusal need not wait for
@@ -105,8 +105,7 @@ def _check_extras(request: Request) -> None:
         except ValueError:  # what the import system says of a module that is blocked
             there = False
         if not there:
-            text = f"zmav plan needs {module}: pip install 'zmav[planner]'"
-            raise BadConfig(text, field="zmav", value=module, expected="zmav[planner]")
+            raise missing_extra("zmav plan", module, "planner")
 
 
 def targets_of(files: tuple[Path, ...], output: Path | None, suffix: str = ".json") -> list[Path | None]:
@@ -221,7 +220,9 @@ def _make_ready(planes: bool) -> None:
     def tell(done: int, of: int) -> None:
         click.echo(f"compiling the planner for this machine, once: {done} of {of} kernels", err=True)
 
-    if not jit.compiled():
+    if not jit.compiled() and jit.folder() is None:
+        click.echo(f"compiling the planner {jit.NOT_KEPT}", err=True)
+    elif not jit.compiled():
         tell(*jit.progress())
     if not jit.interpreted():
         warm.warm(planes, tell)

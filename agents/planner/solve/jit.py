@@ -22,6 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 PACKAGE = Path(__file__).resolve().parent.parent
 KERNEL = re.compile(rb"^@jit$", re.MULTILINE)
 COMPLETE = "complete"
+NOT_KEPT = "each time anew, as nothing can be kept: name a folder that can be written to in NUMBA_CACHE_DIR"
 KEPT = 3
 """How many older folders stay: those used last, for processes that still run them and for other numbas."""
 
@@ -150,12 +151,14 @@ def count(package: Path) -> int:
 def _locked(path: Path, wait: bool = True) -> Iterator[bool]:
     """No other process has it within; False where one has and it is not waited for."""
     with path.open("w") as lock:
+        ours = True
         try:
             fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            yield False
-        else:
-            yield True  # let go when the file is closed, also by a kill
+            ours = False
+        except OSError:  # some file systems know no locks: each compiles for itself then
+            pass
+        yield ours  # let go when the file is closed, also by a kill
 
 
 def fingerprint(package: Path) -> str:

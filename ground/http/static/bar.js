@@ -49,8 +49,9 @@ export class OrderBar {
     return this.store.selected.size ? [...this.store.selected] : ["*"];
   }
 
+  /** Also those of a group that were not heard: they are ordered, too. */
   get names() {
-    return this.store.chosen.map((vehicle) => vehicle.name);
+    return [...this.store.selected].map((id) => id.split("/")[1]);
   }
 
   /** @param {number} all how many there are */
@@ -95,7 +96,8 @@ export class OrderBar {
   }
 
   async arm() {
-    const armed = this.store.chosen.every((vehicle) => vehicle.state.armed);
+    const chosen = this.store.chosen;
+    const armed = chosen.length > 0 && chosen.every((vehicle) => vehicle.state.armed);
     await askArm(this.ids, this.names, armed);
   }
 

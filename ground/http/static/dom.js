@@ -50,7 +50,9 @@ export function fillIn() {
 /** A word in the corner. @param {string} text @param {string} kind @param {number} lasting ms; 0: until it is removed */
 export function toast(text, kind, lasting = 6000) {
   const box = make("div", `toast ${kind}`, text);
-  byId("toasts").append(box);
+  const boxes = byId("toasts");
+  boxes.append(box);
+  boxes.scrollTop = boxes.scrollHeight;
   if (lasting) setTimeout(() => box.remove(), lasting);
   return box;
 }

@@ -1,6 +1,7 @@
 // Any key expression, live: the newest value of each key, how fast it comes and how old it is.
 
 import { byId, make, makeButton } from "./dom.js";
+import { Link } from "./link.js";
 import { span, t } from "./words.js";
 
 const MOST_SHOWN = 200;
@@ -39,9 +40,9 @@ function rowsOf(value) {
 }
 
 export class Explorer {
-  /** @param {import("./link.js").Link} link */
-  constructor(link) {
-    this.link = link;
+  constructor() {
+    /** @type {Link | null} its own, once it is used: what a person ends here must not end what the page reads */
+    this.link = null;
     /** @type {Map<string, Entry>} */
     this.keys = new Map();
     /** @type {Map<string, string>} what a person typed, by the key expression it stands for */
@@ -66,6 +67,7 @@ export class Explorer {
     if (!text) return;
     this.say("");
     this.asked = text;
+    this.link = this.link || new Link((message) => (message.key === undefined ? this.told(message) : this.take(message)), () => {});
     this.link.subscribe(text, { hz: Number(byId("hz").value) || 2 });
   }
 
@@ -77,12 +79,12 @@ export class Explorer {
 
   /** The gateway's words on what was asked. @param {any} message */
   told(message) {
-    if (message.subscribed && this.asked && !this.own.has(message.subscribed) && this.link.wanted.has(this.asked)) {
+    if (message.subscribed && this.asked && !this.own.has(message.subscribed)) {
       this.add(message.subscribed, this.asked);
       this.asked = null;
     }
     if (message.error) {
-      if (this.asked) this.link.wanted.delete(this.asked);
+      if (this.asked) this.link?.wanted.delete(this.asked);
       this.asked = null;
       this.say(message.error.text);
     }
@@ -93,7 +95,7 @@ export class Explorer {
     const remove = makeButton("×", "plain", null, t("explore.stop", { key: text }));
     const chip = make("li", "chip", text, remove);
     remove.addEventListener("click", () => {
-      this.link.unsubscribe(text);
+      this.link?.unsubscribe(text);
       this.own.delete(expression);
       chip.remove();
       for (const [key, entry] of this.keys) {

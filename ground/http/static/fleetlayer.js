@@ -116,8 +116,13 @@ export class FleetLayer {
     const since = Date.now() - TRAIL_MS;
     drawn.track.setLatLngs([...vehicle.trail.filter((point) => point.at > since).map((point) => [point.lat, point.lon]), here]);
     if (vehicle.home) drawn.home.setLatLng([vehicle.home.lat, vehicle.home.lon]).addTo(this.map);
-    const target = vehicle.target && vehicle.state.armed ? [here, [vehicle.target.lat, vehicle.target.lon]] : [];
-    drawn.aim.setLatLngs(target).addTo(this.map);
+    const aim = vehicle.state.armed ? vehicle.aim : null;
+    drawn.aim.setLatLngs(aim ? [here, [aim.lat, aim.lon]] : []).addTo(this.map);
+  }
+
+  /** Pixels that the ring about it reaches further than its mark. @param {Vehicle} vehicle */
+  ring(vehicle) {
+    return this.store.selected.has(vehicle.id) ? 8 : vehicle.level === "bad" || vehicle.level === "warn" ? 4 : 0;
   }
 
   /** Links between routers whose places are known, by their quality. */
@@ -152,7 +157,8 @@ export class FleetLayer {
       if (!drawn || !vehicle.place) continue;
       const point = this.map.latLngToContainerPoint([vehicle.place.lat, vehicle.place.lon]);
       points.set(vehicle, point);
-      taken.push([point.x - 9, point.y - 9, point.x + 9, point.y + 9]);
+      const reach = 9 + this.ring(vehicle);
+      taken.push([point.x - reach, point.y - reach, point.x + reach, point.y + reach]);
     }
     const rank = (/** @type {Vehicle} */ vehicle) => (this.store.selected.has(vehicle.id) ? 0 : 1 + LEVELS.indexOf(vehicle.level));
     const size = this.map.getSize();
@@ -161,7 +167,9 @@ export class FleetLayer {
     for (const [vehicle, point] of [...points].sort((a, b) => rank(a[0]) - rank(b[0]))) {
       const label = this.drawn.get(vehicle.id).label;
       const width = this.ink.measureText(label.textContent).width + 4;
-      const boxes = SIDES.map(([dx, dy]) => {
+      const more = this.ring(vehicle);
+      const boxes = SIDES.map(([sx, sy]) => {
+        const [dx, dy] = sx ? [sx + more * Math.sign(sx), sy] : [0, sy + more * Math.sign(sy)];
         const left = dx > 0 ? point.x + dx : dx < 0 ? point.x + dx - width : point.x - width / 2;
         return /** @type {Box} */ ([left, point.y + dy, left + width, point.y + dy + 15]);
       });

@@ -1,6 +1,6 @@
 // What the planner flies: each goal with its progress, how long it takes yet, and a stop.
 
-import { byId, make, makeButton, say } from "./dom.js";
+import { byId, make, makeButton, mark, say } from "./dom.js";
 import { armTwice } from "./orders.js";
 import { askPlanner } from "./planner.js";
 import { READ_ONLY } from "./settings.js";
@@ -26,7 +26,8 @@ export class Goals {
     say(this.head, head);
     say(byId("goal-count"), open.length ? String(open.length) : "");
     const ended = book ? book.goals.filter((entry) => !open.includes(entry)).slice(-3).reverse() : [];
-    const state = JSON.stringify([open, ended]);
+    // Figures are put into the row that is there: a button whose second press is waited for stays.
+    const state = JSON.stringify([open.map(({ progress, clearance, ...row }) => row), ended]);
     if (state !== this.drawn) {
       this.drawn = state;
       this.list.replaceChildren(...open.map((entry) => this.row(entry)), ...ended.map((entry) => make("li", `ended ${entry.state}`, "", make("b", "", entry.goal.kind), make("span", "", few(entry.goal.vehicles)), make("span", "muted", stateOf(entry)))));
@@ -38,8 +39,6 @@ export class Goals {
   row(entry) {
     const bar = make("progress");
     bar.max = 1;
-    bar.value = entry.progress;
-    bar.setAttribute("aria-label", t("goals.progress", { goal: entry.goal.kind, percent: Math.round(entry.progress * 100) }));
     const left = make("span", "muted");
     left.dataset.goal = entry.id;
     const row = make("li", entry.state, "", make("b", "", entry.goal.kind), make("span", "", few(entry.goal.vehicles)), make("span", "muted", stateOf(entry)), bar, left);
@@ -55,6 +54,11 @@ export class Goals {
   /** @param {HTMLElement} element */
   drawLeft(element) {
     const entry = this.store.openGoals.find((each) => each.id === element.dataset.goal);
+    const bar = element.previousElementSibling;
+    if (entry && bar instanceof HTMLProgressElement) {
+      bar.value = entry.progress;
+      mark(bar, "aria-label", t("goals.progress", { goal: entry.goal.kind, percent: Math.round(entry.progress * 100) }));
+    }
     const plan = this.store.plans.get(element.dataset.goal || "");
     const left = plan ? plan.start + plan.makespan - Date.now() / 1000 : null;
     const clear = entry && entry.clearance !== null ? t("goals.clear", { metres: metres(entry.clearance) }) : "";

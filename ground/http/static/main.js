@@ -37,16 +37,13 @@ fillIn();
 export const store = new Store();
 export const link = new Link(
   (message) => {
-    if (message.key === undefined) return explorer.told(message);
-    store.take(message);
-    explorer.take(message);
+    if (message.key !== undefined) store.take(message);
   },
   (state, heard) => {
     store.connection = state;
     store.lastWord = heard;
   },
 );
-const explorer = new Explorer(link);
 export const map = new FleetMap(store, byId("map"), byId("map-note"));
 new MapTools(store, map);
 showGround(map);
@@ -59,7 +56,7 @@ export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
 const teams = new Teams(store, map, plans);
-const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), explorer];
+const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), new Explorer()];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -85,21 +82,32 @@ function drawSummary() {
   if (document.title !== title) document.title = title;
 }
 
+/** What spoils one view spoils no other: orders above all must name those whom they are for now. @param {{draw: () => void}} view */
+function drawOne(view) {
+  try {
+    view.draw();
+  } catch (error) {
+    console.error(error);
+  }
+}
+
 function draw() {
   drawLink();
   drawSummary();
-  for (const view of views) view.draw();
+  for (const view of views) drawOne(view);
   allowOrders(store.connection === "live");
 }
 
 async function readReport() {
   if (store.connection !== "live" || document.hidden) return;
+  let report = { links: [], vehicles: [] }; // what was known before is no longer known where none comes
   try {
-    const answer = await fetch(address("report"));
-    if (answer.ok) store.takeReport(await answer.json());
+    const answer = await fetch(address("report"), { signal: AbortSignal.timeout(5 * REPORT_MS) });
+    if (answer.ok) report = await answer.json();
   } catch (error) {
     // The WebSocket says that the gateway is lost.
   }
+  store.takeReport(report);
 }
 
 /** Where the autopilot of each selected one flies to: asked for while it is selected. @type {Set<string>} */

@@ -5,6 +5,7 @@ import { toast } from "./dom.js";
 import { address } from "./settings.js";
 import { few, t, wordsOf } from "./words.js";
 
+const ASK_AGAIN_MS = 500; // between requests: a browser has six at once, and a hold must not wait for one of them
 const UNDER_WAY = ["running", "returning"]; // how it stands with a vehicle whose order has not ended
 
 /**
@@ -38,17 +39,18 @@ export async function order(vehicles, verb, args = {}) {
     toast(text, kind, kind === "good" ? 5000 : 15000);
   };
   try {
-    for (let running = true; running; ) {
+    for (;;) {
       /** @type {Ordered} */
-      const body = await post(`fleet/${verb}`, { ...args, vehicles, id, wait: 1 });
+      const body = await post(`fleet/${verb}`, { ...args, vehicles, id, wait: 0.3 });
       for (const note of body.notes) once(note, note, "");
       for (const each of body.vehicles) {
         if (UNDER_WAY.includes(each.status)) continue;
         const text = each.status === "failed" ? t("order.failed", { text: each.text }) : each.text;
         once(`${each.fleet}/${each.vehicle}`, `${each.vehicle}: ${verb} ${text}`, { done: "good", failed: "bad" }[each.status] || "");
       }
-      running = body.status === "running";
-      if (running) box.textContent = t("order.waits", { who: body.vehicles.filter((each) => UNDER_WAY.includes(each.status)).map((each) => each.vehicle).join(", "), verb });
+      if (body.status !== "running") break;
+      box.textContent = t("order.waits", { who: body.vehicles.filter((each) => UNDER_WAY.includes(each.status)).map((each) => each.vehicle).join(", "), verb });
+      await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
     }
   } catch (error) {
     toast(t("order.unknown", { who: whom, verb, text: wordsOf(error) }), "bad", 15000);

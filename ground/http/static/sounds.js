@@ -1,6 +1,6 @@
 // Alarms to hear, if a person wants it: a tone or spoken. Amber once; red again and again until somebody has seen it.
 
-import { byId, keep, kept, make } from "./dom.js";
+import { byId, keep, kept, make, toast } from "./dom.js";
 import { LANGUAGE } from "./texts.js";
 import { t } from "./words.js";
 
@@ -19,6 +19,8 @@ export class Sounds {
     this.heard = new Map();
     /** @type {AudioContext | null} made when a person asks for it: browsers allow it only then */
     this.audio = null;
+    /** @type {any} what says that nothing is heard */
+    this.box = null;
     const select = make("select");
     select.id = "sound";
     for (const [value, word] of [["off", t("sound.off")], ["tone", t("sound.tone")], ["speech", t("sound.speech")]]) select.append(new Option(word, value, false, value === this.way));
@@ -33,7 +35,19 @@ export class Sounds {
     this.sound("warn", t("sound.on"));
   }
 
+  /** A page that was loaded again has no voice before a person has used it: it says so. */
+  get mute() {
+    const mute = this.way !== "off" && navigator.userActivation?.hasBeenActive === false;
+    if (mute && !this.box) this.box = toast(t("sound.mute"), "warn", 0);
+    if (!mute && this.box) {
+      this.box.remove();
+      this.box = null;
+    }
+    return mute;
+  }
+
   draw() {
+    if (this.mute) return;
     const now = Date.now();
     const open = this.alarms.all.filter(({ key, alarm }) => (alarm.level === "bad" || alarm.level === "warn") && !this.store.seen.has(key));
     for (const key of this.heard.keys()) if (!open.some((each) => each.key === key)) this.heard.delete(key);

@@ -13,6 +13,7 @@ import { Vehicle } from "./vehicle.js";
 
 const MOST_VEHICLES = 500;
 const MOST_EVENTS = 100;
+const SEEN_MS = 3600000; // what was seen before is another day's alarm to a page that was closed meanwhile
 
 export class Store {
   constructor() {
@@ -24,7 +25,7 @@ export class Store {
     this.events = [];
     this.eventCount = 0;
     /** @type {Map<string, number>} alarms seen by a person: id and rule */
-    this.seen = new Map(kept("seen", []));
+    this.seen = new Map(kept("seen", []).filter((/** @type {[string, number]} */ [, at]) => Date.now() - at < SEEN_MS));
     /** @type {import("./types.js").Book | null} */
     this.book = null;
     this.chargeAt = 0;
@@ -132,7 +133,7 @@ export class Store {
     if (!vehicle) return;
     const place = (/** @type {number} */ lat, /** @type {number} */ lon) => (lat || lon ? { lat: lat / 1e7, lon: lon / 1e7 } : null);
     if (name === "HOME_POSITION") vehicle.home = place(fields.latitude, fields.longitude);
-    if (name === "POSITION_TARGET_GLOBAL_INT") vehicle.target = place(fields.lat_int, fields.lon_int);
+    if (name === "POSITION_TARGET_GLOBAL_INT") vehicle.aimAt(place(fields.lat_int, fields.lon_int));
   }
 
   /** @param {import("./types.js").Report} report */

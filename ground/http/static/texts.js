@@ -220,6 +220,7 @@ export const TEXTS = {
   "sound.off": "none",
   "sound.tone": "a tone",
   "sound.speech": "spoken",
+  "sound.mute": "Click anywhere, and alarms are heard: a browser keeps a page silent until it is used",
   "sound.on": "Alarms are heard from now on",
   "sound.says": "{who}: {text}",
 

@@ -5,6 +5,7 @@ import { LEVELS, span, t } from "./words.js";
 /** @typedef {import("./types.js").Alarm} Alarm @typedef {import("./types.js").Place} Place @typedef {import("./types.js").State} State @typedef {import("./types.js").Level} Level */
 
 const STALE_S = 2;
+const AIM_MS = 5000; // a target that was said before that is none any more
 const MOST_POINTS = 300; // of a track
 
 export class Vehicle {
@@ -26,6 +27,7 @@ export class Vehicle {
     this.home = null;
     /** @type {Place | null} where its autopilot flies to */
     this.target = null;
+    this.aimedAt = 0;
     /** @type {import("./types.js").VehicleReport | null} */
     this.report = null;
     this.colour = "gray";
@@ -46,6 +48,17 @@ export class Vehicle {
     const last = this.trail[this.trail.length - 1];
     if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.above });
     while (this.trail.length > MOST_POINTS) this.trail.shift();
+  }
+
+  /** @param {Place | null} place */
+  aimAt(place) {
+    this.target = place;
+    this.aimedAt = Date.now();
+  }
+
+  /** Where its autopilot flies to, as long as it says so. */
+  get aim() {
+    return Date.now() - this.aimedAt < AIM_MS ? this.target : null;
   }
 
   get age() {

@@ -7,6 +7,7 @@ import contextlib
 import http.client
 import logging
 import socket
+import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -317,6 +318,10 @@ def test_a_connection_that_showed_its_token_is_waited_for_longer(serve: Serve) -
         assert known.getresponse().read()
         stranger = b"GET /vehicles HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer wrong\r\n\r\n"
         assert raw(locked, stranger, whole=True).startswith(b"HTTP/1.1 401")
+        begun = time.monotonic()
+        anybody = b"GET /static/main.js HTTP/1.1\r\nHost: x\r\n\r\n"
+        assert raw(locked, anybody, whole=True).startswith(b"HTTP/1.1 200")
+        assert time.monotonic() - begun < Patience().head / 2, "that file shows no token"
         known.request("GET", "/vehicles", headers=TOKEN)
         assert known.getresponse().status == 200
 

@@ -251,10 +251,17 @@ async def test_the_bar_names_whom_it_means(tab: Tab, served: Served, fleet: Flee
     await tab.click("[data-row=quad2]")
     assert not await tab.run(f"{bar('Return')}.classList.contains('asking')"), "the first press was for others"
     await tab.run(f"{bar('Mode')}.click()")
+    await tab.click("#confirm button[value=no]")  # also while nothing is entered
+    await tab.until("!document.getElementById('confirm').open")
+    await tab.run(f"{bar('Mode')}.click()")
     await tab.call("Input.insertText", text="LOITER")
     await tab.click("#confirm-yes")
     await tab.until(f"{TOASTS}.includes('quad2: set_mode done')")
     assert fleet.asked[fleet.orders.index("quad2/do/set_mode")]["mode"] == "LOITER"
+    await tab.run("store.select(['demo/quad2', 'demo/gone'])")  # as a group does of which one is not there
+    assert "quad2, gone" in await tab.text("#whom")
+    await tab.run(f"{bar('Hold')}.click()")
+    await tab.until(f"{TOASTS}.includes('quad2: hold done') && {TOASTS}.includes('gone: not told')")
     assert not tab.said
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from tests.ground.http.browser import FakePlanner, Fleet, Tab
@@ -173,4 +174,11 @@ async def test_what_is_flown_goes_with_the_time(tab: Tab, served: Served, fleet:
     assert f"quad1 {10 + 20 * share:.0f} m" in await tab.text(".leaflet-tooltip-pane")
     await tab.click("#scrub-now")
     await tab.until("scrubber.ghosts.length === 0 && Number(byId('scrub-time').value) < 40")
+    stop = "[...document.querySelectorAll('#goals button')].find((each) => each.textContent.startsWith('Stop'))"
+    await tab.run(f"{stop}.click()")
+    planner.goals = [msgspec.structs.replace(planner.goals[0], progress=0.2)]
+    await tab.until("document.querySelector('#goals progress').value === 0.2")
+    await tab.run(f"{stop}.click()")  # the second press, although the goal has come further
+    await tab.until("store.openGoals.length === 0")
+    assert planner.asked[-1] == ("cancel", planner.asked[-1][1] | {"goal": "g7"})
     assert not tab.said
