@@ -66,7 +66,10 @@ export class OrderBar {
     const live = this.store.connection === "live";
     byId("everybody").hidden = READ_ONLY || all === 0;
     const meant = this.ids.join(" ");
-    if (meant !== this.meant) for (const rest of this.asked) rest();
+    if (meant !== this.meant) {
+      for (const rest of this.asked) rest();
+      if (this.view.tool && this.view.tool.name === "go") this.view.end(); // its words name others
+    }
     this.meant = meant;
     say(byId("whom-names"), this.whom(all));
     const count = this.store.selected.size;
