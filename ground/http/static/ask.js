@@ -9,10 +9,9 @@ import { t } from "./words.js";
  * Ask, and give what was entered (or true), or null for no. One question at a time. The answer is the button's own, taken as
  * it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
  * @param {string} title @param {string} text @param {string} yes @param {Field | null} field
- * @param {boolean} aside beside what is shown on the map
  * @returns {Promise<any>}
  */
-export function confirmed(title, text, yes, field = null, aside = false) {
+export function confirmed(title, text, yes, field = null) {
   const dialog = byId("confirm");
   if (dialog.open) {
     toast(t("ask.open"), "warn");
@@ -37,8 +36,7 @@ export function confirmed(title, text, yes, field = null, aside = false) {
     input.required = true;
     input.value = field.value;
   }
-  dialog.classList.toggle("aside", aside);
-  aside ? dialog.show() : dialog.showModal(); // beside the map all else can be used meanwhile: a hold waits for no answer
+  dialog.show(); // in a corner, and not modal: a hold waits for no answer
   return new Promise((resolve) => {
     form.onsubmit = (/** @type {SubmitEvent} */ event) => {
       const button = /** @type {HTMLButtonElement | null} */ (event.submitter);
@@ -53,7 +51,7 @@ export function confirmed(title, text, yes, field = null, aside = false) {
     };
     dialog.oncancel = () => resolve(null);
     dialog.onkeydown = (/** @type {KeyboardEvent} */ event) => {
-      if (event.key !== "Escape" || !aside) return;
+      if (event.key !== "Escape") return;
       dialog.close();
       resolve(null);
     };

@@ -90,7 +90,7 @@ export class Missions {
       this.list.append(make("li", "", t("missions.on", { name: file.name, what })));
       if (!vehicles.length) return toast(t("missions.who"), "bad");
       const who = few(vehicles.map((each) => each.name), 8);
-      if (!(await confirmed(t("missions.title", { name: file.name, who }), t("missions.text", { what }), t("missions.yes"), null, true))) return;
+      if (!(await confirmed(t("missions.title", { name: file.name, who }), t("missions.text", { what }), t("missions.yes")))) return;
       const told = await send(`mission/upload?vehicles=${vehicles.map((each) => encodeURIComponent(each.id)).join(",")}`, body);
       for (const each of told.vehicles) toast(`${each.vehicle}: ${each.text}`, each.status === "done" ? "good" : "bad", 10000);
     } catch (error) {

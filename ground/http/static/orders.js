@@ -73,6 +73,9 @@ export function armTwice(button, act) {
     button.textContent = label;
     button.classList.remove("asking");
   };
+  button.addEventListener("keydown", (event) => {
+    if (event.repeat) event.preventDefault(); // a key that is held is one press
+  });
   button.addEventListener("click", () => {
     if (timer) {
       rest();

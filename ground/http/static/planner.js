@@ -53,7 +53,7 @@ export async function planFirst(goal, plans) {
   plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });
-  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), [t("preview.text", { span: span(preview.makespan), clear }), ...figuresOf(preview.steps)].join("\n"), t("preview.yes"), null, true);
+  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), [t("preview.text", { span: span(preview.makespan), clear }), ...figuresOf(preview.steps)].join("\n"), t("preview.yes"));
   plans.preview([]);
   if (yes) await askPlanner("submit", { goal });
 }
