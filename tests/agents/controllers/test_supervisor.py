@@ -75,6 +75,7 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.alone
 async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     vehicle = field.vehicle
