@@ -41,7 +41,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "process": {"errors", "systemd"},
         "waiting": set(),
         "systemd": set(),
-        "tokens": set(),
+        "tokens": {"direct"},
         "direct": set(),
         "ratelimit": set(),
         "guard": set(),

@@ -17,10 +17,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import zenoh
-from zenoh import handlers
 
 from zmav import keys
 from zmav.bus import Bus
+from zmav.direct import direct
 from zmav.links import Link, LinkState
 from zmav.mavlink import Dialect, Frame, Packer, Splitter
 from zmav.mavlink.signing import SETUP_SIGNING, Signing
@@ -105,8 +105,7 @@ class Adapter:
         """Begin to carry; the link keeps itself open from now on."""
         everything = keys.RX.key(self.fleet, self.name, sys="*", comp="*", msg="*")
         self._readers = self.session.declare_publisher(everything)
-        on_readers: Any = handlers.Callback(self._on_readers, indirect=False)
-        self._readers.declare_matching_listener(on_readers)
+        self._readers.declare_matching_listener(direct(self._on_readers))
         self._look()
         self.link.joins = not self.link.recorded
         self.link.start(self._on_data, self._on_link_state)

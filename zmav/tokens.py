@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import zenoh
-from zenoh import handlers
+
+from zmav.direct import direct
 
 Who = TypeVar("Who")
 What = TypeVar("What")
@@ -32,8 +33,7 @@ def find_tokens(session: zenoh.Session, key: str, timeout: float) -> list[str]:
         if reply.ok is not None and len(found) < MOST_FOUND:
             found.append(str(reply.ok.key_expr))
 
-    handler: Any = handlers.Callback(on_reply, over.set, indirect=False)
-    session.liveliness().get(key, handler, timeout=timeout)
+    session.liveliness().get(key, direct(on_reply, over.set), timeout=timeout)
     over.wait(timeout + 1.0)
     return found
 

@@ -12,8 +12,6 @@ import math
 import time
 from typing import Any, ClassVar
 
-from zenoh import handlers
-
 import zmav
 from agents.controllers import loading
 from agents.controllers.cycle import Cycles, Phase
@@ -26,6 +24,7 @@ from agents.controllers.types import LEVELS
 from agents.controllers.worker import Loaded, Worker, WorkerEvents
 from zmav import keys, wire
 from zmav.autopilots import autopilot_named
+from zmav.direct import direct
 from zmav.errors import BadConfig, BadInput, Refused, ZmavError
 from zmav.services.link.port import on_loop
 from zmav.trust.gate import Origin
@@ -121,8 +120,7 @@ class Supervisor(zmav.Agent):
             for name in HEARD:
                 key = keys.RX.key(self.vehicle.fleet, self.vehicle.name, sys="*", comp="1", msg=name)
                 # On Zenoh's own thread: with a thread each, an attitude would overtake the position beside it.
-                direct: Any = handlers.Callback(self.cycles.on_frame, indirect=False)
-                subscriber = self.z.session.declare_subscriber(key, direct)
+                subscriber = self.z.session.declare_subscriber(key, direct(self.cycles.on_frame))
                 stack.callback(subscriber.undeclare)
             try:
                 await together(self._look(), self._watch_file(), self._watch_events())

@@ -35,7 +35,7 @@ WAITED_S, UNDER_WAY = 60.0, "running"
 LONGEST = 400
 """characters of arguments, and of an outcome"""
 LARGEST = 64_000
-"""bytes of an answer that are read for its outcome"""
+"""bytes of a request and of an answer that are read for their words"""
 _from: ContextVar[tuple[str, str]] = ContextVar("asker", default=("", ""))
 
 
@@ -92,7 +92,8 @@ class Audited:
         async def receiving() -> Message:
             nonlocal body
             message = await receive()
-            body = message.get("body", b"") or body
+            if len(body) < LARGEST:
+                body += message.get("body", b"")
             return message
 
         async def sending(message: Message) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any
 
 import zenoh
-from zenoh import handlers
 
 from mesh.bench.statistics import SECOND, Samples
 from zmav import keys, wire
+from zmav.direct import direct
 from zmav.errors import BadInput
 from zmav.wire.bench import BenchClock, BenchTrip, Pong
 
@@ -86,8 +85,9 @@ class Pinger:
             self._answered += 1
 
         # Straight on Zenoh's thread: handing over to another would be part of the time.
-        handler: Any = handlers.Callback(on_reply, self._on_end, indirect=False)
-        self._session.get(self._key, handler, payload=self._payload, timeout=TIMEOUT, **self._options)
+        self._session.get(
+            self._key, direct(on_reply, self._on_end), payload=self._payload, timeout=TIMEOUT, **self._options
+        )
 
     def _on_end(self) -> None:
         """The query is over, answered or not."""

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import zenoh
-from zenoh import handlers
 
 from mesh.quality.interface import interface_to
 from mesh.quality.meter import SOURCE, Meter, unpack
 from zmav import keys
+from zmav.direct import direct
 from zmav.errors import BadInput
 
 KEEP = 60.0
@@ -134,7 +134,7 @@ class Prober:
 
         # Straight on Zenoh's thread, so that the time is that of the arrival.
         key = keys.PROBE.key(self._fleet, "*", to=self.zid)
-        self._subscriber = self._session.declare_subscriber(key, handlers.Callback(on_sample, indirect=False))
+        self._subscriber = self._session.declare_subscriber(key, direct(on_sample))
         self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def close(self) -> None:

@@ -22,12 +22,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from websockets.asyncio.client import connect
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench._load import end
 from tests.bench.http_gateway import wait_for
+from tests.bench.scale.footprint import ready_copter
 from tests.ground.http.browser import Tab, browser
 from zmav import keys, wire
 from zmav.process import free_port
@@ -62,24 +64,12 @@ def state_of(number: int, now: float) -> wire.VehicleState:
     north, east = 40.0 * (number // 10) + 15.0 * math.cos(turn), 40.0 * (number % 10) + 15.0 * math.sin(turn)
     height = 20.0 + number + shake
     ages = dict.fromkeys(("position", "local", "attitude", "battery", "gps", "status"), 0.05 + 0.1 * (now * 3.0 % 1.0))
-    return wire.VehicleState(
+    return msgspec.structs.replace(
+        ready_copter("demo", f"quad{number + 1}", "d41d8cd98f00b204", number),
         t=now,
-        fleet="demo",
-        name=f"quad{number + 1}",
-        instance="d41d8cd98f00b204",
-        connected=True,
-        sysid=number + 1,
-        compid=1,
-        uid="3b2f00112233445566778899aabbccdd",
-        autopilot="ardupilot",
-        kind="copter",
-        firmware="4.7.0",
-        mode="GUIDED",
         armed=True,
         status="ACTIVE",
         landed=False,
-        ready=True,
-        link="up",
         position=wire.GlobalPosition(
             lat_deg=-35.3 + north / 110940.0, lon_deg=149.1 + east / 91000.0, alt_amsl=584.0 + height, alt_rel=height
         ),

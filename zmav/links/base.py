@@ -253,9 +253,8 @@ class Link(ABC):
             if waited < WAITED_NOT_S and self.joins:
                 data += self._more()
             self._give(data)
-            if (
-                len(data) >= MUCH
-            ):  # a stream's nap brings nothing by itself, and doubles: a quarter, so that it shortens
+            if len(data) >= MUCH:
+                # A stream's nap brings nothing by itself, and doubles: a quarter, so that it shortens.
                 self.nap = max(self.nap / 4.0, SHORTEST_NAP_S)
             while 2.0 * waited < (patience := self.patience()) and self._rest(patience):
                 pass

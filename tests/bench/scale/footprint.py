@@ -54,7 +54,7 @@ class Copter:
     def __init__(self, session: zenoh.Session, fleet: str, name: str, number: int) -> None:
         self._fleet, self._name, self._number = fleet, name, number
         zid = str(session.info.zid())
-        self._state = _state(fleet, name, zid, number)
+        self._state = ready_copter(fleet, name, zid, number)
         self._link = msgspec.structs.replace(_LINK)
         declare = session.declare_publisher
         self._streams = [
@@ -183,7 +183,7 @@ _LINK = wire.LinkQuality(
 )
 
 
-def _state(fleet: str, name: str, zid: str, number: int) -> wire.VehicleState:
+def ready_copter(fleet: str, name: str, zid: str, number: int) -> wire.VehicleState:
     """A copter ready to fly, with every part that one of ``zmav up`` has."""
     north, east = 20.0 * (number // 32), 20.0 * (number % 32)
     ages = dict.fromkeys(("position", "attitude", "battery", "gps"), 0.04183530807495117)

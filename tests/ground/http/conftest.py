@@ -23,7 +23,7 @@ from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import Patience, bound, serving
 from tests.conftest import endpoint_of
-from tests.ground.http.browser import CHROMIUM, Fleet, Tab, browser
+from tests.ground.http.browser import CHROMIUM, FakePlanner, Fleet, Tab, browser
 from zmav import keys, wire
 from zmav.mavlink import encode, load_dialect
 from zmav.session import SessionSettings, open_session
@@ -256,7 +256,15 @@ def flying(served: Served) -> Iterator[Fleet]:
 
 
 @pytest.fixture
-def fleet(flying: Fleet) -> Fleet:
-    """Everybody speaks: a test that failed leaves nobody silent for the next ones."""
+def fleet(flying: Fleet) -> Iterator[Fleet]:
+    """The module's fleet, which is as it was when the test ends, also by a failure."""
+    yield flying
+    flying.names, flying.more, flying.height, flying.charge = ["quad1", "quad2"], {}, 0.0, 0.9
     flying.silent.clear()
-    return flying
+
+
+@pytest.fixture
+def planner(served: Served) -> Iterator[FakePlanner]:
+    planner = FakePlanner(served)
+    yield planner
+    planner.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -28,12 +27,6 @@ HOLDS_WORDS = (
     "dialog",
 )
 FOCUSED = "document.activeElement"
-
-
-@pytest.fixture
-def fleet(fleet: Fleet) -> Iterator[Fleet]:
-    yield fleet
-    fleet.names, fleet.more = ["quad1", "quad2"], {}
 
 
 async def walk(tab: Tab, wanted: str, most: int = 90) -> None:

@@ -6,7 +6,6 @@ import asyncio
 import hashlib
 import json
 import re
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,14 +25,6 @@ if TYPE_CHECKING:
 TOASTS = "document.getElementById('toasts').innerText"
 LEAST = 1e-5
 """degrees of latitude: a metre"""
-
-
-@pytest.fixture
-def fleet(fleet: Fleet) -> Iterator[Fleet]:
-    """The module's fleet, as it was when the test ends."""
-    yield fleet
-    fleet.names, fleet.more, fleet.height, fleet.charge = ["quad1", "quad2"], {}, 0.0, 0.9
-    fleet.silent.clear()
 
 
 def at(north: float, east: float, **more: Any) -> dict[str, Any]:
@@ -287,13 +278,6 @@ async def test_go_here_without_a_planner_is_straight(tab: Tab, served: Served, f
     assert told["lat_deg"] == pytest.approx(-35.3 + 12 / 110940, abs=LEAST)
     assert told["lon_deg"] == pytest.approx(149.1 - 6 / 91000, abs=LEAST)
     assert told["alt_rel"] == 10.0
-
-
-@pytest.fixture
-def planner(served: Served) -> Iterator[FakePlanner]:
-    planner = FakePlanner(served)
-    yield planner
-    planner.close()
 
 
 @pytest.mark.asyncio(loop_scope="module")

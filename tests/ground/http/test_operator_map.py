@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -16,19 +15,6 @@ from zmav.wire import swarm
 
 if TYPE_CHECKING:
     from tests.ground.http.conftest import Served
-
-
-@pytest.fixture
-def fleet(fleet: Fleet) -> Iterator[Fleet]:
-    yield fleet
-    fleet.names, fleet.more = ["quad1", "quad2"], {}
-
-
-@pytest.fixture
-def planner(served: Served) -> Iterator[FakePlanner]:
-    planner = FakePlanner(served)
-    yield planner
-    planner.close()
 
 
 def high(north: float, east: float, height: float, **more: Any) -> dict[str, Any]:

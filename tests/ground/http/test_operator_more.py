@@ -25,19 +25,6 @@ AREA = "[{lat: -35.3, lon: 149.1}, {lat: -35.299, lon: 149.1}, {lat: -35.299, lo
 BEGIN, LASTS = 1_700_000_000.0, 60
 
 
-@pytest.fixture(scope="module")
-def planner(served: Served) -> Iterator[FakePlanner]:
-    planner = FakePlanner(served)
-    yield planner
-    planner.close()
-
-
-@pytest.fixture
-def fleet(fleet: Fleet) -> Iterator[Fleet]:
-    yield fleet
-    fleet.more = {}
-
-
 @pytest.mark.asyncio(loop_scope="module")
 async def test_an_area_is_surveyed_with_the_camera_that_was_typed(
     tab: Tab, served: Served, fleet: Fleet, planner: FakePlanner
