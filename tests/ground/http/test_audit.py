@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import http.client
 import json
 import time
 from collections.abc import Iterator
@@ -99,6 +100,15 @@ def test_a_frame_is_told_by_its_name(served: Served, heard: Heard) -> None:
     fields = "chan1_raw=1500&" + "&".join(f"chan{n}_raw=0" for n in range(2, 9))
     assert served.get(f"/send/1/1/RC_CHANNELS_OVERRIDE?{fields}").status == 200
     assert heard.line("frame/RC_CHANNELS_OVERRIDE").vehicles == ["quad1"]
+
+
+def test_a_body_that_comes_in_pieces_is_told_whole(served: Served, heard: Heard) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10.0)
+    pieces = (b'{"vehicles": ["quad', b'2"]}')
+    connection.request("POST", "/fleet/land", iter(pieces), {"Content-Type": "application/json"}, encode_chunked=True)
+    assert connection.getresponse().status == 200
+    connection.close()
+    assert heard.line("fleet/land").vehicles == ["quad2"]
 
 
 def test_a_survey_is_given_as_a_verb_and_its_preview_is_no_order(served: Served, heard: Heard) -> None:
