@@ -86,7 +86,9 @@ class Ghost:
 
     def speak(self) -> None:
         state = wire.VehicleState(t=time.time(), fleet=self._fleet, name=self._name, instance="ghost")
-        self._session.put(keys.STATE.key(self._fleet, self._name), wire.encode(state))
+        # It speaks once: not dropped where the link is full of what was put before.
+        key, blocking = keys.STATE.key(self._fleet, self._name), zenoh.CongestionControl.BLOCK
+        self._session.put(key, wire.encode(state), congestion_control=blocking)
 
     async def haunt(self) -> None:
         while True:

@@ -108,10 +108,14 @@ async def test_a_failsafe_that_waits_in_hold_is_not_ended_by_a_hold(bench: Start
         b.vehicle.authority.pilot.order_begins("takeoff")
     intending.on_told = lambda told: None
     intending.mode, intending.status = HOLD, CRITICAL
+    if intending.tells:  # what it intends comes later than the mode, by so much that the mode is judged without it
+        intending.beating = False
+        intending.heartbeat_alone()
+        await b.state(lambda s: s["mode"] == "HOLD" and s["lease"] is not None, "HOLD, and the lease kept")
     intending.heartbeat()
     await b.state(lambda s: s["lease"] is None and s["lease_end"]["reason"] == "pilot", "the lease's end")
     await nothing_more(b)
-    intending.mode = RTL
+    intending.beating, intending.mode = True, RTL
     intending.heartbeat()
     await b.state(lambda s: s["mode"] == "RTL", "RTL")
     await nothing_more(b)

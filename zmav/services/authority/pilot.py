@@ -50,6 +50,8 @@ class Pilot:
         self._control = control
         self._mode: str | None = None
         self._armed = False
+        self._unsaid: str | None = None
+        """the mode before one that was let pass while the autopilot did not say what it intends"""
         self._what, self._grace = "", 0.0
         self._rc = AutopilotMessages(companion, {"RC_CHANNELS": self._on_rc} if switch else {})
 
@@ -68,9 +70,14 @@ class Pilot:
 
     def changed(self) -> None:
         """It shows another mode or arming, or is another autopilot."""
-        mode, armed = self._identity.mode, bool(self._identity.armed)
-        if self._armed and self._mode is not None:  # else nobody flies it
-            self._judge(mode, armed, self._mode)
+        mode, armed, intended = self._identity.mode, bool(self._identity.armed), self._identity.intended
+        before, late = self._mode, armed and mode == self._mode and intended not in (None, mode)
+        if late and self._unsaid is not None:
+            before = self._unsaid  # a failsafe's, as it turns out
+        if mode != self._mode or intended is not None:
+            self._unsaid = None
+        if self._armed and before is not None:  # else nobody flies it
+            self._judge(mode, armed, before)
         self._mode, self._armed = mode, armed  # only now: the watchdog's thread may not take the mode for one let pass
 
     def _judge(self, mode: str | None, armed: bool, before: str) -> None:
@@ -87,17 +94,19 @@ class Pilot:
 
     def _expected(self, mode: str | None, before: str) -> bool:
         """The change was ordered here, or follows by itself from what was."""
-        autopilot, heartbeat = self._identity.autopilot, self._identity.heartbeat
+        autopilot, heartbeat, intended = self._identity.autopilot, self._identity.heartbeat, self._identity.intended
         if mode is None or autopilot is None or heartbeat is None:
             return False
         if self._control.claimed(Mover.ORDER) and mode in self._commander.follows:
             return True
-        intended = self._identity.intended
-        by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
-        if mode == self._commander.ordered or by_order:
+        if mode == self._commander.ordered:
             return True
+        by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
         failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode
-        return mode in ends_in(autopilot, before) and not failsafe
+        by_itself = by_order or (mode in ends_in(autopilot, before) and not failsafe)
+        if by_itself and intended is None:
+            self._unsaid = before
+        return by_itself
 
     def _under_order(self) -> bool:
         return self._control.claimed(Mover.ORDER) or time.monotonic() < self._grace

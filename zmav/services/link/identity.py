@@ -22,7 +22,7 @@ AUTOPILOT_INVALID = 8
 
 
 class VehicleChanged(NamedTuple):
-    """Who the vehicle is, its mode or its arming, or whether two claim to be it. Told on the event loop."""
+    """Who the vehicle is, its mode or the one intended, its arming, or whether two claim to be it. On the loop."""
 
 
 class Identity:
@@ -126,12 +126,14 @@ class Identity:
             return
         if self.autopilot.mode_message is None:
             return
-        fields, before = decode(frame, self._port.dialect), (self.mode, self.armed)
+        fields, before, said = decode(frame, self._port.dialect), (self.mode, self.armed), self._intended
         self._intended, self._intended_at = fields["intended_custom_mode"], time.monotonic()
-        if self.armed and in_the_air(self._port, self.source) is False:
-            return  # with a disarming the mode changes, too, and only a HEARTBEAT tells of that
-        self._custom = fields["custom_mode"]
+        if not (self.armed and in_the_air(self._port, self.source) is False):
+            self._custom = fields["custom_mode"]
+        # else: with a disarming the mode changes, too, and only a HEARTBEAT tells of that
         self._say_changes(before)
+        if self._intended != said and (self.mode, self.armed) == before:
+            self._port.bus.tell(VehicleChanged())
 
     def _is(self, fields: Mapping[str, Any]) -> bool:
         if fields["autopilot"] == self._stack and fields["type"] == self.mav_type:
