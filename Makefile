@@ -54,9 +54,10 @@ planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain d
 
 vision: $(VENV)/.demo-vision ## add OpenCV to it: for cameras and the helipad
 
-# The linters and the compiler take one core each.
+# The linters and the compiler take one core each. Who finds the tests first writes their compiled modules: it is done
+# once beforehand, else each of the workers does it, which begin together.
 test: $(VENV)/.dev ## lint, then run every test
-	@$(MAKE) --no-print-directory kernels & kernels=$$!; \
+	@($(MAKE) --no-print-directory kernels && { $(BIN)/python -m pytest --collect-only -qq > /dev/null 2>&1 || :; }) & kernels=$$!; \
 	    $(MAKE) --no-print-directory lint; linted=$$?; wait $$kernels && exit $$linted
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
 	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
