@@ -58,7 +58,7 @@ class Worker:
         self.names: tuple[str, ...] = ()
         """of the signals"""
         self._waiting: asyncio.Future[dict[str, Any]] | None = None
-        self._closed = False
+        self._closed = self._killed = False
         self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         for end in (self._line, theirs):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
@@ -75,7 +75,8 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        return self.process.poll() is None
+        """Neither ended by itself nor killed here: one that was killed may take a moment to be gone."""
+        return not self._killed and self.process.poll() is None
 
     def send(self, data: bytes) -> bool:
         """False: it does not take any more, or is gone."""
@@ -91,6 +92,7 @@ class Worker:
     def kill(self) -> None:
         """End it, and the processes that the user's class has started."""
         if self.alive:
+            self._killed = True
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
 

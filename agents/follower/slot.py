@@ -7,6 +7,7 @@ the two sides of a torn network, see each other's tokens later: the one with the
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 import uuid
 from collections.abc import Callable
@@ -18,9 +19,12 @@ from zmav import keys
 from zmav.errors import BadKey, Refused
 from zmav.services.link.port import on_loop
 from zmav.tokens import TokenTable
+from zmav.waiting import within
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""
+LEAVES = 2.0
+"""s in which the token of who has just left the slot is gone everywhere"""
 Claim = tuple[int, str]
 """when (UTC ms), and which instance"""
 
@@ -48,6 +52,7 @@ class Slot:
         )
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
+        self._free = asyncio.Event()
 
     async def __aenter__(self) -> Slot:
         wide = keys.SLOT.key(self._fleet, "*", target=self._target, slot=self._slot, since="*", instance="*")
@@ -55,6 +60,9 @@ class Slot:
         self._subscriber = self._session.liveliness().declare_subscriber(wide, take, history=True)
         try:
             await asyncio.sleep(SETTLE)
+            if self._claims():
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await within(LEAVES, self._free.wait())
             if claims := self._claims():
                 raise self._taken(min(claims)[1])
             since, instance = self._claim
@@ -103,6 +111,8 @@ class Slot:
                 self._on_lost(who)
         else:
             self._others.remove(parts["vehicle"], str(sample.key_expr))
+            if not self._claims():
+                self._free.set()
 
     def _claims(self) -> list[tuple[Claim, str]]:
         return [claim for vehicle in self._others for claim in self._others.of(vehicle)]

@@ -112,6 +112,7 @@ async def test_a_process_that_was_replaced_for_a_request_is_not_replaced_in_flig
     supervisor = await field.supervise("ev1-attitude")
     assert supervisor.reloader.worker is not None
     supervisor.reloader.worker.kill()
+    assert not supervisor.reloader.worker.alive  # though it may take a moment to be gone: nobody is to fly by it
     supervisor.reloader.worker.process.wait()
     await field.vehicle.tell("ev1-attitude", "engage")
     flies = supervisor.reloader.worker

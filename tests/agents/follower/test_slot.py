@@ -61,6 +61,21 @@ async def test_of_two_at_once_one_gets_it(net: Net, client: Open) -> None:
     assert sum(isinstance(result, Refused) for result in results) == 2
 
 
+async def test_who_comes_while_another_leaves_has_it(net: Net, client: Open) -> None:
+    _, endpoint = net.router()
+    one, two = client(endpoint), client(endpoint)
+    slot = Slot(one, keys.anything, "demo", "quad1", "rover1", "above")
+    await slot.__aenter__()
+    leaves = asyncio.get_running_loop().create_task(slot_left(slot, 1.0))  # its token was seen, and is gone only then
+    async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
+        assert leaves.done()
+
+
+async def slot_left(slot: Slot, after: float) -> None:
+    await asyncio.sleep(after)
+    await slot.__aexit__()
+
+
 async def test_an_earlier_claim_that_comes_to_light_later_wins(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     mine, other = client(endpoint), client(endpoint)
