@@ -25,7 +25,7 @@ from zmav.errors import NotHolder, ZmavError
 from zmav.session import SessionSettings, open_session
 
 pytestmark = pytest.mark.root
-PATIENCE_S = 40.0
+PATIENCE_S = 60.0  # a call that was cut half-way holds a QUIC listener for 30 s (docs/mesh.md), and it may be called so twice
 
 
 class Labs:
@@ -108,6 +108,7 @@ def ring(*names: str) -> dict[str, Any]:
     }
 
 
+@pytest.mark.timeout(240)
 async def test_a_ring_forms_by_itself_survives_a_router_and_is_whole_again(labs: Labs) -> None:
     lab = await labs.lab(**ring("a", "b", "c", "d"))
     here, opposite = await labs.session(lab, "a"), await labs.session(lab, "c")
