@@ -25,7 +25,7 @@ from zmav.errors import NotHolder, ZmavError
 from zmav.session import SessionSettings, open_session
 
 pytestmark = pytest.mark.root
-PATIENCE_S = 60.0  # a call that was cut half-way holds a QUIC listener for 30 s (docs/mesh.md), and it may be called so twice
+PATIENCE_S = 60.0  # a call cut half-way holds a QUIC listener for 30 s (docs/mesh.md), and may do so twice
 
 
 class Labs:
