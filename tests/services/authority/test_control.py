@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING
 
@@ -67,13 +68,22 @@ async def test_a_vehicle_says_who_moves_it(bench: StartBench) -> None:
     async def moved_by(mover: str) -> None:
         await b.state(lambda s: s["mover"] == mover, f"moved by {mover}")
 
+    async def put() -> None:
+        while True:  # one alone would be followed by the hold before a busy machine tells of it
+            alice.put()
+            await asyncio.sleep(0.1)
+
+    async def moved_by_stream() -> None:
+        streaming = asyncio.get_running_loop().create_task(put())
+        await moved_by("stream")
+        streaming.cancel()
+
     await moved_by("nobody")
     t = time.time()
     points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 2.0, pos=(3.0, 0.0, -5.0))]
     alice.put(vel=None, segment=points)
     await moved_by("segment")
-    alice.put()
-    await moved_by("stream")
+    await moved_by_stream()
     await moved_by("hold")
 
     b.peer.send("GLOBAL_POSITION_INT", **at())
@@ -84,8 +94,7 @@ async def test_a_vehicle_says_who_moves_it(bench: StartBench) -> None:
     await moved_by("target")
     before = len(b.peer.heard(GLOBAL))
     await b.peer.count(GLOBAL, before + 1)
-    alice.put()
-    await moved_by("stream")
+    await moved_by_stream()
     led = len(b.peer.heard(GLOBAL))
     await moved_by("hold")
     assert len(b.peer.heard(GLOBAL)) <= led + 1, "who streams is not led somewhere else at the same time"
