@@ -196,6 +196,18 @@ export const TEXTS = {
   "card.id": "id {id}",
   "card.armed": "ARMED",
   "card.held": "held by {holder}",
+  "camera.button": "Camera {name}",
+  "camera.label": "Picture of {who}'s camera {name}",
+  "camera.label.found": "Picture of {who}'s camera {name}; found: {words}",
+  "camera.found": "{symbol} {percent} %",
+  "camera.waits": "waiting for the first picture",
+  "camera.size": "{width} × {height}",
+  "camera.rate": "{hz} pictures a second",
+  "camera.stopped": "No picture since {time}",
+  "camera.none": "No picture has come since you asked at {time}",
+  "camera.silent": "the camera's program is not heard",
+  "camera.garbled": "what comes is no picture",
+  "camera.most": "{most} cameras at once: {who}'s {name} is closed",
 
   // Alarms, preflight, events.
   "tabs.label": "Alarms, goals, preflight, drawing, events",

@@ -26,6 +26,9 @@
  * @property {{holder: string} | null} [lease]
  * @property {string} [mover]
  *
+ * @typedef {{symbol: string, u: number, v: number, scale_px: number, heading: number, score: number}} Sight in a picture: px, radians clockwise from up
+ * @typedef {{t: number, width: number, height: number, found: Sight[]}} Sights of one picture, by a program that looks
+ *
  * @typedef {{rule: string, level: Level, text: string, advice: string}} Alarm what is not well, by the rules of zmav/doctor
  * @typedef {{name: string, t: number, severity: string, text: string}} FleetEvent
  *
