@@ -4,7 +4,7 @@ import { CameraViews } from "./cameras.js";
 import { byId, make, makeButton, say } from "./dom.js";
 import { armTwice, askArm, askHeight, order } from "./orders.js";
 import { READ_ONLY } from "./settings.js";
-import { degrees, shown, span, t } from "./words.js";
+import { accuracy, degrees, shown, span, t } from "./words.js";
 
 /** @typedef {import("./types.js").State} State */
 
@@ -27,7 +27,7 @@ class Card {
     const head = make("div", "card-head", "", make("h2", "", this.vehicle.name), part("what", make("span", "muted")), part("age", make("span", "age")));
     const mode = make("div", "card-mode", "", part("mode", make("span", "mode", "–")), part("armed", make("span", "pill")), part("holder", make("span", "pill info")));
     const battery = make("div", "battery", "", part("fill", make("i")));
-    const facts = make("dl", "facts", "", fact("alt", t("height")), fact("speed", t("speed")), fact("heading", t("heading")), fact("battery", t("battery")), fact("gps", t("gps")), fact("loss", t("loss")), fact("place", t("position")));
+    const facts = make("dl", "facts", "", fact("alt", t("height")), fact("speed", t("speed")), fact("heading", t("heading")), fact("battery", t("battery")), fact("left", t("battery.left")), fact("loss", t("loss")), fact("gps", t("gps")), fact("accuracy", t("accuracy")), fact("place", t("position")));
     const card = make("article", "card", "", head, mode, part("note", make("p", "note")), battery, facts, this.cameras.element);
     card.dataset.vehicle = this.vehicle.name;
     if (!READ_ONLY) card.append(this.buttons());
@@ -100,6 +100,8 @@ class Card {
     this.say("speed", shown(v && Math.hypot(v[0], v[1]), 1, " m/s"));
     this.say("heading", shown(s.attitude && degrees(s.attitude.yaw), 0, "°"));
     this.say("gps", s.gps ? `${s.gps.fix.replace(/_/g, " ")} · ${s.gps.satellites ?? "–"}` : "–");
+    this.say("accuracy", accuracy(s.gps) || "–");
+    this.say("left", s.battery?.time_left ? span(s.battery.time_left) : "–");
     this.say("loss", shown(s.link_loss === undefined ? null : s.link_loss * 100, 0, " %"));
     this.say("place", s.position ? `${s.position.lat_deg.toFixed(6)}, ${s.position.lon_deg.toFixed(6)}` : "–");
     const left = s.battery?.remaining ?? null;

@@ -2,7 +2,7 @@
 
 import { confirmed } from "./ask.js";
 import { byId, make, makeButton, mark, say } from "./dom.js";
-import { few, LEVEL_WORD, LEVELS, shown, span, t } from "./words.js";
+import { accuracy, few, LEVEL_WORD, LEVELS, shown, span, t } from "./words.js";
 
 /**
  * @typedef {import("./vehicle.js").Vehicle} Vehicle
@@ -173,9 +173,11 @@ export class FleetTable {
       say(cells.doing, [vehicle.troubles.length ? vehicle.troubles[0].text : "", vehicle.doing].filter(Boolean).join(" · ") || "–");
       say(cells.height, shown(vehicle.height, 1, " m"));
       say(cells.speed, shown(vehicle.speed, 1));
-      const battery = s.battery || {};
-      say(cells.battery, battery.remaining === null || battery.remaining === undefined ? shown(battery.voltage, 1, " V") : `${Math.round(battery.remaining * 100)} %`);
-      say(cells.gps, s.gps ? `${s.gps.fix.replace("_FIXED", "").replace("_FIX", "").replace(/_/g, " ")} ${s.gps.satellites ?? ""}` : "–");
+      const { remaining = null, voltage = null, time_left: left = null } = s.battery || {};
+      const charge = remaining === null ? shown(voltage, 1, " V") : `${Math.round(remaining * 100)} %`;
+      say(cells.battery, [charge, left === null ? "" : span(left)].filter(Boolean).join(" · "));
+      const fix = s.gps ? `${s.gps.fix.replace("_FIXED", "").replace("_FIX", "").replace(/_/g, " ")} ${s.gps.satellites ?? ""}`.trim() : "–";
+      say(cells.gps, [fix, accuracy(s.gps)].filter(Boolean).join(" · "));
       say(cells.link, this.linkOf(vehicle));
     } catch (error) {
       say(cells.doing, t("vehicle.garbled"));

@@ -20,8 +20,8 @@
  * @property {Vector | null} [local]
  * @property {Vector | null} [velocity]
  * @property {{roll: number, pitch: number, yaw: number} | null} [attitude]
- * @property {{voltage?: number | null, remaining?: number | null} | null} [battery]
- * @property {{fix: string, satellites?: number | null, hdop?: number | null} | null} [gps]
+ * @property {{voltage?: number | null, remaining?: number | null, time_left?: number | null} | null} [battery] time_left: s
+ * @property {{fix: string, satellites?: number | null, hdop?: number | null, h_acc?: number | null} | null} [gps] h_acc: m
  * @property {number} [link_loss]
  * @property {{holder: string} | null} [lease]
  * @property {string} [mover]
