@@ -25,7 +25,7 @@ export const TEXTS = {
   "battery.left": "time left",
   "battery.title": "charge, and time left where the autopilot estimates it",
   "gps": "GPS",
-  "gps.title": "fix, satellites, and horizontal accuracy as the receiver estimates it; HDOP where it does not",
+  "gps.title": "fix, and horizontal accuracy as the receiver estimates it; HDOP or satellites where it does not",
   "gps.accuracy": "±{metres} m",
   "gps.hdop": "HDOP {hdop}",
   "accuracy": "accuracy",

@@ -55,5 +55,8 @@ export const degrees = (radians) => ((Math.round((radians * 180) / Math.PI) % 36
 /** "quad1, quad2 and 3 more". @param {string[]} names */
 export const few = (names, most = 4) => (names.length > most ? t("few.more", { names: names.slice(0, most).join(", "), count: names.length - most }) : names.join(", "));
 
+/** A name for a button: a long one is cut. @param {string} name */
+export const brief = (name, most = 16) => (name.length > most ? `${name.slice(0, most - 1)}…` : name);
+
 /** What was thrown, in words. @param {unknown} error */
 export const wordsOf = (error) => (error instanceof Error ? error.message : String(error));
