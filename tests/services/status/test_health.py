@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from zmav.mavlink import Packer
-from zmav.services.status import state
 
 if TYPE_CHECKING:
-    import pytest
-
     from tests.services.conftest import Bench, StartBench
 
 
@@ -17,7 +14,7 @@ async def told(b: Bench, seconds: int, **battery: int) -> None:
     b.peer.send("BATTERY_STATUS", time_remaining=seconds, **battery)
 
 
-async def test_time_left_is_the_autopilot_s_own_estimate(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_time_left_is_the_autopilot_s_own_estimate(bench: StartBench) -> None:
     b = await (await bench()).connected()
     b.peer.send("SYS_STATUS", voltage_battery=12600, battery_remaining=80)
     assert (await b.state(lambda s: s["battery"], "a charge"))["battery"]["time_left"] is None
@@ -29,7 +26,7 @@ async def test_time_left_is_the_autopilot_s_own_estimate(bench: StartBench, monk
     b.peer.raw(other.pack("BATTERY_STATUS", time_remaining=5))  # a gimbal's own
     await told(b, 0, id=1)
     await b.state(lambda s: s["battery"]["time_left"] == 840.0, "one that gives none any more")
-    monkeypatch.setattr(state, "BATTERY_FRESH", 0.2)
+    b.vehicle.state.battery_fresh = 0.2
     await b.state(lambda s: s["battery"]["time_left"] is None, "an estimate of long ago")
 
 

@@ -22,8 +22,6 @@ from zmav.trust.proof import ANSWERS, Signer
 
 FRESH = 3.0
 """seconds after which a message no longer counts for readiness"""
-BATTERY_FRESH = 10.0
-"""s for which a battery's estimate holds: they come each two seconds"""
 REUSED_S = 0.02
 """s that a state which was built for one question is good for others: a flood of them costs fifty a second"""
 
@@ -49,6 +47,8 @@ class StateService:
         self._key = keys.STATE.key(companion.port.fleet, companion.port.name)
         self._publisher = companion.session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf
+        self.battery_fresh = 10.0
+        """s for which a battery's estimate holds: they come each two seconds"""
         self._times: dict[int, tuple[float, float]] = {}
         """s left, and when that was heard, by battery"""
         self._stop: Callable[[], None] | None = None
@@ -78,7 +78,7 @@ class StateService:
 
     def _time_left(self) -> float | None:
         now = time.monotonic()
-        least = min((left for left, at in self._times.values() if now - at < BATTERY_FRESH), default=math.inf)
+        least = min((left for left, at in self._times.values() if now - at < self.battery_fresh), default=math.inf)
         return least if 0.0 < least < math.inf else None
 
     def publish(self) -> None:
