@@ -1,9 +1,7 @@
 // One question at a time, before what arms or moves.
 
-import { byId, make, meant, SOON_MS, toast } from "./dom.js";
+import { byId, make, meant, toast } from "./dom.js";
 import { t } from "./words.js";
-
-let appeared = -Infinity; // performance.now() when the last question did
 
 /** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */
 
@@ -17,7 +15,7 @@ let appeared = -Infinity; // performance.now() when the last question did
 export function confirmed(title, text, yes, field = null) {
   const dialog = byId("confirm");
   if (dialog.open) {
-    if (performance.now() - appeared > SOON_MS) { // else it was a double click
+    if (title !== byId("confirm-title").textContent) { // else it was a double click, or is asked already
       toast(t("ask.open"), "warn");
       dialog.querySelector("button").focus();
     }
@@ -41,7 +39,7 @@ export function confirmed(title, text, yes, field = null) {
     input.required = true;
     input.value = field.value;
   }
-  appeared = performance.now();
+  const appeared = performance.now();
   byId("confirm-yes").onclick = (/** @type {MouseEvent} */ event) => {
     if (!meant(event, appeared)) event.preventDefault();
   };

@@ -26,7 +26,7 @@ export function makeButton(label, className, act, title = "") {
   return made;
 }
 
-export const SOON_MS = 500; // within which a second press is a double click's, as most systems take it
+const SOON_MS = 500; // within which a second press is a double click's, as most systems take it
 let downAt = -Infinity;
 document.addEventListener("pointerdown", (event) => (downAt = event.timeStamp), true);
 
