@@ -121,8 +121,8 @@ def test_a_setpoint_arrives_as_it_left(point: wire.Setpoint) -> None:
 
 
 def test_what_json_has_no_word_for_becomes_null() -> None:
-    sent = wire.Battery(voltage=math.nan, current=math.inf, remaining=-math.inf)
-    assert json.loads(wire.encode(sent)) == {"voltage": None, "current": None, "remaining": None}
+    sent = wire.Battery(voltage=math.nan, current=math.inf, remaining=-math.inf, time_left=math.nan)
+    assert json.loads(wire.encode(sent)) == {"voltage": None, "current": None, "remaining": None, "time_left": None}
 
 
 def test_units_and_frames_are_in_the_names() -> None:

@@ -16,6 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ground.http import (
     audit,
+    cameras,
     keyspace,
     mavlink2rest,
     mavnode,
@@ -35,17 +36,20 @@ from ground.http.reply import Failure, failure_of, refusal
 from zmav.errors import ZmavError
 
 MARK = b"envelope=1"
+ENDLESS = "/camera/"
 
 
 class Envelope:
-    """ASGI middleware, in front of the guard, so that its refusals are put into an envelope, too."""
+    """ASGI middleware, in front of the guard, so that its refusals are put into an envelope, too. A camera's pictures
+    have no end, and go into none.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         parts = scope.get("query_string", b"").split(b"&")
-        if scope["type"] != "http" or MARK not in parts:
+        if scope["type"] != "http" or MARK not in parts or scope["path"].startswith(ENDLESS):
             await self._app(scope, receive, send)
             return
         inside = {**scope, "query_string": b"&".join(part for part in parts if part != MARK)}
@@ -73,7 +77,7 @@ def _wrapped(status: int, headers: Headers, body: bytes) -> Response:
     return Response(content, media_type="application/json", headers=kept)
 
 
-VIEWS = (page, replay, openapi, metrics, watching)
+VIEWS = (page, replay, openapi, metrics, watching, cameras)
 FACES = (*VIEWS, mavnode, mavlink2rest, orders, missions, setpoints, ws, keyspace)
 
 

@@ -46,6 +46,12 @@ STATE: tuple[Row, ...] = (
     ("battery_volts", "gauge", "Battery voltage.", lambda s: s.battery.voltage if s.battery else None),
     ("battery_amperes", "gauge", "Battery current.", lambda s: s.battery.current if s.battery else None),
     ("battery_remaining_ratio", "gauge", "Charge left, 0 to 1.", lambda s: s.battery.remaining if s.battery else None),
+    (
+        "battery_left_seconds",
+        "gauge",
+        "Time left, estimated.",
+        lambda s: s.battery.time_left if s.battery else None,
+    ),
     ("latitude_degrees", "gauge", "WGS84 latitude.", lambda s: s.position.lat_deg if s.position else None),
     ("longitude_degrees", "gauge", "WGS84 longitude.", lambda s: s.position.lon_deg if s.position else None),
     (
@@ -56,6 +62,7 @@ STATE: tuple[Row, ...] = (
     ),
     ("altitude_relative_meters", "gauge", "Altitude above home.", lambda s: s.position.alt_rel if s.position else None),
     ("gps_satellites", "gauge", "Satellites in use.", lambda s: s.gps.satellites if s.gps else None),
+    ("gps_accuracy_meters", "gauge", "Horizontal, by its own estimate.", lambda s: s.gps.h_acc if s.gps else None),
     ("gps_hdop", "gauge", "Horizontal dilution of precision.", lambda s: s.gps.hdop if s.gps else None),
     ("link_loss_ratio", "gauge", "Share of the autopilot's frames lost, 0 to 1.", lambda s: s.link_loss),
 )
@@ -89,6 +96,9 @@ FIGURES: dict[str, tuple[Kind, str]] = {
     "dropped": ("counter", "Samples that they lost for want of room."),
     "cut": ("counter", "WebSockets cut off because they did not read."),
     "streams": ("gauge", "Streams of setpoints that the gateway holds leases for."),
+    "camera_readers": ("gauge", "Readers of cameras' pictures."),
+    "pictures": ("counter", "Pictures sent to them."),
+    "pictures_left_out": ("counter", "Pictures that came while their reader still took another."),
 }
 """what faces count of themselves in :attr:`Gateway.figures`"""
 

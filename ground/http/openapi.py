@@ -52,12 +52,14 @@ GROUP = {
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static", "tiles", "picture", "replay"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static"), "Pages"),
+    **dict.fromkeys(("tiles", "picture", "replay", "camera"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
 PATH = {
     "vehicle": "the vehicle's name, as in quad1",
     "agent": "the agent's name, as in ev1: what 'zmav agent run' was started with",
+    "camera": "the camera's name, as in down: 'zmav agent list' shows it as camera-down",
     "verb": "the order",
     "key": "a key or a key expression: quad1, quad*/ATTITUDE, zmav/demo/quad1/link/*",
     "file": "a file of the pages",

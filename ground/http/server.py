@@ -62,6 +62,7 @@ class _Protocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self.app_state = {**self.app_state, TRANSPORT: transport}
         self._wait_for_next()
         others = (each for each in self.connections if isinstance(each, _Protocol) and each is not self)
         idle = [each for each in others if each._is_idle()]
@@ -94,6 +95,24 @@ class _Protocol(H11Protocol):
 def _answered(cycle: RequestResponseCycle | None) -> bool:
     """No request is under way; there is no cycle until the first one."""
     return cycle is None or cycle.response_complete
+
+
+TRANSPORT = "zmav.transport"
+"""in a scope's state: the connection's"""
+UNSENT = 16_384
+"""bytes that may wait in the kernel to be sent, of what goes on for ever"""
+
+
+def send_the_newest(scope: Scope) -> None:
+    """From now on ``send`` returns only when all but :data:`UNSENT` bytes before it have gone out: for who sends the
+    newest of something, again and again. Until then the kernel would take half a megabyte for one that does not read.
+    """
+    transport: asyncio.Transport | None = scope.get("state", {}).get(TRANSPORT)
+    if transport is None:
+        return  # another server's
+    transport.set_write_buffer_limits(high=0)
+    if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT)
 
 
 WRITE = "zmav.write"

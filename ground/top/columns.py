@@ -81,6 +81,12 @@ def _gps(v: VehicleReport) -> str:
     return fix if v.gps.satellites is None else f"{fix} {v.gps.satellites}"
 
 
+def _accuracy(v: VehicleReport) -> str:
+    """As the receiver estimates it: centimetres where it is good to decimetres."""
+    accuracy = v.gps.h_acc if v.gps else None
+    return number(accuracy, 1 if accuracy is None or accuracy >= 0.1 else 2)
+
+
 def _armed(v: VehicleReport) -> str:
     return "-" if v.armed is None else "ARMED" if v.armed else "no"
 
@@ -137,7 +143,9 @@ COLUMNS = (
     Column("alt", 6, 5, lambda v: number(v.position.alt_rel if v.position else None), right=True),
     Column("m/s", 4, 6, lambda v: number(v.speed), right=True),
     Column("batt", 5, 4, _battery, right=True),
+    Column("left", 5, 12, lambda v: duration(v.battery_left), right=True),
     Column("gps", 7, 8, _gps),
+    Column("acc m", 5, 12, _accuracy, right=True),
     Column("age", 5, 1, lambda v: duration(v.age), right=True),
     Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), right=True),
     Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), right=True),

@@ -90,6 +90,8 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     """clockwise from north"""
     battery: float | None = None
     """0 to 1"""
+    battery_left: float | None = None
+    """s, by the autopilot's own estimate"""
     voltage: float | None = None
     gps: wire.Gps | None = None
     lease: LeaseReport | None = None
@@ -176,6 +178,7 @@ def _add_state(report: VehicleReport, state: wire.VehicleState, now: float) -> N
         report.heading_deg = math.degrees(state.attitude.yaw) % 360.0
     if state.battery is not None:
         report.battery, report.voltage = state.battery.remaining, state.battery.voltage
+        report.battery_left = state.battery.time_left
     if state.lease is not None:
         lease = state.lease
         report.lease = LeaseReport(holder=lease.holder, ends_in=lease.expires - now, priority=lease.priority)

@@ -23,6 +23,7 @@ class ArduPilot(Autopilot):
         "ATTITUDE": 10.0,
         "SYS_STATUS": 2.0,
         "GPS_RAW_INT": 2.0,
+        "BATTERY_STATUS": 0.5,
         "EKF_STATUS_REPORT": 2.0,
         "EXTENDED_SYS_STATE": 2.0,
         "MISSION_CURRENT": 1.0,

@@ -28,6 +28,8 @@ class Battery(Wire, kw_only=True):
     current: float | None = None
     remaining: float | None = None
     """0 to 1"""
+    time_left: float | None = None
+    """s, by the autopilot's own estimate; of several batteries the least; None: it gives none, as most do"""
 
 
 class Gps(Wire, kw_only=True):
@@ -35,6 +37,8 @@ class Gps(Wire, kw_only=True):
     """GPS_FIX_TYPE without its prefix: ``3D_FIX``, ``RTK_FIXED``..."""
     satellites: int | None = None
     hdop: float | None = None
+    h_acc: float | None = None
+    """m, the receiver's own estimate of its horizontal error"""
 
 
 class ClockInfo(Wire, kw_only=True):

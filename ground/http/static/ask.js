@@ -1,21 +1,24 @@
 // One question at a time, before what arms or moves.
 
-import { byId, make, toast } from "./dom.js";
+import { byId, make, meant, toast } from "./dom.js";
 import { t } from "./words.js";
 
 /** @typedef {{label: string, value: any, type?: "number" | "text", unit?: string, options?: string[]}} Field what is asked for */
 
 /**
- * Ask, and give what was entered (or true), or null for no. One question at a time. The answer is the button's own, taken as
- * it is pressed: the dialog's close event comes later, perhaps when the next question is already there.
+ * Ask, and give what was entered (or true), or null for no. One question at a time, and a yes that comes at once was meant for
+ * something else. The answer is the button's own, taken as it is pressed: the dialog's close event comes later, perhaps when
+ * the next question is already there.
  * @param {string} title @param {string} text @param {string} yes @param {Field | null} field
  * @returns {Promise<any>}
  */
 export function confirmed(title, text, yes, field = null) {
   const dialog = byId("confirm");
   if (dialog.open) {
-    toast(t("ask.open"), "warn");
-    dialog.querySelector("button").focus();
+    if (title !== byId("confirm-title").textContent) { // else it was a double click, or is asked already
+      toast(t("ask.open"), "warn");
+      dialog.querySelector("button").focus();
+    }
     return Promise.resolve(null);
   }
   const form = dialog.querySelector("form");
@@ -36,6 +39,10 @@ export function confirmed(title, text, yes, field = null) {
     input.required = true;
     input.value = field.value;
   }
+  const appeared = performance.now();
+  byId("confirm-yes").onclick = (/** @type {MouseEvent} */ event) => {
+    if (!meant(event, appeared)) event.preventDefault();
+  };
   dialog.show(); // in a corner, and not modal: a hold waits for no answer
   return new Promise((resolve) => {
     form.onsubmit = (/** @type {SubmitEvent} */ event) => {
@@ -47,6 +54,7 @@ export function confirmed(title, text, yes, field = null) {
     input.onkeydown = (/** @type {KeyboardEvent} */ event) => {
       if (event.key !== "Enter") return;
       event.preventDefault(); // the form's own Enter is its first button, which is no
+      if (event.repeat || !meant(event, appeared)) return;
       form.requestSubmit(byId("confirm-yes"));
     };
     dialog.oncancel = () => resolve(null);

@@ -7,7 +7,7 @@ import { armTwice, askArm, askHeight, order } from "./orders.js";
 import { askPlanner, planFirst } from "./planner.js";
 import { READ_ONLY } from "./settings.js";
 import { showTab } from "./tabs.js";
-import { few, metres, t } from "./words.js";
+import { brief, few, metres, t } from "./words.js";
 
 /** @typedef {import("./types.js").Place} Place @typedef {import("./vehicle.js").Vehicle} Vehicle */
 
@@ -73,7 +73,7 @@ export class OrderBar {
     this.meant = meant;
     say(byId("whom-names"), this.whom(all));
     const count = this.store.selected.size;
-    const who = count === 0 ? t("all") : count === 1 ? this.names[0] || "" : String(count);
+    const who = count === 0 ? t("all") : count === 1 ? brief(this.names[0]) : String(count);
     /** @type {[HTMLButtonElement, string][]} */
     const labels = [[this.hold, t("hold.who", { who })], [this.land, t("land.who", { who })], [this.rtl, t("return.who", { who })]];
     for (const [button, label] of labels) if (!button.classList.contains("asking")) say(button, label);

@@ -1,9 +1,10 @@
 // One card a selected vehicle: what it is and does, how old that is, and its orders.
 
+import { CameraViews } from "./cameras.js";
 import { byId, make, makeButton, say } from "./dom.js";
 import { armTwice, askArm, askHeight, order } from "./orders.js";
 import { READ_ONLY } from "./settings.js";
-import { degrees, shown, span, t } from "./words.js";
+import { accuracy, degrees, shown, span, t } from "./words.js";
 
 /** @typedef {import("./types.js").State} State */
 
@@ -11,9 +12,10 @@ const MOST_CARDS = 12;
 const SURFACE = new Set(["rover", "boat"]);
 
 class Card {
-  /** @param {import("./vehicle.js").Vehicle} vehicle */
-  constructor(vehicle) {
+  /** @param {import("./vehicle.js").Vehicle} vehicle @param {import("./link.js").Link} link */
+  constructor(vehicle, link) {
     this.vehicle = vehicle;
+    this.cameras = new CameraViews(vehicle, link);
     /** @type {Record<string, any>} */
     this.parts = {};
     this.element = this.build();
@@ -25,8 +27,8 @@ class Card {
     const head = make("div", "card-head", "", make("h2", "", this.vehicle.name), part("what", make("span", "muted")), part("age", make("span", "age")));
     const mode = make("div", "card-mode", "", part("mode", make("span", "mode", "–")), part("armed", make("span", "pill")), part("holder", make("span", "pill info")));
     const battery = make("div", "battery", "", part("fill", make("i")));
-    const facts = make("dl", "facts", "", fact("alt", t("height")), fact("speed", t("speed")), fact("heading", t("heading")), fact("battery", t("battery")), fact("gps", t("gps")), fact("loss", t("loss")), fact("place", t("position")));
-    const card = make("article", "card", "", head, mode, part("note", make("p", "note")), battery, facts);
+    const facts = make("dl", "facts", "", fact("alt", t("height")), fact("speed", t("speed")), fact("heading", t("heading")), fact("battery", t("battery")), fact("left", t("battery.left")), fact("loss", t("loss")), fact("gps", t("gps")), fact("accuracy", t("accuracy")), fact("place", t("position")));
+    const card = make("article", "card", "", head, mode, part("note", make("p", "note")), battery, facts, this.cameras.element);
     card.dataset.vehicle = this.vehicle.name;
     if (!READ_ONLY) card.append(this.buttons());
     return card;
@@ -59,6 +61,7 @@ class Card {
   drawSafely() {
     try {
       this.draw();
+      this.cameras.draw();
     } catch (error) {
       this.element.classList.add("trouble");
       this.parts.note.hidden = false;
@@ -97,6 +100,8 @@ class Card {
     this.say("speed", shown(v && Math.hypot(v[0], v[1]), 1, " m/s"));
     this.say("heading", shown(s.attitude && degrees(s.attitude.yaw), 0, "°"));
     this.say("gps", s.gps ? `${s.gps.fix.replace(/_/g, " ")} · ${s.gps.satellites ?? "–"}` : "–");
+    this.say("accuracy", accuracy(s.gps) || "–");
+    this.say("left", s.battery?.time_left ? span(s.battery.time_left) : "–");
     this.say("loss", shown(s.link_loss === undefined ? null : s.link_loss * 100, 0, " %"));
     this.say("place", s.position ? `${s.position.lat_deg.toFixed(6)}, ${s.position.lon_deg.toFixed(6)}` : "–");
     const left = s.battery?.remaining ?? null;
@@ -108,9 +113,10 @@ class Card {
 }
 
 export class Cards {
-  /** @param {import("./store.js").Store} store */
-  constructor(store) {
+  /** @param {import("./store.js").Store} store @param {import("./link.js").Link} link */
+  constructor(store, link) {
     this.store = store;
+    this.link = link;
     /** @type {Map<string, Card>} of the selected */
     this.cards = new Map();
   }
@@ -120,11 +126,12 @@ export class Cards {
     const ids = new Set(wanted.map((vehicle) => vehicle.id));
     for (const [id, card] of this.cards) {
       if (ids.has(id)) continue;
+      card.cameras.close();
       card.element.remove();
       this.cards.delete(id);
     }
     wanted.forEach((vehicle, index) => {
-      const card = this.cards.get(vehicle.id) || new Card(vehicle);
+      const card = this.cards.get(vehicle.id) || new Card(vehicle, this.link);
       this.cards.set(vehicle.id, card);
       const place = byId("fleet").children[index];
       if (place !== card.element) byId("fleet").insertBefore(card.element, place || null);

@@ -26,6 +26,17 @@ export function makeButton(label, className, act, title = "") {
   return made;
 }
 
+const SOON_MS = 500; // within which a second press is a double click's, as most systems take it
+let downAt = -Infinity;
+document.addEventListener("pointerdown", (event) => (downAt = event.timeStamp), true);
+
+/**
+ * Whether a press can be meant for what appeared at that time (performance.now()): it did not come at once, as the second one
+ * of a double click does, and its pointer went down after that. It goes by time alone and not by the browser's count of clicks: who
+ * presses again and again is heard. @param {UIEvent} press @param {number} appeared
+ */
+export const meant = (press, appeared) => press.timeStamp - appeared >= SOON_MS && (press.detail === 0 || downAt >= appeared); // detail 0: by a key
+
 /** Say something where it is not said already: the page is drawn five times a second. @param {Node} element @param {string} text */
 export function say(element, text) {
   if (element.textContent !== text) element.textContent = text;

@@ -56,7 +56,7 @@ export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
 const teams = new Teams(store, map, plans);
-const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store), new Events(store), new Explorer()];
+const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link), new Events(store), new Explorer()];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -128,6 +128,7 @@ link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
 link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
+link.subscribe("*/agent/camera-*/status", { hz: 2 });
 link.subscribe("*/HOME_POSITION", { hz: 0.1 });
 store.changed = draw;
 setInterval(draw, DRAW_MS);

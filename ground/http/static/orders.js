@@ -1,7 +1,7 @@
 // Orders: what makes a vehicle safe is two presses away, what moves it is behind a question.
 
 import { confirmed } from "./ask.js";
-import { toast } from "./dom.js";
+import { meant, toast } from "./dom.js";
 import { address } from "./settings.js";
 import { few, t, wordsOf } from "./words.js";
 
@@ -59,7 +59,7 @@ export async function order(vehicles, verb, args = {}) {
 }
 
 /**
- * A button that does nothing until it is pressed a second time within four seconds.
+ * A button that does nothing until it is pressed a second time within four seconds; a double click is one press.
  * Returns what has it asked from the beginning again.
  * @param {HTMLButtonElement} button @param {() => void} act @returns {() => void}
  */
@@ -67,6 +67,7 @@ export function armTwice(button, act) {
   let label = button.textContent;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   let timer;
+  let askedAt = 0;
   const rest = () => {
     clearTimeout(timer);
     timer = undefined;
@@ -76,14 +77,16 @@ export function armTwice(button, act) {
   button.addEventListener("keydown", (event) => {
     if (event.repeat) event.preventDefault(); // a key that is held is one press
   });
-  button.addEventListener("click", () => {
+  button.addEventListener("click", (event) => {
     if (timer) {
+      if (!meant(event, askedAt)) return;
       rest();
       act();
     } else {
       label = button.textContent;
       button.textContent = t("order.sure", { label: label || "" });
       button.classList.add("asking");
+      askedAt = performance.now();
       timer = setTimeout(rest, 4000);
     }
   });

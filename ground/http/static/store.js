@@ -57,6 +57,8 @@ export class Store {
     else if (chunks.length === 4 && chunks[3] === "event") this.takeEvent(chunks[2], message.value);
     else if (chunks[2] === "@fleet") this.takeFleet(chunks[3], message.value);
     else if (chunks[2] === "@obstacle") this.takeObstacle(message.value);
+    else if (chunks[3] === "agent") this.vehicles.get(`${chunks[1]}/${chunks[2]}`)?.takeStatus(chunks[4], message.value);
+    else if (chunks[3] === "camera") this.vehicles.get(`${chunks[1]}/${chunks[2]}`)?.takeSights(chunks[4], message.value);
     else if (chunks[3] === "mav" && message.value && message.value.fields) this.takeMessage(this.vehicles.get(`${chunks[1]}/${chunks[2]}`), chunks[7], message.value.fields);
   }
 

@@ -2,11 +2,11 @@
 
 import { confirmed } from "./ask.js";
 import { byId, make, makeButton, mark, say } from "./dom.js";
-import { few, LEVEL_WORD, LEVELS, shown, span, t } from "./words.js";
+import { accuracy, few, LEVEL_WORD, LEVELS, shown, span, t } from "./words.js";
 
 /**
  * @typedef {import("./vehicle.js").Vehicle} Vehicle
- * @typedef {{element: HTMLElement, cells: Record<string, HTMLElement>, box: HTMLInputElement, swatch: HTMLElement, kind: HTMLElement}} Row
+ * @typedef {{element: HTMLElement, cells: Record<string, HTMLElement>, box: HTMLInputElement, swatch: HTMLElement, name: HTMLElement, kind: HTMLElement}} Row
  * @typedef {{name: string, word: string, fits: (vehicle: Vehicle) => boolean}} Kind what a count counts
  */
 
@@ -117,14 +117,15 @@ export class FleetTable {
     box.addEventListener("change", () => this.store.toggle(vehicle.id));
     const swatch = make("i", "swatch");
     swatch.style.background = vehicle.colour;
-    const name = make("td", "name", "", swatch, make("b", "", vehicle.name), make("span", "muted"));
+    const kind = make("span", "muted");
+    const name = make("td", "name", "", swatch, make("b", "", vehicle.name), kind);
     const element = make("tr", "", "", make("td", "", "", box), name, cell("mode"), cell("doing"), cell("height", "num"), cell("speed", "num"), cell("battery", "num"), cell("gps"), cell("link"), cell("age", "num"));
     element.tabIndex = 0;
     element.dataset.row = vehicle.name;
     element.addEventListener("click", (/** @type {MouseEvent} */ event) => this.pick(vehicle, event));
     element.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => this.key(vehicle, event));
     this.body.append(element);
-    const row = { element, cells, box, swatch, kind: name.lastChild };
+    const row = { element, cells, box, swatch, name, kind };
     this.rows.set(vehicle.id, row);
     return row;
   }
@@ -169,13 +170,16 @@ export class FleetTable {
       element.classList.toggle("stale", vehicle.stale);
       mark(element, "title", vehicle.troubles.map((each) => each.text).join("\n"));
       say(row.kind, s.kind || "");
+      mark(row.name, "title", [vehicle.name, s.kind].filter(Boolean).join(" · ")); // a long name is cut
       say(cells.mode, [s.mode || "–", s.armed ? "" : s.armed === false ? t("disarmed") : t("armed.unknown")].filter(Boolean).join(" · "));
       say(cells.doing, [vehicle.troubles.length ? vehicle.troubles[0].text : "", vehicle.doing].filter(Boolean).join(" · ") || "–");
       say(cells.height, shown(vehicle.height, 1, " m"));
       say(cells.speed, shown(vehicle.speed, 1));
-      const battery = s.battery || {};
-      say(cells.battery, battery.remaining === null || battery.remaining === undefined ? shown(battery.voltage, 1, " V") : `${Math.round(battery.remaining * 100)} %`);
-      say(cells.gps, s.gps ? `${s.gps.fix.replace("_FIXED", "").replace("_FIX", "").replace(/_/g, " ")} ${s.gps.satellites ?? ""}` : "–");
+      const { remaining = null, voltage = null, time_left: left = null } = s.battery || {};
+      const charge = remaining === null ? shown(voltage, 1, " V") : `${Math.round(remaining * 100)} %`;
+      say(cells.battery, [charge, left === null ? "" : span(left)].filter(Boolean).join(" · "));
+      const fix = s.gps ? s.gps.fix.replace("_FIXED", "").replace("_FIX", "").replace(/_/g, " ") : "–";
+      say(cells.gps, `${fix} ${accuracy(s.gps) || (s.gps?.satellites ?? "")}`.trim());
       say(cells.link, this.linkOf(vehicle));
     } catch (error) {
       say(cells.doing, t("vehicle.garbled"));

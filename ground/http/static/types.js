@@ -20,11 +20,14 @@
  * @property {Vector | null} [local]
  * @property {Vector | null} [velocity]
  * @property {{roll: number, pitch: number, yaw: number} | null} [attitude]
- * @property {{voltage?: number | null, remaining?: number | null} | null} [battery]
- * @property {{fix: string, satellites?: number | null, hdop?: number | null} | null} [gps]
+ * @property {{voltage?: number | null, remaining?: number | null, time_left?: number | null} | null} [battery] time_left: s
+ * @property {{fix: string, satellites?: number | null, hdop?: number | null, h_acc?: number | null} | null} [gps] h_acc: m
  * @property {number} [link_loss]
  * @property {{holder: string} | null} [lease]
  * @property {string} [mover]
+ *
+ * @typedef {{symbol: string, u: number, v: number, scale_px: number, heading: number, score: number}} Sight in a picture: px, radians clockwise from up
+ * @typedef {{t: number, width: number, height: number, found: Sight[]}} Sights of one picture, by a program that looks
  *
  * @typedef {{rule: string, level: Level, text: string, advice: string}} Alarm what is not well, by the rules of zmav/doctor
  * @typedef {{name: string, t: number, severity: string, text: string}} FleetEvent

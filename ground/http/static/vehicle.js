@@ -7,6 +7,27 @@ import { LEVELS, span, t } from "./words.js";
 const STALE_S = 2;
 const AIM_MS = 5000; // a target that was said before that is none any more
 const MOST_POINTS = 300; // of a track
+const MOST_CAMERAS = 8;
+const CAMERA_MS = 5000; // a camera says each second how it is
+const GONE_MS = 15000;
+
+/** What a camera's program says of it. */
+class CameraStatus {
+  /** @param {string} state @param {string} text */
+  constructor(state, text) {
+    this.state = state;
+    this.text = text;
+    this.at = Date.now();
+  }
+
+  get fresh() {
+    return Date.now() - this.at < CAMERA_MS;
+  }
+
+  get there() {
+    return Date.now() - this.at < GONE_MS;
+  }
+}
 
 export class Vehicle {
   /** @param {string} fleet @param {string} name */
@@ -30,6 +51,10 @@ export class Vehicle {
     this.aimedAt = 0;
     /** @type {import("./types.js").VehicleReport | null} */
     this.report = null;
+    /** @type {Map<string, CameraStatus>} by name */
+    this.cameras = new Map();
+    /** @type {Map<string, import("./types.js").Sights>} the last ones, by camera */
+    this.sights = new Map();
     this.colour = "gray";
     /** @type {Alarm[]} */
     this.found = [];
@@ -48,6 +73,20 @@ export class Vehicle {
     const last = this.trail[this.trail.length - 1];
     if (!last || this.at - last.at > 400) this.trail.push({ at: this.at, ...place, alt: this.above });
     while (this.trail.length > MOST_POINTS) this.trail.shift();
+  }
+
+  /** @param {string} agent @param {any} status */
+  takeStatus(agent, status) {
+    const name = agent.replace(/^camera-/, "");
+    if (name === agent || !status || typeof status.state !== "string") return;
+    if (this.cameras.has(name) || this.cameras.size < MOST_CAMERAS) this.cameras.set(name, new CameraStatus(status.state, String(status.text)));
+  }
+
+  /** @param {string} camera @param {any} sights */
+  takeSights(camera, sights) {
+    if (!sights || !Array.isArray(sights.found) || !(sights.width > 0) || !this.cameras.has(camera)) return;
+    const found = sights.found.filter((/** @type {any} */ each) => each && [each.u, each.v, each.scale_px, each.heading, each.score].every(Number.isFinite));
+    this.sights.set(camera, { ...sights, found });
   }
 
   /** @param {Place | null} place */

@@ -42,11 +42,21 @@ export function span(seconds) {
 /** @param {number} m */
 export const metres = (m) => (m >= 10000 ? `${(m / 1000).toFixed(1)} km` : m >= 100 ? `${Math.round(m)} m` : `${m.toFixed(1)} m`);
 
+/** What the receiver estimates, else how the satellites stand; empty where it says neither. @param {import("./types.js").State["gps"]} gps */
+export function accuracy(gps) {
+  if (!gps) return "";
+  if (gps.h_acc) return t("gps.accuracy", { metres: gps.h_acc < 0.1 ? gps.h_acc.toFixed(2) : gps.h_acc < 10 ? gps.h_acc.toFixed(1) : String(Math.round(gps.h_acc)) });
+  return gps.hdop ? t("gps.hdop", { hdop: gps.hdop.toFixed(1) }) : "";
+}
+
 /** Radians as whole degrees clockwise from north. @param {number} radians */
 export const degrees = (radians) => ((Math.round((radians * 180) / Math.PI) % 360) + 360) % 360;
 
 /** "quad1, quad2 and 3 more". @param {string[]} names */
 export const few = (names, most = 4) => (names.length > most ? t("few.more", { names: names.slice(0, most).join(", "), count: names.length - most }) : names.join(", "));
+
+/** A name for a button: a long one is cut. @param {string} name */
+export const brief = (name, most = 16) => (name.length > most ? `${name.slice(0, most - 1)}…` : name);
 
 /** What was thrown, in words. @param {unknown} error */
 export const wordsOf = (error) => (error instanceof Error ? error.message : String(error));

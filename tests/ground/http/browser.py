@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from tests.ground.http.conftest import Served
 
 PATIENCE_S = 30.0
+READ_S = 0.6
+"""s in which a person reads what appeared; what is pressed sooner was meant for something else"""
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), ""
 )
@@ -128,7 +130,9 @@ class Tab:
         x, y = await self.run(script)
         return x, y
 
-    async def mouse(self, kind: str, x: float, y: float, held: bool = False, shift: bool = False) -> None:
+    async def mouse(
+        self, kind: str, x: float, y: float, held: bool = False, shift: bool = False, count: int = 1
+    ) -> None:
         await self.call(
             "Input.dispatchMouseEvent",
             type=kind,
@@ -136,7 +140,7 @@ class Tab:
             y=y,
             button="none" if kind == "mouseMoved" and not held else "left",
             buttons=int(held),
-            clickCount=1,
+            clickCount=count,
             modifiers=8 if shift else 0,
         )
 
@@ -146,6 +150,25 @@ class Tab:
         await self.mouse("mouseMoved", x, y)
         await self.mouse("mousePressed", x, y, held=True)
         await self.mouse("mouseReleased", x, y)
+
+    async def double_click(self, where: str | tuple[float, float]) -> None:
+        """Two quick clicks, as a system reports them."""
+        x, y = await self.place(where) if isinstance(where, str) else where
+        await self.mouse("mouseMoved", x, y)
+        for count in (1, 2):
+            await self.mouse("mousePressed", x, y, held=True, count=count)
+            await self.mouse("mouseReleased", x, y, count=count)
+
+    async def agree(self) -> None:
+        """Press yes in the question that is asked, once a person can have read it."""
+        await self.until("document.getElementById('confirm').open")
+        await asyncio.sleep(READ_S)
+        await self.click("#confirm-yes")
+
+    async def press_twice(self, button: str) -> None:
+        """A button that asks once more, by a script that finds it: the second time once a person can have read."""
+        wait = f"new Promise((resolve) => setTimeout(resolve, {1000 * READ_S}))"
+        await self.run(f"(async (button) => {{ button.click(); await {wait}; button.click(); }})({button})")
 
     async def drag(self, start: tuple[float, float], end: tuple[float, float], shift: bool = False) -> None:
         await self.mouse("mouseMoved", *start, shift=shift)
@@ -375,9 +398,14 @@ def row(name: str) -> str:
     return f"document.querySelector('[data-row={name}]')"
 
 
+def button(name: str, label: str) -> str:
+    """A button of a vehicle's card by its label."""
+    return f"[...{card(name)}.querySelectorAll('button')].find((each) => each.textContent === '{label}')"
+
+
 def press(name: str, label: str) -> str:
-    """A script that presses a button of a vehicle's card by its label."""
-    return f"[...{card(name)}.querySelectorAll('button')].find((each) => each.textContent === '{label}').click()"
+    """A script that presses it."""
+    return f"{button(name, label)}.click()"
 
 
 async def show(tab: Tab, served: Served) -> None:

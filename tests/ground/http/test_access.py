@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.ground.http.browser import Fleet, Tab, card
+from tests.ground.http.browser import READ_S, Fleet, Tab, card
 from tests.ground.http.test_operator import TOASTS, at, opened, selected
 from zmav import wire
 
@@ -70,6 +71,7 @@ async def test_a_vehicle_is_selected_held_and_sent_by_keys_alone(tab: Tab, serve
     lat = await tab.run("map.map.getCenter().lat")
     await tab.key(" ")
     await tab.until("document.getElementById('confirm').open")
+    await asyncio.sleep(READ_S)
     await tab.key("Enter")
     await tab.until(f"{TOASTS}.includes('quad2: goto done')")
     assert fleet.asked[fleet.orders.index("quad2/do/goto")]["lat_deg"] == pytest.approx(lat, abs=1e-5)

@@ -198,7 +198,7 @@ async def test_selecting_by_click_box_group_and_keys(tab: Tab, served: Served, f
     await tab.until("document.getElementById('whom').innerText.includes('quad1, quad2')")
     await tab.click("#save-group")
     await tab.call("Input.insertText", text="left")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("document.querySelector('#groups button') !== null")
     await tab.click("[data-row=quad3]")
     assert await selected(tab) == ["quad3"]
@@ -232,7 +232,7 @@ async def test_the_bar_names_whom_it_means(tab: Tab, served: Served, fleet: Flee
     await tab.run(f"{bar('Hold')}.click()")
     await tab.until(f"{TOASTS}.includes('quad1: hold done')")
     await tab.click("#select-all")
-    await tab.run(f"{bar('Land')}.click(); {bar('Land')}.click()")
+    await tab.press_twice(bar("Land"))
     await tab.until(
         f"{TOASTS}.includes('quad1: land done') && {TOASTS}.includes('quad2: land left out: it is disarmed')"
     )
@@ -246,7 +246,7 @@ async def test_the_bar_names_whom_it_means(tab: Tab, served: Served, fleet: Flee
     await tab.until("!document.getElementById('confirm').open")
     await tab.run(f"{bar('Mode')}.click()")
     await tab.call("Input.insertText", text="LOITER")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until(f"{TOASTS}.includes('quad2: set_mode done')")
     assert fleet.asked[fleet.orders.index("quad2/do/set_mode")]["mode"] == "LOITER"
     await tab.run("store.select(['demo/quad2', 'demo/gone'])")  # as a group does of which one is not there
@@ -271,7 +271,7 @@ async def test_go_here_without_a_planner_is_straight(tab: Tab, served: Served, f
     await tab.click(await on_map(tab, "quad1", 12, -6))
     await tab.until("document.getElementById('confirm').open")
     assert "quad1" in await tab.text("#confirm-title")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until(f"{TOASTS}.includes('quad1: goto done')")
     told = fleet.asked[fleet.orders.index("quad1/do/goto")]
     assert told["frame"] == "global"
@@ -297,7 +297,7 @@ async def test_go_here_by_the_planner_is_shown_first(
     assert "3.2 m between the nearest two" in await tab.text("#confirm-text")
     assert await tab.run("plans.previewed.length") == 1, "the ways are on the map while it asks"
     assert [verb for verb, _ in planner.asked] == ["preview"], "nothing is flown before a person agrees"
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("document.querySelector('#goals progress') !== null")
     verb, args = planner.asked[-1]
     assert (verb, args["goal"]["vehicles"]) == ("submit", ["quad1", "quad2"])
@@ -310,7 +310,7 @@ async def test_go_here_by_the_planner_is_shown_first(
     await tab.until(f"{TOASTS}.includes('planner: pause')")
     assert planner.asked[-1][0] == "pause"
     stop = "[...document.querySelectorAll('#goals button')].find((each) => each.textContent.startsWith('Stop'))"
-    await tab.run(f"{stop}.click(); {stop}.click()")
+    await tab.press_twice(stop)
     await tab.until("document.querySelector('#goals progress') === null")
     assert planner.asked[-1] == ("cancel", planner.asked[-1][1] | {"goal": "g1"})
     assert not tab.said
@@ -334,8 +334,7 @@ async def test_several_take_off_when_nothing_hinders_any(
     del fleet.more["quad2"]["not_ready"]
     await tab.until("document.getElementById('preflight').innerText.includes('Nothing hinders the 2 selected')")
     await tab.run(f"{bar('Take off')}.click()")
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("document.querySelector('#goals progress') !== null")
     assert planner.asked[-1][0] == "submit"
     assert planner.asked[-1][1]["goal"] == {"kind": "takeoff", "vehicles": ["quad1", "quad2"], "height": 10}
@@ -418,15 +417,13 @@ async def test_a_drawn_area_is_searched_and_a_no_fly_given(
     await tab.until("drawing.shapes.all.length === 1")
     press = "[...document.querySelectorAll('.shapes button')].find((each) => each.textContent.startsWith('{}')).click()"
     await tab.run(press.format("Search it"))
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("document.querySelector('#goals progress') !== null")
     goal = planner.asked[-1][1]["goal"]
     assert (goal["kind"], goal["vehicles"], goal["height"], len(goal["polygon"])) == ("search", ["quad1"], 20, 3)
     await tab.run("drawing.shapes.add('no_fly', drawing.shapes.all[0].points); drawing.refresh()")
     await tab.run(press.format("Give to"))
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until(f"{TOASTS}.includes('planner: obstacle')")
     given = wire.decode(json.dumps(planner.asked[-1][1]).encode(), swarm.GiveObstacle, "obstacle").obstacle
     assert isinstance(given.what, swarm.NoFly)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
 
-from tests.ground.http.browser import FakePlanner, Fleet, Tab
+from tests.ground.http.browser import READ_S, FakePlanner, Fleet, Tab
 from tests.ground.http.test_operator import TOASTS, at, bar, on_map, opened
 from zmav import keys, wire
 from zmav.wire import swarm
@@ -164,6 +165,7 @@ async def test_what_is_flown_goes_with_the_time(tab: Tab, served: Served, fleet:
     await tab.run(f"{stop}.click()")
     planner.goals = [msgspec.structs.replace(planner.goals[0], progress=0.2)]
     await tab.until("document.querySelector('#goals progress').value === 0.2")
+    await asyncio.sleep(READ_S)
     await tab.run(f"{stop}.click()")  # the second press, although the goal has come further
     await tab.until("store.openGoals.length === 0")
     assert planner.asked[-1] == ("cancel", planner.asked[-1][1] | {"goal": "g7"})

@@ -40,8 +40,7 @@ async def test_an_area_is_surveyed_with_the_camera_that_was_typed(
         await tab.run(f"document.querySelector('.survey [name={name}]').value = '{value}'")
         await tab.run(f"document.querySelector('.survey [name={name}]').dispatchEvent(new Event('change'))")
     await tab.click(".survey button")
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("document.querySelector('#goals progress') !== null")
     verb, args = planner.asked[-1]
     goal = args["goal"]
@@ -73,8 +72,7 @@ async def test_a_formation_is_placed_by_a_click_and_a_leader_followed(
     await tab.click("[data-tool=formation]")
     assert len(planner.asked) == count
     await tab.click(await on_map(tab, "quad1", 12.0, 5.0))
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")  # "Select who is meant" still stands in the corner, and not over it
+    await tab.agree()  # "Select who is meant" still stands in the corner, and not over it
     await tab.until(f"{TOASTS}.includes('planner: submit')")
     goal = planner.asked[-1][1]["goal"]
     assert (goal["kind"], goal["vehicles"], goal["shape"], goal["spacing"]) == ("formation", ["quad1"], "vee", 8)
@@ -83,8 +81,7 @@ async def test_a_formation_is_placed_by_a_click_and_a_leader_followed(
     await tab.click("#follow-form summary")
     assert await tab.run("[...document.querySelectorAll('#follow-form option')].map((o) => o.value)") == ["quad2"]
     await tab.click("#follow-form button")
-    await tab.until("document.getElementById('confirm').open")
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until("!document.getElementById('confirm').open")
     deadline = time.monotonic() + 10.0
     while planner.asked[-1][1]["goal"]["kind"] != "follow" or planner.asked[-1][0] != "submit":
@@ -112,7 +109,7 @@ async def test_a_file_is_shown_and_uploaded_to_the_selected_alone(tab: Tab, serv
     assert "field.plan" in await tab.text("#confirm-title") and "quad2" in await tab.text("#confirm-title")
     assert "1 mission, 3 fence" in await tab.text("#confirm-text")
     assert fleet.orders == [], "nothing is uploaded before a person agrees"
-    await tab.click("#confirm-yes")
+    await tab.agree()
     await tab.until(f"{TOASTS}.includes('quad2: 1 items of mission, 3 items of fence')")
     assert set(fleet.orders) == {"quad2/do/mission_upload"}
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from ground.http.guard import Rules
-from tests.ground.http.browser import Fleet, Tab, card, press, row, show
+from tests.ground.http.browser import READ_S, Fleet, Tab, button, card, press, row, show
 from zmav import keys, wire
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ async def test_any_key_expression_is_read_live(tab: Tab, served: Served, fleet: 
 async def test_orders_are_confirmed_and_their_end_is_said(tab: Tab, served: Served, fleet: Fleet) -> None:
     await show(tab, served)
     fleet.orders.clear()
-    await tab.run(f"{press('quad1', 'Land')}; {press('quad1', 'Land?')}")  # at once: the second must come in time
+    await tab.press_twice(button("quad1", "Land"))  # in one go: the second must come in time
     await tab.until("document.getElementById('toasts').innerText.includes('quad1: land done')")
     await tab.run(press("quad2", "Hold"))
     await tab.until("document.getElementById('toasts').innerText.includes('quad2: hold done')")
@@ -142,7 +142,9 @@ async def test_orders_are_confirmed_and_their_end_is_said(tab: Tab, served: Serv
     await tab.until("document.getElementById('confirm').open")
     yes = "document.getElementById('confirm-yes').click()"
     no = "document.querySelector('#confirm button[value=no]').click()"
-    await tab.run(f"{no}; {press('quad2', 'Take off…')}; {yes}")  # the yes is to the second question, and to no other
+    await tab.run(f"{no}; {press('quad2', 'Take off…')}; {yes}")  # at once: to a question that nobody can have read
+    await asyncio.sleep(READ_S)
+    await tab.run(yes)  # to the second question, and to no other
     await tab.until("document.getElementById('toasts').innerText.includes('quad2: takeoff done')")
     assert fleet.orders == ["quad1/do/land", "quad2/do/hold", "quad2/do/takeoff"]
 

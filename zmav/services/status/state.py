@@ -12,8 +12,9 @@ from typing import Any
 import zenoh
 
 from zmav import geo, keys, wire
-from zmav.mavlink import decode
+from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
+from zmav.services.link.port import on_loop
 from zmav.services.queries.questions import Reply
 from zmav.session import is_read
 from zmav.trust.gate import anybody
@@ -46,6 +47,11 @@ class StateService:
         self._key = keys.STATE.key(companion.port.fleet, companion.port.name)
         self._publisher = companion.session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf
+        self.battery_fresh = 10.0
+        """s for which a battery's estimate holds: they come each two seconds"""
+        self._times: dict[int, tuple[float, float]] = {}
+        """s left, and when that was heard, by battery"""
+        self._stop: Callable[[], None] | None = None
         self.read = True
         """somebody subscribes to it"""
 
@@ -54,13 +60,26 @@ class StateService:
         self._questions.declare(
             self._key, lambda query: self._answer(query, loop), admit=anybody
         )  # it is published, too
+        self._stop = self._port.listen("BATTERY_STATUS", on_loop(loop, self._on_battery))
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
             introduction = Reply(key, der, keys.CERTIFICATE.encoding)
             self._questions.declare(key, lambda query: iter([introduction]), admit=anybody)
 
     def close(self) -> None:
+        if self._stop is not None:
+            self._stop()
         self._publisher.undeclare()
+
+    def _on_battery(self, frame: Frame) -> None:
+        if (frame.sysid, frame.compid) == self._identity.source:
+            told = decode(frame, self._port.dialect)
+            self._times[told["id"]] = (told["time_remaining"] or math.inf, time.monotonic())  # 0: it gives none
+
+    def _time_left(self) -> float | None:
+        now = time.monotonic()
+        least = min((left for left, at in self._times.values() if now - at < self.battery_fresh), default=math.inf)
+        return least if 0.0 < least < math.inf else None
 
     def publish(self) -> None:
         """To those who read it; who asks is answered in any case."""
@@ -156,6 +175,7 @@ class StateService:
                 voltage=None if s["voltage_battery"] == 0xFFFF else s["voltage_battery"] / 1e3,
                 current=None if s["current_battery"] < 0 else s["current_battery"] / 100.0,
                 remaining=None if s["battery_remaining"] < 0 else s["battery_remaining"] / 100.0,
+                time_left=self._time_left(),
             )
         if gps := self._heard("GPS_RAW_INT"):
             g, state.ages["gps"] = gps
@@ -164,4 +184,5 @@ class StateService:
                 fix=fix.removeprefix("GPS_FIX_TYPE_"),
                 satellites=None if g["satellites_visible"] == 255 else g["satellites_visible"],
                 hdop=None if g["eph"] == 0xFFFF else g["eph"] / 100.0,
+                h_acc=None if g["h_acc"] in (0, 0xFFFFFFFF) else g["h_acc"] / 1e3,
             )

@@ -1,0 +1,213 @@
+"""``GET /camera/{vehicle}/{camera}``: a camera's pictures as MJPEG, for the page, a script or a video player.
+
+A vehicle sends pictures only while somebody looks, and as many as the way to us carries (docs/camera.md); here each
+camera is read once for all who look. Of each reader only the newest picture waits: one that takes them slower than they
+come gets fewer, and none of them is late.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import Counter
+from collections.abc import Coroutine, Iterator
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+from starlette.types import Receive, Scope, Send
+
+from ground.http.gateway import Gateway
+from ground.http.reply import Failure
+from ground.http.server import send_the_newest
+from zmav import keys
+from zmav.errors import VehicleError
+from zmav.vision.reader import Picture, Reader, camera_info
+
+MOST = 32
+"""readers at once"""
+MOST_EACH = 3
+"""of one address: a browser has six connections to a host, and no order is to wait for a picture"""
+BOUNDARY = b"--zmav-picture\r\n"
+HEADERS = (
+    (b"content-type", b"multipart/x-mixed-replace; boundary=zmav-picture"),
+    (b"cache-control", b"no-store"),
+    (b"x-content-type-options", b"nosniff"),
+)
+
+
+class Shared:
+    """One camera's pictures for all who look at it here. Lives on the event loop."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.looking = 0
+        self.newest: tuple[int, Picture] | None = None
+        """and how many came before it"""
+        self._news = asyncio.Event()
+        self._task = asyncio.create_task(self._read(reader))
+
+    async def after(self, count: int) -> tuple[int, Picture]:
+        """The newest picture, which as many or more came before; waits for one."""
+        while self.newest is None or self.newest[0] < count:
+            await self._news.wait()
+        return self.newest
+
+    @property
+    def count(self) -> int:
+        """Pictures that came."""
+        return self.newest[0] + 1 if self.newest is not None else 0
+
+    async def _read(self, reader: Reader) -> None:
+        async with reader as pictures:
+            async for picture in pictures:
+                self.newest = self.count, picture
+                news, self._news = self._news, asyncio.Event()
+                news.set()
+
+    def close(self) -> None:
+        self._task.cancel()
+
+
+class Cameras:
+    """Every camera that somebody looks at, and who does."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._client = gateway.client
+        self._shared: dict[tuple[str, str], Shared] = {}
+        self._readers: Counter[str] = Counter()
+        """by address"""
+        self.sent = self.left_out = 0
+        """pictures, of all readers; and those for which one of them was too slow"""
+        gateway.at_end(self._close)
+
+    async def look(self, request: Request) -> Response:
+        """A camera's pictures, live: multipart/x-mixed-replace, as an img element and most video players read it.
+
+        Each part is a JPEG with X-Timestamp (UTC seconds at the middle of the exposure) and X-Sequence (as seq in its
+        detections). A reader that is slow gets fewer of them.
+        """
+        vehicle, camera = request.path_params["vehicle"], request.path_params["camera"]
+        return _Mjpeg(self, vehicle, camera, request.client.host if request.client else "")
+
+    @property
+    def readers(self) -> int:
+        return self._readers.total()
+
+    @contextlib.contextmanager
+    def counted(self, address: str) -> Iterator[None]:
+        """Raises :class:`Failure` where there are too many."""
+        if self.readers >= MOST or self._readers[address] >= MOST_EACH:
+            text = f"there are {self._readers[address]} readers of pictures at {address}, and {self.readers} in all"
+            raise Failure(429, "too_many", f"{text}: no more than {MOST_EACH} and {MOST}")
+        self._readers[address] += 1
+        try:
+            yield
+        finally:
+            self._readers[address] -= 1
+            self._readers += Counter()  # addresses without readers are forgotten
+
+    async def check(self, vehicle: str, camera: str) -> None:
+        """Raises :class:`Failure` where there is no such camera, :class:`~zmav.errors.BadKey` for what is no name."""
+        keys.check_name(vehicle, "vehicle")
+        keys.check_name(camera, "camera")
+        shared = self._shared.get((vehicle, camera))
+        if shared is not None and shared.count:
+            return
+        try:
+            await camera_info(self._client, vehicle, camera)
+        except VehicleError as e:
+            raise Failure(404, "not_found", e.message) from e
+
+    @contextlib.contextmanager
+    def shared(self, vehicle: str, camera: str) -> Iterator[Shared]:
+        """The camera, which is read for as long as somebody looks."""
+        place = vehicle, camera
+        if place not in self._shared:
+            self._shared[place] = Shared(Reader(self._client, vehicle, camera, name="http"))
+        shared = self._shared[place]
+        shared.looking += 1
+        try:
+            yield shared
+        finally:
+            shared.looking -= 1
+            if not shared.looking:
+                del self._shared[place]
+                shared.close()
+
+    def _close(self) -> None:
+        for shared in self._shared.values():
+            shared.close()
+
+
+class _Mjpeg(Response):
+    """Pictures until the reader goes."""
+
+    def __init__(self, cameras: Cameras, vehicle: str, camera: str, address: str) -> None:
+        super().__init__()
+        self._cameras, self._place, self._address = cameras, (vehicle, camera), address
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._cameras.counted(self._address):
+            await self._cameras.check(*self._place)
+            await send({"type": "http.response.start", "status": 200, "headers": list(HEADERS)})
+            if scope["method"] == "HEAD":
+                await send({"type": "http.response.body"})
+                return
+            send_the_newest(scope)
+            with self._cameras.shared(*self._place) as shared:
+                await _until(_gone(receive), self._send_all(shared, send))
+
+    async def _send_all(self, shared: Shared, send: Send) -> None:
+        await _put(send, BOUNDARY)
+        count = shared.count  # what came before is of another time
+        while True:
+            at, picture = await shared.after(count)
+            self._cameras.left_out += at - count
+            count = at + 1
+            # The boundary that ends a part goes with it: some browsers show a picture only then.
+            await _put(send, _head(picture) + picture.jpeg + b"\r\n" + BOUNDARY)
+            await _put(send, b"")  # returns when what is before it has gone
+            self._cameras.sent += 1
+
+
+def _head(picture: Picture) -> bytes:
+    said = {
+        "Content-Type": "image/jpeg",
+        "Content-Length": len(picture.jpeg),
+        "X-Timestamp": f"{picture.t:.6f}",
+        "X-Sequence": picture.seq,
+    }
+    return "".join(f"{name}: {value}\r\n" for name, value in said.items()).encode() + b"\r\n"
+
+
+async def _put(send: Send, data: bytes) -> None:
+    await send({"type": "http.response.body", "body": data, "more_body": True})
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _until(end: Coroutine[Any, Any, None], work: Coroutine[Any, Any, None]) -> None:
+    """Work until the end has come; raises what either does."""
+    tasks = [asyncio.ensure_future(each) for each in (end, work)]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def routes(gateway: Gateway) -> list[BaseRoute]:
+    cameras = Cameras(gateway)
+    gateway.figures.update(
+        camera_readers=lambda: cameras.readers,
+        pictures=lambda: cameras.sent,
+        pictures_left_out=lambda: cameras.left_out,
+    )
+    return [Route("/camera/{vehicle}/{camera}", cameras.look, methods=["GET"])]
