@@ -43,6 +43,7 @@ async def drive(rover: zmav.Vehicle, speed: float) -> None:
             await asyncio.sleep(0.1)
 
 
+@pytest.mark.alone  # it must keep up with a rover by pictures, whatever else runs
 @pytest.mark.slow
 async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_it(
     net: Net, onboard: StartOnboard

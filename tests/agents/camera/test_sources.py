@@ -34,9 +34,10 @@ def shots(source: Source, count: int) -> list[Shot]:
 
 def test_a_folder_at_its_rate(tmp_path: Path) -> None:
     folder = str(write_pictures(tmp_path / "pictures", 5))
-    found = shots(open_source(folder, rate=50.0), 99)
+    source, begun = open_source(folder, rate=50.0), time.time()
+    found = shots(source, 99)
     assert [shot.seq for shot in found] == [0, 1, 2, 3, 4]
-    assert found[-1].t - found[0].t >= 4 / 50.0 - 0.02
+    assert found[-1].t - begun >= 4 / 50.0 - 0.001  # from its begin: the first may be late, and none is early for that
     again = open_source(folder, rate=50.0, loop=True)
     assert [shot.seq for shot in shots(again, 12)] == list(range(12))
 
