@@ -152,8 +152,9 @@ async def ours(url: str, items: int, moved: float, phases: dict[str, list[float]
                 wire.MissionItem(command="MAV_CMD_NAV_WAYPOINT", x=lat, y=lon, z=alt)
                 for lat, lon, alt in places(items, moved)
             ]
-            transfer = onboard.missions._transfer
-            onboard.missions._transfer = lambda kind: Timed(transfer(kind), phases)  # type: ignore[method-assign]
+            missions: Any = onboard.missions
+            transfer = missions._transfer
+            missions._transfer = lambda kind: Timed(transfer(kind), phases)
             begun = time.monotonic()
             await v.missions.upload(plan)
             return time.monotonic() - begun
