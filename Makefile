@@ -41,10 +41,11 @@ help: ## say what can be made (the default)
 	@echo "  ARGS='-k frames'    more arguments for the demo, or for pytest"
 	@echo "  PYTEST_JOBS=1       how many tests run side by side (default: four more than there are cores, as most of them wait)"
 
-# The plain demo needs no compiler and no OpenCV, which are half of all; what another does its file says. One's own may.
+# The plain demo needs no compiler and no OpenCV, which are half of all; what another does its file says, beside what the
+# plain one has. One's own may need all.
 DEMO := $(firstword $(filter-out -%,$(ARGS)) line)
-NEEDS := $(if $(wildcard deploy/demos/$(DEMO).toml),$(shell sed -n 's/^needs = \[\(.*\)\].*/\1/p' \
-    deploy/demos/$(DEMO).toml | tr -d '",'),planner vision)
+NEEDS := $(if $(wildcard deploy/demos/$(DEMO).toml),$(filter-out interpreted,$(shell sed -n 's/^needs = \[\(.*\)\].*/\1/p' \
+    deploy/demos/$(DEMO).toml | tr -d '",')),planner vision)
 
 demo: $(if $(NEEDS),$(NEEDS:%=$(VENV)/.demo-%),$(VENV)/.demo) ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"

@@ -28,6 +28,8 @@ from zmav.trust.credentials import Credentials
 __all__ = ["Neighbour", "RouterPlan", "Setting", "Way", "plan_router"]
 
 LISTEN, CONNECT, SCOUTING = "listen/endpoints", "connect/endpoints", "scouting/multicast/"
+ABOVE = 2
+"""from a radio's port to its second one; between them is the port of its bearer"""
 
 
 @dataclass(frozen=True)
@@ -173,8 +175,11 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
         (list(table.listen), [f"fleet file: {where}.listen"]) if table.listen else ([DEFAULT_ROUTER], ["zmav"])
     )
     called, guarded = _is_called(plan, rules), plan.credentials is not None
+    second = rules.second_port and plan.host.neighbours is None
     for radio in called:
-        listen.append(between(str(radio.radio.address), radio.radio.port or plan.file.mesh.port, guarded))
+        port = radio.radio.port or plan.file.mesh.port
+        ports = [port, port + ABOVE] if second and not radio.radio.budget and port + ABOVE < 65536 else [port]
+        listen += [between(str(radio.radio.address), each, guarded) for each in ports]
         why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
     if guarded and (socket := _socket(listen)) is not None:
         listen.append(socket)

@@ -37,6 +37,9 @@ class Rules:
     """s between attempts to reach a neighbour, at most"""
     opening: float
     """s that opening a link may take, three round trips and what is lost on them"""
+    second_port: bool = False
+    """radios where neighbours are found listen on two ports: a call that is lost half-way holds one for 30 s (Zenoh
+    1.10), and who found us tries the other. Who calls by address would go on calling both for ever"""
 
 
 # Measured on a segment of two hosts, Zenoh 1.10.2, four words a lease; B/s are both directions with all headers:
@@ -73,7 +76,16 @@ class Rules:
 PROFILES: Mapping[Profile, Rules] = {
     "lan": Rules(scouting=True, calls_all=False, listens=True, lease=1.0, keep_alive=4, retry=1.0, opening=2.0),
     "wds": Rules(scouting=True, calls_all=True, listens=True, lease=0.8, keep_alive=8, retry=0.2, opening=2.0),
-    "mesh": Rules(scouting=True, calls_all=False, listens=True, lease=0.8, keep_alive=8, retry=1.0, opening=3.0),
+    "mesh": Rules(
+        scouting=True,
+        calls_all=False,
+        listens=True,
+        lease=0.8,
+        keep_alive=8,
+        retry=1.0,
+        opening=3.0,
+        second_port=True,
+    ),
     "multi": Rules(scouting=False, calls_all=True, listens=True, lease=2.0, keep_alive=4, retry=1.0, opening=4.0),
     "cloud": Rules(scouting=False, calls_all=False, listens=False, lease=10.0, keep_alive=4, retry=4.0, opening=5.0),
 }

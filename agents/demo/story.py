@@ -2,7 +2,7 @@
 
 [demo]
 title = "Three hops"
-needs = ["planner"]                  # extras beside those of the plain demo; 'make demo' installs them
+needs = ["planner"]                  # extras; 'make demo' installs them
 links = "line"                       # ground - first - second ...; or "star"
 apart = 1.5                          # m that no two vehicles may come nearer than
 
@@ -35,7 +35,7 @@ from zmav.config.table import Positive, Table, reading
 from zmav.errors import BadConfig, missing_extra
 
 GROUND = "ground"
-MODULES = {"planner": "numba", "vision": "cv2"}
+MODULES = {"interpreted": "ompl", "planner": "numba", "vision": "cv2"}
 """what is there with an extra alone"""
 ACTS = ("run", "start", "stop", "join", "cut", "mend", "wait", "pause")
 """what a step can do"""
@@ -96,7 +96,7 @@ class Story(Table, frozen=True):
 
     title: str
     steps: list[Step]
-    needs: tuple[Literal["planner", "vision"], ...] = ()
+    needs: tuple[Literal["interpreted", "planner", "vision"], ...] = ()
     """extras without which it cannot be flown"""
     links: Literal["line", "star"] = "star"
     """between routers: in a row from the ground on, or each vehicle's with the ground's"""

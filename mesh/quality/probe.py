@@ -155,11 +155,11 @@ class Prober:
                 with contextlib.suppress(zenoh.ZError):  # while the session closes
                     self._look(now)
             self.take()
-            turn = self._pace.period
+            turn = self._pace.look
             for neighbour in self.neighbours.values():
                 if neighbour.linked:
                     self._send(neighbour)
-                    turn = min(turn, neighbour.next_probe - time.monotonic())
+                    turn = min(turn, self._pace.period, neighbour.next_probe - time.monotonic())
                     if neighbour.meter.loses(now):
                         self._speak(neighbour, now)
                         turn = min(turn, neighbour.next_word - time.monotonic())

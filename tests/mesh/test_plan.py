@@ -50,6 +50,7 @@ kind = "ethernet"
 [[stations.far.mesh.radios]]
 address = "192.0.2.9"
 """
+NAMED = '[vehicles.quad1.mesh]\nneighbours = ["quad2"]\n'
 THERE: Interfaces = {
     "lo": [ip_interface("127.0.0.1/8")],
     "wlan0": [ip_interface("10.77.0.1/24")],
@@ -87,6 +88,18 @@ def test_without_a_file_it_keeps_to_loopback() -> None:
 def test_local_programs_and_each_radio_have_a_listener(plan: Plan) -> None:
     assert plan().listens == ["tcp/127.0.0.1:7447", *udp("10.77.0.1:7447", "10.8.1.1:7447")]
     assert plan(name="quad2", there={}).listens == ["tcp/127.0.0.1:7447", *udp("10.77.0.2:7447", "10.8.2.2:7500")]
+
+
+def test_who_is_found_by_multicast_over_a_bad_radio_listens_on_two_ports(plan: Plan) -> None:
+    """One of them a half-open call may hold; what is called by address, or past a budget, has one."""
+    two = ["tcp/127.0.0.1:7447", *udp("10.77.0.1:7447", "10.77.0.1:7449", "10.8.1.1:7447", "10.8.1.1:7449")]
+    one = ["tcp/127.0.0.1:7447", *udp("10.77.0.1:7447", "10.8.1.1:7447")]
+    assert plan(profile="mesh").listens == two
+    assert plan(profile="wds").listens == plan(profile="multi").listens == one
+    named = FLEET.replace("[[vehicles.quad1.mesh.radios]]", NAMED + "[[vehicles.quad1.mesh.radios]]", 1)
+    assert plan(named, profile="mesh").listens == one
+    budget = FLEET.replace('address = "10.77.0.1"', 'address = "10.77.0.1"\nbudget = "60 kB/s"')
+    assert plan(budget, profile="mesh").listens == [each for each in two if "10.77.0.1:7449" not in each]
 
 
 @pytest.mark.parametrize(("profile", "scouts"), [("lan", True), ("wds", False), ("mesh", True), ("multi", False)])

@@ -61,15 +61,17 @@ def parse(words: list[str]) -> None:
 def test_it_says_which_extras_its_verbs_need(name: str) -> None:
     """The Makefile installs those, and no others."""
     demo = find(name)
-    planned = [verb for verb in verbs(demo) if verb.startswith("zmav swarm planner") and "--interpret" not in verb]
+    planners = [verb for verb in verbs(demo) if verb.startswith("zmav swarm planner")]
+    interpreted = ["interpreted" for verb in planners if "--interpret" in verb]
+    planned = [verb for verb in planners if "--interpret" not in verb]
     seen = [verb for verb in verbs(demo) if "camera" in verb or "helipad" in verb]
-    assert list(demo.story.needs) == [*(["planner"] if planned else []), *(["vision"] if seen else [])]
+    assert list(demo.story.needs) == [*interpreted, *(["planner"] if planned else []), *(["vision"] if seen else [])]
 
 
 def test_an_extra_that_is_missing_is_said_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    check_extras(find("line"))
-    for name, extra in (("swap", "planner"), ("follow", "vision")):
+    check_extras(find("lost-link"))
+    for name, extra in (("line", "interpreted"), ("swap", "planner"), ("follow", "vision")):
         with pytest.raises(BadConfig, match=rf"the demo {name} needs \w+: pip install 'zmav\[{extra}\]'"):
             check_extras(find(name))
 

@@ -48,9 +48,9 @@ class Patience:
     def __call__(self) -> float:
         """Seconds; 0: take each frame as it comes."""
         port, armed = self._port, self._identity.armed is not False
-        if not self._identity.connected or self._awaits() or self._is_commanded(armed):
-            return 0.0
         if armed and (port.read or self._state.read):
+            return 0.0
+        if not self._identity.connected or self._awaits() or self._is_commanded(armed):
             return 0.0
         may = min(UNREAD if armed else AT_REST, self._timesync.lag)
         if port.read:

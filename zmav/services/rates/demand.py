@@ -176,7 +176,7 @@ class Demands:
                 self.start()
             if source != self._source:
                 self._declare(source)
-            named = [name for name, probe in self._probes.items() if is_read(probe)]
+            named = [name for name, probe in self._probes.items() if self._port.read and is_read(probe)]
         except zenoh.ZError:
             return  # the session is being closed
         if NOBODYS in named or len(named) > MOST_NAMED:

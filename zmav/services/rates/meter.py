@@ -43,10 +43,15 @@ class Meter:
         """Every kind heard so far."""
         if not self._samples:
             return {}
-        now, then = time.monotonic(), self._samples[-1][0]
-        return {kind: self._rate(kind, flow, then, now) for kind, flow in self._samples[-1][1].items()}
+        then, flows = self._samples[-1]
+        return {kind: self._rate(kind, flow, then) for kind, flow in flows.items()}
 
-    def _rate(self, kind: Kind, flow: Flow, then: float, now: float) -> Measured:
+    def measure(self, kind: Kind) -> Measured | None:
+        """One kind; None: not heard so far."""
+        then, flows = self._samples[-1] if self._samples else (0.0, {})
+        return self._rate(kind, flows[kind], then) if kind in flows else None
+
+    def _rate(self, kind: Kind, flow: Flow, then: float) -> Measured:
         """Over the samples since it was first seen."""
         start, first = then, flow
         for at, flows in tuple(self._samples):  # it grows meanwhile, where this is not the event loop
@@ -57,7 +62,7 @@ class Meter:
         count, size = flow.total - first.total, flow.size - first.size
         hz, rate = (count / span, size / span) if span > 0 else (0.0, 0.0)
         mean = size / count if count else flow.size / max(flow.total, 1)  # a stream just begun has none yet
-        return Measured(hz, rate, flow.total, mean, now - flow.heard, span)
+        return Measured(hz, rate, flow.total, mean, time.monotonic() - flow.heard, span)
 
     @property
     def used(self) -> float:

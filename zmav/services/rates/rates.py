@@ -141,6 +141,9 @@ class Rates:
         """What comes from the autopilot itself, by message."""
         return {kind[0]: m for kind, m in self.meter.measured().items() if kind[1:] == self._of}
 
+    def _flow(self, name: str) -> Measured | None:
+        return None if self._of is None else self.meter.measure((name, *self._of))
+
     def _say_shed(self) -> None:
         slowed = [target for target in self._targets if target.shed]
         names = {target.name for target in slowed}
@@ -183,7 +186,7 @@ class Rates:
         """It must be asked for, now."""
         if self._identity.autopilot is None or target.name in self._identity.autopilot.unrated:
             return False
-        standing, flow = self._standing.get(target.name), self._flows().get(target.name)
+        standing, flow = self._standing.get(target.name), self._flow(target.name)
         heard = self._port.latest(target.name, self._of) if self._of else None
         rate = target.granted if standing is None else standing.rate(target)
         if standing is None or standing.asked is None:
@@ -208,7 +211,7 @@ class Rates:
 
     def _others_want_more(self, name: str) -> bool:
         """It comes faster than we asked for, by what was measured since then."""
-        flow, standing = self._flows().get(name), self._standing[name]
+        flow, standing = self._flow(name), self._standing[name]
         if flow is None or standing.asked is None or time.monotonic() - standing.since < WINDOW + 1:
             return False
         return flow.hz > FASTER * standing.asked * max(1.0 - self._clock.drift, 1.0)
