@@ -41,7 +41,7 @@ def _check_numbers(value: Any, field: str, boundless: tuple[str, ...]) -> None:
         if math.isinf(value) and (field.endswith(boundless) or "sim" in field.split(".")):
             return  # the simulator judges its own tables
         said = "not a number (nan)" if math.isnan(value) else f"infinite ({value})"
-        raise BadConfig(f"{field} is {said}; expected a number", field=field, value=str(value), expected="a number")
+        raise BadConfig.wrong(field, str(value), "a number", f"{field} is {said}")
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in items:
         _check_numbers(each, f"{field}[{key}]" if isinstance(key, int) else f"{field}.{key}".lstrip("."), boundless)

@@ -52,7 +52,7 @@ def parse_device(text: str) -> tuple[str, int]:
     if not colon:
         path, rate = text, str(USUAL_BAUD)
     if not path or not rate.isdigit() or not hasattr(termios, f"B{rate}") or rate == "0":
-        raise BadUrl(f"no serial device {text!r}; expected {_EXPECTED}", field="hil", value=text, expected=_EXPECTED)
+        raise BadUrl.wrong("hil", text, _EXPECTED, f"no serial device {text!r}")
     return path, int(rate)
 
 
