@@ -11,7 +11,7 @@ from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
 from zmav.children import Children, simulator_once_up
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.toml import toml_value
+from zmav.config.table import toml_value
 from zmav.errors import BadConfig
 
 

@@ -10,7 +10,7 @@ from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.toml import toml_value
+from zmav.config.table import toml_value
 from zmav.errors import BadConfig
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
