@@ -16,18 +16,50 @@ import asyncio
 import itertools
 import time
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import zenoh
 
 from mesh import linkstate
-from mesh.topology import Grade, Graph, Link, Node, Way
 from zmav import keys, wire
 from zmav.client import Answer, Client
+from zmav.doctor.ways import Link, Way
 from zmav.errors import BadInput
 from zmav.tokens import find_tokens
 from zmav.trust.member import Place
 
-__all__ = ["Grade", "Graph", "Link", "Node", "Way", "gather"]
+
+@dataclass(frozen=True)
+class Node:
+    """A host that is present, answers, or is told of by a neighbour."""
+
+    name: str
+    zid: str | None = None
+    """of its router"""
+    role: str | None = None
+    """as its token says: vehicle, router...; None: it has none"""
+    answers: bool = False
+    """it tells of its links itself"""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What was known when it was gathered."""
+
+    t: float
+    """UTC seconds"""
+    start: str | None
+    """the host whose ways these are; None: it is not known"""
+    nodes: dict[str, Node] = field(default_factory=dict)
+    links: tuple[Link, ...] = ()
+    ways: dict[str, Way] = field(default_factory=dict)
+    """to every other host that is known to have a router"""
+    bad: int = 0
+    """answers left out because they were not what they should be"""
+
+    def link(self, one: str, other: str) -> Link | None:
+        a, b = sorted((one, other))
+        return next((link for link in self.links if (link.a, link.b) == (a, b)), None)
 
 
 async def gather(z: Client, timeout: float = 1.0, tries: int = 3) -> Graph:

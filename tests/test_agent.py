@@ -15,8 +15,7 @@ from click.testing import CliRunner
 import zmav
 from zmav import keys, wire
 from zmav.agent import Tunable
-from zmav.cli.agent import command
-from zmav.cli.agentkind import find, resolve
+from zmav.cli.agent import command, find, resolve
 from zmav.client import Answer
 from zmav.errors import BadConfig, BadInput, Clash, Refused, TimedOut
 from zmav.verbs import Access, Verb

@@ -80,7 +80,7 @@ def check_tunable(who: str, tunables: Mapping[str, Tunable], name: str, value: f
         raise BadInput(f"{who} has no parameter {name!r}; there are {names}", field="name", value=name, expected=names)
     if not (math.isfinite(value) and known.low <= value <= known.high):
         expected = f"{known.low:g} to {known.high:g} {known.unit}".strip()
-        raise BadInput(f"{name} = {value:g}; expected {expected}", field=name, value=value, expected=expected)
+        raise BadInput.wrong(name, value, expected, f"{name} = {value:g}")
 
 
 class NoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

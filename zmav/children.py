@@ -16,8 +16,9 @@ from types import TracebackType
 
 from zmav import guard
 from zmav.client import Client, connect
-from zmav.errors import SessionError, ZmavError
+from zmav.errors import LinkDown, SessionError, ZmavError
 from zmav.session import CONNECT, SessionSettings
+from zmav.sim import Remote
 from zmav.trust import VARIABLE
 
 OURS = (VARIABLE, CONNECT, "ZMAV_FLEET")
@@ -193,3 +194,16 @@ async def connect_once_up(
         except SessionError:
             if time.monotonic() > deadline:
                 raise
+
+
+async def simulator_once_up(control: Path, check: Callable[[], None], patience: float = 60.0) -> Remote:
+    """Likewise the simulator whose control socket is at ``control``; raises :class:`~zmav.errors.LinkDown`."""
+    deadline = time.monotonic() + patience
+    while True:
+        check()
+        try:
+            return Remote(control)
+        except LinkDown:
+            if time.monotonic() > deadline:
+                raise
+            await asyncio.sleep(0.1)

@@ -296,12 +296,8 @@ def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
 def check_name(name: str, field: str = "name") -> str:
     """``name`` itself where it may stand in a key; raises :class:`BadKey` otherwise."""
     if not NAME.match(name):
-        raise BadKey(
-            f"{field} {name!r} cannot stand in a key: use lower-case letters, digits, '_' and '-'",
-            field=field,
-            value=name,
-            expected="[a-z0-9_-]+",
-        )
+        text = f"{field} {name!r} cannot stand in a key: use lower-case letters, digits, '_' and '-'"
+        raise BadKey(text, field=field, value=name, expected="[a-z0-9_-]+")
     return name
 
 
@@ -336,12 +332,8 @@ def _fleet_of(key: str) -> str:
 def check_message(name: str) -> str:
     """``name`` itself where it can be a MAVLink message's or ``UNKNOWN_44000``; raises :class:`BadKey` otherwise."""
     if not MESSAGE.match(name):
-        raise BadKey(
-            f"{name!r} cannot be a message's name: they are like ATTITUDE or GPS_RAW_INT",
-            field="msg",
-            value=name,
-            expected="[A-Za-z][A-Za-z0-9_]*",
-        )
+        text = f"{name!r} cannot be a message's name: they are like ATTITUDE or GPS_RAW_INT"
+        raise BadKey(text, field="msg", value=name, expected="[A-Za-z][A-Za-z0-9_]*")
     return name
 
 

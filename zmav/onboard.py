@@ -114,8 +114,7 @@ class Onboard:
     def __init__(self, session: zenoh.Session, settings: OnboardSettings, link: Link | None = None) -> None:
         fleet, name, instance = settings.fleet, settings.name, str(session.info.zid())
         if settings.sysid is not None and not 1 <= settings.sysid <= 255:
-            why = f"no system id {settings.sysid}; expected 1 to 255"
-            raise BadConfig(why, field="sysid", value=settings.sysid, expected="1 to 255")
+            raise BadConfig.wrong("sysid", settings.sysid, "1 to 255", f"no system id {settings.sysid}")
         link = link or open_link(settings.link)
         if link.recorded != keys.is_replay(fleet):
             raise _other_fleet(link, fleet)

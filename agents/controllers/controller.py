@@ -113,5 +113,4 @@ class Controller(ABC):
 
 
 def _bad(cls: type[Controller], field: str, value: object, expected: str) -> BadConfig:
-    text = f"{cls.__name__}.{field} is {value!r}; expected {expected}"
-    return BadConfig(text, field=field, value=value, expected=expected)
+    return BadConfig.wrong(field, value, expected, f"{cls.__name__}.{field} is {value!r}")

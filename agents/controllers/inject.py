@@ -160,4 +160,4 @@ def turned(q: Array, name: str, angle: float) -> Array:
 
 
 def _bad(field: str, value: object, expected: str) -> BadInput:
-    return BadInput(f"inject: {field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)
+    return BadInput.wrong(field, value, expected, f"inject: {field} is {value!r}")

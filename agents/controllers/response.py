@@ -234,7 +234,7 @@ def _gaps(t: Array, period: float, during: slice) -> int:
 
 
 def _short(name: str, what: str, expected: str) -> BadInput:
-    return BadInput(f"response: {what}; expected {expected}", field=name, value=what, expected=expected)
+    return BadInput.wrong(name, what, expected, f"response: {what}")
 
 
 def _step(amplitude: float, t: Array, y: Array, noise: float, notes: list[str]) -> StepResponse:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from agents.demo.play import Mark
-    from agents.demo.truth import Row
+    from agents.demo.watch import Row
 
 NAMED = 12
 """tracks that get a name each; more are a crowd"""

@@ -17,8 +17,7 @@ from rich.console import Console
 import zmav
 from agents.demo.stage import DemoFleet
 from agents.demo.story import Demo, Step, Wait, called, matching, words
-from agents.demo.truth import Truth
-from agents.demo.watch import Watch
+from agents.demo.watch import Truth, Watch
 from zmav import keys, wire
 from zmav.children import Children, connect_once_up
 from zmav.errors import TimedOut, ZmavError

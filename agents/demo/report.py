@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from agents.demo.play import Play
+from zmav.cli.common import table
 
 COLUMNS = ("vehicle", "is a", "relays", "flown", "highest", "setpoints", "dropped", "MAVLink lost", "RTT", "at the end")
 
@@ -43,13 +43,10 @@ def rows(play: Play) -> list[dict[str, Any]]:
 
 def summary(play: Play) -> Group:
     """For a person."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in COLUMNS:
-        left = name in ("vehicle", "is a", "at the end")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    drawn = table(COLUMNS, right=COLUMNS[2:-1])
     for row in rows(play):
         rtt = row["rtt_s"]
-        table.add_row(
+        drawn.add_row(
             row["vehicle"],
             row["kind"],
             str(row["relays"]),
@@ -61,7 +58,7 @@ def summary(play: Play) -> Group:
             "-" if rtt is None else f"{1e3 * rtt:.1f} ms",
             row["end"],
         )
-    return Group(table, Text("; ".join(_words(play))))
+    return Group(drawn, Text("; ".join(_words(play))))
 
 
 def _words(play: Play) -> list[str]:

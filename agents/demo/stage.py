@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import select
 import socket
 import threading
-import time
 from pathlib import Path
 
 from agents.demo.story import GROUND, Demo, Pair
-from zmav.children import Children
-from zmav.errors import LinkDown, TimedOut
+from zmav.children import Children, simulator_once_up
 from zmav.process import free_port
 from zmav.session import CONNECT
-from zmav.sim import Remote
 
-PATIENCE = 60.0
-"""s for the simulator to be there"""
 PIECE, RELAY_PATIENCE = 65536, 5.0
 """bytes at a time, and s for one end to take what the other sent"""
 
@@ -46,21 +40,12 @@ class DemoFleet:
         self._links.close()
 
     async def start(self) -> None:
-        """Simulator first: it says where its vehicles are reached. Raises :class:`TimedOut`."""
+        """Simulator first: it says where its vehicles are reached."""
         port = self.cameras.rpartition(":")[2]
-        self.processes.start(
-            "sim",
-            "sim",
-            "--fleet",
-            str(self.demo.path),
-            "--control",
-            str(self.control),
-            "--free-ports",
-            "--camera-port",
-            port,
-            *self._stacks,
-        )
-        urls = await self._reached()
+        where = ("--fleet", str(self.demo.path), "--control", str(self.control), "--camera-port", port)
+        self.processes.start("sim", "sim", *where, "--free-ports", *self._stacks)
+        with await simulator_once_up(self.control, self.processes.check) as sim:
+            urls = {vehicle.name: vehicle.url for vehicle in sim.status().vehicles}
         connects: dict[str, list[str]] = {name: [] for name in self.routers}
         for one, other in self.demo.links():
             connects[other].append(self._way((one, other)))
@@ -94,18 +79,6 @@ class DemoFleet:
         relay = self._links.enter_context(Relay(int(router.rpartition(":")[2])))
         self._relays[frozenset(pair)] = relay
         return f"tcp/127.0.0.1:{relay.port}"
-
-    async def _reached(self) -> dict[str, str]:
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            self.processes.check()
-            try:
-                with Remote(self.control) as sim:
-                    return {vehicle.name: vehicle.url for vehicle in sim.status().vehicles}
-            except LinkDown:
-                if time.monotonic() > deadline:
-                    raise TimedOut(f"the simulator did not start within {PATIENCE:.0f} s") from None
-            await asyncio.sleep(0.1)
 
 
 class Relay:

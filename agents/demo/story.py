@@ -239,4 +239,4 @@ def called(step: Step) -> str:
 
 
 def _bad(field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{field} is {value!r}; expected {expected}", field=field, value=value, expected=expected)
+    return BadConfig.wrong(field, value, expected, f"{field} is {value!r}")

@@ -127,4 +127,4 @@ class Pyramid:
 
 
 def _bad(value: object, expected: str) -> BadInput:
-    return BadInput(f"frame is {value}; expected {expected}", field="frame", value=str(value), expected=expected)
+    return BadInput.wrong("frame", str(value), expected, f"frame is {value}")

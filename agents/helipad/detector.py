@@ -233,4 +233,4 @@ def _numbers(field: str, value: ArrayLike) -> Array:
 
 
 def _bad(field: str, value: object, expected: str) -> BadInput:
-    return BadInput(f"{field} is {value!r}; expected {expected}", field=field, value=repr(value), expected=expected)
+    return BadInput.wrong(field, repr(value), expected, f"{field} is {value!r}")

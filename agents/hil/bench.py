@@ -18,9 +18,8 @@ from agents.hil.beside import begun, beside, check_device, closing, tell
 from agents.hil.checkflight import CheckFlight
 from agents.hil.proof import HIL_FLAG, HITL, ardupilot_simulates, px4_simulates
 from agents.hil.report import Check, Report, find, hash_of
-from agents.hil.sil import connect_simulator
 from zmav import wire
-from zmav.children import Children
+from zmav.children import Children, simulator_once_up
 from zmav.config import FleetConfig, load_fleet
 from zmav.errors import BadConfig, Refused
 from zmav.process import free_port
@@ -98,7 +97,7 @@ async def _fly_on_ours(children: Children, path: Path, file: FleetConfig, name: 
     home = f"{origin.lat_deg},{origin.lon_deg},{origin.alt_amsl},0"
     where = ["--endpoint", f"onboard:0:{port}", "--home", home, "--control", str(control)]
     children.start("simulator", "sim", "--hil", device, *where)
-    with await connect_simulator(children, control) as simulator:
+    with await simulator_once_up(control, children.check) as simulator:
         await _in_hil(children, simulator)
         async with beside(children, path, file, name, f"udpin:127.0.0.1:{port}") as (client, router):
             flight = CheckFlight(client, file, name, router, children, report, tell)

@@ -6,8 +6,7 @@ import asyncio
 import time
 from collections.abc import Awaitable
 
-from agents.hil.flight import PACE, Flight, LeftOut
-from agents.hil.kinds import kind_of
+from agents.hil.flight import PACE, Flight, LeftOut, kind_of
 from agents.hil.report import Identity
 from agents.hil.steps import STEPS
 from zmav.autopilots import Command

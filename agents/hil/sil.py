@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,14 +9,10 @@ import click
 
 from agents.hil.beside import begun, beside, closing, tell
 from agents.hil.checkflight import CheckFlight
-from zmav.children import Children
+from zmav.children import Children, simulator_once_up
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.toml import toml_value
-from zmav.errors import BadConfig, LinkDown
-from zmav.sim import Remote
-
-SIMULATOR_S = 40.0
-"""s for it to start on a busy machine"""
+from zmav.config.table import toml_value
+from zmav.errors import BadConfig
 
 
 async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = None, px4: str | None = None) -> int:
@@ -36,7 +30,7 @@ async def sil(path: Path, name: str, reports: Path, *, ardupilot: str | None = N
         children.start("simulator", "sim", *where, *program)
         report = begun("sil", file, name, by)
         click.echo(f"sil: {file.fleet}/{name} from {path}, flown by {by}")
-        with closing(report, reports), await connect_simulator(children, control) as simulator:
+        with closing(report, reports), await simulator_once_up(control, children.check) as simulator:
             link = simulator.status().vehicles[0].url
             hurry: Callable[[float], object] | None = None if program else simulator.speed
             radio = None if program else lambda channel, pwm: simulator.pilot(name, None, {channel: pwm})
@@ -64,16 +58,3 @@ def alone(file: FleetConfig, name: str) -> str:
     ]
     lines += [f"sysid = {table.sysid}"] if table.sysid is not None else []
     return "\n".join(lines) + "\n"
-
-
-async def connect_simulator(children: Children, control: Path) -> Remote:
-    """A word with the simulator, once it runs."""
-    deadline = time.monotonic() + SIMULATOR_S
-    while True:
-        children.check()
-        try:
-            return Remote(control)
-        except LinkDown:
-            if time.monotonic() > deadline:
-                raise
-            await asyncio.sleep(0.1)

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from agents.demo import picture
-from agents.demo.truth import Row
+from agents.demo.watch import Row
 from zmav.errors import BadInput
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

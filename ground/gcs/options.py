@@ -84,8 +84,7 @@ def parse_options(query: str, defaults: Options, where: str) -> Options:
             close = difflib.get_close_matches(name, NAMES, 1)
             hint = f"; did you mean {close[0]}?" if close and close[0] not in given else ""
             expected = f"NAME=VALUE joined by &, each once, of {', '.join(NAMES)}"
-            text = f"{where}: no option {part!r}{hint}; expected {expected}"
-            raise BadConfig(text, field="option", value=part, expected=expected)
+            raise BadConfig.wrong("option", part, expected, f"{where}: no option {part!r}{hint}")
         given[name] = value
     return Options(
         rate=read_rate(given["rate"], where) if "rate" in given else defaults.rate,
@@ -102,7 +101,7 @@ def read_rate(text: str, where: str = "--rate") -> float:
     except BadInput:
         rate = 0.0
     if rate < LEAST_RATE:
-        raise BadConfig(f"{where}: rate is {text!r}; expected {expected}", field="rate", value=text, expected=expected)
+        raise BadConfig.wrong("rate", text, expected, f"{where}: rate is {text!r}")
     return rate
 
 
@@ -119,4 +118,4 @@ def _read_flag(text: str, where: str) -> bool:
 
 
 def _bad(kind: Kind, value: str, expected: str, text: str) -> BadConfig:
-    return BadConfig(f"--{kind} {text!r}: {value!r}; expected {expected}", field=kind, value=value, expected=expected)
+    return BadConfig.wrong(kind, value, expected, f"--{kind} {text!r}: {value!r}")

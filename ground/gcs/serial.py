@@ -50,8 +50,7 @@ class Serial(StationEndpoint):
         url = parse_url(endpoint.text)
         if not isinstance(url, SerialUrl):
             expected = "a device, such as /dev/ttyUSB0,57600"
-            text = f"--serial {endpoint.text!r} is no device; expected {expected}"
-            raise BadConfig(text, field="serial", value=endpoint.text, expected=expected)
+            raise BadConfig.wrong("serial", endpoint.text, expected, f"--serial {endpoint.text!r} is no device")
         if url.baud is None and "ttyACM" not in os.path.realpath(url.path):
             # A station is silent until it hears of a vehicle, so that there is nothing to find the rate by.
             expected = f"{url.path},57600 or whatever the radio is set to"

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import msgspec
 
-from mesh.topology import Graph, Link, Way
+from mesh.graph import Graph
 from zmav import wire
 from zmav.doctor.facts import AgentReport, Facts, Happening, Presence
 from zmav.doctor.rules import Level, Reason, reasons
+from zmav.doctor.ways import Link, Way
 from zmav.wire import Vector
 
 

@@ -13,7 +13,7 @@ import zenoh
 
 import mesh.graph
 from ground.top.report import Report, describe
-from mesh.topology import Graph
+from mesh.graph import Graph
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.doctor.facts import LINK_STALE, AgentReport, Facts, Happening, facts_of

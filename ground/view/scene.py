@@ -15,8 +15,9 @@ from ground.view.craft import Craft
 from ground.view.frames import Datum
 from ground.view.signals import Signals
 from ground.view.table import Batch, Item
-from mesh.topology import Graph, Link
+from mesh.graph import Graph
 from zmav import wire
+from zmav.doctor.ways import Link
 from zmav.errors import ZmavError
 from zmav.wire import Vector
 

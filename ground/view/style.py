@@ -20,7 +20,7 @@ GRADES: dict[str, Colour] = {
     "down": (230, 45, 60, 255),
     "unknown": (140, 145, 155, 255),
 }
-"""of mesh links, by :attr:`mesh.topology.Link.grade`"""
+"""of mesh links, by :attr:`mesh.graph.Link.grade`"""
 WIDTHS = {"good": 1.8, "fair": 1.5, "poor": 1.2, "down": 0.9, "unknown": 0.9}
 """of the same, in points of the screen: the better, the thicker"""
 TOPICS: dict[str, Colour] = {

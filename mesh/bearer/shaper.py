@@ -29,7 +29,7 @@ def parse_budget(text: str, field: str = "budget") -> float:
     except BadInput:
         rate = 0.0
     if rate < LEAST:
-        raise BadConfig(f"{field} is {text!r}; expected {expected}", field=field, value=text, expected=expected)
+        raise BadConfig.wrong(field, text, expected, f"{field} is {text!r}")
     return rate
 
 

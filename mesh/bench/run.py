@@ -138,27 +138,23 @@ def check(order: BenchOrder, host: str) -> None:
     for name, (low, high) in _LIMITS.items():
         value = getattr(order, name)
         if not low <= value <= high:  # NaN, too
-            raise _wrong(name, value, f"{low:g} to {high:g}")
+            raise BadInput.wrong(name, value, f"{low:g} to {high:g}")
     if order.hz * order.seconds > MOST_DATAGRAMS:
-        raise _wrong("hz", order.hz, f"at most {MOST_DATAGRAMS:,} datagrams in a run")
+        raise BadInput.wrong("hz", order.hz, f"at most {MOST_DATAGRAMS:,} datagrams in a run")
     if order.hz * order.size * 8.0 > MOST_BITS:
-        raise _wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
+        raise BadInput.wrong("hz", order.hz, f"at most {MOST_BITS / 1e6:.0f} Mbit/s")
     if order.role == "query" and order.hz > MOST_QUERIES:
-        raise _wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
+        raise BadInput.wrong("hz", order.hz, f"at most {MOST_QUERIES:.0f} queries a second")
     if order.role != "query" and order.qos == keys.Qos.MUST_ARRIVE.value:
-        raise _wrong("qos", order.qos, "a class that datagrams have: must-arrive is for round trips")
+        raise BadInput.wrong("qos", order.qos, "a class that datagrams have: must-arrive is for round trips")
     keys.check_name(order.run, "run")
     if len(order.run) > 40:
-        raise _wrong("run", order.run, "40 characters at most")
+        raise BadInput.wrong("run", order.run, "40 characters at most")
     if len(order.asker) > 100 or not order.asker.isprintable():
-        raise _wrong("asker", repr(order.asker[:100]), "100 printable characters at most")
+        raise BadInput.wrong("asker", repr(order.asker[:100]), "100 printable characters at most")
     keys.check_name(order.peer, "peer")
     if order.peer == host:
-        raise _wrong("peer", order.peer, f"another host than {host} itself")
-
-
-def _wrong(field: str, value: object, expected: str) -> BadInput:
-    return BadInput(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadInput.wrong("peer", order.peer, f"another host than {host} itself")
 
 
 class Run:

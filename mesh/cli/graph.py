@@ -10,10 +10,11 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from mesh.graph import Graph, Link, Way, gather
+from mesh.graph import Graph, gather
 from mesh.units import duration, milliseconds, percent
 from zmav.cli.common import Work, connected, console, dump, json_option, table
 from zmav.client import Client
+from zmav.doctor.ways import Link, Way
 
 STYLES = {"good": "green", "fair": "yellow", "poor": "red", "down": "bold red", "unknown": "dim"}
 

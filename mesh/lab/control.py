@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
+from mesh.lab.door import serving
 from mesh.lab.lab import Lab
 from mesh.lab.remote import SOCKET
-from mesh.lab.serving import serving
 from mesh.lab.status import status_of
 from mesh.lab.values import ask_from
 from zmav.errors import BadInput, ZmavError

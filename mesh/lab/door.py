@@ -1,15 +1,49 @@
-"""A way from outside into a host's loopback: its router, as a program in the host's namespace would reach it."""
+"""A server of streams whose callers do not outlive it; and by it a way from outside into a host's loopback: its router,
+as a program in the host's namespace would reach it.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from mesh.lab.network import Network
-from mesh.lab.serving import serving
 from zmav.session import DEFAULT_PORT
+
+Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+"""one caller, until it leaves"""
+
+
+@contextlib.asynccontextmanager
+async def serving(listen: Callable[[Serve], Awaitable[asyncio.Server]], serve: Serve) -> AsyncIterator[asyncio.Server]:
+    """Open by ``listen``, which gives each caller to what it is called with. A caller that leaves, or sends what is
+    unreadable, ends only itself.
+    """
+    callers = set[asyncio.Task[None]]()
+
+    async def enter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        callers.add(task)
+        try:
+            with contextlib.suppress(OSError, ValueError, asyncio.CancelledError):
+                await serve(reader, writer)
+        finally:
+            callers.discard(task)
+            writer.close()
+
+    server = await listen(enter)
+    try:
+        yield server
+    finally:
+        server.close()
+        for caller in list(callers):
+            caller.cancel()
+        await asyncio.gather(*callers, return_exceptions=True)
+        await server.wait_closed()
+
 
 _CHUNK = 65_536
 

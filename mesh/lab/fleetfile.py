@@ -10,7 +10,7 @@ from mesh.lab.network import Network
 from mesh.lab.scenario import Scenario
 from mesh.lab.wiring import Wiring
 from zmav.config import FleetConfig, load_fleet
-from zmav.config.toml import toml_value
+from zmav.config.table import toml_value
 from zmav.errors import BadConfig
 from zmav.sim.lineup import KINDS
 from zmav.sim.spec import VehicleSpec
@@ -49,7 +49,7 @@ def write_fleet(network: Network, directory: Path) -> FleetConfig:
 def _table(tables: Mapping[str, Any], name: str, above: str = "") -> dict[str, Any]:
     found, field = tables.get(name, {}), f"fleet.{above}{name}"
     if not isinstance(found, Mapping):
-        raise BadConfig(f"{field} is {found!r}; expected a table", field=field, value=found, expected="a table")
+        raise BadConfig.wrong(field, found, "a table", f"{field} is {found!r}")
     return dict(found)
 
 

@@ -145,11 +145,11 @@ def check(scenario: Scenario) -> Scenario:
     """The scenario with names and networks filled in; raises :class:`BadConfig` for what cannot be."""
     keys.check_name(scenario.name)
     if not scenario.hosts:
-        raise _wrong("hosts", {}, "a table [hosts.NAME] for each host")
+        raise BadConfig.wrong("hosts", {}, "a table [hosts.NAME] for each host")
     for name in scenario.hosts:
         keys.check_name(name)
         if name == SIMULATOR:
-            raise _wrong("hosts", name, "another name: the lab's simulator is called so")
+            raise BadConfig.wrong("hosts", name, "another name: the lab's simulator is called so")
     filled: list[RadioChannel] = []
     for number, medium in enumerate(scenario.media):
         name = medium.name or ("-".join(medium.between) if isinstance(medium, Link) else f"medium{number}")
@@ -162,9 +162,9 @@ def check(scenario: Scenario) -> Scenario:
         if medium.name is not None:
             keys.check_name(name, "medium")
         if name == "all":
-            raise _wrong(f"{where}.name", name, "another name: it stands for all links")
+            raise BadConfig.wrong(f"{where}.name", name, "another name: it stands for all links")
         if name in {each.name for each in filled}:
-            raise _wrong(f"{where}.name", name, "a name of its own for each medium")
+            raise BadConfig.wrong(f"{where}.name", name, "a name of its own for each medium")
         network = medium.network or _free_network(scenario.media, filled)
         interface = medium.interface or f"{_INTERFACES[medium.radio]}{number}"
         medium = msgspec.structs.replace(medium, name=name, network=network, interface=interface)
@@ -187,17 +187,21 @@ def _check_medium(medium: RadioChannel, where: str, hosts: dict[str, HostSpec]) 
     on_it = medium.hosts or []
     for name in on_it:
         if name not in hosts:
-            raise _wrong(f"{where}", name, f"hosts of this file: {', '.join(hosts)}")
+            raise BadConfig.wrong(f"{where}", name, f"hosts of this file: {', '.join(hosts)}")
     if len(set(on_it)) != len(on_it):
-        raise _wrong(where, on_it, "each host once")
+        raise BadConfig.wrong(where, on_it, "each host once")
     try:
         network = ipaddress.IPv4Network(medium.network or "")
     except ValueError as e:
-        raise _wrong(f"{where}.network", medium.network, f"an IPv4 network such as 10.77.0.0/24 ({e})") from None
+        raise BadConfig.wrong(
+            f"{where}.network", medium.network, f"an IPv4 network such as 10.77.0.0/24 ({e})"
+        ) from None
     if network.num_addresses - 2 < len(on_it):
-        raise _wrong(f"{where}.network", medium.network, f"room for {len(on_it)} hosts")
+        raise BadConfig.wrong(f"{where}.network", medium.network, f"room for {len(on_it)} hosts")
     if medium.interface in (None, "lo", ".", "..") or not _INTERFACE.fullmatch(medium.interface or ""):
-        raise _wrong(f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_NAME} letters")
+        raise BadConfig.wrong(
+            f"{where}.interface", medium.interface, f"an interface's name, up to {LONGEST_NAME} letters"
+        )
     if medium.pairs is not None:
         _check_pairs(medium.pairs, on_it, f"{where}.pairs")
 
@@ -206,9 +210,9 @@ def _check_pairs(pairs: list[tuple[str, str]], known: list[str], where: str) -> 
     seen: set[frozenset[str]] = set()
     for pair in pairs:
         if pair[0] == pair[1] or not set(pair) <= set(known):
-            raise _wrong(where, list(pair), f"two hosts of {', '.join(known)}")
+            raise BadConfig.wrong(where, list(pair), f"two hosts of {', '.join(known)}")
         if frozenset(pair) in seen:
-            raise _wrong(where, list(pair), "each pair once")
+            raise BadConfig.wrong(where, list(pair), "each pair once")
         seen.add(frozenset(pair))
 
 
@@ -220,12 +224,8 @@ def _check_interfaces(media: list[RadioChannel]) -> None:
             for interface, other in taken.setdefault(host, []):
                 if interface == medium.interface:
                     expected = "another name for each interface of a host"
-                    raise _wrong(f"media.{medium.name}.interface", interface, expected)
+                    raise BadConfig.wrong(f"media.{medium.name}.interface", interface, expected)
                 if network.overlaps(other):
                     expected = f"one apart from {other}, where {host} is, too"
-                    raise _wrong(f"media.{medium.name}.network", medium.network, expected)
+                    raise BadConfig.wrong(f"media.{medium.name}.network", medium.network, expected)
             taken[host].append((medium.interface, network))
-
-
-def _wrong(field: str, value: object, expected: str) -> BadConfig:
-    return BadConfig(f"{field} is {value}; expected {expected}", field=field, value=value, expected=expected)

@@ -81,9 +81,9 @@ def _number(name: str, given: float | str, where: str) -> float:
     if isinstance(value, str):
         found = _QUANTITY.fullmatch(value)
         if found is None or found[2] not in units:
-            raise BadConfig(f"{field} is {given!r}; expected {expected}", field=field, value=given, expected=expected)
+            raise BadConfig.wrong(field, given, expected, f"{field} is {given!r}")
         value = float(found[1]) * units[found[2]]
     if not least <= value <= most or math.isnan(value):
         expected = f"{least:g} to {most:g}"
-        raise BadConfig(f"{field} is {value:g}; expected {expected}", field=field, value=value, expected=expected)
+        raise BadConfig.wrong(field, value, expected, f"{field} is {value:g}")
     return float(value)

@@ -48,7 +48,7 @@ class Wiring:
         names = ", ".join(edge.name for edge, _ in found) if found else ", ".join(edge.name for edge in self.edges)
         what = "several links are called" if found else "no link"
         expected = f"one of {names or 'none'}"
-        raise BadConfig(f"{what} {text!r}; expected {expected}", field="link", value=text, expected=expected)
+        raise BadConfig.wrong("link", text, expected, f"{what} {text!r}")
 
 
 def _short(name: str) -> tuple[str, ...]:
@@ -71,8 +71,7 @@ def wire(scenario: Scenario, directory: str | None = None) -> Wiring:
         for ends in medium.ends:
             if ends not in known:
                 expected = f"one of {', '.join(sorted(known))}"
-                text = f"media.{name}.ends has {ends!r}; expected {expected}"
-                raise BadConfig(text, field=f"media.{name}.ends", value=ends, expected=expected)
+                raise BadConfig.wrong(f"media.{name}.ends", ends, expected, f"media.{name}.ends has {ends!r}")
         for a, b in pairs_of(medium):
             label = f"{name}:{a}-{b}" if joined[frozenset((a, b))] > 1 else f"{a}-{b}"
             edges.append(Edge(label, name, a, b, len(channels), len(channels) + 1))

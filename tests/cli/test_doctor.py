@@ -19,8 +19,8 @@ from click.testing import CliRunner
 from zmav import keys, wire
 from zmav.cli.doctor import command
 from zmav.doctor.computer import check_bits, check_packages
-from zmav.doctor.routers import check_routers
 from zmav.doctor.survey import RouterReport, Survey
+from zmav.doctor.vehicles import check_routers
 from zmav.mavlink import encode, load_dialect
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import zenoh
 
 from tests.cli.test_doctor import findings, state
 from zmav import keys, wire
-from zmav.doctor import routers, survey, topics, vehicles
+from zmav.doctor import survey, topics, vehicles
 from zmav.doctor.facts import AgentReport
 from zmav.doctor.findings import Finding, Level
 from zmav.doctor.page import page
@@ -81,7 +81,7 @@ def test_a_way_by_the_worse_of_its_ends(here: dict[str, Any], there: dict[str, A
         ("d/b", "d/a"): quality("a", **there),
         ("d/b", "d/c"): quality("c", rtt=0.001, loss_in=0.0),
     }
-    (line,) = routers.check_ways(Survey(neighbours=said))
+    (line,) = vehicles.check_ways(Survey(neighbours=said))
     assert line.level is level
     assert words in line.found
     assert line.who == ("" if level is Level.OK else "d/a - d/b")

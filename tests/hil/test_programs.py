@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from tests.hil.conftest import MakeWorld, hil_world, peer_params
 from tests.waiting import wait_until
-from zmav.cli.sim.stacks import flown_by, stack_vehicles
+from zmav.cli.sim.run import flown_by, stack_vehicles
 from zmav.errors import BadConfig
 from zmav.hil.ardupilot import JsonVehicle
 from zmav.hil.binaries import Job, find_ardupilot, find_px4, px4_job

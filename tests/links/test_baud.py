@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v10 import ardupilotmega as v1
 from pymavlink.dialects.v20 import ardupilotmega as v2
 
-from zmav.links.baud import CANDIDATES, NOISE, MavlinkDetector, is_mavlink
+from zmav.links.serial import CANDIDATES, NOISE, MavlinkDetector, is_mavlink
 
 
 def stream(dialect: object, count: int, sysid: int = 1, signed: bool = False) -> list[bytes]:

@@ -12,9 +12,9 @@ import pytest
 import serial
 from pymavlink.dialects.v20 import ardupilotmega
 
-from zmav.links import LinkState, baud, open_link
+from zmav.links import LinkState, open_link
 from zmav.links import serial as serial_link
-from zmav.links.serial import SerialLink
+from zmav.links.serial import CANDIDATES, NOISE, SerialLink
 
 if TYPE_CHECKING:
     from tests.links.conftest import Watch
@@ -230,8 +230,8 @@ def test_noise_is_left_at_once_for_the_next_rate(watch: Watch, device: Device) -
     device.plug()
     watched = watch(str(device.path))
     after = watched.expect_state(LinkState.CONNECTING, "at 115200 baud")
-    for rate in baud.CANDIDATES[1:4]:
-        device.write(bytes(baud.NOISE))
+    for rate in CANDIDATES[1:4]:
+        device.write(bytes(NOISE))
         after = watched.expect_state(LinkState.CONNECTING, f"at {rate} baud", after)
 
 
@@ -263,7 +263,7 @@ def test_given_rate_is_never_doubted(watch: Watch, device: Device) -> None:
 def test_found_rate_is_tried_first_after_a_replug(watch: Watch, device: Device, heartbeats: bytes) -> None:
     device.plug()
     watched = watch(str(device.path))
-    after = watched.expect_state(LinkState.CONNECTING, f"at {baud.CANDIDATES[1]} baud")
+    after = watched.expect_state(LinkState.CONNECTING, f"at {CANDIDATES[1]} baud")
     device.write(heartbeats)
     after = watched.expect_state(LinkState.UP, after=after)
     found = watched.states[after - 1][1].split(" baud")[0].rpartition(" ")[2]

@@ -242,12 +242,8 @@ class Autopilot(ABC):
         found = modes.get(name.upper())
         if found is None:
             known = ", ".join(modes) or "none known"
-            raise BadInput(
-                f"no mode {name!r} on this {self.name} {self.kind}; it has {known}",
-                field="mode",
-                value=name,
-                expected=known,
-            )
+            text = f"no mode {name!r} on this {self.name} {self.kind}; it has {known}"
+            raise BadInput(text, field="mode", value=name, expected=known)
         return found
 
     def mode_by(self, command: Command) -> str | None:

@@ -22,8 +22,7 @@ import msgspec
 from zmav import systemd
 from zmav.cli.common import assignments, dump, show_table
 from zmav.config import load_fleet
-from zmav.config.table import Table, reading
-from zmav.config.toml import toml_value
+from zmav.config.table import Table, reading, toml_value
 from zmav.errors import BadConfig, BadInput
 from zmav.keys import check_name
 

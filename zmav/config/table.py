@@ -1,18 +1,34 @@
-"""What every table of the fleet file is, and how its faults are said."""
+"""What every table of the fleet file is, how its faults are said, and how a value is written as TOML has it."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 
 from zmav.errors import BadConfig, BadInput
+
+
+def toml_value(value: Any) -> str:
+    """A key (quoted) or a value; tables stand within braces. Raises :class:`BadInput` for None, which TOML lacks."""
+    value = msgspec.to_builtins(value)
+    if value is None:
+        raise BadInput("null is no value of a setting", field="option", value=None, expected="a value")
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{toml_value(str(key))} = {toml_value(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML writes the rest as JSON does
+
 
 T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -41,7 +57,7 @@ def _check_numbers(value: Any, field: str, boundless: tuple[str, ...]) -> None:
         if math.isinf(value) and (field.endswith(boundless) or "sim" in field.split(".")):
             return  # the simulator judges its own tables
         said = "not a number (nan)" if math.isnan(value) else f"infinite ({value})"
-        raise BadConfig(f"{field} is {said}; expected a number", field=field, value=str(value), expected="a number")
+        raise BadConfig.wrong(field, str(value), "a number", f"{field} is {said}")
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in items:
         _check_numbers(each, f"{field}[{key}]" if isinstance(key, int) else f"{field}.{key}".lstrip("."), boundless)

@@ -231,12 +231,8 @@ def _rally_point(place: Place) -> MissionItem:
 
 def _write_rally(index: int, item: MissionItem) -> list[float]:
     if item.command != RALLY or item.frame.removesuffix("_INT") != RELATIVE:
-        raise BadInput(
-            f"rally point {index} is {item.command} in {item.frame}: a .plan holds {RALLY} in {RELATIVE} alone",
-            field=f"rally[{index}]",
-            value=item.frame,
-            expected=RELATIVE,
-        )
+        text = f"rally point {index} is {item.command} in {item.frame}: a .plan holds {RALLY} in {RELATIVE} alone"
+        raise BadInput(text, field=f"rally[{index}]", value=item.frame, expected=RELATIVE)
     return [item.x, item.y, item.z]
 
 

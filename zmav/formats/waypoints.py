@@ -52,12 +52,8 @@ def write(plan: Plan, enums: Enums) -> bytes:
     """A file's bytes; raises :class:`BadInput` for a plan of more than one kind."""
     given: list[MissionKind] = [kind for kind in ("mission", "fence", "rally") if getattr(plan, kind)]
     if len(given) > 1:
-        raise BadInput(
-            f"a .waypoints file holds one kind, not {' and '.join(given)}: choose one, or write a .plan",
-            field="kind",
-            value=given,
-            expected="one of mission, fence, rally",
-        )
+        text = f"a .waypoints file holds one kind, not {' and '.join(given)}: choose one, or write a .plan"
+        raise BadInput(text, field="kind", value=given, expected="one of mission, fence, rally")
     x, y, z = plan.home or (0.0, 0.0, 0.0)
     rows = [_line(0, MissionItem(command="MAV_CMD_NAV_WAYPOINT", frame="MAV_FRAME_GLOBAL", x=x, y=y, z=z), enums)]
     items: list[MissionItem] = getattr(plan, given[0]) if given else []

@@ -12,11 +12,10 @@ from typing import Any
 
 from zmav.errors import BadConfig
 from zmav.hil.ardupilot import JsonVehicle, json_port
-from zmav.hil.binaries import Job, ardupilot_job, find_ardupilot, find_px4, px4_job
+from zmav.hil.binaries import Job, Program, ardupilot_job, find_ardupilot, find_px4, px4_job
 from zmav.hil.craft import Craft, craft
 from zmav.hil.hardware import HardwareVehicle
 from zmav.hil.plant import Plant
-from zmav.hil.program import Program
 from zmav.hil.px4 import Px4Vehicle, px4_port
 from zmav.hil.vehicle import External
 from zmav.mavlink import load_dialect

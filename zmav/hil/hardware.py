@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from zmav.errors import BadMessage, BadUrl
-from zmav.hil.line import BACKLOG_BYTES, HilLine
 from zmav.hil.plant import Plant
 from zmav.hil.stream import BEAT_EVERY_S, FAULTS, SENSOR_HZ, HilStream
 from zmav.hil.vehicle import External
@@ -26,6 +25,7 @@ from zmav.mavlink.codec import decode
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim.endpoints import Address, Endpoint, Wiring, open_endpoint
+from zmav.sim.endpoints.base import BACKLOG_BYTES, ByteLine
 from zmav.sim.protocol.channel import Channel, Outlet
 from zmav.sim.status import HilLoop, VehicleStatus
 
@@ -52,7 +52,7 @@ def parse_device(text: str) -> tuple[str, int]:
     if not colon:
         path, rate = text, str(USUAL_BAUD)
     if not path or not rate.isdigit() or not hasattr(termios, f"B{rate}") or rate == "0":
-        raise BadUrl(f"no serial device {text!r}; expected {_EXPECTED}", field="hil", value=text, expected=_EXPECTED)
+        raise BadUrl.wrong("hil", text, _EXPECTED, f"no serial device {text!r}")
     return path, int(rate)
 
 
@@ -122,7 +122,7 @@ class HardwareVehicle(External):
         self._endpoints: list[Endpoint] = []
         self._selector: selectors.BaseSelector | None = None
         self._metronome: Metronome | None = None
-        self._line: HilLine | None = None
+        self._line: ByteLine | None = None
         self._next_try = self._next_beat = 0.0  # wall time
         self._asked = 0
         self._heartbeat = dialect.message("HEARTBEAT").id
@@ -180,7 +180,7 @@ class HardwareVehicle(External):
             descriptor = open_device(self.path, self.baud)
         except OSError:
             return
-        self._line = HilLine(descriptor, self._selector, self._hear, self._leave)
+        self._line = ByteLine(descriptor, self._selector, self._hear, self._leave)
         self._splitter = Splitter(self._dialect)
         self.say(f"{self.name}: {self.path} is open, {self.stream.sensor_hz:.0f} readings a second")
 

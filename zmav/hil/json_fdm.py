@@ -40,12 +40,7 @@ def parse_servos(data: bytes) -> Servos:
             if rate == 0:
                 raise BadMessage("a servo packet with a frame rate of 0", field="frame_rate", value=0, expected="1 Hz")
             return Servos(rate, count, outputs.unpack_from(data, _HEADER.size))
-    raise BadMessage(
-        f"{len(data)} bytes that are no servo packet; expected {_EXPECTED}",
-        field="packet",
-        value=len(data),
-        expected=_EXPECTED,
-    )
+    raise BadMessage.wrong("packet", len(data), _EXPECTED, f"{len(data)} bytes that are no servo packet")
 
 
 def compose(plant: Plant) -> bytes:

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 
 from zmav.errors import BadMessage
-from zmav.hil.line import HilLine
 from zmav.hil.plant import Plant
 from zmav.hil.stream import FAULTS, HilStream
 from zmav.hil.vehicle import External, unopened
 from zmav.mavlink.dialect import Dialect
 from zmav.mavlink.frames import Splitter
 from zmav.sim.endpoints import Wiring
+from zmav.sim.endpoints.base import ByteLine
 
 PORT = 4560
 SEND_BYTES = 32 * 1024  # readings that wait longer are worth nothing
@@ -58,7 +58,7 @@ class Px4Vehicle(External):
         self.splitter = Splitter(dialect)
         self._server: socket.socket | None = None
         self._selector: selectors.BaseSelector | None = None
-        self.line: HilLine | None = None
+        self.line: ByteLine | None = None
         self._awaiting = False  # controls that answer the last reading
         self._begun_us = 0  # the time of the first reading; 0: there was none yet
         self._sent = 0.0  # wall time of the last reading
@@ -108,7 +108,7 @@ class Px4Vehicle(External):
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         if self.line is not None:
             self.line.close()
-        self.line = HilLine(connection.detach(), self._selector, self._hear, self._leave)
+        self.line = ByteLine(connection.detach(), self._selector, self._hear, self._leave)
         self.splitter = Splitter(self._dialect)
         if self.stream.plant.time_s > 0.0:
             self.plant.reset()

@@ -37,7 +37,7 @@ def gather(vehicles: Sequence[VehicleSpec], counts: Mapping[str, int]) -> list[V
     for kind, count in counts.items():
         if count < 0:
             field = field_of(kind)
-            raise BadConfig(f"{count} {field}; expected 0 or more", field=field, value=count, expected="0 or more")
+            raise BadConfig.wrong(field, count, "0 or more", f"{count} {field}")
         specs += [KINDS[kind]] * count
     specs = specs or [KINDS["copter"]]
     if len(specs) > MOST_VEHICLES:
@@ -75,8 +75,7 @@ def _names(specs: Sequence[VehicleSpec]) -> list[str]:
     given = [spec.name for spec in specs if spec.name is not None]
     twice = next((name for name in given if given.count(name) > 1), None)
     if twice is not None:
-        text = f"two vehicles are called {twice!r}; expected a name of its own for each"
-        raise BadConfig(text, field="name", value=twice, expected="a name of its own for each")
+        raise BadConfig.wrong("name", twice, "a name of its own for each", f"two vehicles are called {twice!r}")
     taken = set(given)
     numbers = dict.fromkeys(KINDS, 0)
     names = []

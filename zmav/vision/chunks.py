@@ -111,6 +111,4 @@ def parse(data: bytes) -> tuple[Header, bytes]:
 
 
 def _bad(field: str, value: object, expected: str) -> BadMessage:
-    return BadMessage(
-        f"a chunk's {field} is {value!r}; expected {expected}", field=field, value=value, expected=expected
-    )
+    return BadMessage.wrong(field, value, expected, f"a chunk's {field} is {value!r}")

@@ -17,8 +17,7 @@ from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, Problem
 from agents.planner.model.separation import least_between
 from agents.planner.model.world import World
-from agents.planner.solve.paths.dubins import WORDS
-from agents.planner.solve.paths.flight import Wings, end_of, fly, gentle, join, motion_clear, way_clear
+from agents.planner.solve.paths.flight import WORDS, Wings, end_of, fly, gentle, join, motion_clear, way_clear
 
 SPEEDS = 4
 """speeds, from the least to the greatest, for whose turns ways are made, and at which they are flown"""

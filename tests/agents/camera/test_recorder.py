@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from agents.camera.cli.view import PictureRecorder
+from agents.camera.cli import PictureRecorder
 from tests.agents.camera.conftest import scene
 from tests.waiting import until
 from zmav.errors import BadConfig

@@ -18,7 +18,7 @@ from agents.controllers.packets import Answer, pack_cycle
 from agents.controllers.reloading import ControllerReloader
 from agents.controllers.types import LEVELS, Reference, State, Trim
 from agents.controllers.worker import Loaded, Worker, WorkerEvents
-from zmav.cli.agentkind import resolve
+from zmav.cli.agent import resolve
 from zmav.errors import BadConfig, ZmavError
 from zmav.services.link.port import on_loop
 

@@ -10,7 +10,7 @@ import pytest
 
 from agents.demo.picture import draw, draw_figure, without_rest
 from agents.demo.play import Mark
-from agents.demo.truth import Row, Truth
+from agents.demo.watch import Row, Truth
 from deploy.demos.pictures import animate
 from zmav.errors import BadInput
 

@@ -15,7 +15,7 @@ import pytest
 
 from agents.hil import checkflight
 from agents.hil.bench import bench, judge_loop
-from agents.hil.kinds import HOVERS
+from agents.hil.flight import HOVERS
 from agents.hil.report import Report, find
 from tests.agents.hil.conftest import FLEET, HOME, MakeBoard
 from zmav.errors import BadConfig

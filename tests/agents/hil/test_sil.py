@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from agents.hil import checkflight
 from agents.hil.cli import hil
-from agents.hil.kinds import HOVERS, kind_of
+from agents.hil.flight import HOVERS, kind_of
 from agents.hil.report import find, hash_of
 from agents.hil.sil import sil
 from tests.agents.hil.conftest import FLEET

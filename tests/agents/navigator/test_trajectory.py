@@ -10,10 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agents.navigator.law import Leg, plan
 from agents.navigator.path import Array
 from agents.navigator.routes import Route, shape
-from agents.navigator.trajectory import CLOSEST, Limits, Trajectory
+from agents.navigator.trajectory import CLOSEST, Leg, Limits, Trajectory, plan
 from zmav import wire
 from zmav.errors import BadInput
 from zmav.services.authority.trajectory import MAX_POINTS, Segment

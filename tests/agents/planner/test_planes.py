@@ -13,7 +13,7 @@ from agents.planner.model.problem import PLANE, Floats, Motion, MovingObstacle, 
 from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Point, Scene, Vehicle
 from agents.planner.model.separation import separation
 from agents.planner.model.world import world_of
-from agents.planner.solve.paths import dubins
+from agents.planner.solve.paths import flight
 from agents.planner.solve.paths.flight import Wings, fly
 from agents.planner.solve.planes import plan_planes
 from tests.agents.planner import generate
@@ -62,7 +62,7 @@ def planned(scene: Scene, movers: tuple[MovingObstacle, ...] = ()) -> dict[str, 
 
 def ends(pose: tuple[float, float, float], legs: Floats) -> tuple[float, float, float]:
     for curvature, length in legs:
-        pose = dubins.advance(*pose, curvature, length)
+        pose = flight.advance(*pose, curvature, length)
     return pose
 
 
@@ -75,8 +75,8 @@ def test_ways_to_a_place_lead_there_and_are_as_short_as_ompls_of_all_headings() 
     for _ in range(40):
         x, y, h0 = rng.uniform((-4.0, -4.0, -3.1), (4.0, 4.0, 3.1)).tolist()
         best = math.inf
-        for word in range(dubins.WORDS):
-            length = dubins.to_point(0.0, 0.0, h0, x, y, 1.0, word, legs)
+        for word in range(flight.WORDS):
+            length = flight.to_point(0.0, 0.0, h0, x, y, 1.0, word, legs)
             if math.isfinite(length):
                 best = min(best, length)
                 assert ends((0.0, 0.0, h0), legs)[:2] == pytest.approx((x, y), abs=1e-6)
@@ -102,7 +102,7 @@ def test_a_way_is_flown_as_fast_as_turns_and_climbs_allow() -> None:
     assert np.abs(vel[:, 2]).max() <= WINGS.climb
     pose = (0.0, 0.0, 0.0)
     for curvature, length, _ in legs:
-        pose = dubins.advance(*pose, curvature, length)
+        pose = flight.advance(*pose, curvature, length)
     assert motion[-1, 1:] == pytest.approx((*pose[:2], 50.0), abs=1e-6)
     assert np.diff(motion[:, 0]).max() <= 0.2
 

@@ -15,8 +15,7 @@ from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
 from agents.planner.solve.refine.knots import leg_times
 from agents.planner.solve.spacetime import deconflict
-from agents.planner.solve.spacetime.deconflict import find
-from agents.planner.solve.spacetime.negotiate import Negotiation
+from agents.planner.solve.spacetime.deconflict import Negotiation, find
 from agents.planner.solve.spacetime.table import Table, empty_table, put, take, trouble, troubles
 from tests.agents.planner import generate
 

@@ -13,8 +13,9 @@ import pytest
 
 from ground.view import style
 from ground.view.frames import NED_IN_VIEW
-from mesh.topology import POOR_COST, Graph, Link, Node, Way
+from mesh.graph import Graph, Node
 from zmav import geo, wire
+from zmav.doctor.ways import POOR_COST, Link, Way
 
 Q1 = ("demo", "quad1")
 BODY = "/world/ned/vehicles/quad1"

@@ -15,8 +15,7 @@ import zenoh
 
 from mesh.bearer.bearer import Bearer
 from mesh.bearer.header import host_tag, pack_data, pack_probe
-from mesh.bearer.path import Health
-from mesh.bearer.peer import LEARNED
+from mesh.bearer.peer import LEARNED, Health
 from mesh.bearer.port import RadioPort
 from tests.mesh.bearer.conftest import FLEET, Pair, udp
 from tests.ports import free_udp_ports

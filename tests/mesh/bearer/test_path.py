@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mesh.bearer.path import HOLD, LONGEST_HOLD, Choice, Health, Path
+from mesh.bearer.peer import HOLD, LONGEST_HOLD, Choice, Health, Path
 
 STEP = 0.02
 Works = Callable[[float], bool]

@@ -9,10 +9,10 @@ import pytest
 
 from mesh import linkstate
 from mesh.cli.graph import document, view, way_words
-from mesh.graph import Findings
-from mesh.topology import Graph, Link, Node, Way
+from mesh.graph import Findings, Graph, Node
 from zmav import keys, wire
 from zmav.client import Answer
+from zmav.doctor.ways import Link, Way
 
 
 def said(name: str, state: wire.LinkState = "up", **figures: object) -> wire.NeighbourQuality:

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.sim.conftest import MakeDesk
-from zmav.cli.sim.fault import fault
+from zmav.cli.sim.talk import fault
 from zmav.errors import BadInput
 from zmav.sim import VehicleSpec, World
 from zmav.sim.faults import KINDS, Fault, make_fault

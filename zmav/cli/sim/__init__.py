@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from zmav.cli.sim.fault import fault
 from zmav.cli.sim.run import run_options, run_world
-from zmav.cli.sim.talk import pause, pilot, resume, speed, status, step, stop
+from zmav.cli.sim.talk import fault, pause, pilot, resume, speed, status, step, stop
 
 
 @click.group("sim", invoke_without_command=True)

@@ -199,12 +199,8 @@ class Store:
         """A file that is there in full; raises :class:`BadInput` for any other name: only what is listed is opened."""
         meta = self.files.get(name)
         if meta is None or meta.missing:
-            raise BadInput(
-                f"no file {name!r} is kept here: fetch it by do/file_get or do/log_get",
-                field="file",
-                value=name,
-                expected="the result of do/file_get",
-            )
+            text = f"no file {name!r} is kept here: fetch it by do/file_get or do/log_get"
+            raise BadInput(text, field="file", value=name, expected="the result of do/file_get")
         return meta
 
     def read(self, name: str, offset: int, length: int) -> bytes:

@@ -46,12 +46,8 @@ class Messages:
         found = (source and self._port.latest(name, source)) or self._port.newest(name)
         if not found:
             heard = ", ".join(self._port.names()) or "nothing yet"
-            raise BadInput(
-                f"no {name} has come from {self._port.name}; heard so far: {heard}",
-                field="msg",
-                value=name,
-                expected="a message the vehicle sends",
-            )
+            text = f"no {name} has come from {self._port.name}; heard so far: {heard}"
+            raise BadInput(text, field="msg", value=name, expected="a message the vehicle sends")
         frame, age, total = found
         m = describe(frame, self._port.dialect)
         own = source is not None and (frame.sysid, frame.compid) == source  # another's boot time is not the autopilot's

@@ -129,7 +129,7 @@ class CameraServer:
 
     def __init__(self, cameras: Cameras, port: int) -> None:
         if not 0 <= port <= 65535:
-            raise BadInput(f"port {port}; expected 0 to 65535", field="port", value=port, expected="0 to 65535")
+            raise BadInput.wrong("port", port, "0 to 65535", f"port {port}")
         cv2.setNumThreads(1)  # pictures are many and small: further threads would only take turns with the vehicles
         try:
             self._server = _Server((HOST, port), _Handler)

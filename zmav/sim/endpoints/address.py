@@ -130,4 +130,4 @@ def _stepped(text: str, index: int) -> int | None:
 
 
 def _bad(text: str) -> BadUrl:
-    return BadUrl(f"no endpoint {text!r}; expected {EXPECTED}", field="endpoint", value=text, expected=EXPECTED)
+    return BadUrl.wrong("endpoint", text, EXPECTED, f"no endpoint {text!r}")

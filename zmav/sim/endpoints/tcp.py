@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 
 from zmav.sim.endpoints.address import Address
-from zmav.sim.endpoints.base import BACKLOG_BYTES, READ_BYTES, READS_PER_TURN, Switchboard, Wiring
+from zmav.sim.endpoints.base import ByteLine, Switchboard, Wiring
 
 
 class TcpServer:
@@ -42,8 +42,8 @@ class TcpServer:
         self._socket.close()
 
 
-class TcpClient:
-    """One connection."""
+class TcpClient(ByteLine):
+    """One connection: what it is answered goes out after each read and each tick."""
 
     def __init__(
         self,
@@ -53,57 +53,21 @@ class TcpClient:
         wiring: Wiring,
         gone: Callable[[TcpClient], None],
     ) -> None:
-        self._socket = connection
-        self._vehicle = vehicle
-        self._wiring = wiring
-        self._gone = gone
-        self._backlog = bytearray()
-        self._open = True
-        connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        wiring.selector.register(connection, selectors.EVENT_READ, self._read)
+        super().__init__(connection.detach(), wiring.selector, self._hear, lambda why: None)
+        self._vehicle, self._waiting, self._told = vehicle, wiring.waiting, gone
         self._channel = vehicle.open_channel(self, link)
 
-    def room(self) -> int:
-        return BACKLOG_BYTES - len(self._backlog)
-
     def put(self, frame: bytes) -> None:
-        self._backlog += frame
-        self._wiring.waiting.add(self)
+        super().put(frame)
+        self._waiting.add(self)
 
-    def _read(self) -> None:
-        for _ in range(READS_PER_TURN):
-            try:
-                data = self._socket.recv(READ_BYTES)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                self.close()
-                return
-            if not data:
-                self.close()
-                return
-            self._vehicle.receive(self._channel, data)
+    def _hear(self, data: bytes) -> None:
+        self._vehicle.receive(self._channel, data)
         self.flush()
 
-    def flush(self) -> bool:
-        if not self._backlog or not self._open:
-            return True
-        try:
-            sent = self._socket.send(self._backlog)
-        except (BlockingIOError, InterruptedError):
-            return False
-        except OSError:
-            self.close()
-            return True
-        del self._backlog[:sent]
-        return not self._backlog
-
     def close(self) -> None:
-        if not self._open:
-            return
-        self._open = False
-        self._wiring.selector.unregister(self._socket)
-        self._socket.close()
-        self._vehicle.close_channel(self._channel)
-        self._gone(self)
+        if self._open:
+            super().close()
+            self._vehicle.close_channel(self._channel)
+            self._told(self)

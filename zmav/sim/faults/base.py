@@ -38,12 +38,8 @@ class Victim(NamedTuple):
     def vehicle(self) -> SimVehicle:
         """The simulated autopilot and its links; :class:`BadInput` where there are none."""
         if self.own_vehicle is None:
-            raise BadInput(
-                f"{self.name} is flown by a stack of its own: only its body can fail",
-                field="vehicle",
-                value=self.name,
-                expected="a vehicle with a simulated autopilot",
-            )
+            text = f"{self.name} is flown by a stack of its own: only its body can fail"
+            raise BadInput(text, field="vehicle", value=self.name, expected="a vehicle with a simulated autopilot")
         return self.own_vehicle
 
 

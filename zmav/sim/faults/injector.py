@@ -66,7 +66,7 @@ class Faults:
         changed then.
         """
         if for_s is not None and not 0.0 < for_s < math.inf:
-            raise BadInput(f"{for_s} seconds; expected more than 0", field="for_s", value=for_s, expected="more than 0")
+            raise BadInput.wrong("for_s", for_s, "more than 0", f"{for_s} seconds")
         now = self._world.time_s
         victims = [self._victim(each, fault.KIND) for each in self._named(name)]
         for victim in victims:
@@ -148,12 +148,8 @@ class Faults:
         for vehicle in self._world.externals.vehicles:
             if vehicle.name == name and kind not in (*vehicle.feels, CameraBlackout.KIND):
                 expected = ", ".join(sorted(vehicle.feels)) or "nothing: it flies on physics of its own"
-                raise BadInput(
-                    f"{name}: its flight stack does not have this {kind} from the simulator; what it has: {expected}",
-                    field="kind",
-                    value=kind,
-                    expected=expected,
-                )
+                text = f"{name}: its flight stack does not have this {kind} from the simulator; what it has: {expected}"
+                raise BadInput(text, field="kind", value=kind, expected=expected)
 
 
 def _status(on: _On) -> FaultStatus:

@@ -80,9 +80,7 @@ def values_from_words(words: Sequence[str]) -> dict[str, Any]:
     for word in words:
         name, equals, text = word.partition("=")
         if not equals or not name:
-            raise BadInput(
-                f"{word!r} is no parameter; expected NAME=VALUE", field="parameter", value=word, expected="NAME=VALUE"
-            )
+            raise BadInput.wrong("parameter", word, "NAME=VALUE", f"{word!r} is no parameter")
         values[name.replace("-", "_")] = _value(text)
     return values
 

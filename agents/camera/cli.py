@@ -1,0 +1,315 @@
+"""``zmav camera run|view``: the agent beside the camera; what comes of its pictures elsewhere, and on a disk."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import re
+import shutil
+import time
+from pathlib import Path
+from typing import IO, Any
+
+import click
+
+import zmav
+from agents.camera.agent import CameraAgent
+from agents.camera.capture import Source
+from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
+from agents.camera.settings import Calibration, CameraSettings
+from agents.camera.sources import open_source
+from mesh.units import bits_per_second
+from zmav.cli.common import fleet_option, run, zenoh_options
+from zmav.errors import BadConfig, BadInput, TimedOut
+from zmav.process import leave, say, until_stopped
+from zmav.session import SessionSettings
+from zmav.vision.reader import Picture, Reader, camera_info
+from zmav.waiting import together, within
+
+name_option = click.option(
+    "--name", "camera", default="down", show_default=True, help="The camera's name on its vehicle."
+)
+
+
+def pair(ctx: click.Context, option: click.Parameter, text: str) -> tuple[int, int]:
+    """An option's callback that reads two whole numbers: ``640x480``."""
+    found = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip())
+    if found is None:
+        raise click.BadParameter(f"{text!r} is not like 640x480", ctx, option)
+    return int(found[1]), int(found[2])
+
+
+def triple(ctx: click.Context, option: click.Parameter, text: str | None) -> tuple[float, float, float] | None:
+    """An option's callback that reads three numbers: ``0,90,0``."""
+    if text is None:
+        return None
+    try:
+        a, b, c = (float(each) for each in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not three numbers like 0,90,0", ctx, option) from None
+    return a, b, c
+
+
+def rate_bytes(ctx: click.Context, option: click.Parameter, text: str) -> float:
+    """An option's callback that reads a rate, in B/s: ``60kB/s`` or ``480 kbit/s``."""
+    try:
+        return bits_per_second(text, option.name or "rate") / 8.0
+    except BadInput as e:
+        raise click.BadParameter(str(e), ctx, option) from e
+
+
+@click.group("camera")
+def camera() -> None:
+    """Cameras of vehicles: send pictures, look at what comes of them and record it.
+
+    'zmav camera run 0 --vehicle quad1' beside the camera; 'zmav camera view quad1' anywhere in the fleet.
+    """
+
+
+USUAL_FOV = math.radians(63.0)
+
+
+@camera.command("run")
+@click.argument("source")
+@click.option("--vehicle", required=True, help="The vehicle that the camera is on.")
+@name_option
+@click.option("--rate", type=click.FloatRange(0.2, 60.0), default=10.0, show_default=True, help="Pictures a second.")
+@click.option("--size", callback=pair, default="640x480", show_default=True, help="Pixels at most.")
+@click.option("--quality", type=click.IntRange(10, 95), default=70, show_default=True, help="Of JPEG.")
+@click.option(
+    "--budget",
+    callback=rate_bytes,
+    default="60kB/s",
+    show_default=True,
+    help="To begin with, and for readers that do not report.",
+)
+@click.option("--calibration", type=click.Path(path_type=Path), help="A file of the lens's constants: docs/camera.md.")
+@click.option("--fov", type=click.FloatRange(3.0, 170.0), metavar="DEG", help="Horizontal field of view instead.")
+@click.option("--mount", callback=triple, metavar="R,P,Y", help="Degrees from straight down; 0,90,0 looks ahead.")
+@click.option("--offset", callback=triple, metavar="F,R,D", help="Metres forward, right, down of the vehicle.")
+@click.option("--gimbal", is_flag=True, help="It is levelled: only the vehicle's heading counts.")
+@click.option(
+    "--delay",
+    type=click.FloatRange(0.0, 5.0),
+    default=0.0,
+    show_default=True,
+    metavar="S",
+    help="From shutter to us, where the source does not say when a picture was taken.",
+)
+@click.option("--loop", is_flag=True, help="A folder begins again at its end.")
+@fleet_option
+@zenoh_options
+def run_camera(
+    source: str,
+    rate: float,
+    delay: float,
+    loop: bool,
+    calibration: Path | None,
+    fov: float | None,
+    mount: tuple[float, float, float] | None,
+    offset: tuple[float, float, float] | None,
+    gimbal: bool,
+    size: tuple[int, int],
+    fleet: str,
+    settings: SessionSettings,
+    **rest: Any,
+) -> None:
+    """Send a camera's pictures: 'zmav camera run 0 --vehicle quad1'.
+
+    SOURCE is a V4L2 device (0, /dev/video0), a URL (rtsp://..., or http://... of multipart JPEG, as the simulator
+    serves) or a folder of pictures. Pictures go out while somebody reads them, as many, as large and as
+    good as the tightest reader's link takes. SIGTERM ends it.
+    """
+    if calibration is not None and fov is not None:
+        raise BadConfig("give --calibration or --fov, not both", field="fov", value=fov, expected="one of the two")
+    opened = open_source(source, rate=rate, loop=loop, delay=delay, size=size)
+    found = numbers(opened.words) if isinstance(opened, MjpegSource) else None
+    lens = _lens(calibration, fov, found)
+    roll, pitch, yaw = (math.radians(angle) for angle in mount or (0.0, 0.0, 0.0))
+    given = CameraSettings(
+        rate=rate,
+        size=size,
+        gimbal=gimbal or (found is not None and found.gimbal),
+        mount=found.mount if found and mount is None else (roll, pitch, yaw),
+        offset=found.offset if found and offset is None else offset or (0.0, 0.0, 0.0),
+        **rest,
+    ).check()
+    run(_run(given, opened, lens, fleet, settings))
+
+
+def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
+    if calibration is not None:
+        return Calibration.load(calibration)
+    if fov is not None:
+        return math.radians(fov)
+    if found is not None:
+        return found.calibration
+    say(f"no --calibration and no --fov: the lens is taken for {math.degrees(USUAL_FOV):.0f}° wide, without distortion")
+    return USUAL_FOV
+
+
+async def _run(
+    own: CameraSettings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings
+) -> None:
+    async with (
+        zmav.open(fleet=fleet, settings=settings) as z,
+        CameraAgent(z, own, source, lens, settings, say) as agent,
+    ):
+        say(f"{fleet}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
+        stopped, finished = (asyncio.ensure_future(each) for each in (until_stopped(), agent.finished()))
+        done, _ = await asyncio.wait({stopped, finished}, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
+        for each in done:
+            each.result()
+    say(f"{agent.sent} pictures sent")
+    leave()
+
+
+COLUMNS = "file,seq,t,arrived,width,height\n"
+LOOK_EVERY = 1.0
+"""s between two looks at how much room is left"""
+KEEP_FREE = 1e9
+"""bytes that are left free on the disk"""
+
+
+class PictureRecorder:
+    """Writes JPEGs to ``folder`` as they came, and a table beside them, each line of which names a whole picture.
+
+    Raises :class:`BadConfig` where nobody may write, or a recording is there already. Where less than ``keep_free``
+    bytes are free, :attr:`full` says so and pictures are counted as ``unwritten``.
+    """
+
+    def __init__(self, folder: Path, keep_free: float = KEEP_FREE) -> None:
+        self.written = self.unwritten = self.bytes = 0
+        self.full = ""
+        """why nothing is written at present"""
+        self._folder, self._keep_free, self._looked = folder, keep_free, -LOOK_EVERY
+        table = folder / "pictures.csv"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if table.exists():
+                text = f"{table} is there already: name another folder"
+                raise BadConfig(text, field="folder", value=str(folder), expected="a new folder")
+            self._table: IO[str] = table.open("x", encoding="ascii")
+            self._table.write(COLUMNS)
+            self._table.flush()
+        except OSError as e:
+            text = f"cannot write to {folder}: {e.strerror}"
+            raise BadConfig(text, field="folder", value=str(folder), expected="a place to write to") from e
+
+    def add(self, p: Picture) -> bool:
+        """Write a picture; False where it was not."""
+        if not self._room():
+            self.unwritten += 1
+            return False
+        name = f"{self.written:08d}.jpg"
+        try:
+            part = self._folder / f"{name}.part"
+            part.write_bytes(p.jpeg)
+            part.replace(self._folder / name)  # anyone who is killed meanwhile leaves no torn picture
+            self._table.write(f"{name},{p.seq},{p.t:.6f},{p.arrived:.6f},{p.width},{p.height}\n")
+            self._table.flush()
+        except OSError as e:
+            self.full, self.unwritten = str(e), self.unwritten + 1
+            return False
+        self.written += 1
+        self.bytes += len(p.jpeg)
+        return True
+
+    def close(self) -> None:
+        self._table.close()
+
+    def _room(self) -> bool:
+        now = time.monotonic()
+        if now - self._looked >= LOOK_EVERY:
+            self._looked = now
+            free = shutil.disk_usage(self._folder).free
+            self.full = "" if free > self._keep_free else f"{free / 1e6:.0f} MB are free: nothing is written"
+        return not self.full
+
+
+@camera.command("view")
+@click.argument("vehicle")
+@name_option
+@click.option(
+    "--record",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Write all pictures as they come, and a .csv of when each was taken.",
+)
+@click.option(
+    "--wait", type=click.FloatRange(0.1), default=10.0, show_default=True, help="Seconds for a first picture."
+)
+@click.option(
+    "--link",
+    callback=lambda c, o, v: None if v is None else rate_bytes(c, o, v),
+    metavar="RATE",
+    help="What our link has for pictures, as 60kB/s.  [default: the camera finds out]",
+)
+@fleet_option
+@zenoh_options
+def view_camera(
+    vehicle: str,
+    camera: str,
+    record: Path | None,
+    wait: float,
+    link: float | None,
+    fleet: str,
+    settings: SessionSettings,
+) -> None:
+    """Show what comes of a camera each second: rate, delay, size, loss. 'zmav view' shows the pictures themselves.
+
+    The delay is from shutter to here, by both computers' clocks. What --record has written stays whole whatever ends
+    it; nothing is written while less than 1 GB is free.
+    """
+
+    async def view() -> None:
+        async with (
+            zmav.open(fleet=fleet, settings=settings) as z,
+            Reader(z, vehicle, camera, name="view", most_bytes=link) as pictures,
+        ):
+            try:
+                first = await within(wait, pictures.get())
+            except asyncio.TimeoutError:
+                await camera_info(z, vehicle, camera)  # raises where there is no such camera
+                text = f"{vehicle}/{camera} is there, but sent no whole picture within {wait:g} s"
+                raise TimedOut(text, vehicle=vehicle) from None
+            with contextlib.closing(PictureRecorder(record)) if record else contextlib.nullcontext() as recorder:
+                since = [first]
+                await together(_take(pictures, since, recorder), _tell(pictures, since, recorder))
+
+    run(view())
+
+
+async def _take(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:
+    """The first one came already."""
+    (picture,) = since
+    while True:
+        if recorder is not None:
+            await asyncio.shield(asyncio.to_thread(recorder.add, picture))
+        picture = await pictures.get()
+        since.append(picture)
+
+
+async def _tell(pictures: Reader, since: list[Picture], recorder: PictureRecorder | None) -> None:
+    """Of what came ``since`` the last line."""
+    start, torn = time.monotonic(), 0
+    while True:
+        await asyncio.sleep(1.0)
+        now = time.monotonic()
+        kept = f"  {recorder.written} written {recorder.full}".rstrip() if recorder else ""
+        click.echo(f"{_words(since, now - start)}{pictures.assembler.torn - torn} torn{kept}")
+        start, torn = now, pictures.assembler.torn
+        since.clear()
+
+
+def _words(came: list[Picture], seconds: float) -> str:
+    if not came:
+        return "no picture, "
+    delay = sorted(picture.arrived - picture.t for picture in came)[len(came) // 2]
+    size = sum(len(picture.jpeg) for picture in came)
+    return (
+        f"{came[-1].width}x{came[-1].height}  {len(came) / seconds:.1f} Hz  {1e3 * delay:.0f} ms  "
+        f"{size / len(came) / 1e3:.1f} kB a picture  {size / seconds / 1e3:.0f} kB/s  "
+    )
