@@ -289,6 +289,7 @@ export const TEXTS = {
   "survey.front": "overlap, %",
   "survey.side": "sidelap, %",
   "survey.heading": "lanes' heading, ° (empty: the quickest)",
+  "survey.trigger": "the autopilots trigger the cameras by distance",
   "survey.fly": "Survey it…",
   "survey.camera.wrong": "A camera is a sensor over its focal length (13.2x8.8/8.8) or a field of view (73.7x53.1deg)",
   "survey.height.wrong": "A survey is flown above the ground",
