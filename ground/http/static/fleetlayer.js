@@ -149,8 +149,8 @@ export class FleetLayer {
   /** What stands on the map already: names of shapes, and the buttons. @returns {Box[]} */
   covered() {
     const frame = this.map.getContainer().getBoundingClientRect();
-    const others = byId("map-frame").querySelectorAll(".leaflet-tooltip, .map-buttons button");
-    return [...others].map((each) => {
+    const all = byId("map-frame");
+    return [...all.querySelectorAll(".leaflet-tooltip"), ...all.querySelectorAll(".map-buttons>button")].map((each) => {
       const box = each.getBoundingClientRect();
       return [box.left - frame.left, box.top - frame.top, box.right - frame.left, box.bottom - frame.top];
     });
