@@ -29,7 +29,7 @@ class Camera:
 
     def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
-        self._there = False
+        self.there = False
         self.every = 0.0
         """m from one picture to the next; 0: none"""
         self.taken = 0
@@ -38,12 +38,12 @@ class Camera:
 
     def power_on(self) -> None:
         """A camera is found at the start alone, and its distance is not kept over it."""
-        self._there = self._vehicle.params["CAM1_TYPE"] != 0
+        self.there = self._vehicle.params["CAM1_TYPE"] != 0
         self.every, self.taken, self.last, self._from = 0.0, 0, None, None
 
     def trigger_every(self, metres: float, *, at_once: bool) -> None:
         """DO_SET_CAM_TRIGG_DIST, which ArduPilot accepts with a camera or without."""
-        if not self._there:
+        if not self.there:
             return
         self.every, self._from = max(metres, 0.0), None
         if at_once:

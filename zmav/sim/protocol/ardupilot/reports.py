@@ -408,9 +408,10 @@ def autopilot_version(node: ArduNode) -> Fields:
 
 
 def camera_feedback(node: ArduNode) -> Fields | None:
+    """Asked for before the first picture it is all zeros, as ArduPilot's."""
     picture = node.vehicle.camera.last
     if picture is None:
-        return None
+        return {"img_idx": 0} if node.vehicle.camera.there else None
     place, (roll, pitch, yaw) = picture.place, map(math.degrees, picture.attitude)
     return {
         "time_usec": node.unix_us,
