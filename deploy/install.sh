@@ -27,7 +27,7 @@ usage: sudo deploy/install.sh [options]     install, or upgrade to the tree this
   --fleet-file FILE         in the place of the template: a fleet file that has the vehicle
   --credentials DIR         what 'zmav mesh ca issue NAME --role vehicle' made
   --agent-credentials DIR   the same for the agents on board, of the role planner
-  --extras LIST             vision, planner, interpreted, ground, viz: what agents on board need besides (kept by upgrades)
+  --extras LIST             vision, planner, interpreted, ground, viz, geotiff: what agents on board need besides (kept by upgrades)
   --python PROGRAM          the Python to use (3.10 or newer)
   --no-start                start nothing
   --force                   even where the vehicle is armed

@@ -45,6 +45,7 @@ from zmav.services.link.quality import Quality
 from zmav.services.link.timesync import AutopilotRestarted, TimeSync
 from zmav.services.missions.flight import MissionFlight
 from zmav.services.missions.missions import Missions
+from zmav.services.orders.camera import TriggeredCamera
 from zmav.services.orders.command import Commander
 from zmav.services.orders.flight import Flight
 from zmav.services.orders.orders import Guarded, Handler, Orders, Report
@@ -187,6 +188,7 @@ class Onboard:
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
         )
         self.payload = Payload(companion, commander, bounds)
+        self.camera = TriggeredCamera(companion, commander, self.params.value)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
@@ -230,6 +232,7 @@ class Onboard:
             self.rates,
             self.separation,
             self.questions,
+            self.camera,
             self.authority,
         ]
         self._add_orders()
@@ -280,6 +283,7 @@ class Onboard:
             "reboot": flight.reboot,
             "command": payload.command,
             "servo": payload.servo,
+            "camera_trigger": self.camera.trigger,
             "ping": _pong,
             **self.files.handlers,
             **self.logs.handlers,

@@ -60,6 +60,7 @@ VERBS: dict[str, Verb] = {
         Verb("command", wire.RunCommand, Access.MOVE, "any MAV_CMD by name", CONFIGURING),
         Verb("reboot", wire.Order, Access.CHANGE, "restart the autopilot", CONFIGURING),
         Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM", CONFIGURING, True),
+        Verb("camera_trigger", wire.CameraTrigger, Access.CHANGE, "pictures by distance, or no more"),
         Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back", CONFIGURING),
         Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters", CONFIGURING),
         Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters again"),

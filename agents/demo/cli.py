@@ -16,7 +16,7 @@ from rich.console import Console
 from agents.demo import picture, report
 from agents.demo.play import Play
 from agents.demo.stage import DemoFleet
-from agents.demo.story import Demo, check_extras, demos, find, on_stacks
+from agents.demo.story import Demo, called, check_extras, demos, find, on_stacks, words
 from zmav.children import Children
 from zmav.cli.common import console
 from zmav.errors import BadConfig, ZmavError
@@ -25,6 +25,7 @@ from zmav.process import free_port
 from zmav.session import DEFAULT_ROUTER
 
 COPTERS = (None, "arducopter", "px4")
+PLANNER = ["swarm", "planner"]
 MOST_PX4 = PX4_LAST_ONBOARD + 1
 """those beyond share one link"""
 
@@ -40,7 +41,7 @@ MOST_PX4 = PX4_LAST_ONBOARD + 1
     help="Folder of what is left.  [default: flights/NAME-TIME]",
 )
 @click.option("--endpoint", help="Where the ground's router listens, to look on with -e.  [default: a free port]")
-@click.option("--stay", is_flag=True, help="Start the fleet and leave the flying to you: scripts, other verbs.")
+@click.option("--stay", is_flag=True, help="Start the fleet and its planner, and leave the flying to you.")
 def demo(
     name: str,
     listed: bool,
@@ -52,9 +53,9 @@ def demo(
 ) -> None:
     """Fly a demo fleet: 'zmav demo swap', or a fleet file of your own with a [demo] table. 0 only if all went well.
 
-    Three copters in a line of routers by default. 'zmav demo --stay' only starts them, where clients look for a router
-    by themselves, until Ctrl-C ends it: then 'zmav top', 'zmav do quad1 arm' and the scripts in ground/examples find
-    them.
+    Three copters in a line of routers by default. 'zmav demo --stay' only starts them and their planner, where clients
+    look for a router by themselves, until Ctrl-C ends it: then 'zmav http', 'zmav top', 'zmav do quad1 arm' and the
+    scripts in ground/examples find them.
     """
     if listed:
         for each in demos():
@@ -142,8 +143,14 @@ def _picture(play: Play, out: Path, term: Console) -> None:
 
 def _stay(stage: DemoFleet, processes: Children) -> NoReturn:
     asyncio.run(stage.start())
+    planner = next((step for step in stage.demo.story.steps if words(step.start or "")[:2] == PLANNER), None)
+    if planner is not None:
+        told = words(planner.start or "")
+        processes.start(called(planner), *told, environment=stage.environment(planner.on))
     click.echo(f"{', '.join(stage.demo.vehicles)}: the ground's router is at {stage.ground}")
-    click.echo("they stand ready in a few seconds: look with 'zmav top'; Ctrl-C ends them")
+    who = "they, and their planner," if planner is not None else "they"
+    click.echo(f"{who} stand ready in a few seconds: fly them from the page of 'zmav http', or look with 'zmav top'")
+    click.echo("Ctrl-C ends them")
     while True:
         processes.check()
         time.sleep(0.5)

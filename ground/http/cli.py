@@ -64,8 +64,8 @@ def edges(text: str) -> tuple[float, float, float, float]:
     help="Folder in which those are kept.",
 )
 @click.option("--tile-space", callback=amount, default="500MB", show_default=True, help="So much of them at most.")
-@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), help="A picture to lay over the map.")
-@click.option("--corners", type=edges, metavar="S,W,N,E", help="Where it lies, in degrees.")
+@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path), help="A picture or GeoTIFF over the map.")
+@click.option("--corners", type=edges, metavar="S,W,N,E", help="Where a picture lies, in degrees; a GeoTIFF says it.")
 @dialect_option
 @fleet_option
 @zenoh_options
@@ -95,7 +95,8 @@ def command(
     """
     if tiles and tile_server:
         raise click.UsageError("give one of --tiles and --tile-server")
-    if (picture is None) != (corners is None):
+    located = picture is not None and picture.suffix.lower() in (".tif", ".tiff")
+    if (picture is None) != (corners is None) and not located:
         raise click.UsageError("a picture lies somewhere: give --picture and --corners")
     secret = _read_token(token_file) if token_file else token
     if host != "localhost" and not is_loopback(host) and not secret:
@@ -120,7 +121,7 @@ def command(
     origins = frozenset(each.rstrip("/").lower() for each in allow_origin)
     rules = Rules(token=secret, read_only=read_only or bool(replay), hosts=hosts, origins=origins)
     sock = bound(host, port)
-    over = Picture(picture, corners) if picture is not None and corners is not None else None
+    over = Picture(picture, corners) if picture is not None else None
     ground: Tiles | TileServer | None = Tiles(Path(tiles)) if tiles else None
     if tile_server:
         ground = TileServer(tile_server, tile_cache.expanduser(), tile_space)

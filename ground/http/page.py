@@ -105,7 +105,10 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         """The picture that is laid over the map."""
         if over is None:
             raise Failure(404, "not_found", "no picture here: zmav http --picture FILE --corners S,W,N,E")
-        return FileResponse(over.path, media_type=over.kind, headers={"X-Content-Type-Options": "nosniff"})
+        headers = {"X-Content-Type-Options": "nosniff"}
+        if over.data is not None:
+            return Response(over.data, media_type=over.kind, headers=headers)
+        return FileResponse(over.path, media_type=over.kind, headers=headers)
 
     return [
         Route("/", fleet, methods=["GET"]),

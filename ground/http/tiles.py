@@ -10,6 +10,7 @@ import contextlib
 import sqlite3
 from pathlib import Path
 
+from ground.http.geotiff import MAGICS, Corners, lay
 from zmav.errors import BadConfig
 
 MAGIC = {b"PMTiles\x03": "pmtiles", b"SQLite f": "mbtiles"}
@@ -17,13 +18,15 @@ PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "im
 
 
 class Picture:
-    """A picture of the user's own, laid over the map: ``corners`` are south, west, north, east in degrees. Raises
-    :class:`BadConfig` where it is none that a browser shows, or lies nowhere.
+    """A picture of the user's own, laid over the map: ``corners`` are south, west, north, east in degrees; a GeoTIFF
+    says its own. Raises :class:`BadConfig` where it is none that a browser shows, or lies nowhere.
     """
 
-    def __init__(self, path: Path, corners: tuple[float, float, float, float]) -> None:
-        self.path, self.corners = path, corners
-        south, west, north, east = corners
+    def __init__(self, path: Path, corners: Corners | None = None) -> None:
+        self.path = path
+        self.data: bytes | None = None
+        """of a GeoTIFF, as it is shown; None: the file's own"""
+        south, west, north, east = corners or (0.0, 0.0, 1.0, 1.0)
         if not (-90.0 <= south < north <= 90.0 and -180.0 <= west < east <= 180.0):
             expected = "degrees: south, west, north, east, as -35.37,149.15,-35.36,149.17"
             raise BadConfig(f"picture {path}: corners {corners}", field="corners", value=corners, expected=expected)
@@ -32,10 +35,23 @@ class Picture:
                 head = file.read(12)
         except OSError as e:
             raise BadConfig(f"picture {path}: {e}", field="picture", value=str(path), expected="a readable file") from e
+        if head.startswith(MAGICS):
+            if corners is not None:
+                text = f"picture {path}: a GeoTIFF says itself where it lies"
+                text += "; 'gdal_translate -of PNG' makes a picture that does not"
+                raise BadConfig(text, field="corners", value=corners, expected="no corners")
+            self.data, self.kind, self.corners = lay(path)
+            return
+        if corners is None:
+            text = f"picture {path}: it lies somewhere: give its corners"
+            raise BadConfig(text, field="corners", value=None, expected="south, west, north, east in degrees")
+        self.corners = corners
         self.kind = next((kind for magic, kind in PICTURES.items() if head.startswith(magic)), "")
         if not self.kind:
-            text = f"picture {path}: no PNG, JPEG or WebP; 'gdal_translate -of PNG' makes one of a GeoTIFF"
-            raise BadConfig(text, field="picture", value=str(path), expected="FILE.png, FILE.jpg or FILE.webp")
+            text = f"picture {path}: no PNG, JPEG, WebP or GeoTIFF"
+            raise BadConfig(
+                text, field="picture", value=str(path), expected="FILE.png, FILE.jpg, FILE.webp or FILE.tif"
+            )
 
 
 class Tiles:

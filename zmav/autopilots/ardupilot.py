@@ -159,6 +159,7 @@ class ArduPilot(Autopilot):
         "EXTENDED_SYS_STATE": 2.0,
         "MISSION_CURRENT": 1.0,
     }
+    camera_params: ClassVar[tuple[str, ...]] = ("CAM1_TYPE", "CAM2_TYPE")
     # The system id, and what its parameter documentation marks @ReadOnly or @Volatile.
     own_params: ClassVar[tuple[str, ...]] = (
         "MAV_SYSID",

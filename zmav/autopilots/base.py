@@ -212,6 +212,8 @@ class Autopilot(ABC):
     """shell patterns of parameters that are each vehicle's own: its system id, and what the autopilot writes by itself
     (counters, ids of sensors it found, measurements)"""
 
+    camera_params: ClassVar[tuple[str, ...]] = ()
+    """each 0 where that camera is none: with none at all it may accept what triggers one"""
     missions: MissionRules = MissionRules()
     circle_param: str | None = None
     """the parameter with the radius (m) of its circles, where it circles a place instead of stopping there"""

@@ -111,6 +111,7 @@ class Px4(Autopilot):
         never_placed=frozenset({"MAV_CMD_DO_LAND_START", "MAV_CMD_DO_SET_HOME"}),
     )
     params_bytewise: ClassVar[bool] = True
+    camera_params: ClassVar[tuple[str, ...]] = ("TRIG_MODE",)
     # The system id, flight time and number of flights, ids of the sensors it found.
     own_params: ClassVar[tuple[str, ...]] = ("MAV_SYS_ID", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID", "CAL_*_ID")
     # Below 2 Hz it leaves OFFBOARD, and on the ground it enters it only where the stream has flown for a second.

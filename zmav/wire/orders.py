@@ -150,6 +150,16 @@ class SetServo(Order, kw_only=True):
     pwm: int
 
 
+class CameraTrigger(Order, kw_only=True):
+    """DO_SET_CAM_TRIGG_DIST: a picture at once, and another each time the vehicle has come so far over the ground.
+
+    Given under a lease, it ends with that lease.
+    """
+
+    distance: float
+    """m, 0.1 to 1000; 0: no more pictures"""
+
+
 class RevokeLease(Order, kw_only=True):
     """An operator takes the lease from anyone who holds it."""
 

@@ -142,6 +142,8 @@ class Survey(Search, kw_only=True, tag_field="kind", tag="survey"):
     """share of a picture that the next one along the way shows again"""
     pixels: int = 0
     """of a picture, across the way; 0: not known"""
+    trigger: bool = False
+    """each one's autopilot triggers its camera by distance over the lanes"""
 
 
 class TakeOff(Wire, kw_only=True, tag_field="kind", tag="takeoff"):

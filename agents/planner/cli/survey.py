@@ -78,6 +78,7 @@ def overlaps(text: str) -> tuple[float, float]:
 @click.option("--gsd", type=float, help="Centimetres of ground a pixel, in place of --height.")
 @click.option("--overlap", type=overlaps, metavar=OVERLAPS, default="0.75,0.65", show_default=True)
 @degrees("--heading", help="Degrees clockwise from north of the lanes.  [default: along a side, the quickest]")
+@click.option("--trigger", is_flag=True, help="Each autopilot triggers its camera by distance over the lanes.")
 @goal_options
 def survey(
     vehicles: tuple[str, ...],
@@ -88,11 +89,12 @@ def survey(
     gsd: float | None,
     overlap: tuple[float, float],
     heading: float | None,
+    trigger: bool,
 ) -> Make:
     """Photograph an area for a map, split between the vehicles: 'quad* --polygon ... --camera 13.2x8.8/8.8 --gsd 2'.
 
-    --preview tells time, way, pictures and battery of each. The planner does not release the camera: before the survey,
-    'zmav command quad1 DO_SET_CAM_TRIGG_DIST Distance=METRES' has the autopilot do so.
+    --preview tells time, way, pictures and battery of each. Without --trigger nobody triggers the cameras: they do so
+    by themselves, or 'zmav do quad1 camera_trigger distance=METRES' has the autopilot do it.
     """
     across, along, known = lens
     pixels = pixels or known
@@ -113,5 +115,6 @@ def survey(
         front=overlap[0],
         overlap=overlap[1],
         pixels=pixels,
+        trigger=trigger,
     )
     return lambda planner: msgspec.structs.replace(goal, vehicles=planner.names(vehicles))

@@ -62,6 +62,8 @@ class VehicleCommand:
         self._seen = -1.0
         self.taken = ""
         """who or what took it from us for good; empty: it is ours"""
+        self.heading: float | None = None
+        """rad clockwise from north that it looks to in what it is told; None: as its autopilot likes"""
 
     async def __aenter__(self) -> VehicleCommand:
         self._lease = await self._stack.enter_async_context(self.vehicle.lease(self._holder, TTL))
@@ -116,6 +118,11 @@ class VehicleCommand:
         return not self.taken
 
     @property
+    def lease(self) -> int:
+        """The number of ours; 0: we have none just now."""
+        return 0 if self._lease is None or self._lost(self._lease) else self._lease.number
+
+    @property
     def instance(self) -> str:
         """Of its agent; empty while nothing was heard of it."""
         state = self.vehicle.last_state
@@ -131,7 +138,7 @@ class VehicleCommand:
         lease = self._lease
         if lease is None or self._lost(lease):
             return None
-        points = [_point(row, self.offset) for row in rows.tolist()]
+        points = [_point(row, self.offset, self.heading) for row in rows.tolist()]
         until = self.offset.vehicle(deadline)
         try:
             lease.segment(points, deadline=until, repeated=False)
@@ -206,6 +213,6 @@ async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> N
             offset.answered(asked, float(outcome.result["t"]), came)
 
 
-def _point(row: Sequence[float], offset: Offset) -> wire.SegmentPoint:
+def _point(row: Sequence[float], offset: Offset, heading: float | None) -> wire.SegmentPoint:
     t, x, y, z, vx, vy, vz = row
-    return wire.SegmentPoint(t=round(offset.vehicle(t), 4), pos=ned((x, y, z)), vel=ned((vx, vy, vz)))
+    return wire.SegmentPoint(t=round(offset.vehicle(t), 4), pos=ned((x, y, z)), vel=ned((vx, vy, vz)), yaw=heading)

@@ -27,7 +27,8 @@ def limits_of(views: Sequence[VehicleView]) -> Limits:
         return np.array([getattr(view.body, name) for view in views], dtype=np.float64)
 
     speed = column("speed")
-    return Limits(speed, column("accel"), np.minimum(column("climb"), speed), np.minimum(column("descend"), speed))
+    accel = np.array([view.accel for view in views], dtype=np.float64)
+    return Limits(speed, accel, np.minimum(column("climb"), speed), np.minimum(column("descend"), speed))
 
 
 def radii_of(views: Sequence[VehicleView]) -> Floats:
@@ -82,7 +83,7 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
             start=_point(start),
             radius=view.body.radius,
             vmax=view.body.speed,
-            amax=view.body.accel,
+            amax=view.accel,
             vz_up=view.body.climb,
             vz_down=view.body.descend,
         )

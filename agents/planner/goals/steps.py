@@ -58,7 +58,14 @@ class VehicleView:
     def hovers(self) -> bool:
         return self.kind not in WINGED
 
+    @property
+    def accel(self) -> float:
+        """m/s² that motions and plans may use, and the verifier allows."""
+        return HEADROOM * self.body.accel if self.hovers else self.body.accel
 
+
+HEADROOM = 0.7
+"""share of its acceleration that a plan uses: the rest is for stopping on the way, in a turn, too"""
 GROUND = ("rover", "boat")
 WINGED = ("plane", "vtol")
 
@@ -99,6 +106,16 @@ class PlanTo:
 
 
 @dataclass(frozen=True)
+class Pictures:
+    """What a vehicle's camera does over its lanes."""
+
+    every: float
+    """m from one picture to the next, by which the autopilot triggers it; 0: somebody else does"""
+    heading: float
+    """rad clockwise from north that the vehicle looks to: along its lanes, so that pictures lie across them"""
+
+
+@dataclass(frozen=True)
 class Fly:
     """Prepared motions, to be verified and executed as they are on one clock.
 
@@ -112,6 +129,8 @@ class Fly:
     text: str = ""
     figures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """by vehicle, for who has it previewed: numbers by their names"""
+    pictures: Mapping[str, Pictures] = field(default_factory=dict)
+    """by vehicle that takes some on the way"""
 
     @property
     def vehicles(self) -> tuple[str, ...]:

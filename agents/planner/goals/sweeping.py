@@ -13,7 +13,7 @@ from agents.planner.goals import slots, timing
 from agents.planner.goals.curves import lengths_of
 from agents.planner.goals.dealing import Ground, Part, Sweeper
 from agents.planner.goals.search import Split, ground, split
-from agents.planner.goals.steps import Fly, PlanTo, Step, VehicleView
+from agents.planner.goals.steps import Fly, Pictures, PlanTo, Step, VehicleView
 from agents.planner.live import frames
 from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.model.scene import Scene
@@ -25,6 +25,8 @@ MOST_STOPS = 200
 """places one after another, in which lanes are flown where they cannot be flown on one clock"""
 DELAYS = np.arange(0.0, 61.0, 2.0)
 """s by which a vehicle sets out later, in the order in which they are tried"""
+ALONG = 0.4
+"""m of a lane that tell where it leads: the shortest there is has a little more"""
 SPARE = 0.1
 """m more than the radii ask for, which hold what a vehicle may be off its way already"""
 
@@ -67,7 +69,7 @@ def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[S
                 height=height if view.flies else up,
                 width=width,
                 speed=body.speed,
-                accel=body.accel,
+                accel=view.accel,
                 climb=min(body.climb, body.descend),
                 endurance=body.endurance,
                 radius=body.radius,
@@ -96,9 +98,10 @@ def _steps(
     homes = np.array([part.sweeper.start for part in busy])
     kind, figures = kind_of(goal), {part.sweeper.name: figures_of(goal, part) for part in busy}
     text = f"{kind}: {dealt.text}{_pictures(goal, figures)}"
+    pictures = {name: pictures_of(goal, motions[name]) for name in names} if isinstance(goal, wire.swarm.Survey) else {}
     return [
         PlanTo(names, starts, True, f"to the lanes of a {kind}"),
-        Fly(motions, instead=_stops(names, busy, flown), text=text, figures=figures),
+        Fly(motions, _stops(names, busy, flown), text, figures, pictures),
         PlanTo(names, homes, True, f"back from a {kind}"),
     ]
 
@@ -120,13 +123,21 @@ def spacing_of(goal: wire.swarm.Survey) -> float:
     return goal.height * goal.camera[1] * (1.0 - goal.front)
 
 
+def pictures_of(goal: wire.swarm.Survey, motion: Motion) -> Pictures:
+    """It begins with a lane, and all lanes are parallel."""
+    moved = np.linalg.norm(motion[:, 1:3] - motion[0, 1:3], axis=1)
+    east, north = (motion[int(np.argmax(moved > ALONG)), 1:3] - motion[0, 1:3]).tolist()
+    return Pictures(spacing_of(goal) if goal.trigger else 0.0, math.atan2(east, north))
+
+
 def _pictures(goal: wire.swarm.Search, figures: Mapping[str, Mapping[str, float]]) -> str:
     """How many pictures, how far apart, and how fine."""
     if not isinstance(goal, wire.swarm.Survey):
         return ""
     count = sum(each["pictures"] for each in figures.values())
     text = f"; {count:.0f} pictures, one every {spacing_of(goal):.1f} m"
-    return text + (f", {100.0 * goal.height * goal.camera[0] / goal.pixels:.1f} cm a pixel" if goal.pixels else "")
+    text += f", {100.0 * goal.height * goal.camera[0] / goal.pixels:.1f} cm a pixel" if goal.pixels else ""
+    return text + ("" if goal.trigger else "; the cameras are not triggered")
 
 
 def _stops(names: tuple[str, ...], parts: Sequence[Part], flown: Sequence[tuple[Motion, bool]]) -> tuple[PlanTo, ...]:

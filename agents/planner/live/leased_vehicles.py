@@ -122,6 +122,11 @@ class LeasedVehicles:
         return self.executor.commands
 
     @property
+    def paused(self) -> bool:
+        """Everybody rests on the way, until it goes on."""
+        return self.executor is not None and self.executor.phase == "paused"
+
+    @property
     def now(self) -> float:
         """Our UTC, by which everything is flown."""
         assert self.executor is not None

@@ -23,6 +23,7 @@ from agents.planner.goals.steps import (
     for_the_rest,
     without,
 )
+from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
@@ -179,6 +180,7 @@ class Run:
                     "lost", "warning", f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: no answer"
                 )
             await self._settled()  # from now on nobody else moves them
+            await check_cameras(leased, steps)
             missing = await self._take_each(leased, steps, lost, (0.0, 1.0))
         return sorted(missing)
 
@@ -264,6 +266,10 @@ class Run:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
 
     async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
+        async with Cameras(self, leased, step.pictures):
+            return await self._fly_motions(leased, step, share)
+
+    async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         planned, why = await self.planner.check(step, self._view())
         if planned is not None:
             landed = await self._flown(leased, planned, step.text, share)

@@ -17,8 +17,6 @@ from agents.planner.model import scene
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.wire import Vector
 
-HEADROOM = 0.7
-"""share of its acceleration that a plan uses: the rest is for stopping on the way, in a turn, too"""
 DEPTH = 50.0
 """m below the lowest vehicle to which the column below one that is not heard goes"""
 
@@ -123,7 +121,6 @@ def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Veh
     kind: Literal["copter", "rover", "plane"] = "copter"
     if view.kind in GROUND or view.kind in WINGED:
         kind = "rover" if view.kind in GROUND else "plane"
-    accel = body.accel if kind == "plane" else HEADROOM * body.accel
     return scene.Vehicle(
         id=view.name,
         type=kind,
@@ -131,7 +128,7 @@ def _vehicle(view: VehicleView, start: Vector, goal: Vector | None) -> scene.Veh
         goal=goal,
         radius=body.radius,
         vmax=body.speed,
-        amax=accel,
+        amax=view.accel,
         vz_up=body.climb,
         vz_down=body.descend,
         vmin=body.min_speed if kind == "plane" else None,

@@ -146,10 +146,19 @@ export class FleetLayer {
     }
   }
 
+  /** What stands on the map already: names of shapes, and the buttons. @returns {Box[]} */
+  covered() {
+    const frame = this.map.getContainer().getBoundingClientRect();
+    const all = byId("map-frame");
+    return [...all.querySelectorAll(".leaflet-tooltip"), ...all.querySelectorAll(".map-buttons>button")].map((each) => {
+      const box = each.getBoundingClientRect();
+      return [box.left - frame.left, box.top - frame.top, box.right - frame.left, box.bottom - frame.top];
+    });
+  }
+
   /** Beside each vehicle, on the first side that is free; the selected and those in trouble first. None is better than two in one place. */
   placeLabels() {
-    /** @type {Box[]} */
-    const taken = [];
+    const taken = this.covered();
     /** @type {Map<Vehicle, {x: number, y: number}>} */
     const points = new Map();
     for (const vehicle of this.store.all) {

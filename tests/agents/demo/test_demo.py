@@ -134,11 +134,11 @@ def test_it_can_be_ended_at_any_time(
 ) -> None:
     more = ["--stay", "--endpoint", f"tcp/127.0.0.1:{free_port()}"] if stay else ["--out", str(tmp_path)]
     demo = start_demo(*more)
-    pids = wait_for_children(demo, "quad1", "sim", "router")
+    pids = wait_for_children(demo, "quad1", "sim", "router", *(("swarm",) if stay else ()))
     demo.send_signal(number)
     out, _ = demo.communicate(timeout=PATIENCE_S)
     assert demo.returncode == code, out
-    assert "swarm" not in pids
+    assert ("swarm" in pids) == stay
     assert "Traceback" not in out
     assert alive(pids) == set()
 

@@ -57,8 +57,10 @@ FLAGS = (
 class Tab:
     """One page of a browser, and what its console and its errors said."""
 
-    def __init__(self, connection: ClientConnection) -> None:
+    def __init__(self, connection: ClientConnection, group: int) -> None:
         self._connection = connection
+        self.group = group
+        """of the browser's processes"""
         self._ids = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._session = self._target = ""
@@ -256,12 +258,13 @@ async def _result(future: asyncio.Future[dict[str, Any]]) -> dict[str, Any]:
 
 
 @contextlib.asynccontextmanager
-async def browser() -> AsyncIterator[Tab]:
-    """A tab of a Chromium of our own, which ends with the ``async with``."""
+async def browser(*more: str) -> AsyncIterator[Tab]:
+    """A tab of a Chromium of our own, with these flags, too; it ends with the ``async with``."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         process = await asyncio.create_subprocess_exec(
             CHROMIUM,
             *FLAGS,
+            *more,
             f"--user-data-dir={home}",
             "about:blank",
             stdin=asyncio.subprocess.DEVNULL,
@@ -273,7 +276,7 @@ async def browser() -> AsyncIterator[Tab]:
             assert process.stderr is not None
             url = await within(PATIENCE_S, _address(process.stderr))
             async with connect(url, max_size=None) as connection:
-                tab = Tab(connection)
+                tab = Tab(connection, process.pid)
                 yield tab
                 await tab.close()
         finally:

@@ -170,3 +170,28 @@ async def test_what_is_flown_goes_with_the_time(tab: Tab, served: Served, fleet:
     await tab.until("store.openGoals.length === 0")
     assert planner.asked[-1] == ("cancel", planner.asked[-1][1] | {"goal": "g7"})
     assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_vehicle_s_name_keeps_off_those_of_areas(tab: Tab, served: Served, fleet: Fleet) -> None:
+    """An area's first corner, above which its name stands, is drawn where the vehicle's own name is."""
+    fleet.more = {"quad1": at(0, 0), "quad2": at(0, 40)}
+    await opened(tab, served)
+    own = "[...document.querySelectorAll('.label')].find((each) => each.textContent.startsWith('quad1'))"
+    edges = "(({left, top, right, bottom}) => [left, top, right, bottom])(each.getBoundingClientRect())"
+    box = f"((each) => each && !each.hidden && {edges})"
+    await tab.until(f"{box}({own})")
+    await tab.run(f"""(() => {{
+        const [left, top, right, bottom] = {box}({own}), frame = document.getElementById('map').getBoundingClientRect();
+        const place = (x, y) => {{
+            const at = map.map.containerPointToLatLng([(left + right) / 2 - frame.left + x, bottom - frame.top + y]);
+            return {{lat: at.lat, lon: at.lng}};
+        }};
+        drawing.shapes.add('search', [place(0, 8), place(90, 8), place(90, 90), place(0, 90)]);
+        drawing.refresh();
+    }})()""")
+    await tab.until("document.querySelector('.leaflet-tooltip.named')")
+    await asyncio.sleep(0.6)  # drawn five times a second
+    a, b = await tab.run(f"[{box}({own}), {box}(document.querySelector('.leaflet-tooltip.named'))]")
+    assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1], (a, b)
+    assert not tab.said

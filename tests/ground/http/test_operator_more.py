@@ -39,6 +39,7 @@ async def test_an_area_is_surveyed_with_the_camera_that_was_typed(
     for name, value in given.items():
         await tab.run(f"document.querySelector('.survey [name={name}]').value = '{value}'")
         await tab.run(f"document.querySelector('.survey [name={name}]').dispatchEvent(new Event('change'))")
+    await tab.click(".survey [name=trigger]")
     await tab.click(".survey button")
     await tab.agree()
     await tab.until("document.querySelector('#goals progress') !== null")
@@ -47,6 +48,7 @@ async def test_an_area_is_surveyed_with_the_camera_that_was_typed(
     assert verb == "submit" and goal["kind"] == "survey" and goal["vehicles"] == ["quad1"]
     assert goal["camera"] == pytest.approx([60 / 35, 40 / 35]) and goal["angle"] == pytest.approx(1.5708, abs=1e-4)
     assert (goal["height"], goal["front"], goal["overlap"], goal["pixels"]) == (70, 0.8, 0.5, 4000)
+    assert goal["trigger"] is True
     count = len(planner.asked)
     await tab.run("document.querySelector('.survey [name=camera]').value = 'a good one'")
     await tab.run("document.querySelector('.survey [name=camera]').dispatchEvent(new Event('change'))")

@@ -193,3 +193,63 @@ async def test_a_mode_that_cannot_be_armed_in_is_left_first(
     b.peer.obey = obey_px4  # type: ignore[method-assign]
     await b.ground.do("arm", ready_timeout=0)
     assert (b.peer.mode, b.peer.armed) == (armed_in, True)
+
+
+TRIGGER = 206
+
+
+def triggers(b: Bench) -> list[list[float]]:
+    """Distance and whether at once, of each that it was told."""
+    return [[told.fields["param1"], told.fields["param3"]] for told in b.peer.commands(TRIGGER)]
+
+
+async def test_a_camera_is_triggered_by_distance_and_no_more(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    await b.ground.do("camera_trigger", distance=7.5)
+    await b.ground.do("camera_trigger", distance=0)
+    assert triggers(b) == [[7.5, 1.0], [0.0, 0.0]]
+    for distance in (-1.0, 0.01, 1e4):
+        with pytest.raises(BadInput) as caught:
+            await b.ground.do("camera_trigger", distance=distance)
+        assert caught.value.detail["field"] == "distance"
+    with pytest.raises(BadInput, match="distance"):
+        await b.ground.do("camera_trigger")
+    b.peer.results[TRIGGER] = [DENIED]
+    with pytest.raises(Refused, match="DO_SET_CAM_TRIGG_DIST refused: DENIED"):
+        await b.ground.do("camera_trigger", distance=5.0)
+
+
+@pytest.mark.parametrize("end", ["release", "revoke", "hold"])
+async def test_a_camera_that_was_switched_on_under_a_lease_ends_with_it(bench: StartBench, end: str) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    with pytest.raises(NotHolder, match="planner commands"):
+        await b.ground.do("camera_trigger", distance=5.0)
+    await b.ground.do("camera_trigger", distance=5.0, lease=lease)
+    await b.ground.do(end, **({"lease": lease} if end == "release" else {}))
+    await b.peer.until(lambda: triggers(b) == [[5.0, 1.0], [0.0, 0.0]], "the end of the pictures")
+
+
+async def test_a_camera_ends_with_a_lease_that_ran_out(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner", ttl=0.3)).result["lease"]
+    await b.ground.do("camera_trigger", distance=5.0, lease=lease)
+    await b.peer.until(lambda: triggers(b) == [[5.0, 1.0], [0.0, 0.0]], "the end of the pictures")
+
+
+async def test_a_camera_switched_on_without_a_lease_goes_on_under_a_later_one(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    await b.ground.do("camera_trigger", distance=5.0)
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    await b.ground.do("release", lease=lease)
+    await b.ground.do("servo", output=9, pwm=1200)
+    assert triggers(b) == [[5.0, 1.0]]
+
+
+async def test_a_camera_that_could_not_be_stopped_is_told_of(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    await b.ground.do("camera_trigger", distance=5.0, lease=lease)
+    b.peer.results[TRIGGER] = [DENIED]
+    await b.ground.do("release", lease=lease)
+    await b.event("the lease has ended, and the camera could not be stopped", kind="camera")

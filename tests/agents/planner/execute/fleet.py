@@ -8,7 +8,7 @@ import itertools
 import math
 import random
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -95,12 +95,17 @@ class Watch:
 
 @contextlib.asynccontextmanager
 async def airborne(
-    starts: Sequence[tuple[float, float]], height: float, *, autopilot: str = "arducopter", **settings: Any
+    starts: Sequence[tuple[float, float]],
+    height: float,
+    *,
+    autopilot: str = "arducopter",
+    params: Mapping[str, float] = QUICK,
+    **settings: Any,
 ) -> AsyncIterator[Fleet]:
-    """Copters above these places (m north and east)."""
+    """Copters above these places (m north and east); ``params`` are ArduCopter's."""
     names = [f"quad{i + 1}" for i in range(len(starts))]
-    params = QUICK if autopilot == "arducopter" else {}
-    specs = [VehicleSpec(autopilot=autopilot, start_ned_m=(n, e, 0.0), params=params) for n, e in starts]
+    own = dict(params) if autopilot == "arducopter" else {}
+    specs = [VehicleSpec(autopilot=autopilot, start_ned_m=(n, e, 0.0), params=own) for n, e in starts]
     async with contextlib.AsyncExitStack() as stack:
         world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME))
         router = stack.enter_context(open_session(ROUTER))

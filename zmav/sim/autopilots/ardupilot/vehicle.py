@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from zmav.sim.autopilots.ardupilot.arming import ArmingChecks
 from zmav.sim.autopilots.ardupilot.boot import Boot, Flag, Stage
+from zmav.sim.autopilots.ardupilot.camera import Camera
 from zmav.sim.autopilots.ardupilot.ekf import Ekf3
 from zmav.sim.autopilots.ardupilot.failsafe import BatteryFailsafe, EkfFailsafe, GcsFailsafe
 from zmav.sim.autopilots.ardupilot.fence import Fence, Rally
@@ -69,6 +70,7 @@ class ArduVehicle(ArmingChecks, ABC):
         self._ticks = 0
         self.pilot = Pilot()
         self.rc = Radio(self, self.pilot)
+        self.camera = Camera(self)
         self.fence = Fence(self)
         self.rally = Rally(self, self.fence)
         self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
@@ -165,6 +167,7 @@ class ArduVehicle(ArmingChecks, ABC):
             EkfFailsafe(self, self.filter),
         )
         self.mission.power_on()
+        self.camera.power_on()
         self.fence.power_on()
         self.servos = [0] * OUTPUTS  # pulse widths that DO_SET_SERVO set, us
         self._consumed_before = self.power.consumed_mah
@@ -328,6 +331,7 @@ class ArduVehicle(ArmingChecks, ABC):
         self._ticks += max(round(dt / TICK_S), 1)
         if self._ticks % FENCE_EVERY == 0:
             self.fence.update()
+        self.camera.update()
         if self._ticks % SLOW_EVERY == 0:
             self.watch(TICK_S * SLOW_EVERY)
         if self.armed:

@@ -154,6 +154,11 @@ def _set_current(node: ArduNode, c: Command) -> int:
     return send_message(node, c, "MISSION_CURRENT")
 
 
+def _trigger_distance(node: ArduNode, c: Command) -> int:
+    node.vehicle.camera.trigger_every(c.p1, at_once=c.p3 == 1)
+    return CommandResult.ACCEPTED
+
+
 HANDLERS: Handlers = {
     **SHARED_HANDLERS,
     176: _set_mode,
@@ -162,6 +167,7 @@ HANDLERS: Handlers = {
     183: lambda node, c: node.vehicle.set_servo(int(c.p1), min(max(int(c.p2), 0), 65535)),
     185: lambda node, c: c.p1 > 0.5 and node.vehicle.disarm(forced=True),
     192: reposition,
+    206: _trigger_distance,
     224: _set_current,
     246: _reboot,
     300: _mission_start,

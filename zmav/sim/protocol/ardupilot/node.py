@@ -33,7 +33,7 @@ class MavNode(Node, Generic[V_co]):
     SYSID_PARAM: ClassVar[str] = "MAV_SYSID"
     REFUSED: ClassVar[int] = CommandResult.FAILED
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (
-        *(84, 85, 115, 181, 182, 184, 186, 189, 191, 193, 194, 195, 197, 201, 203, 204, 205, 206, 207, 209, 218, 245),
+        *(84, 85, 115, 181, 182, 184, 186, 189, 191, 193, 194, 195, 197, 201, 203, 204, 205, 207, 209, 218, 245),
         *(601, 1000, 2000, 2001, 43000, 43001, 43002),
     )
     # NAV_VTOL_*, CONDITION_YAW, relays, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START, DO_GO_AROUND,

@@ -407,7 +407,28 @@ def autopilot_version(node: ArduNode) -> Fields:
     }
 
 
+def camera_feedback(node: ArduNode) -> Fields | None:
+    """Asked for before the first picture it is all zeros, as ArduPilot's."""
+    picture = node.vehicle.camera.last
+    if picture is None:
+        return {"img_idx": 0} if node.vehicle.camera.there else None
+    place, (roll, pitch, yaw) = picture.place, map(math.degrees, picture.attitude)
+    return {
+        "time_usec": node.unix_us,
+        "img_idx": picture.number,
+        "lat": e7(place.lat_deg),
+        "lng": e7(place.lon_deg),
+        "alt_msl": place.alt_amsl_m,
+        "alt_rel": picture.height,
+        "roll": roll,
+        "pitch": pitch,
+        "yaw": yaw,
+        "completed_captures": picture.number,
+    }
+
+
 REPORTS: dict[str, Report] = {
+    "CAMERA_FEEDBACK": camera_feedback,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "SYSTEM_TIME": lambda node: {"time_unix_usec": node.unix_us if node.vehicle.boot.has("gps") else 0},
