@@ -21,7 +21,7 @@ from ground.http.guard import ADMITTED
 from zmav.errors import BadConfig, PortInUse
 
 STALLED = 20.0
-"""s after which a connection is cut whose other end takes nothing of what was sent, or does not even say that it is there"""
+"""s after which a connection is cut whose other end takes nothing of what was sent, or is silent to the kernel"""
 CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
