@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
+import secrets
 from collections import Counter
 from collections.abc import Coroutine, Iterator
 from typing import Any
@@ -29,12 +31,11 @@ MOST = 32
 """readers at once"""
 MOST_EACH = 3
 """of one address: a browser has six connections to a host, and no order is to wait for a picture"""
-BOUNDARY = b"--zmav-picture\r\n"
 HEADERS = (
-    (b"content-type", b"multipart/x-mixed-replace; boundary=zmav-picture"),
     (b"cache-control", b"no-store"),
     (b"x-content-type-options", b"nosniff"),
 )
+logger = logging.getLogger(__name__)
 
 
 class Shared:
@@ -44,14 +45,17 @@ class Shared:
         self.looking = 0
         self.newest: tuple[int, Picture] | None = None
         """and how many came before it"""
+        self.ended = False
         self._news = asyncio.Event()
         self._task = asyncio.create_task(self._read(reader))
 
-    async def after(self, count: int) -> tuple[int, Picture]:
-        """The newest picture, which as many or more came before; waits for one."""
-        while self.newest is None or self.newest[0] < count:
+    async def after(self, count: int) -> tuple[int, Picture] | None:
+        """The newest picture, which as many or more came before; waits for one. None: no more will come."""
+        while not self.ended:
+            if self.newest is not None and self.newest[0] >= count:
+                return self.newest
             await self._news.wait()
-        return self.newest
+        return None
 
     @property
     def count(self) -> int:
@@ -59,14 +63,25 @@ class Shared:
         return self.newest[0] + 1 if self.newest is not None else 0
 
     async def _read(self, reader: Reader) -> None:
-        async with reader as pictures:
-            async for picture in pictures:
-                self.newest = self.count, picture
-                news, self._news = self._news, asyncio.Event()
-                news.set()
+        try:
+            async with reader as pictures:
+                async for picture in pictures:
+                    self.newest = self.count, picture
+                    news, self._news = self._news, asyncio.Event()
+                    news.set()
+        except Exception:
+            logger.exception("error while reading a camera")
+        finally:
+            self._end()
+
+    def _end(self) -> None:
+        """Who still looks is told: nobody waits for a picture that cannot come."""
+        self.ended = True
+        self._news.set()
 
     def close(self) -> None:
         self._task.cancel()
+        self._end()  # a task that was not begun has no end of its own
 
 
 class Cameras:
@@ -112,7 +127,7 @@ class Cameras:
         keys.check_name(vehicle, "vehicle")
         keys.check_name(camera, "camera")
         shared = self._shared.get((vehicle, camera))
-        if shared is not None and shared.count:
+        if shared is not None and shared.count and not shared.ended:
             return
         try:
             await camera_info(self._client, vehicle, camera)
@@ -123,7 +138,7 @@ class Cameras:
     def shared(self, vehicle: str, camera: str) -> Iterator[Shared]:
         """The camera, which is read for as long as somebody looks."""
         place = vehicle, camera
-        if place not in self._shared:
+        if place not in self._shared or self._shared[place].ended:
             self._shared[place] = Shared(Reader(self._client, vehicle, camera, name="http"))
         shared = self._shared[place]
         shared.looking += 1
@@ -132,7 +147,8 @@ class Cameras:
         finally:
             shared.looking -= 1
             if not shared.looking:
-                del self._shared[place]
+                if self._shared.get(place) is shared:
+                    del self._shared[place]
                 shared.close()
 
     def _close(self) -> None:
@@ -146,11 +162,15 @@ class _Mjpeg(Response):
     def __init__(self, cameras: Cameras, vehicle: str, camera: str, address: str) -> None:
         super().__init__()
         self._cameras, self._place, self._address = cameras, (vehicle, camera), address
+        self._mark = f"zmav-{secrets.token_hex(8)}".encode()
+        """between the parts: none that a picture could hold on purpose, to pass for a page of ours"""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         with self._cameras.counted(self._address):
             await self._cameras.check(*self._place)
-            await send({"type": "http.response.start", "status": 200, "headers": list(HEADERS)})
+            kind = b"multipart/x-mixed-replace; boundary=" + self._mark
+            headers = [(b"content-type", kind), *HEADERS]
+            await send({"type": "http.response.start", "status": 200, "headers": headers})
             if scope["method"] == "HEAD":
                 await send({"type": "http.response.body"})
                 return
@@ -159,16 +179,18 @@ class _Mjpeg(Response):
                 await _until(_gone(receive), self._send_all(shared, send))
 
     async def _send_all(self, shared: Shared, send: Send) -> None:
-        await _put(send, BOUNDARY)
+        boundary = b"--" + self._mark + b"\r\n"
+        await _put(send, boundary)
         count = shared.count  # what came before is of another time
-        while True:
-            at, picture = await shared.after(count)
+        while found := await shared.after(count):
+            at, picture = found
             self._cameras.left_out += at - count
             count = at + 1
             # The boundary that ends a part goes with it: some browsers show a picture only then.
-            await _put(send, _head(picture) + picture.jpeg + b"\r\n" + BOUNDARY)
+            await _put(send, _head(picture) + picture.jpeg + b"\r\n" + boundary)
             await _put(send, b"")  # returns when what is before it has gone
             self._cameras.sent += 1
+        await send({"type": "http.response.body"})
 
 
 def _head(picture: Picture) -> bytes:

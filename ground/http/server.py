@@ -21,7 +21,7 @@ from ground.http.guard import ADMITTED
 from zmav.errors import BadConfig, PortInUse
 
 STALLED = 20.0
-"""s after which a connection is cut whose other end takes nothing of what was sent"""
+"""s after which a connection is cut whose other end takes nothing of what was sent, or is silent to the kernel"""
 CONNECTIONS = 256
 """connections and requests at once; beyond it the answer is 503"""
 MESSAGE_SIZE = 1_000_000
@@ -166,7 +166,8 @@ def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
     """A listening socket's address taken; raises :class:`PortInUse`, or :class:`BadConfig` for a host that is not ours.
 
     TCP_USER_TIMEOUT and the buffer's size go over to every connection: who leaves sent bytes unread for that long is
-    cut off, whatever face it asked, and takes no more memory.
+    cut off, whatever face it asked, and takes no more memory. Where nothing is sent, as for a camera that is silent,
+    the kernel asks whether the other end is there.
     """
     try:
         family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -179,6 +180,10 @@ def bound(host: str, port: int, stalled: float = STALLED) -> socket.socket:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * stalled))
+        if hasattr(socket, "TCP_KEEPIDLE"):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL):
+                sock.setsockopt(socket.IPPROTO_TCP, option, max(1, int(stalled / 2)))
         sock.bind(address)
         return sock
     except OSError as e:

@@ -15,7 +15,7 @@ import { t } from "./words.js";
 export function confirmed(title, text, yes, field = null) {
   const dialog = byId("confirm");
   if (dialog.open) {
-    if (title !== byId("confirm-title").textContent) { // else it was a double click, or is asked already
+    if (title !== byId("confirm-title").textContent || text !== byId("confirm-text").textContent) { // else it was a double click, or is asked already
       toast(t("ask.open"), "warn");
       dialog.querySelector("button").focus();
     }
@@ -42,6 +42,9 @@ export function confirmed(title, text, yes, field = null) {
   const appeared = performance.now();
   byId("confirm-yes").onclick = (/** @type {MouseEvent} */ event) => {
     if (!meant(event, appeared)) event.preventDefault();
+  };
+  byId("confirm-yes").onkeydown = (/** @type {KeyboardEvent} */ event) => {
+    if (event.repeat) event.preventDefault(); // a key that is held is one press, which may have come too early
   };
   dialog.show(); // in a corner, and not modal: a hold waits for no answer
   return new Promise((resolve) => {

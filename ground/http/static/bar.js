@@ -1,7 +1,7 @@
 // The bar of orders: for the selected, or for all where nobody is. It names whom it means before it is pressed.
 
 import { confirmed } from "./ask.js";
-import { byId, make, makeButton, say, toast } from "./dom.js";
+import { byId, make, makeButton, meant, say, toast } from "./dom.js";
 import { toNed, wayBetween } from "./geo.js";
 import { armTwice, askArm, askHeight, order } from "./orders.js";
 import { askPlanner, planFirst } from "./planner.js";
@@ -18,18 +18,20 @@ export class OrderBar {
     this.view = view;
     this.plans = plans;
     const bar = byId("bar");
-    const add = (/** @type {string} */ label, /** @type {string} */ className, /** @type {(() => void) | null} */ act, /** @type {string} */ title) => {
+    const add = (/** @type {string} */ label, /** @type {string} */ className, /** @type {((press: MouseEvent) => void) | null} */ act, /** @type {string} */ title) => {
       const button = makeButton(label, className, act, title);
       bar.append(button);
       return button;
     };
     this.hold = add(t("hold"), "safe", () => order(this.ids, "hold"), t("hold.title"));
-    this.pause = add(t("pause"), "safe", () => this.pauseOrResume(), t("pause.title"));
+    this.pause = add(t("pause"), "safe", (press) => this.pauseOrResume(press), t("pause.title"));
     this.land = add(t("land"), "safe", null, t("land.title"));
     this.rtl = add(t("return"), "safe", null, t("return.title"));
     /** A second press is for whom the first one named: another selection takes it back. */
     this.asked = [armTwice(this.land, () => order(this.ids, "land")), armTwice(this.rtl, () => order(this.ids, "rtl"))];
     this.meant = "";
+    this.resumes = false;
+    this.resumesAt = 0;
     this.land.dataset.verb = "land";
     this.rtl.dataset.verb = "rtl";
     this.hold.dataset.verb = "hold";
@@ -73,13 +75,15 @@ export class OrderBar {
     this.meant = meant;
     say(byId("whom-names"), this.whom(all));
     const count = this.store.selected.size;
-    const who = count === 0 ? t("all") : count === 1 ? brief(this.names[0]) : String(count);
+    const who = count === 0 ? t("all") : count === 1 ? brief(this.names[0] || "") : String(count);
     /** @type {[HTMLButtonElement, string][]} */
     const labels = [[this.hold, t("hold.who", { who })], [this.land, t("land.who", { who })], [this.rtl, t("return.who", { who })]];
     for (const [button, label] of labels) if (!button.classList.contains("asking")) say(button, label);
     for (const button of this.moving) button.disabled = !live || count === 0;
     const flying = this.goalsOf();
     const paused = flying.length > 0 && flying.every((entry) => entry.state === "paused");
+    if (paused && !this.resumes) this.resumesAt = performance.now();
+    this.resumes = paused;
     say(this.pause, paused ? t("resume") : t("pause"));
     this.pause.disabled = !live || !this.store.planner || flying.length === 0;
     this.pause.title = this.store.planner ? t("pause.title") : t("pause.none");
@@ -91,9 +95,11 @@ export class OrderBar {
     return this.store.openGoals.filter((entry) => !names.size || entry.goal.vehicles.some((name) => names.has(name)));
   }
 
-  async pauseOrResume() {
+  /** A pause is one press; what follows it at once, as a double click does, resumes nothing. @param {MouseEvent} press */
+  async pauseOrResume(press) {
     const goals = this.goalsOf();
     const verb = goals.every((entry) => entry.state === "paused") ? "resume" : "pause";
+    if (verb === "resume" && !(this.resumes && meant(press, this.resumesAt))) return;
     const whole = !this.store.selected.size;
     for (const goal of whole ? [""] : goals.map((entry) => entry.id)) await askPlanner(verb, { goal });
   }

@@ -13,6 +13,7 @@ import { fixed, t, wordsOf } from "./words.js";
 
 const MOST_OPEN = 2; // a browser has six connections to a host, and no order is to wait for a picture
 const STOPPED_MS = 2000;
+const SLOWEST_MS = 5000; // between two pictures of a camera that sends as slowly as it may: more was a stop
 const SLOWER = 3; // times what lay between the pictures before
 const AGAIN_MS = 3000;
 const SEEN_S = 0.5; // what was found in an older picture is not where it was
@@ -72,6 +73,8 @@ class CameraView {
     if (!open.delete(this)) return;
     this.link.unsubscribe(this.key);
     this.stop();
+    this.shown?.image.close();
+    this.shown = this.next = null;
     this.draw();
   }
 
@@ -95,10 +98,6 @@ class CameraView {
 
   /** The newest wins, also over one that is being decoded. @param {Picture} picture */
   async take(picture) {
-    const now = Date.now();
-    if (this.at) this.between = this.between ? 0.8 * this.between + 0.2 * (now - this.at) : now - this.at;
-    this.at = now;
-    this.why = "";
     this.next = picture;
     if (this.decoding) return;
     this.decoding = true;
@@ -107,14 +106,28 @@ class CameraView {
       this.next = null;
       try {
         const image = await createImageBitmap(jpeg);
+        if (!open.has(this)) {
+          image.close(); // nobody looks any more
+          continue;
+        }
         this.shown?.image.close();
         this.shown = { image, t: taken };
+        this.came();
         this.paint();
       } catch (error) {
         this.why = t("camera.garbled");
       }
     }
     this.decoding = false;
+  }
+
+  /** A picture was shown: one that is none does not pass for a sign of life. */
+  came() {
+    const now = Date.now();
+    const gap = Math.min(now - this.at, SLOWEST_MS);
+    if (this.at) this.between = this.between ? 0.8 * this.between + 0.2 * gap : gap;
+    this.at = now;
+    this.why = "";
   }
 
   /** What was found in this picture, or in one shortly before. @returns {Sights | null} */

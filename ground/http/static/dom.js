@@ -17,7 +17,7 @@ export function make(tag, className = "", text = "", ...children) {
   return element;
 }
 
-/** @param {string} label @param {string} className @param {(() => void) | null} act @returns {HTMLButtonElement} */
+/** @param {string} label @param {string} className @param {((press: MouseEvent) => void) | null} act @returns {HTMLButtonElement} */
 export function makeButton(label, className, act, title = "") {
   const made = make("button", className, label);
   made.type = "button";

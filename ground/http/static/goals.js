@@ -1,6 +1,6 @@
 // What the planner flies: each goal with its progress, how long it takes yet, and a stop.
 
-import { byId, make, makeButton, mark, say } from "./dom.js";
+import { byId, make, makeButton, mark, meant, say } from "./dom.js";
 import { armTwice } from "./orders.js";
 import { askPlanner } from "./planner.js";
 import { READ_ONLY } from "./settings.js";
@@ -44,7 +44,11 @@ export class Goals {
     const row = make("li", entry.state, "", make("b", "", entry.goal.kind), make("span", "", few(entry.goal.vehicles)), make("span", "muted", stateOf(entry)), bar, left);
     if (READ_ONLY) return row;
     const paused = entry.state === "paused";
-    const toggle = makeButton(paused ? t("resume") : t("pause"), "small safe", () => askPlanner(paused ? "resume" : "pause", { goal: entry.id }));
+    const appeared = performance.now();
+    const toggle = makeButton(paused ? t("resume") : t("pause"), "small safe", (press) => {
+      if (!paused) askPlanner("pause", { goal: entry.id });
+      else if (meant(press, appeared)) askPlanner("resume", { goal: entry.id }); // else it was the second click of a pause
+    });
     const stop = makeButton(t("goals.stop"), "small safe", null, t("goals.stop.title"));
     armTwice(stop, () => askPlanner("cancel", { goal: entry.id }));
     row.append(make("div", "orders", "", toggle, stop));

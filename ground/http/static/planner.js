@@ -1,7 +1,7 @@
 // What the planner in charge is asked, and the ways that it would fly shown before a person agrees.
 
 import { confirmed } from "./ask.js";
-import { toast } from "./dom.js";
+import { byId, toast } from "./dom.js";
 import { post } from "./orders.js";
 import { few, fixed, metres, span, t, wordsOf } from "./words.js";
 
@@ -50,10 +50,11 @@ export async function planFirst(goal, plans) {
     box.remove();
   }
   for (const step of preview.steps) step.makespan = step.makespan || 0; // what has no end yet: follow
-  plans.preview(preview.steps);
+  const busy = byId("confirm").open; // another question, whose ways stay on the map
+  if (!busy) plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });
   const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), [t("preview.text", { span: span(preview.makespan), clear }), ...figuresOf(preview.steps)].join("\n"), t("preview.yes"));
-  plans.preview([]);
+  if (!busy) plans.preview([]);
   if (yes) await askPlanner("submit", { goal });
 }

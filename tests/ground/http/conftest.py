@@ -99,7 +99,8 @@ class Served:
         return getattr(endpoint, "__self__", endpoint)
 
     def close(self) -> None:
-        self.loop.call_soon_threadsafe(self._stop.set)
+        if not self.loop.is_closed():
+            self.loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(PATIENCE_S)
         assert not self._thread.is_alive()
 

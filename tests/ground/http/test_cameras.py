@@ -103,6 +103,43 @@ def test_a_slow_reader_gets_fewer_and_none_late(served: Served) -> None:
         assert face.left_out - before > 10
 
 
+def test_who_takes_nothing_keeps_no_place_and_no_camera(serve: Serve) -> None:
+    short = serve(stalled=1.0)
+    face = short.face("/camera/{vehicle}/{camera}")
+    with contextlib.closing(FakeCamera(short.session, hz=20.0, size=(400, 300), noise=True)) as camera:
+        with socket.socket() as sock:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
+            sock.connect(("127.0.0.1", short.port))
+            sock.sendall(f"GET {PATH} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+            short.until(lambda: face.readers == 1, "reader")
+            short.until(lambda: face.readers == 0, "end of a reader that takes nothing")
+        until(lambda: not camera.watched, "it is still read")
+
+
+def test_a_reading_that_breaks_off_is_told_to_who_looks(served: Served, camera: FakeCamera) -> None:
+    face = served.face("/camera/{vehicle}/{camera}")
+    with looking(served) as first, looking(served) as second:
+        mark = [answer.headers.get_boundary() for answer in (first, second)]
+        assert mark[0] != mark[1], "a picture that holds it would pass for parts of ours"
+        part(first)
+        served.loop.call_soon_threadsafe(face._shared["quad1", "down"].close)
+        first.read()
+        second.read()  # both end
+    until(lambda: not camera.watched, "it is still read")
+    with looking(served) as again:
+        part(again)
+
+
+def test_a_gateway_ends_while_somebody_looks(serve: Serve) -> None:
+    own = serve()
+    with contextlib.closing(FakeCamera(own.session)) as camera, looking(own) as answer:
+        part(answer)
+        own.close()
+        with contextlib.suppress(http.client.IncompleteRead):
+            answer.read()
+        until(lambda: not camera.watched, "it is still read")
+
+
 def test_no_more_than_a_browser_can_spare(served: Served, camera: FakeCamera) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(MOST_EACH):

@@ -47,8 +47,8 @@ class StateService:
         self._key = keys.STATE.key(companion.port.fleet, companion.port.name)
         self._publisher = companion.session.declare_publisher(self._key, **keys.STATE.publishing())
         self._last, self._last_at = b"", -math.inf
-        self.battery_fresh = 10.0
-        """s for which a battery's estimate holds: they come each two seconds"""
+        self.battery_fresh = 30.0
+        """s for which a battery's estimate holds: one comes each two seconds, of several batteries in turn"""
         self._times: dict[int, tuple[float, float]] = {}
         """s left, and when that was heard, by battery"""
         self._stop: Callable[[], None] | None = None
@@ -74,12 +74,13 @@ class StateService:
     def _on_battery(self, frame: Frame) -> None:
         if (frame.sysid, frame.compid) == self._identity.source:
             told = decode(frame, self._port.dialect)
-            self._times[told["id"]] = (told["time_remaining"] or math.inf, time.monotonic())  # 0: it gives none
+            left = told["time_remaining"] if told["time_remaining"] > 0 else math.inf  # 0: it gives none
+            self._times[told["id"]] = left, time.monotonic()
 
     def _time_left(self) -> float | None:
         now = time.monotonic()
         least = min((left for left, at in self._times.values() if now - at < self.battery_fresh), default=math.inf)
-        return least if 0.0 < least < math.inf else None
+        return least if least < math.inf else None
 
     def publish(self) -> None:
         """To those who read it; who asks is answered in any case."""
