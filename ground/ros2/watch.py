@@ -1,0 +1,111 @@
+"""Who else is in the ROS graph: whether anybody subscribes to a topic, and who it is that has a GID.
+
+Anybody declares tokens, and as many as he likes: so many are looked at, and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import zenoh
+
+from ground.ros2 import graph
+from ground.ros2.node import Ros
+from zmav.direct import direct
+from zmav.services.link.port import on_loop
+
+MOST = 20_000
+"""endpoints of others that are remembered"""
+SAID = 100
+"""differences of types that are said"""
+
+
+class Watch:
+    """Lives on the event loop. ``say(line)``: what the user should know, once."""
+
+    def __init__(self, ros: Ros, say: Callable[[str], None]) -> None:
+        self._zid, self._say = ros.zid, say
+        self._endpoints: dict[str, graph.Endpoint] = {}
+        self._by_gid: dict[bytes, graph.Endpoint] = {}
+        self._readers: dict[tuple[str, str], set[str]] = {}
+        """tokens of who subscribes, by topic and hash"""
+        self._offered: dict[str, tuple[graph.Endpoint, Callable[[bool], None]]] = {}
+        self._said: set[str] = set()
+        self._subscriber = ros.session.liveliness().declare_subscriber(
+            f"{graph.SPACE}/{ros.domain}/**", direct(on_loop(ros.loop, self._on_token)), history=True
+        )
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+    def offer(self, endpoint: graph.Endpoint, wanted: Callable[[bool], None]) -> None:
+        """Have ``wanted(True)`` called when somebody begins to subscribe to a topic, and ``wanted(False)`` when nobody
+        does any more.
+        """
+        self._offered[endpoint.token] = endpoint, wanted
+        if self._readers.get((endpoint.name, endpoint.hash)):
+            wanted(True)
+        for other in self._endpoints.values():
+            self._compare(endpoint, other)
+
+    def withdraw(self, endpoint: graph.Endpoint) -> None:
+        self._offered.pop(endpoint.token, None)
+
+    def who(self, gid: bytes) -> graph.Endpoint | None:
+        """The endpoint that has this GID; None for one whose token is not there, or has another."""
+        return self._by_gid.get(gid)
+
+    def same_node(self, one: bytes, other: bytes) -> bool:
+        """Two GIDs are of endpoints of one node, as far as the graph shows."""
+        a, b = self.who(one), self.who(other)
+        return one == other or (
+            a is not None and b is not None and (a.node.zid, a.node.nid) == (b.node.zid, b.node.nid)
+        )
+
+    def name_of(self, gid: bytes) -> str:
+        """The node's name, or its GID where that is not known."""
+        found = self.who(gid)
+        return found.node.path if found is not None else gid.hex()[:8]
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        token = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            if token not in self._endpoints and len(self._endpoints) < MOST:
+                found = graph.parse(token)
+                if found is not None and found.node.zid != self._zid:
+                    self._add(token, found)
+        elif (gone := self._endpoints.pop(token, None)) is not None:
+            self._by_gid.pop(graph.gid_of(token), None)
+            self._count(gone, token, False)
+
+    def _add(self, token: str, found: graph.Endpoint) -> None:
+        self._endpoints[token] = found
+        self._by_gid[graph.gid_of(token)] = found
+        self._count(found, token, True)
+        for endpoint, _ in self._offered.values():
+            self._compare(endpoint, found)
+
+    def _count(self, found: graph.Endpoint, token: str, there: bool) -> None:
+        if found.kind != graph.SUBSCRIBER:
+            return
+        place = found.name, found.hash
+        readers = self._readers.setdefault(place, set())
+        before = bool(readers)
+        (readers.add if there else readers.discard)(token)
+        if not readers:
+            del self._readers[place]
+        if bool(readers) != before:
+            for endpoint, wanted in list(self._offered.values()):
+                if (endpoint.name, endpoint.hash) == place:
+                    wanted(there)
+
+    def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
+        """A type that another ROS has in another version is never received, and nobody would know why."""
+        if ours.name != theirs.name or (ours.type, ours.hash) == (theirs.type, theirs.hash):
+            return
+        what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"
+        here = f"here it is {ours.type} ({ours.hash[:15]})"
+        text = f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}"
+        if text not in self._said and len(self._said) < SAID:
+            self._said.add(text)
+            self._say(text)
