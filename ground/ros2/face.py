@@ -11,7 +11,10 @@ from typing import Any
 
 from ground.ros2 import convert, graph
 from ground.ros2.node import Ros, RosNode
+from ground.ros2.orders import Orders
+from ground.ros2.params import Parameters
 from ground.ros2.qos import LATCHED, RELIABLE, SENSOR
+from ground.ros2.steering import Steering
 from ground.ros2.telemetry import Telemetry
 from ground.ros2.watch import Watch
 from zmav.client import Client
@@ -38,7 +41,9 @@ LOG_LEVELS = {"emergency": 50, "alert": 50, "critical": 50, "error": 40, "warnin
 class VehicleNode:
     """One vehicle as a node of ROS. Lives on the event loop."""
 
-    def __init__(self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, hz: Mapping[str, float]) -> None:
+    def __init__(
+        self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, hz: Mapping[str, float], *, may_order: bool
+    ) -> None:
         self.z, self.vehicle, self.watch = z, vehicle, watch
         self.name = graph.ros_name(vehicle.name)
         self.node: RosNode = ros.node(f"/{self.name}", NODE)
@@ -46,6 +51,10 @@ class VehicleNode:
         self._log = self.node.publish("/rosout", "rcl_interfaces/msg/Log", LATCHED)
         self._diagnostics = self.node.publish("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE)
         self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
+        self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
+        self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self._params_node = ros.node(f"/{self.name}", "param")
+        Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
         self._diagnosed = 0.0
         self._events = asyncio.create_task(self._hear())
 
@@ -53,6 +62,9 @@ class VehicleNode:
         self._events.cancel()
         await asyncio.gather(self._events, return_exceptions=True)
         self.telemetry.close()
+        await self.orders.close()
+        await self.steering.close()
+        self._params_node.close()
         self.node.close()
 
     def log(self, text: str, severity: str = "warning") -> None:
@@ -101,10 +113,14 @@ class VehicleNode:
 
 
 class Face:
-    """Use it with ``async with``, on an open client of one fleet. ``hz``: rates of topics by name."""
+    """Use it with ``async with``, on an open client of one fleet. ``hz``: rates of topics by name; ``may_order``: what
+    ROS says may reach the vehicles.
+    """
 
-    def __init__(self, z: Client, domain: int, hz: Mapping[str, float], say: Callable[[str], None]) -> None:
-        self._z, self._domain, self._hz, self._say = z, domain, hz, say
+    def __init__(
+        self, z: Client, domain: int, hz: Mapping[str, float], say: Callable[[str], None], *, may_order: bool
+    ) -> None:
+        self._z, self._domain, self._hz, self._say, self._may_order = z, domain, hz, say, may_order
         self.vehicles: dict[str, VehicleNode] = {}
         """by their names in ROS"""
         self._taken: set[str] = set()
@@ -148,7 +164,9 @@ class Face:
             name = graph.ros_name(vehicle.name)
             known = self.vehicles.get(name)
             if known is None and len(self.vehicles) < MOST:
-                self.vehicles[name] = VehicleNode(self._z, self.ros, self.watch, vehicle, self._hz)
+                self.vehicles[name] = VehicleNode(
+                    self._z, self.ros, self.watch, vehicle, self._hz, may_order=self._may_order
+                )
             elif known is not None and known.vehicle.name != vehicle.name and vehicle.name not in self._taken:
                 self._taken.add(vehicle.name)
                 self._say(f"{vehicle.name} is left out: in ROS it would be /{name}, as {known.vehicle.name} is")

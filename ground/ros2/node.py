@@ -128,7 +128,7 @@ class RosNode:
                 raise
             response = types.encode(await answer(request, asked.gid), f"{what}_Response")
             said = attachment.write(asked.sequence, asked.gid)
-            query.reply(endpoint.key, response, attachment=said, **keys.Qos.MUST_ARRIVE.options())
+            query.reply(endpoint.key, response, attachment=said)
         except zenoh.ZError:
             pass  # who asked is gone
         except Exception as e:

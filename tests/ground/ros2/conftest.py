@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import Future
@@ -61,16 +62,17 @@ class Peer:
         self._open.append(subscriber)
         return came, subscriber.close
 
-    def publish(self, topic: str, kind: str) -> ROS2Publisher:
+    def publish(self, topic: str, kind: str) -> Any:
         text, digest = known().definition(kind), known().hash(kind)
         publisher = ROS2Publisher(topic, kind, text, type_hash=digest, domain_id=0, **self.where)
         self._open.append(publisher)
         return publisher
 
-    def client(self, service: str, kind: str, timeout: float = 30.0) -> ROS2ServiceClient:
+    def client(self, service: str, kind: str, timeout: float = 30.0) -> Any:
         """The definition is the text that ROS has; what it needs of other packages is registered before."""
         package, what, name = kind.split("/")
         text = (INTERFACES / package / what / f"{name}.srv").read_text()
+        text = re.sub(r"^([A-Z]\w+)(?=\S* )", rf"{package}/\1", text, flags=re.MULTILINE)
         request, answer = f"\n{text}".split("\n---\n")
         session = ZenohSession.get_instance(**self.where)
         for each in ("builtin_interfaces/msg/Time", "geometry_msgs/msg/Point", "rcl_interfaces/msg/ParameterValue"):
@@ -95,8 +97,8 @@ class Peer:
 class Fleet:
     """Everything in one thread's event loop. Vehicles are as ``names`` says, in their specs' order."""
 
-    def __init__(self, names: Sequence[str], specs: Sequence[VehicleSpec], speed: float) -> None:
-        self.names, self._specs, self._speed = names, specs, speed
+    def __init__(self, names: Sequence[str], specs: Sequence[VehicleSpec], speed: float, *, may_order: bool) -> None:
+        self.names, self._specs, self._speed, self.may_order = names, specs, speed, may_order
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self._stop = asyncio.Event()
@@ -145,7 +147,7 @@ class Fleet:
                 self.z = z
                 for vehicle in await z.wait_for(*self.names, timeout=PATIENCE_S):
                     await vehicle.wait_until(lambda s: s.connected and bool(s.ready), PATIENCE_S)
-                async with Face(z, 0, {}, self.said.append) as face:
+                async with Face(z, 0, {}, self.said.append, may_order=self.may_order) as face:
                     self.face = face
                     while len(face.vehicles) < len(self.names):
                         await asyncio.sleep(0.02)
