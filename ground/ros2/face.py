@@ -14,8 +14,9 @@ from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
 from ground.ros2.params import Parameters
 from ground.ros2.qos import LATCHED, RELIABLE, SENSOR
+from ground.ros2.setpoints import SetpointTopics
 from ground.ros2.steering import Steering
-from ground.ros2.telemetry import Telemetry
+from ground.ros2.telemetry import Telemetry, fleet_frame
 from ground.ros2.watch import Watch
 from zmav.client import Client
 from zmav.doctor.facts import facts_of
@@ -53,6 +54,7 @@ class VehicleNode:
         self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
         self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
         self._diagnosed = 0.0
