@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from ground.ros2 import convert, graph
+from ground.ros2.actions import actions
 from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
 from ground.ros2.params import Parameters
@@ -54,6 +55,7 @@ class VehicleNode:
         self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
         self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
@@ -65,6 +67,8 @@ class VehicleNode:
         await asyncio.gather(self._events, return_exceptions=True)
         self.telemetry.close()
         await self.orders.close()
+        for action in self.actions:
+            await action.close()
         await self.steering.close()
         self._params_node.close()
         self.node.close()

@@ -27,8 +27,8 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import attached
 
 logger = logging.getLogger(__name__)
-MOST_WAITING = 256
-"""requests of all services that are under way: more are not taken"""
+MOST_WAITING = 16
+"""requests of one service that are under way: more are not taken, and other services go on"""
 MOST_SPEAKERS = 64
 """publishers of one topic whose newest messages wait at a time"""
 SERVICES = RosQos(depth=10)
@@ -45,7 +45,6 @@ class Ros:
         self.types: Types = known()
         self.zid = str(session.info.zid())
         self.loop = asyncio.get_running_loop()
-        self.waiting = threading.BoundedSemaphore(MOST_WAITING)
         self.numbers = itertools.count()
         """of nodes and endpoints: unique in a session"""
         self.bad = 0
@@ -91,11 +90,12 @@ class RosNode:
     def serve(self, name: str, ros_type: str, answer: Answer) -> None:
         """Answer a service, on the event loop."""
         endpoint = self.endpoint(graph.SERVER, name, ros_type, SERVICES)
+        room = threading.BoundedSemaphore(MOST_WAITING)
         begin = on_loop(self.ros.loop, self._begin)
 
         def take(query: zenoh.Query) -> None:
-            if self.ros.waiting.acquire(blocking=False):
-                begin(endpoint, answer, query)
+            if room.acquire(blocking=False):
+                begin(endpoint, answer, query, room.release)
             else:
                 query.drop()
 
@@ -105,13 +105,13 @@ class RosNode:
     def _declare(self, endpoint: graph.Endpoint, declared: Any) -> None:
         self._declared += [declared, self.ros.session.liveliness().declare_token(endpoint.token)]
 
-    def _begin(self, endpoint: graph.Endpoint, answer: Answer, query: zenoh.Query) -> None:
+    def _begin(self, endpoint: graph.Endpoint, answer: Answer, query: zenoh.Query, release: Callable[[], None]) -> None:
         task = self.ros.loop.create_task(self._answer(endpoint, answer, query))
         self._tasks.add(task)
 
         def end(task: asyncio.Task[None]) -> None:
             self._tasks.discard(task)
-            self.ros.waiting.release()
+            release()
             query.drop()
 
         task.add_done_callback(end)

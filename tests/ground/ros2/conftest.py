@@ -52,10 +52,12 @@ class Peer:
     def info(self, topic: str) -> Any:
         return discovery.get_topic_info(topic, 0, verbose=True, **self.where)
 
-    def subscribe(self, topic: str, kind: str, **more: Any) -> tuple[list[Any], Callable[[], None]]:
+    def subscribe(
+        self, topic: str, kind: str, definition: str = "", **more: Any
+    ) -> tuple[list[Any], Callable[[], None]]:
         """What comes, and how to end it. The SDK has the text of the definition, and works out the hash by itself."""
         came: list[Any] = []
-        text, digest = known().definition(kind), known().hash(kind)
+        text, digest = definition or known().definition(kind), known().hash(kind)
         subscriber = ROS2Subscriber(
             topic, kind, came.append, msg_definition=text, type_hash=digest, domain_id=0, **self.where, **more
         )
