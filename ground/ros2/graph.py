@@ -98,10 +98,14 @@ def parse(token: str) -> Endpoint | None:
     if len(token) > LONGEST or len(parts) != 13 or parts[0] != SPACE or parts[5] not in ENDPOINTS:
         return None
     found = _TYPE.match(parts[10])
-    if found is None or not all(part.isascii() and part.isdigit() for part in (parts[1], *parts[3:5])):
+    if (
+        found is None
+        or "%" in parts[8]
+        or not all(part.isascii() and part.isdigit() for part in (parts[1], *parts[3:5]))
+    ):
         return None
     try:
-        node = Node(int(parts[1]), parts[2], int(parts[3]), _plain(parts[7]) or "/", _plain(parts[8]), _plain(parts[6]))
+        node = Node(int(parts[1]), parts[2], int(parts[3]), _plain(parts[7]) or "/", parts[8], _plain(parts[6]))
         ros_type, qos = "/".join(found.groups()), RosQos.decode(parts[12])
         return Endpoint(node, int(parts[4]), parts[5], _plain(parts[9]), ros_type, parts[11], qos)
     except BadInput:

@@ -51,12 +51,16 @@ class SetpointTopics:
 
     def _position(self, message: Any) -> dict[str, Any]:
         self._check(message.header)
-        pose = message.pose
-        return {"pos": vector("position", pose.position), **_yaw(pose.orientation)}
+        return pose_fields(message.pose)
 
     def _velocity(self, message: Any) -> dict[str, Any]:
         self._check(message.header)
         return velocity(message.twist)
+
+
+def pose_fields(pose: Any) -> dict[str, Any]:
+    """A position in the fleet's frame, and the heading of its orientation."""
+    return {"pos": vector("position", pose.position), **_yaw(pose.orientation)}
 
 
 def velocity(twist: Any) -> dict[str, Any]:
