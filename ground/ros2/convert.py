@@ -20,6 +20,8 @@ from zmav import geo, wire
 
 G = 9.80665
 NAN = math.nan
+LATEST = 2.0**31 - 1.0
+"""s since 1970: ROS's seconds have 32 bits"""
 DISCHARGING, POWER_UNKNOWN = 2, 0
 """of sensor_msgs/BatteryState"""
 UNKNOWN_FIX, NO_FIX, FIX, SBAS_FIX, GBAS_FIX, GPS = -2, -1, 0, 1, 2, 1
@@ -65,13 +67,16 @@ class View:
         return f"{self.name}/base_link"
 
     def header(self, frame: str) -> Any:
-        seconds = int(self.t)
-        stamp = self.types.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=int((self.t - seconds) * 1e9))
+        t = min(max(self.t, 0.0), LATEST)
+        stamp = self.types.make("builtin_interfaces/msg/Time", sec=int(t), nanosec=int(t % 1.0 * 1e9))
         return self.types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def orientation(self) -> frames.Quaternion | None:
+        """None where none was heard, or what was is no number."""
         attitude = self.last.get("ATTITUDE")
-        return frames.orientation(attitude["roll"], attitude["pitch"], attitude["yaw"]) if attitude else None
+        if attitude is None or not all(math.isfinite(attitude[angle]) for angle in ("roll", "pitch", "yaw")):
+            return None
+        return frames.orientation(attitude["roll"], attitude["pitch"], attitude["yaw"])
 
     def place(self) -> tuple[wire.Vector, wire.Vector] | None:
         """Position (m) and velocity (m/s) in the fleet's frame, east, north, up; None where no origin was declared."""

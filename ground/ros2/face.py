@@ -114,8 +114,11 @@ class VehicleNode:
     async def _hear(self) -> None:
         async with self.vehicle.events() as events:
             async for event in events:
-                self._text(convert.status_text(self.node.ros.types, event))
-                self.log(event.text, event.severity)
+                try:
+                    self._text(convert.status_text(self.node.ros.types, event))
+                    self.log(event.text, event.severity)
+                except Exception:
+                    logger.exception("an event of %s was not published", self.vehicle.name)
 
 
 class Face:
