@@ -29,8 +29,8 @@ NODE = "zmav"
 """each vehicle's node: /quad1/zmav"""
 MOST = 200
 """vehicles at once"""
-LOOK = 0.5
-"""s at most between two looks at who is there"""
+LOOK = 0.1
+"""s between two looks at who is there and what is new of each"""
 DIAGNOSE = 1.0
 """s between two diagnostics of one vehicle"""
 LEVELS = {"ok": 0, "note": 0, "warn": 1, "bad": 2}
@@ -160,7 +160,7 @@ class Face:
                     node.look(loop.time())
             except Exception:
                 logger.exception("a look at the fleet failed; the next is soon")
-            await self._z.news(LOOK)
+            await asyncio.sleep(LOOK)
 
     async def _meet(self) -> None:
         """A node for who has come, none for who is gone: neither its token nor its state is there any more."""

@@ -27,6 +27,8 @@ VALID = 0.5
 """s after it was published for which a setpoint may be flown"""
 SILENCE = 1.5
 """s without a setpoint after which a lease that came with the stream is given back"""
+FORGOTTEN = 30.0
+"""s without a setpoint after which a lease is given back that was asked for by a node which no token shows"""
 LOOK = 0.1
 """s between two looks at whether a lease is still needed"""
 SAY_EVERY, SAY_MOST = 5.0, 20
@@ -102,15 +104,20 @@ class Steering:
             raise BadInput.wrong("priority", priority, "0 to 100")
         before = self._held()
         if before is not None and self._same(before.gid, gid):
-            before.asked = True
-            await asyncio.wait({before.lease})
-            return before.lease.result().holder
+            before.asked, before.heard = True, time.monotonic()
+            return (await self._granted(before)).holder
         taking = self._start(gid, priority, asked=True)
-        await asyncio.wait({taking.lease})
-        lease = taking.lease.result()
+        lease = await self._granted(taking)
         self._holding = taking
         self._barred.clear()
         return lease.holder
+
+    async def _granted(self, holding: Holding) -> Lease:
+        """Once the vehicle has answered; raises what it says."""
+        await asyncio.wait({holding.lease})
+        if holding.lease.cancelled():
+            raise Refused(f"the lease of {self._vehicle.name} was not taken", vehicle=self._vehicle.name)
+        return holding.lease.result()
 
     async def give_back(self, gid: bytes) -> None:
         held = self._held()
@@ -225,4 +232,4 @@ class Steering:
         """A stream's lease lasts as long as the stream; one that was asked for, as long as its node is there."""
         if holding.asked and known:
             return self._watch.who(holding.gid) is not None
-        return holding.asked or time.monotonic() - holding.heard < SILENCE
+        return time.monotonic() - holding.heard < (FORGOTTEN if holding.asked else SILENCE)

@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from zmav.errors import BadInput
 
 INTERFACES = Path(__file__).parent / "interfaces"
-LARGEST = 1 << 20
-"""bytes of a message or a request that is read"""
+LARGEST = 1 << 16
+"""bytes of a message or a request that is read: reading more would hold up others' orders"""
 LONGEST = 100_000
 """elements of a sequence in it"""
 FILLER = "structure_needs_at_least_one_member"

@@ -25,11 +25,14 @@ class Watch:
 
     def __init__(self, ros: Ros, say: Callable[[str], None]) -> None:
         self._zid, self._say = ros.zid, say
-        self._endpoints: dict[str, graph.Endpoint] = {}
+        self._count_of_all = 0
+        self._endpoints: dict[str, dict[str, graph.Endpoint]] = {}
+        """of others, by topic and token"""
         self._by_gid: dict[bytes, graph.Endpoint] = {}
         self._readers: dict[tuple[str, str], set[str]] = {}
         """tokens of who subscribes, by topic and hash"""
-        self._offered: dict[str, tuple[graph.Endpoint, Callable[[bool], None]]] = {}
+        self._offered: dict[str, dict[str, tuple[graph.Endpoint, Callable[[bool], None]]]] = {}
+        """by topic and token: /tf is every vehicle's"""
         self._said: set[str] = set()
         self._subscriber = ros.session.liveliness().declare_subscriber(
             f"{graph.SPACE}/{ros.domain}/**", direct(on_loop(ros.loop, self._on_token)), history=True
@@ -42,14 +45,17 @@ class Watch:
         """Have ``wanted(True)`` called when somebody begins to subscribe to a topic, and ``wanted(False)`` when nobody
         does any more.
         """
-        self._offered[endpoint.token] = endpoint, wanted
+        self._offered.setdefault(endpoint.name, {})[endpoint.token] = endpoint, wanted
         if self._readers.get((endpoint.name, endpoint.hash)):
             wanted(True)
-        for other in self._endpoints.values():
+        for other in self._endpoints.get(endpoint.name, {}).values():
             self._compare(endpoint, other)
 
     def withdraw(self, endpoint: graph.Endpoint) -> None:
-        self._offered.pop(endpoint.token, None)
+        offered = self._offered.get(endpoint.name, {})
+        offered.pop(endpoint.token, None)
+        if not offered:
+            self._offered.pop(endpoint.name, None)
 
     def who(self, gid: bytes) -> graph.Endpoint | None:
         """The endpoint that has this GID; None for one whose token is not there, or has another."""
@@ -69,21 +75,24 @@ class Watch:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = str(sample.key_expr)
-        if sample.kind == zenoh.SampleKind.PUT:
-            if token not in self._endpoints and len(self._endpoints) < MOST:
-                found = graph.parse(token)
-                if found is not None and found.node.zid != self._zid:
-                    self._add(token, found)
-        elif (gone := self._endpoints.pop(token, None)) is not None:
-            self._by_gid.pop(graph.gid_of(token), None)
-            self._count(gone, token, False)
-
-    def _add(self, token: str, found: graph.Endpoint) -> None:
-        self._endpoints[token] = found
-        self._by_gid[graph.gid_of(token)] = found
-        self._count(found, token, True)
-        for endpoint, _ in self._offered.values():
-            self._compare(endpoint, found)
+        found = graph.parse(token)
+        if found is None or found.node.zid == self._zid:
+            return
+        there = self._endpoints.get(found.name, {})
+        if sample.kind != zenoh.SampleKind.PUT:
+            if there.pop(token, None) is not None:
+                self._count_of_all -= 1
+                self._by_gid.pop(graph.gid_of(token), None)
+                self._count(found, token, False)
+            if not there:
+                self._endpoints.pop(found.name, None)
+        elif token not in there and self._count_of_all < MOST:
+            self._count_of_all += 1
+            self._endpoints.setdefault(found.name, {})[token] = found
+            self._by_gid[graph.gid_of(token)] = found
+            self._count(found, token, True)
+            for endpoint, _ in self._offered.get(found.name, {}).values():
+                self._compare(endpoint, found)
 
     def _count(self, found: graph.Endpoint, token: str, there: bool) -> None:
         if found.kind != graph.SUBSCRIBER:
@@ -95,13 +104,13 @@ class Watch:
         if not readers:
             del self._readers[place]
         if bool(readers) != before:
-            for endpoint, wanted in list(self._offered.values()):
-                if (endpoint.name, endpoint.hash) == place:
+            for endpoint, wanted in list(self._offered.get(found.name, {}).values()):
+                if endpoint.hash == found.hash:
                     wanted(there)
 
     def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
         """A type that another ROS has in another version is never received, and nobody would know why."""
-        if ours.name != theirs.name or (ours.type, ours.hash) == (theirs.type, theirs.hash):
+        if (ours.type, ours.hash) == (theirs.type, theirs.hash):
             return
         what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"
         here = f"here it is {ours.type} ({ours.hash[:15]})"
