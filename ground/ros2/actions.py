@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ground.ros2 import convert
 from ground.ros2.node import RosNode
 from ground.ros2.orders import finite, place
@@ -178,8 +180,6 @@ class Action:
                 del self._goals[goal.name]
 
     def _uuid(self, goal: Goal) -> Any:
-        import numpy as np
-
         return self._make("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(goal.name, dtype=np.uint8))
 
     def _info(self, goal: Goal) -> Any:

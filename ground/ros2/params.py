@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ground.ros2.node import RosNode
 from ground.ros2.steering import Log, Steering
 from zmav import wire
@@ -47,8 +49,8 @@ class Parameters:
 
     async def _types(self, request: Any, gid: bytes) -> Any:
         known = await self._known()
-        types = bytes(kind(known.get(name)) for name in few(request.names))
-        return self._make(f"{PACKAGE}/srv/GetParameterTypes_Response", types=_bytes(types))
+        types = np.array([kind(known.get(name)) for name in few(request.names)], dtype=np.uint8)
+        return self._make(f"{PACKAGE}/srv/GetParameterTypes_Response", types=types)
 
     async def _describe(self, request: Any, gid: bytes) -> Any:
         known = await self._known()
@@ -136,9 +138,3 @@ def few(given: Any) -> list[Any]:
     if len(given) > MOST:
         raise BadInput.wrong("names", len(given), f"at most {MOST}")
     return list(given)
-
-
-def _bytes(data: bytes) -> Any:
-    import numpy as np
-
-    return np.frombuffer(data, dtype=np.uint8)

@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -117,8 +118,6 @@ def known() -> Types:
 
 
 def _array(kind: str, count: int) -> Any:
-    import numpy as np
-
     return np.zeros(count, dtype=np.uint8 if kind in ("octet", "byte", "char") else kind)
 
 
