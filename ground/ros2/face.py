@@ -59,6 +59,14 @@ class VehicleNode:
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
+        self._heard = [
+            endpoint
+            for node in (self.node, self._params_node)
+            for endpoint in node.endpoints
+            if endpoint.kind != graph.PUBLISHER
+        ]
+        for endpoint in self._heard:
+            watch.offer(endpoint, lambda wanted: None)
         self._diagnosed = 0.0
         self._events = asyncio.create_task(self._hear())
 
@@ -66,6 +74,8 @@ class VehicleNode:
         self._events.cancel()
         await asyncio.gather(self._events, return_exceptions=True)
         self.telemetry.close()
+        for endpoint in self._heard:
+            self.watch.withdraw(endpoint)
         await self.orders.close()
         for action in self.actions:
             await action.close()

@@ -60,6 +60,7 @@ class RosNode:
     def __init__(self, ros: Ros, namespace: str, name: str) -> None:
         self.ros = ros
         self.node = graph.Node(ros.domain, ros.zid, next(ros.numbers), namespace, name)
+        self.endpoints: list[graph.Endpoint] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._declared: list[Any] = [ros.session.liveliness().declare_token(self.node.token)]
 
@@ -103,6 +104,7 @@ class RosNode:
         self._declare(endpoint, declared)
 
     def _declare(self, endpoint: graph.Endpoint, declared: Any) -> None:
+        self.endpoints.append(endpoint)
         self._declared += [declared, self.ros.session.liveliness().declare_token(endpoint.token)]
 
     def _begin(self, endpoint: graph.Endpoint, answer: Answer, query: zenoh.Query, release: Callable[[], None]) -> None:

@@ -43,7 +43,7 @@ class Watch:
 
     def offer(self, endpoint: graph.Endpoint, wanted: Callable[[bool], None]) -> None:
         """Have ``wanted(True)`` called when somebody begins to subscribe to a topic, and ``wanted(False)`` when nobody
-        does any more.
+        does any more; and have it said where somebody knows a topic or a service by another type.
         """
         self._offered.setdefault(endpoint.name, {})[endpoint.token] = endpoint, wanted
         if self._readers.get((endpoint.name, endpoint.hash)):

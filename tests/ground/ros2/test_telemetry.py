@@ -123,3 +123,5 @@ def test_a_type_of_another_version_is_said(fleet: Fleet, peer: Peer) -> None:
     peer.subscribe("/px4/battery", "std_msgs/msg/String")
     wait_until(lambda: any("/px4/battery as std_msgs/msg/String" in line for line in fleet.said), lambda: fleet.said)
     assert node(fleet, "px4").telemetry.wanted == []
+    peer.publish("/px4/setpoint_position/local", "std_msgs/msg/String")
+    wait_until(lambda: any("/px4/setpoint_position/local as std" in line for line in fleet.said), lambda: fleet.said)
