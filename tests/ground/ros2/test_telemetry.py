@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +45,20 @@ def test_each_vehicle_is_a_node_with_its_topics(fleet: Fleet, peer: Peer) -> Non
     assert (publisher.node_namespace, publisher.node_name) == ("/quad_1", "zmav")
     assert publisher.qos == "2::,5:,:,:,,"
     assert len(peer.info("/tf").publishers) == 2
+
+
+def test_another_ones_topic_command_lists_and_describes_them(fleet: Fleet) -> None:
+    """As 'ros2 topic list -t' and 'ros2 topic info -v'."""
+
+    def run(*arguments: str) -> str:
+        where = ("--router", f"127.0.0.1:{fleet.port}", "--domain-id", "0")
+        command = [sys.executable, "-m", "zenoh_ros2_sdk.topic_cli", *where, *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
+
+    assert "/px4/imu/data [sensor_msgs/msg/Imu]" in run("list", "-t")
+    info = run("info", "-v", "/px4/imu/data")
+    assert "Publisher count: 1" in info
+    assert "Node name: zmav" in info
 
 
 def test_nothing_is_wanted_before_somebody_subscribes_nor_after(fleet: Fleet, peer: Peer) -> None:
