@@ -11,6 +11,7 @@ from typing import Any
 
 from ground.ros2 import convert, graph
 from ground.ros2.actions import actions
+from ground.ros2.cameras import Cameras
 from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
 from ground.ros2.params import Parameters
@@ -57,6 +58,7 @@ class VehicleNode:
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
+        self.cameras = Cameras(z, ros, watch, vehicle, self.name)
         self._params_node = ros.node(f"/{self.name}", "param")
         Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
         self._heard = [
@@ -74,6 +76,7 @@ class VehicleNode:
         self._events.cancel()
         await asyncio.gather(self._events, return_exceptions=True)
         self.telemetry.close()
+        await self.cameras.close()
         for endpoint in self._heard:
             self.watch.withdraw(endpoint)
         await self.orders.close()
