@@ -12,6 +12,7 @@ from typing import Any
 from ground.ros2 import convert, graph
 from ground.ros2.actions import actions
 from ground.ros2.cameras import Cameras
+from ground.ros2.missions import Missions
 from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
 from ground.ros2.params import Parameters
@@ -57,6 +58,7 @@ class VehicleNode:
         self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self.cameras = Cameras(z, ros, watch, vehicle, self.name)
         self._params_node = ros.node(f"/{self.name}", "param")
@@ -77,6 +79,7 @@ class VehicleNode:
         await asyncio.gather(self._events, return_exceptions=True)
         self.telemetry.close()
         await self.cameras.close()
+        await self.missions.close()
         for endpoint in self._heard:
             self.watch.withdraw(endpoint)
         await self.orders.close()
@@ -128,6 +131,7 @@ class VehicleNode:
         async with self.vehicle.events() as events:
             async for event in events:
                 try:
+                    self.missions.on_event(event)
                     self._text(convert.status_text(self.node.ros.types, event))
                     self.log(event.text, event.severity)
                 except Exception:
