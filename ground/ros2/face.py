@@ -16,6 +16,7 @@ from ground.ros2.missions import Missions
 from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
 from ground.ros2.params import Parameters
+from ground.ros2.plans import Plans
 from ground.ros2.qos import LATCHED, RELIABLE, SENSOR
 from ground.ros2.setpoints import SetpointTopics
 from ground.ros2.steering import Steering
@@ -59,6 +60,7 @@ class VehicleNode:
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
+        self.plans = Plans(z, self.node, watch, vehicle.fleet, vehicle.name, fleet_frame(vehicle.fleet))
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
         self.cameras = Cameras(z, ros, watch, vehicle, self.name)
         self._params_node = ros.node(f"/{self.name}", "param")
@@ -80,6 +82,7 @@ class VehicleNode:
         self.telemetry.close()
         await self.cameras.close()
         await self.missions.close()
+        await self.plans.close()
         for endpoint in self._heard:
             self.watch.withdraw(endpoint)
         await self.orders.close()
