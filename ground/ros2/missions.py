@@ -129,13 +129,13 @@ class Missions:
     async def _publish(self) -> int:
         """How many there are."""
         mission, first = await self._vehicle.missions.get(), self._first()
-        found = [self._waypoint(item, first) for item in mission.items]
+        found = [self.waypoint_of(item, first) for item in mission.items]
         if found and first:
             home = mission.home or (0.0, 0.0, 0.0)
             place = wire.MissionItem(
                 command="MAV_CMD_NAV_WAYPOINT", frame="MAV_FRAME_GLOBAL", x=home[0], y=home[1], z=home[2]
             )
-            found.insert(0, self._waypoint(place, first))
+            found.insert(0, self.waypoint_of(place, first))
         current = 0 if mission.current is None else mission.current + first
         for index, waypoint in enumerate(found):
             waypoint.is_current = index == current
@@ -164,7 +164,7 @@ class Missions:
         if request.start_index:
             raise BadInput.wrong("start_index", request.start_index, "0: plans are replaced as a whole")
         first = self._first()
-        items = [self._item(index, each, first) for index, each in enumerate(request.waypoints)][first:]
+        items = [self.item_of(index, each, first) for index, each in enumerate(request.waypoints)][first:]
         await self._order("mission_upload", wire.MissionUpload(items=items), gid)
         return {"wp_transfered": len(request.waypoints)}
 
@@ -192,7 +192,7 @@ class Missions:
             raise Refused(text, vehicle=self._vehicle.name)
         return int(autopilot == "ardupilot")
 
-    def _waypoint(self, item: wire.MissionItem, first: int) -> Any:
+    def waypoint_of(self, item: wire.MissionItem, first: int) -> Any:
         enums = self._z.dialect.enums
         params = [math.nan if value is None else float(value) for value in item.params]
         params += [0.0] * (4 - len(params))
@@ -209,7 +209,7 @@ class Missions:
             z_alt=item.z,
         )
 
-    def _item(self, index: int, waypoint: Any, first: int) -> wire.MissionItem:
+    def item_of(self, index: int, waypoint: Any, first: int) -> wire.MissionItem:
         """Raises :class:`BadInput`; what the autopilot takes of it the vehicle judges."""
         enums, field = self._z.dialect.enums, f"waypoints[{index}]"
         number = INT_FRAMES.get(waypoint.frame, waypoint.frame)

@@ -40,6 +40,11 @@ class Plans:
         if task is not None:
             await asyncio.gather(task, return_exceptions=True)
 
+    @property
+    def heard(self) -> bool:
+        """Somebody subscribes."""
+        return self._hearing is not None
+
     def _want(self, wanted: bool) -> None:
         if wanted and self._hearing is None:
             self._hearing = asyncio.create_task(self._hear())

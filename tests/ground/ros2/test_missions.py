@@ -111,6 +111,6 @@ def test_nothing_is_changed_without_orders(fleet: Fleet, peer: Peer, monkeypatch
 
 def test_jumps_count_as_the_autopilot_does(fleet: Fleet) -> None:
     missions = fleet.face.vehicles["quad1"].missions
-    item = missions._item(3, waypoint(0.0, command=JUMP, param1=2.0, param2=1.0, param4=0.0), 1)
+    item = missions.item_of(3, waypoint(0.0, command=JUMP, param1=2.0, param2=1.0, param4=0.0), 1)
     assert (item.command, item.params[0]) == ("MAV_CMD_DO_JUMP", 1.0)
-    assert missions._waypoint(item, 1).param1 == 2.0
+    assert missions.waypoint_of(item, 1).param1 == 2.0

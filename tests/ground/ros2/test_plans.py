@@ -50,4 +50,4 @@ def test_a_plan_is_each_vehicles_path(fleet: Fleet, peer: Peer) -> None:
         assert last.pose.orientation.w == 1.0
         close()
         plans = fleet.face.vehicles["quad_1"].plans
-        wait_until(lambda: plans._hearing is None, "nobody subscribes, and plans are still heard")
+        wait_until(lambda: not plans.heard, "nobody subscribes, and plans are still heard")
