@@ -100,13 +100,15 @@ def test_nonsense_is_refused_with_its_reason(
     wait_until(lambda: any(words in log.msg for log in logs), lambda: [log.msg for log in logs])
 
 
-def test_nothing_is_changed_without_orders(fleet: Fleet, peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fleet.face.vehicles["px4"].steering, "_may_order", False)
-    before = fleet.call(fleet.z.vehicle("px4").missions.get())
-    assert not client(peer, "/px4/mission/push", PUSH).call(start_index=0, waypoints=[waypoint(9.0)]).success
-    assert not client(peer, "/px4/mission/clear", CLEAR).call(structure_needs_at_least_one_member=0).success
-    assert not client(peer, "/px4/mission/set_current", CURRENT).call(wp_seq=0).success
-    assert fleet.call(fleet.z.vehicle("px4").missions.get()).items == before.items
+def test_nothing_is_changed_without_orders() -> None:
+    with Fleet(["px4"], [VehicleSpec(autopilot="px4")], speed=4.0, may_order=False) as fleet:
+        peer, missions = Peer(fleet.port), fleet.z.vehicle("px4").missions
+        before = fleet.call(missions.get())
+        assert not client(peer, "/px4/mission/push", PUSH).call(start_index=0, waypoints=[waypoint(9.0)]).success
+        assert not client(peer, "/px4/mission/clear", CLEAR).call(structure_needs_at_least_one_member=0).success
+        assert not client(peer, "/px4/mission/set_current", CURRENT).call(wp_seq=0).success
+        assert fleet.call(missions.get()).items == before.items
+        peer.close()
 
 
 def test_jumps_count_as_the_autopilot_does(fleet: Fleet) -> None:
