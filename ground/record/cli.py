@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--mcap/--no-mcap", default=True, show_default=True, help="Besides the .tlog files, one .mcap of everything."
 )
+@click.option("--ros2", is_flag=True, help="In the .mcap besides: what 'zmav ros2' would publish, for 3-D in Foxglove.")
 @click.option(
     "--keep-free", callback=amount, default="1GB", show_default=True, help="Write nothing while less is free."
 )
@@ -68,6 +69,7 @@ def command(
     vehicles: tuple[str, ...],
     want: tuple[str, ...],
     mcap: bool,
+    ros2: bool,
     keep_free: int,
     name: str | None,
     dialect: str,
@@ -95,10 +97,12 @@ def command(
         for path in repair:
             _repair(path)
         return
+    if ros2:
+        check_ros2(mcap)
     from ground.record.recorder import Wanted
     from ground.record.storage import RecordingSettings
 
-    how = RecordingSettings(mcap=mcap, keep_free=keep_free)
+    how = RecordingSettings(mcap=mcap, ros2=ros2, keep_free=keep_free)
     whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
     with Folder(out) as folder:
         run(_record(folder, how, whom, dialect, fleet, settings))
@@ -175,6 +179,17 @@ def check_mcap() -> None:
         importlib.import_module("mcap.writer")
     except ImportError as e:
         raise missing_extra("an .mcap (--no-mcap records without)", "mcap", "ground") from e
+
+
+def check_ros2(mcap: bool) -> None:
+    """Raise :class:`BadConfig` where a package is missing, or there is no .mcap to write to."""
+    if not mcap:
+        raise BadConfig("--ros2 is of the .mcap: leave out --no-mcap", field="ros2", value=True, expected="an .mcap")
+    for package in ("rosbags", "xxhash"):
+        try:
+            importlib.import_module(package)
+        except ImportError as e:
+            raise missing_extra("'zmav record --ros2'", package, "ros2") from e
 
 
 def _rate(text: str) -> tuple[str, float]:

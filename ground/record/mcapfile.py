@@ -27,8 +27,8 @@ from ground.record.folder import MAGIC, Tail, is_whole
 from ground.record.schemas import Schema
 from zmav.errors import BadInput
 
-JSON, BYTES, FRAMES = "json", "application/octet-stream", "mavlink"
-"""message encodings: ``mavlink`` is one frame, byte for byte"""
+JSON, BYTES, FRAMES, CDR = "json", "application/octet-stream", "mavlink", "cdr"
+"""message encodings: ``mavlink`` is one frame, byte for byte; ``cdr`` a message of ROS 2"""
 AS_IT_CAME, ALL_FRAMES, DECODED, DERIVED = "as it came", "frames", "decoded", "derived"
 """what a topic holds: the payloads of the key that it is called by; every frame of a vehicle; the frames of one key,
 decoded; or what was made of other topics for a reader's sake. Only the first two are played again."""
@@ -85,7 +85,7 @@ class McapFile:
             number = 0
             if schema is not None:
                 number = self._schemas.get(schema) or self._writer.register_schema(
-                    schema.name, "jsonschema", schema.data
+                    schema.name, schema.encoding, schema.data
                 )
                 self._schemas[schema] = number
             found = self._writer.register_channel(name, encoding, number, {HOLDS: holds, KEY: key or name})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -98,6 +99,7 @@ def _what(channel: keys.Channel, parts: dict[str, str]) -> str:
 
 if TYPE_CHECKING:
     from ground.record.mcapfile import McapFile
+    from ground.ros2.recorded import RosMessage
 
 MOST_TLOGS = 300
 """vehicles that get a .tlog: invented names must not use up the files that a process may open"""
@@ -203,6 +205,18 @@ class Part:
         topic = self.mcap.topic(route.key, mcapfile.JSON, mcapfile.AS_IT_CAME, route.schema(first))
         self._topics[route.key] = topic, None
         return topic, None
+
+    def ros(self, made: Iterable[RosMessage], at: int) -> None:
+        """Messages of ROS 2 that were made of what came then (ns UTC)."""
+        if self.mcap is None:
+            return
+        from ground.record import mcapfile
+
+        for said in made:
+            schema = Schema(said.type, said.definition.encode(), "ros2msg")
+            topic = self.mcap.topic(said.topic, mcapfile.CDR, mcapfile.DERIVED, schema)
+            if topic is not None:
+                self.mcap.add(topic, at, said.data, at)
 
     def flush(self) -> None:
         """Bring all of it to the disk's files. OSError where one of them took nothing."""

@@ -22,10 +22,11 @@ MOST_NAMED = 400
 
 
 class Schema(NamedTuple):
-    """As it stands in a file; ``data`` is JSON."""
+    """As it stands in a file; ``data`` is JSON, or a definition of ROS where ``encoding`` says so."""
 
     name: str
     data: bytes
+    encoding: str = "jsonschema"
 
 
 def of_payload(kind: type[msgspec.Struct]) -> Schema:

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -23,9 +24,13 @@ from ground.record.decoder import Decoder, is_frame
 from ground.record.folder import Folder
 from ground.record.history import History
 from ground.record.part import Part, Route
+from zmav import keys
 from zmav.cli.common import size
 from zmav.errors import BadKey
 from zmav.mavlink import Dialect
+
+if TYPE_CHECKING:
+    from ground.ros2.recorded import Recorded, RosMessage
 
 logger = logging.getLogger(__name__)
 AT_ONCE = 2000
@@ -40,6 +45,8 @@ class RecordingSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     mcap: bool = True
     """one of everything, besides a .tlog of each vehicle"""
+    ros2: bool = False
+    """in it, what 'zmav ros2' would have published, besides"""
     split_size: int = 512 << 20
     split_time: float = 1800.0
     keep_free: int = 1 << 30
@@ -87,6 +94,11 @@ class Storage:
         self.paused: str | None = None
         """why nothing is written at present"""
         self.part: Part | None = None
+        self._ros: Recorded | None = None
+        if settings.ros2:
+            from ground.ros2.recorded import Recorded
+
+            self._ros = Recorded(dialect)
         self._decoder = Decoder(dialect)
         self._routes: dict[str, Route | None] = {}
         self._queue: collections.deque[tuple[int, str, bytes]] = collections.deque()
@@ -187,6 +199,8 @@ class Storage:
                     part.frame(route, at, data, json(data) if decode else None)
                 else:
                     part.document(route, at, data)
+                if self._ros is not None:
+                    part.ros(_made(self._ros, route, at, data), at)
                 self._pending += 1
                 rest -= 1
         finally:
@@ -295,3 +309,16 @@ class Storage:
         self._was_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         words = "the disk is full" if self._was_full else f"cannot write to {self.session}: {error.strerror}"
         self._pause(f"{words}: nothing is recorded until there is room")
+
+
+def _made(ros: Recorded, route: Route, at: int, data: bytes) -> list[RosMessage]:
+    """What ROS would have been told of a sample."""
+    t = at / 1e9
+    try:
+        if route.channel is keys.RX and route.message is not None:
+            return list(ros.frame(route.fleet, route.vehicle, route.message.name, data, t))
+        if route.channel is keys.STATE:
+            return list(ros.state(route.fleet, route.vehicle, data, t))
+    except Exception:  # what was recorded as it came stays recorded
+        logger.exception("%s was not told to ROS", route.key)
+    return []

@@ -32,6 +32,8 @@ GET = ("put", "declare_subscriber", "reply", "declare_queryable")
 EVERYTHING = ("put", "delete", "query", "reply", *READING, "declare_queryable", "liveliness_token")
 STRANGER = "*"
 """stands for every vehicle but the member's own: no name has it, and in a key expression it holds them all"""
+ROS_SPEAKERS = (Role.OPERATOR, Role.PLANNER)
+"""whose nodes of ROS may publish, serve and ask; others' listen. A host that relays brings others'"""
 NOT_RELAYING = (Role.PLANNER, Role.VIEWER)
 SOCKET: Rule = {"id": "socket", "link_protocols": ["unixsock-stream"]}
 """programs of this computer whom the owner and the group of the router's unix socket let in"""
@@ -64,10 +66,13 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
     ]
     loopback = list(_loopback(fleet, name))
     rules += loopback
+    ros = list(_ros(file.ros2.domain))
+    rules += ros
+    speaking, looking = _ids(ros[:1]), _ids(ros[1:])
     subjects: list[Rule] = [SOCKET, LOOPBACK, CERTIFIED]
     policies: list[Rule] = [
-        {"rules": ["socket"], "subjects": [SOCKET["id"]]},
-        {"rules": ["hear", "read", *_ids(loopback)], "subjects": [LOOPBACK["id"]]},
+        {"rules": ["socket", *speaking], "subjects": [SOCKET["id"]]},
+        {"rules": ["hear", "read", *_ids(loopback), *speaking], "subjects": [LOOPBACK["id"]]},
         {"rules": ["roster-in", "roster-out"], "subjects": [CERTIFIED["id"]]},
     ]
     relays = []
@@ -81,12 +86,13 @@ def access_control(file: FleetConfig, fleet: str, name: str, roster: Roster) -> 
             subjects.append({"id": f"member-{member}", "cert_common_names": [member]})
             own = list(_leaf(fleet, role, member, file.rights.planner))
             rules += own
-            policies.append({"rules": ["hear", "read", *_ids(own)], "subjects": [f"member-{member}"]})
+            own_ros = speaking if role in ROS_SPEAKERS else looking
+            policies.append({"rules": ["hear", "read", *_ids(own), *own_ros], "subjects": [f"member-{member}"]})
     if relays:
         subjects.append({"id": "relays", "cert_common_names": sorted(relays)})
         theirs = list(_relay(fleet, name, others, file.rights.planner))
         rules += theirs
-        policies.append({"rules": ["hear", "read", *_ids(theirs)], "subjects": ["relays"]})
+        policies.append({"rules": ["hear", "read", *_ids(theirs), *speaking], "subjects": ["relays"]})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 
 
@@ -198,6 +204,22 @@ def _relay(fleet: str, name: str, others: Iterable[str], given: Collection[str])
             ours = _both(ours, granted(role, "", fleet, name, given))
     for message, keys_ in _by_message({**ours, "query": []}):
         yield _rule(f"relay-{message}-ours", ("ingress",), (message,), keys_)
+
+
+def _ros(domain: int | None) -> Iterator[Rule]:
+    """One domain of ROS 2: whatever a node does, and then what one that only listens does. The keys of topics and
+    services begin with the domain, tokens with ``@ros2_lv``.
+    """
+    if domain is None:
+        return
+    tokens = f"@ros2_lv/{domain}"
+    both = (f"{domain}/**", f"{domain}/**/@adv/**", f"{tokens}/**")
+    yield _rule("ros2", ("ingress", "egress"), EVERYTHING, both)
+    yield _rule("ros2-hear", ("egress",), EVERYTHING, both)
+    yield _rule("ros2-read", ("ingress",), READING, both)
+    yield _rule("ros2-missed", ("ingress",), ("query",), (f"{domain}/**/@adv/**",))
+    listeners = tuple(f"{tokens}/*/*/*/{kind}/**" for kind in ("NN", "MS"))
+    yield _rule("ros2-shown", ("ingress",), ("liveliness_token",), listeners)
 
 
 def _both(one: dict[str, list[str]], other: dict[str, list[str]]) -> dict[str, list[str]]:

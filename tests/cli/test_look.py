@@ -278,6 +278,7 @@ def test_help_lists_every_verb(here: type[Here]) -> None:
         "http",
         "record",
         "replay",
+        "ros2",
         "view",
         "top",
     }

@@ -18,6 +18,7 @@ import pytest_asyncio
 import zenoh
 
 import zmav
+from ground.ros2.face import Face
 from tests.conftest import endpoint_of
 from tests.waiting import until
 from zmav import keys, wire
@@ -167,6 +168,18 @@ async def test_a_square_is_flown_and_landed(fleet: Fleet) -> None:
     assert passed == sorted(passed)
     assert math.dist(fleet.at("quad1"), start) < 1.0
     assert not fleet.sims["quad1"].status().armed
+
+
+async def test_two_fly_a_square_by_ros_2_alone(fleet: Fleet) -> None:
+    starts = {name: fleet.at(name) for name in ("quad1", "quad2")}
+    async with Face(fleet.z, 0, {}, print, may_order=True):
+        script = await fleet.run("ros2_square")
+        for _ in range(8):
+            await script.said("corner")
+        assert await script.end() == 0
+        for name, start in starts.items():
+            await fleet.until(lambda name=name: not fleet.sims[name].status().armed, "landed")  # type: ignore[misc]
+            assert math.dist(fleet.at(name), start) < 1.5
 
 
 async def test_ctrl_c_in_a_square_holds(fleet: Fleet) -> None:

@@ -33,6 +33,9 @@ on = true
 [rights]                        # orders that are the operators' unless they are given away here
 planner = ["servo"]             # and mission_upload, mission_clear
 
+[ros2]
+domain = 0                      # routers with credentials let this domain of ROS through, by role; absent: no ROS
+
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
@@ -145,6 +148,13 @@ class Rights(Table, frozen=True):
     """orders that planners, and programs on board for their own vehicle, may give besides their own"""
 
 
+class Ros2(Table, frozen=True):
+    """ROS 2 in a fleet with credentials (docs/ros2.md). The same in the files of all its routers."""
+
+    domain: Annotated[int, msgspec.Meta(ge=0, le=232)] | None = None
+    """whose keys and tokens pass the routers' doors; None: no ROS does"""
+
+
 class PilotSwitch(Table, frozen=True):
     """A switch of the pilot's radio: while ``channel`` is from ``low`` to ``high`` µs, no agent has the vehicle."""
 
@@ -205,6 +215,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     body: BodyConfig | None = None
     separation: Separation = Separation()
     rights: Rights = Rights()
+    ros2: Ros2 = Ros2()
     mesh: Mesh = Mesh()
     vehicles: dict[str, VehicleConfig] = {}
     stations: dict[str, StationConfig] = {}

@@ -1,0 +1,188 @@
+"""A vehicle's cameras as nodes of ROS, ``/{vehicle}/camera_{name}``: pictures as JPEG, each with its CameraInfo.
+
+A camera sends pictures only while somebody subscribes to them here, and as many as the way to us carries
+(docs/camera.md). Its CameraInfo alone needs none.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import numpy as np
+
+from ground.ros2 import convert, graph
+from ground.ros2.node import Ros
+from ground.ros2.qos import SENSOR
+from ground.ros2.types import Types
+from ground.ros2.watch import Watch
+from zmav import keys, wire
+from zmav.client import Answer, Client
+from zmav.errors import BadInput, BadKey, ZmavError
+from zmav.vehicle import Vehicle
+from zmav.vision.reader import Picture, Reader
+
+logger = logging.getLogger(__name__)
+MOST = 8
+"""cameras of one vehicle"""
+LOOK = 5.0
+"""s between two questions which cameras there are: one is a few hundred bytes over the radio"""
+PATIENCE = 2.0
+"""s for their answers"""
+GONE = 3
+"""questions in a row that a camera left unanswered: it is there no more"""
+ALONE = 1.0
+"""s between two CameraInfos where nobody takes the pictures that they come with otherwise"""
+
+
+class Camera:
+    """One camera. Lives on the event loop. ``name``: the vehicle's in ROS."""
+
+    def __init__(self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, name: str, info: wire.CameraInfo) -> None:
+        self._z, self._watch, self._vehicle, self._types = z, watch, vehicle, ros.types
+        self.info, self.missed = info, 0
+        camera = graph.ros_name(info.camera)
+        self._frame = f"{name}/{camera}"
+        self._node = ros.node(f"/{name}", f"camera_{camera}")
+        base = f"camera/{camera}"
+        self._pictures = self._node.publish(f"{base}/image_raw/compressed", "sensor_msgs/msg/CompressedImage", SENSOR)
+        self._infos = self._node.publish(f"{base}/camera_info", "sensor_msgs/msg/CameraInfo", SENSOR)
+        self._reading: asyncio.Task[None] | None = None
+        self._telling: asyncio.Task[None] | None = None
+        watch.offer(self._pictures.endpoint, self._want_pictures)
+        watch.offer(self._infos.endpoint, self._want_info)
+
+    @property
+    def read(self) -> bool:
+        """Somebody takes its pictures."""
+        return self._reading is not None
+
+    async def close(self) -> None:
+        for publisher in (self._pictures, self._infos):
+            self._watch.withdraw(publisher.endpoint)
+        tasks = [task for task in (self._reading, self._telling) if task is not None]
+        self._want_pictures(False)
+        self._want_info(False)
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._node.close()
+
+    def _want_pictures(self, wanted: bool) -> None:
+        if wanted and self._reading is None:
+            self._reading = asyncio.create_task(self._read())
+        elif not wanted and self._reading is not None:
+            self._reading.cancel()
+            self._reading = None
+
+    def _want_info(self, wanted: bool) -> None:
+        if wanted and self._telling is None:
+            self._telling = asyncio.create_task(self._tell())
+        elif not wanted and self._telling is not None:
+            self._telling.cancel()
+            self._telling = None
+
+    async def _read(self) -> None:
+        async with Reader(self._z, self._vehicle.name, self.info.camera, name="ros2") as pictures:
+            async for picture in pictures:
+                try:
+                    header = header_of(self._types, self._frame, picture.t)
+                    self._pictures(compressed(self._types, header, picture))
+                    if self._telling is not None:
+                        size = picture.width, picture.height
+                        self._infos(camera_info(self._types, header, self.info, size))
+                except Exception:
+                    logger.exception("a picture of %s was not published", self._frame)
+
+    async def _tell(self) -> None:
+        """Without pictures; with them, each brings its own."""
+        while True:
+            if self._reading is None:
+                size = self.info.width, self.info.height
+                try:
+                    header = header_of(self._types, self._frame, self.info.t)
+                    self._infos(camera_info(self._types, header, self.info, size))
+                except Exception:
+                    logger.exception("the CameraInfo of %s was not published", self._frame)
+            await asyncio.sleep(ALONE)
+
+
+class Cameras:
+    """Those of one vehicle, as long as each is there. Lives on the event loop."""
+
+    def __init__(self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, name: str) -> None:
+        self._z, self._ros, self._watch, self._vehicle, self._name = z, ros, watch, vehicle, name
+        self.cameras: dict[str, Camera] = {}
+        """by their names in ROS"""
+        self._looking = asyncio.create_task(self._look())
+
+    async def close(self) -> None:
+        self._looking.cancel()
+        await asyncio.gather(self._looking, return_exceptions=True)
+        for camera in self.cameras.values():
+            await camera.close()
+        self.cameras.clear()
+
+    async def _look(self) -> None:
+        while True:
+            try:
+                await self._meet(await self._ask())
+            except ZmavError as e:
+                logger.debug("which cameras %s has: %s", self._vehicle.name, e)
+            except Exception:
+                logger.exception("which cameras %s has was not found", self._vehicle.name)
+            await asyncio.sleep(LOOK)
+
+    async def _ask(self) -> dict[str, wire.CameraInfo]:
+        """What each camera says of itself, by its name in ROS; what is no such answer is left out."""
+        found: dict[str, wire.CameraInfo] = {}
+        key = keys.CAMERA.key(self._vehicle.fleet, self._vehicle.name, camera="*")
+        for answer in await self._z.ask(key, timeout=PATIENCE, channel=keys.CAMERA):
+            if not isinstance(answer, Answer):
+                continue
+            try:
+                info = wire.decode(answer.payload, wire.CameraInfo, f"reply to {key}")
+                found.setdefault(graph.ros_name(keys.check_name(info.camera, "camera")), info)
+            except (BadInput, BadKey):
+                continue
+        return found
+
+    async def _meet(self, found: dict[str, wire.CameraInfo]) -> None:
+        for name, info in found.items():
+            known = self.cameras.get(name)
+            if known is not None:
+                known.info, known.missed = info, 0
+            elif len(self.cameras) < MOST:
+                self.cameras[name] = Camera(self._z, self._ros, self._watch, self._vehicle, self._name, info)
+        for name in self.cameras.keys() - found.keys():
+            camera = self.cameras[name]
+            camera.missed += 1
+            if camera.missed >= GONE:
+                del self.cameras[name]
+                await camera.close()
+
+
+def header_of(types: Types, frame: str, t: float) -> Any:
+    return convert.View(types, "", "", None, {}, t).header(frame)
+
+
+def compressed(types: Types, header: Any, picture: Picture) -> Any:
+    data = np.frombuffer(picture.jpeg, dtype=np.uint8)
+    return types.make("sensor_msgs/msg/CompressedImage", header=header, format="jpeg", data=data)
+
+
+def camera_info(types: Types, header: Any, info: wire.CameraInfo, size: tuple[int, int]) -> Any:
+    """Of pictures of ``size``: they are made smaller on a narrow way, and their lens in pixels with them."""
+    across, down = size[0] / max(info.width, 1), size[1] / max(info.height, 1)
+    (fx, fy), (cx, cy) = info.focal, info.center
+    fx, cx, fy, cy = fx * across, cx * across, fy * down, cy * down
+    return types.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        width=size[0],
+        height=size[1],
+        distortion_model="plumb_bob",
+        d=np.array(info.distortion, dtype=np.float64),
+        k=np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]),
+        r=np.eye(3).ravel(),
+        p=np.array([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+    )

@@ -1,0 +1,201 @@
+"""The fleet in ROS 2: a node for each vehicle, as long as it is there."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any
+
+from ground.ros2 import convert, graph
+from ground.ros2.actions import actions
+from ground.ros2.cameras import Cameras
+from ground.ros2.missions import Missions
+from ground.ros2.node import Ros, RosNode
+from ground.ros2.orders import Orders
+from ground.ros2.params import Parameters
+from ground.ros2.plans import Plans
+from ground.ros2.qos import LATCHED, RELIABLE, SENSOR
+from ground.ros2.setpoints import SetpointTopics
+from ground.ros2.steering import Steering
+from ground.ros2.telemetry import Telemetry, fleet_frame
+from ground.ros2.watch import Watch
+from zmav.client import Client
+from zmav.doctor.facts import facts_of
+from zmav.doctor.rules import reasons
+from zmav.vehicle import Vehicle
+
+logger = logging.getLogger(__name__)
+NODE = "zmav"
+"""each vehicle's node: /quad1/zmav"""
+MOST = 200
+"""vehicles at once"""
+LOOK = 0.1
+"""s between two looks at who is there and what is new of each"""
+DIAGNOSE = 1.0
+"""s between two diagnostics of one vehicle"""
+LEVELS = {"ok": 0, "note": 0, "warn": 1, "bad": 2}
+STALE = 3
+"""of diagnostic_msgs/DiagnosticStatus"""
+LOG_LEVELS = {"emergency": 50, "alert": 50, "critical": 50, "error": 40, "warning": 30, "debug": 10}
+"""of rcl_interfaces/Log, by severity; others are 20: INFO"""
+
+
+class VehicleNode:
+    """One vehicle as a node of ROS. Lives on the event loop."""
+
+    def __init__(
+        self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, hz: Mapping[str, float], *, may_order: bool
+    ) -> None:
+        self.z, self.vehicle, self.watch = z, vehicle, watch
+        self.name = graph.ros_name(vehicle.name)
+        self.node: RosNode = ros.node(f"/{self.name}", NODE)
+        self.telemetry = Telemetry(z, self.node, watch, vehicle, self.name, hz)
+        self._log = self.node.publish("/rosout", "rcl_interfaces/msg/Log", LATCHED)
+        self._diagnostics = self.node.publish("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE)
+        self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
+        self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
+        self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
+        self.plans = Plans(z, self.node, watch, vehicle.fleet, vehicle.name, fleet_frame(vehicle.fleet))
+        SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)
+        self.cameras = Cameras(z, ros, watch, vehicle, self.name)
+        self._params_node = ros.node(f"/{self.name}", "param")
+        Parameters(self._params_node, z.vehicle(vehicle.name), self.steering, self.log)
+        self._heard = [
+            endpoint
+            for node in (self.node, self._params_node)
+            for endpoint in node.endpoints
+            if endpoint.kind != graph.PUBLISHER
+        ]
+        for endpoint in self._heard:
+            watch.offer(endpoint, lambda wanted: None)
+        self._diagnosed = 0.0
+        self._events = asyncio.create_task(self._hear())
+
+    async def close(self) -> None:
+        self._events.cancel()
+        await asyncio.gather(self._events, return_exceptions=True)
+        self.telemetry.close()
+        await self.cameras.close()
+        await self.missions.close()
+        await self.plans.close()
+        for endpoint in self._heard:
+            self.watch.withdraw(endpoint)
+        await self.orders.close()
+        for action in self.actions:
+            await action.close()
+        await self.steering.close()
+        self._params_node.close()
+        self.node.close()
+
+    def log(self, text: str, severity: str = "warning") -> None:
+        """On /rosout, where ROS's users read why something was refused."""
+        message = self.node.ros.types.make(
+            "rcl_interfaces/msg/Log",
+            stamp=convert.now(self.node.ros.types),
+            level=LOG_LEVELS.get(severity, 20),
+            name=self.node.node.path.strip("/").replace("/", "."),
+            msg=text,
+        )
+        self._log(message)
+
+    def look(self, now: float) -> None:
+        """Say what is new of its state."""
+        self.telemetry.publish_state()
+        if now - self._diagnosed >= DIAGNOSE:
+            self._diagnosed = now
+            self._diagnostics(self._diagnosis())
+
+    def _diagnosis(self) -> Any:
+        types, facts = self.node.ros.types, facts_of(self.vehicle)
+        found, state = reasons(facts), facts.state
+        level = STALE if facts.presence != "ok" else max((LEVELS[each.level] for each in found), default=0)
+        told = {"mode": state.mode, "link": state.link, "mover": state.mover} if state else {}
+        values = [
+            types.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+            for key, value in (*told.items(), *((each.rule, each.text) for each in found))
+        ]
+        status = types.make(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=f"{self.name}: vehicle",
+            message="; ".join(each.text for each in found) or "ok",
+            hardware_id=(state.uid or "") if state else "",
+            values=values,
+        )
+        header = convert.View(types, "", "", None, {}, self.vehicle.last_state.t if self.vehicle.last_state else 0.0)
+        return types.make("diagnostic_msgs/msg/DiagnosticArray", header=header.header(""), status=[status])
+
+    async def _hear(self) -> None:
+        async with self.vehicle.events() as events:
+            async for event in events:
+                try:
+                    self.missions.on_event(event)
+                    self._text(convert.status_text(self.node.ros.types, event))
+                    self.log(event.text, event.severity)
+                except Exception:
+                    logger.exception("an event of %s was not published", self.vehicle.name)
+
+
+class Face:
+    """Use it with ``async with``, on an open client of one fleet. ``hz``: rates of topics by name; ``may_order``: what
+    ROS says may reach the vehicles.
+    """
+
+    def __init__(
+        self, z: Client, domain: int, hz: Mapping[str, float], say: Callable[[str], None], *, may_order: bool
+    ) -> None:
+        self._z, self._domain, self._hz, self._say, self._may_order = z, domain, hz, say, may_order
+        self.vehicles: dict[str, VehicleNode] = {}
+        """by their names in ROS"""
+        self._taken: set[str] = set()
+
+    async def __aenter__(self) -> Face:
+        self.ros = Ros(self._z.session, self._domain)
+        self.watch = Watch(self.ros, self._say)
+        self._running = asyncio.create_task(self._run())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        self._running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._running
+        self.watch.close()
+        for node in self.vehicles.values():
+            await node.close()
+        self.vehicles.clear()
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                await self._meet()
+                for node in self.vehicles.values():
+                    node.look(loop.time())
+            except Exception:
+                logger.exception("a look at the fleet failed; the next is soon")
+            await asyncio.sleep(LOOK)
+
+    async def _meet(self) -> None:
+        """A node for who has come, none for who is gone: neither its token nor its state is there any more."""
+        there = {vehicle.name: vehicle for vehicle in self._z.fleet() if vehicle.last_state is not None}
+        for name, node in list(self.vehicles.items()):
+            if node.vehicle.name not in there:
+                del self.vehicles[name]
+                await node.close()
+        for vehicle in there.values():
+            name = graph.ros_name(vehicle.name)
+            known = self.vehicles.get(name)
+            if known is None and len(self.vehicles) < MOST:
+                self.vehicles[name] = VehicleNode(
+                    self._z, self.ros, self.watch, vehicle, self._hz, may_order=self._may_order
+                )
+            elif known is not None and known.vehicle.name != vehicle.name and vehicle.name not in self._taken:
+                self._taken.add(vehicle.name)
+                self._say(f"{vehicle.name} is left out: in ROS it would be /{name}, as {known.vehicle.name} is")

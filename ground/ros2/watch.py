@@ -1,0 +1,120 @@
+"""Who else is in the ROS graph: whether anybody subscribes to a topic, and who it is that has a GID.
+
+Anybody declares tokens, and as many as he likes: so many are looked at, and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import zenoh
+
+from ground.ros2 import graph
+from ground.ros2.node import Ros
+from zmav.direct import direct
+from zmav.services.link.port import on_loop
+
+MOST = 20_000
+"""endpoints of others that are remembered"""
+SAID = 100
+"""differences of types that are said"""
+
+
+class Watch:
+    """Lives on the event loop. ``say(line)``: what the user should know, once."""
+
+    def __init__(self, ros: Ros, say: Callable[[str], None]) -> None:
+        self._zid, self._say = ros.zid, say
+        self._count_of_all = 0
+        self._endpoints: dict[str, dict[str, graph.Endpoint]] = {}
+        """of others, by topic and token"""
+        self._by_gid: dict[bytes, graph.Endpoint] = {}
+        self._readers: dict[tuple[str, str], set[str]] = {}
+        """tokens of who subscribes, by topic and hash"""
+        self._offered: dict[str, dict[str, tuple[graph.Endpoint, Callable[[bool], None]]]] = {}
+        """by topic and token: /tf is every vehicle's"""
+        self._said: set[str] = set()
+        self._subscriber = ros.session.liveliness().declare_subscriber(
+            f"{graph.SPACE}/{ros.domain}/**", direct(on_loop(ros.loop, self._on_token)), history=True
+        )
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+    def offer(self, endpoint: graph.Endpoint, wanted: Callable[[bool], None]) -> None:
+        """Have ``wanted(True)`` called when somebody begins to subscribe to a topic, and ``wanted(False)`` when nobody
+        does any more; and have it said where somebody knows a topic or a service by another type.
+        """
+        self._offered.setdefault(endpoint.name, {})[endpoint.token] = endpoint, wanted
+        if self._readers.get((endpoint.name, endpoint.hash)):
+            wanted(True)
+        for other in self._endpoints.get(endpoint.name, {}).values():
+            self._compare(endpoint, other)
+
+    def withdraw(self, endpoint: graph.Endpoint) -> None:
+        offered = self._offered.get(endpoint.name, {})
+        offered.pop(endpoint.token, None)
+        if not offered:
+            self._offered.pop(endpoint.name, None)
+
+    def who(self, gid: bytes) -> graph.Endpoint | None:
+        """The endpoint that has this GID; None for one whose token is not there, or has another."""
+        return self._by_gid.get(gid)
+
+    def same_node(self, one: bytes, other: bytes) -> bool:
+        """Two GIDs are of endpoints of one node, as far as the graph shows."""
+        a, b = self.who(one), self.who(other)
+        return one == other or (
+            a is not None and b is not None and (a.node.zid, a.node.nid) == (b.node.zid, b.node.nid)
+        )
+
+    def name_of(self, gid: bytes) -> str:
+        """The node's name, or its GID where that is not known."""
+        found = self.who(gid)
+        return found.node.path if found is not None else gid.hex()[:8]
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        token = str(sample.key_expr)
+        found = graph.parse(token)
+        if found is None or found.node.zid == self._zid:
+            return
+        there = self._endpoints.get(found.name, {})
+        if sample.kind != zenoh.SampleKind.PUT:
+            if there.pop(token, None) is not None:
+                self._count_of_all -= 1
+                self._by_gid.pop(graph.gid_of(token), None)
+                self._count(found, token, False)
+            if not there:
+                self._endpoints.pop(found.name, None)
+        elif token not in there and self._count_of_all < MOST:
+            self._count_of_all += 1
+            self._endpoints.setdefault(found.name, {})[token] = found
+            self._by_gid[graph.gid_of(token)] = found
+            self._count(found, token, True)
+            for endpoint, _ in self._offered.get(found.name, {}).values():
+                self._compare(endpoint, found)
+
+    def _count(self, found: graph.Endpoint, token: str, there: bool) -> None:
+        if found.kind != graph.SUBSCRIBER:
+            return
+        place = found.name, found.hash
+        readers = self._readers.setdefault(place, set())
+        before = bool(readers)
+        (readers.add if there else readers.discard)(token)
+        if not readers:
+            del self._readers[place]
+        if bool(readers) != before:
+            for endpoint, wanted in list(self._offered.get(found.name, {}).values()):
+                if endpoint.hash == found.hash:
+                    wanted(there)
+
+    def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
+        """A type that another ROS has in another version is never received, and nobody would know why."""
+        if (ours.type, ours.hash) == (theirs.type, theirs.hash):
+            return
+        what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"
+        here = f"here it is {ours.type} ({ours.hash[:15]})"
+        text = f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}"
+        if text not in self._said and len(self._said) < SAID:
+            self._said.add(text)
+            self._say(text)

@@ -1,0 +1,125 @@
+"""Who has a node and who has none, without an autopilot behind."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+import zmav
+from ground.ros2 import graph
+from ground.ros2.cli import may_order
+from ground.ros2.face import Face
+from ground.ros2.telemetry import STATE_TOPICS, TOPICS
+from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
+from tests.waiting import until
+from zmav import keys, wire
+from zmav.tokens import find_tokens
+from zmav.waiting import in_thread
+
+if TYPE_CHECKING:
+    from tests.conftest import Net
+
+
+def speak(session: zenoh.Session, name: str, fleet: str = "demo") -> None:
+    state = wire.VehicleState(
+        t=time.time(), fleet=fleet, name=name, instance=name, sysid=1, compid=1, autopilot="px4", connected=True
+    )
+    session.put(keys.STATE.key(fleet, name), wire.encode(state), encoding=keys.JSON)
+
+
+async def test_twenty_vehicles_have_twenty_namespaces(net: Net) -> None:
+    session, endpoint = net.router()
+    names = [f"quad{number}" for number in range(1, 21)]
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            for name in names:
+                speak(session, name)
+            return len(face.vehicles) == 20
+
+        await until(there)
+        tokens = await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0)
+        found = [each for each in map(graph.parse, tokens) if each is not None]
+        topics = [each.name for each in found if each.kind == graph.PUBLISHER and each.name.startswith("/quad")]
+        assert len(topics) == len(set(topics))
+        own = [name for name in (*TOPICS, *(each[0] for each in STATE_TOPICS)) if not name.startswith("/")]
+        assert {f"/{name}/{topic}" for name in names for topic in own} <= set(topics)
+        assert len({each.gid for each in found}) == len(found)
+        services = [each.name for each in found if each.kind == graph.SERVER]
+        assert len(services) == len(set(services))
+    assert await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0) == [], "nothing is left behind"
+
+
+async def test_two_names_that_ros_cannot_tell_apart_are_said(net: Net) -> None:
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, said.append, may_order=False) as face:
+
+        def told() -> bool:
+            speak(session, "quad-1")
+            speak(session, "quad_1")
+            return bool(said)
+
+        await until(told)
+        assert list(face.vehicles) == ["quad_1"]
+        assert "is left out: in ROS it would be /quad_1" in said[0]
+
+
+class Emptied:
+    """A client that forgets at once who is there, when told to: not only after half a minute."""
+
+    def __init__(self, z: zmav.Client) -> None:
+        self._z, self.empty = z, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._z, name)
+
+    def fleet(self) -> list[zmav.Vehicle]:
+        return [] if self.empty else self._z.fleet()
+
+
+async def test_who_is_gone_has_no_node(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z:
+        seen: Any = Emptied(z)
+        await _comes_and_goes(session, seen)
+
+
+async def _comes_and_goes(session: zenoh.Session, seen: Any) -> None:
+    async with Face(seen, 3, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            speak(session, "quad1")
+            return "quad1" in face.vehicles
+
+        await until(there)
+        assert await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0)
+        seen.empty = True
+        await until(lambda: not face.vehicles)
+        deadline = time.monotonic() + 30.0
+        while await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0):
+            assert time.monotonic() < deadline, "its tokens are left behind"
+
+
+@pytest.mark.parametrize(("role", "orders"), [("viewer", False), ("planner", True), ("operator", True)])
+async def test_a_viewers_credentials_give_no_orders(
+    net: Net,
+    authority: Authority,  # noqa: F811
+    role: str,
+    orders: bool,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint], credentials=str(authority.issue("alice", role))) as z:
+        assert may_order(z) is orders
+    assert ("no orders, by your credentials" in capsys.readouterr().err) is not orders
+
+
+async def test_recordings_take_no_orders(net: Net, capsys: pytest.CaptureFixture[str]) -> None:
+    _, endpoint = net.router()
+    async with zmav.open(connect=[endpoint], fleet="demo-replay") as z:
+        assert not may_order(z)
+    assert "recordings" in capsys.readouterr().err

@@ -1,0 +1,215 @@
+"""Streams of setpoints from ROS: flown under a lease, held when they are cut, and dropped for every reason there is."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import zenoh
+
+from ground.ros2 import graph
+from ground.ros2.attachment import Attachment
+from ground.ros2.steering import SILENCE
+from ground.ros2.types import known
+from tests.ground.ros2.conftest import PATIENCE_S, Fleet, Peer
+from tests.waiting import wait_until
+from zmav import wire
+from zmav.session import SessionSettings, open_session
+from zmav.sim import VehicleSpec
+
+QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0})
+POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Iterator[Fleet]:
+    """quad1 at 6 m."""
+    with Fleet(["quad1"], [QUAD], speed=4.0, may_order=True) as fleet:
+
+        async def up() -> None:
+            quad = fleet.z.vehicle("quad1")
+            await quad.arm()
+            await quad.takeoff(6.0)
+
+        fleet.call(up())
+        yield fleet
+
+
+@pytest.fixture(scope="module")
+def raw(fleet: Fleet) -> Iterator[zenoh.Session]:
+    with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])) as session:
+        yield session
+
+
+@pytest.fixture(autouse=True)
+def nobody_commands(fleet: Fleet) -> Iterator[None]:
+    yield
+    wait_until(lambda: state(fleet).lease is None and fleet.face.vehicles["quad1"].steering.holder is None)
+
+
+def state(fleet: Fleet) -> wire.VehicleState:
+    found = fleet.z.vehicle("quad1").last_state
+    assert found is not None
+    return found
+
+
+class Stream:
+    """Setpoints of one publisher, 20 a second, from a thread."""
+
+    def __init__(self, raw: zenoh.Session, topic: str, kind: str, message: Any) -> None:
+        self._raw, self._kind, self.message, self._gid = raw, kind, message, os.urandom(16)
+        self._key = f"0/quad1/{topic}/{graph.dds_of(kind)}/{known().hash(kind)}"
+        self.sequence = int(time.time() * 1e3)
+        self.last = 0.0
+        self._stop = threading.Event()
+
+    def put(self, sequence: int | None = None, age: float = 0.0, said: bytes | None = None) -> None:
+        self.sequence += 1
+        stamp = time.time_ns() - int(age * 1e9)
+        attached = said or Attachment(sequence or self.sequence, stamp, self._gid).encode()
+        self.last = time.monotonic()
+        self._raw.put(self._key, known().encode(self.message, self._kind), attachment=attached)
+
+    @contextlib.contextmanager
+    def running(self) -> Iterator[Stream]:
+        self._stop.clear()
+        thread = threading.Thread(target=self._run)
+        thread.start()
+        try:
+            yield self
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.05):
+            self.put()
+
+
+def pose(at: wire.Vector, frame: str = "map", **q: float) -> Any:
+    """Of a place north, east, down."""
+    types = known()
+    point = types.make("geometry_msgs/msg/Point", x=at[1], y=at[0], z=-at[2])
+    turned = types.make("geometry_msgs/msg/Quaternion", **q)
+    made = types.make("geometry_msgs/msg/Pose", position=point, orientation=turned)
+    return types.make(POSE, header=types.make("std_msgs/msg/Header", frame_id=frame), pose=made)
+
+
+def near(fleet: Fleet, **away: float) -> wire.Vector:
+    n, e, d = fleet.z.vehicle("quad1").local
+    return n + away.get("n", 0.0), e + away.get("e", 0.0), d
+
+
+def drops(fleet: Fleet) -> int:
+    return fleet.face.vehicles["quad1"].steering.dropped
+
+
+def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hold(fleet: Fleet, peer: Peer) -> None:
+    publisher = peer.publish("/quad1/setpoint_position/local", POSE)
+    target = near(fleet, n=6.0)
+    message = pose(target, w=1.0)  # east
+    came: list[str] = []
+    deadline = time.monotonic() + PATIENCE_S
+    while abs(fleet.z.vehicle("quad1").local[0] - target[0]) > 0.5:
+        assert time.monotonic() < deadline, (state(fleet).setpoints, came)
+        publisher.publish(header=message.header, pose=message.pose)
+        time.sleep(0.05)
+    assert state(fleet).mover == "stream"
+    lease = state(fleet).lease
+    assert lease is not None
+    assert lease.holder.startswith("ros2-")
+    attitude = state(fleet).attitude
+    assert attitude is not None
+    cut = time.monotonic()
+    wait_until(lambda: state(fleet).mover == "hold")
+    assert 0.3 < time.monotonic() - cut < 2.0
+    wait_until(lambda: state(fleet).lease is None)
+
+
+def test_velocities_are_flown_east_north_up(fleet: Fleet, raw: zenoh.Session) -> None:
+    types = known()
+    before = near(fleet)
+    east = types.make("geometry_msgs/msg/Vector3", x=1.5)
+    stream = Stream(raw, "setpoint_velocity/cmd_vel_unstamped", TWIST, types.make(TWIST, linear=east))
+    with stream.running():
+        wait_until(lambda: near(fleet)[1] > before[1] + 2.0, lambda: (near(fleet), before))
+    assert near(fleet)[0] == pytest.approx(before[0], abs=1.0)
+
+
+def test_the_first_publisher_is_flown_and_another_dropped(fleet: Fleet, raw: zenoh.Session) -> None:
+    here = near(fleet)
+    first = Stream(raw, "setpoint_position/local", POSE, pose(here))
+    other = Stream(raw, "setpoint_position/local", POSE, pose(near(fleet, e=30.0)))
+    with first.running():
+        wait_until(lambda: state(fleet).mover == "stream")
+        before = drops(fleet)
+        with other.running():
+            wait_until(lambda: drops(fleet) > before + 10)
+        assert near(fleet) == pytest.approx(here, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"age": 2.0},
+        {"age": -2.0},
+        {"sequence": 1},
+        {"message": pose((float("nan"), 0.0, -6.0))},
+        {"message": pose((0.0, 0.0, -6.0), frame="base_link")},
+        {"message": pose((0.0, 0.0, -6.0), w=3.0)},
+    ],
+    ids=["late", "of the future", "out of order", "nan", "another frame", "no unit quaternion"],
+)
+def test_what_cannot_be_flown_is_dropped(fleet: Fleet, raw: zenoh.Session, spoilt: dict[str, Any]) -> None:
+    stream = Stream(raw, "setpoint_position/local", POSE, pose(near(fleet)))
+    with stream.running():
+        wait_until(lambda: state(fleet).mover == "stream")
+    wait_until(lambda: state(fleet).lease is None)
+    before, flown = drops(fleet), state(fleet).setpoints.get("flown")
+    stream.message = spoilt.pop("message", stream.message)
+    for _ in range(3):
+        stream.put(**spoilt)
+    wait_until(lambda: drops(fleet) > before)
+    assert state(fleet).lease is None
+    assert state(fleet).setpoints.get("flown") == flown
+
+
+def test_an_attachment_that_is_none_is_counted_and_nothing_more(fleet: Fleet, raw: zenoh.Session) -> None:
+    stream, before = Stream(raw, "setpoint_position/local", POSE, pose(near(fleet))), fleet.face.ros.bad
+    stream.put(said=bytes(77))
+    stream.put(said=b"x")
+    wait_until(lambda: fleet.face.ros.bad == before + 2)
+    assert state(fleet).lease is None
+
+
+def test_a_stream_that_goes_on_does_not_take_again_what_was_taken_from_it(fleet: Fleet, raw: zenoh.Session) -> None:
+    stream = Stream(raw, "setpoint_position/local", POSE, pose(near(fleet)))
+    with stream.running():
+        wait_until(lambda: state(fleet).mover == "stream")
+        fleet.call(fleet.z.vehicle("quad1").revoke("enough"))
+        wait_until(lambda: state(fleet).lease is None)
+        until = time.monotonic() + 2 * SILENCE
+        while time.monotonic() < until:
+            assert state(fleet).lease is None
+            time.sleep(0.05)
+    time.sleep(1.2 * SILENCE)
+    with stream.running():  # a new request
+        wait_until(lambda: state(fleet).mover == "stream")
+
+
+def test_the_lease_service_keeps_the_lease_for_its_stream(fleet: Fleet, raw: zenoh.Session, peer: Peer) -> None:
+    lease = peer.client("/quad1/lease", "zmav_msgs/srv/Lease")
+    assert lease.call(take=True, priority=3).success
+    held = state(fleet)
+    wait_until(lambda: (now := state(fleet).lease) is not None and now.priority == 3, lambda: held)
+    time.sleep(1.2 * SILENCE)
+    assert state(fleet).lease is not None, "nothing streams, and it is kept"
+    with Stream(raw, "setpoint_position/local", POSE, pose(near(fleet))).running():
+        wait_until(lambda: state(fleet).mover == "stream")
+    assert lease.call(take=False, priority=0).success
+    wait_until(lambda: state(fleet).lease is None)
