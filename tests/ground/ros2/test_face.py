@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import zenoh
 import zmav
 from ground.ros2 import graph
 from ground.ros2.cli import may_order
-from ground.ros2.face import Face
+from ground.ros2.face import LOOK, Face
 from ground.ros2.telemetry import STATE_TOPICS, TOPICS
 from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
 from tests.waiting import until
@@ -53,6 +54,19 @@ async def test_twenty_vehicles_have_twenty_namespaces(net: Net) -> None:
     assert await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0) == [], "nothing is left behind"
 
 
+class Emptied:
+    """A client that forgets at once who is ``gone``: not only after half a minute."""
+
+    def __init__(self, z: zmav.Client) -> None:
+        self._z, self.gone = z, set[str]()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._z, name)
+
+    def fleet(self) -> list[zmav.Vehicle]:
+        return [vehicle for vehicle in self._z.fleet() if vehicle.name not in self.gone]
+
+
 async def test_two_names_that_ros_cannot_tell_apart_are_said(net: Net) -> None:
     session, endpoint = net.router()
     said: list[str] = []
@@ -68,17 +82,44 @@ async def test_two_names_that_ros_cannot_tell_apart_are_said(net: Net) -> None:
         assert "is left out: in ROS it would be /quad_1" in said[0]
 
 
-class Emptied:
-    """A client that forgets at once who is there, when told to: not only after half a minute."""
+async def test_a_name_in_ros_stays_its_vehicles(net: Net) -> None:
+    """Who of ROS commands /quad_1 must not find another vehicle there."""
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with zmav.open(connect=[endpoint]) as z:
+        seen: Any = Emptied(z)
+        async with Face(seen, 0, {}, said.append, may_order=False) as face:
 
-    def __init__(self, z: zmav.Client) -> None:
-        self._z, self.empty = z, False
+            def told() -> bool:
+                speak(session, "quad-1")
+                speak(session, "quad_1")
+                return bool(said)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._z, name)
+            await until(told)
+            seen.gone.add("quad-1")
+            await until(lambda: not face.vehicles)
+            await asyncio.sleep(5 * LOOK)
+            assert not face.vehicles
+            seen.gone.clear()
+            await until(lambda: list(face.vehicles) == ["quad_1"])
+            assert face.vehicles["quad_1"].vehicle.name == "quad-1"
 
-    def fleet(self) -> list[zmav.Vehicle]:
-        return [] if self.empty else self._z.fleet()
+
+async def test_a_state_that_cannot_be_told_keeps_no_other_back(net: Net, monkeypatch: pytest.MonkeyPatch) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            speak(session, "quad1")
+            speak(session, "quad2")
+            return len(face.vehicles) == 2
+
+        await until(there)
+        first, second = face.vehicles.values()
+        monkeypatch.setattr(first, "look", lambda now: 1 / 0)
+        looked: list[float] = []
+        monkeypatch.setattr(second, "look", looked.append)
+        await until(lambda: len(looked) > 2)
 
 
 async def test_who_is_gone_has_no_node(net: Net) -> None:
@@ -97,7 +138,7 @@ async def _comes_and_goes(session: zenoh.Session, seen: Any) -> None:
 
         await until(there)
         assert await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0)
-        seen.empty = True
+        seen.gone.add("quad1")
         await until(lambda: not face.vehicles)
         deadline = time.monotonic() + 30.0
         while await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0):
