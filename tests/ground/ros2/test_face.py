@@ -14,6 +14,7 @@ from ground.ros2 import graph
 from ground.ros2.cli import may_order
 from ground.ros2.face import LOOK, Face
 from ground.ros2.telemetry import STATE_TOPICS, TOPICS
+from ground.ros2.types import known
 from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
 from tests.waiting import until
 from zmav import keys, wire
@@ -24,9 +25,9 @@ if TYPE_CHECKING:
     from tests.conftest import Net
 
 
-def speak(session: zenoh.Session, name: str, fleet: str = "demo") -> None:
+def speak(session: zenoh.Session, name: str, fleet: str = "demo", autopilot: str | None = "px4") -> None:
     state = wire.VehicleState(
-        t=time.time(), fleet=fleet, name=name, instance=name, sysid=1, compid=1, autopilot="px4", connected=True
+        t=time.time(), fleet=fleet, name=name, instance=name, sysid=1, compid=1, autopilot=autopilot, connected=True
     )
     session.put(keys.STATE.key(fleet, name), wire.encode(state), encoding=keys.JSON)
 
@@ -120,6 +121,36 @@ async def test_a_state_that_cannot_be_told_keeps_no_other_back(net: Net, monkeyp
         looked: list[float] = []
         monkeypatch.setattr(second, "look", looked.append)
         await until(lambda: len(looked) > 2)
+
+
+async def test_what_it_feels_is_asked_for_once_its_autopilot_is_known(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            speak(session, "quad1", autopilot=None)
+            return "quad1" in face.vehicles
+
+        await until(there)
+        node = graph.Node(0, str(session.info.zid()), 1, "/", "reader")
+        kind = TOPICS["imu/data"].type
+        end = graph.Endpoint(node, 2, graph.SUBSCRIBER, "/quad1/imu/data", kind, known().hash(kind))
+        token = session.liveliness().declare_token(end.token)
+        telemetry = face.vehicles["quad1"].telemetry
+        await until(lambda: telemetry.wanted == ["imu/data"])
+
+        async def wanted() -> set[str]:
+            found = await in_thread(find_tokens, session, "zmav/demo/quad1/**", 5.0)
+            return {message for message in ("RAW_IMU", "HIGHRES_IMU") if any(message in each for each in found)}
+
+        assert await wanted() == {"RAW_IMU"}
+        deadline = time.monotonic() + 30.0
+        while await wanted() != {"HIGHRES_IMU"}:
+            assert time.monotonic() < deadline, await wanted()
+            speak(session, "quad1")
+        assert telemetry.wanted == ["imu/data"]
+        token.undeclare()
+        await until(lambda: not telemetry.wanted)
 
 
 async def test_who_is_gone_has_no_node(net: Net) -> None:
