@@ -36,7 +36,7 @@ SAY_EVERY, SAY_MOST = 5.0, 20
 """s between two times that one reason is said, and reasons told apart"""
 MOST = 64
 """publishers of one vehicle's setpoints that are remembered"""
-READ_ONLY = "'zmav ros2' was started without --orders: nothing that ROS says reaches a vehicle"
+READ_ONLY = "'zmav ros2' was started without --orders: nothing that ROS says moves or changes a vehicle"
 Log = Callable[[str], None]
 
 
