@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import threading
 import time
@@ -15,6 +16,7 @@ import zenoh
 
 from ground.ros2 import graph
 from ground.ros2.attachment import Attachment
+from ground.ros2.setpoints import pose_fields, velocity
 from ground.ros2.steering import SILENCE
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import PATIENCE_S, Fleet, Peer
@@ -107,6 +109,12 @@ def near(fleet: Fleet, **away: float) -> wire.Vector:
     return n + away.get("n", 0.0), e + away.get("e", 0.0), d
 
 
+def yaw(fleet: Fleet) -> float:
+    attitude = state(fleet).attitude
+    assert attitude is not None
+    return attitude.yaw
+
+
 def drops(fleet: Fleet) -> int:
     return fleet.face.vehicles["quad1"].steering.dropped
 
@@ -117,7 +125,7 @@ def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hol
     message = pose(target, w=1.0)  # east
     came: list[str] = []
     deadline = time.monotonic() + PATIENCE_S
-    while abs(fleet.z.vehicle("quad1").local[0] - target[0]) > 0.5:
+    while abs(fleet.z.vehicle("quad1").local[0] - target[0]) > 0.5 or abs(yaw(fleet) - math.pi / 2) > 0.2:
         assert time.monotonic() < deadline, (state(fleet).setpoints, came)
         publisher.publish(header=message.header, pose=message.pose)
         time.sleep(0.05)
@@ -125,8 +133,6 @@ def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hol
     lease = state(fleet).lease
     assert lease is not None
     assert lease.holder.startswith("ros2-")
-    attitude = state(fleet).attitude
-    assert attitude is not None
     cut = time.monotonic()
     wait_until(lambda: state(fleet).mover == "hold")
     assert 0.3 < time.monotonic() - cut < 2.0
@@ -141,6 +147,18 @@ def test_velocities_are_flown_east_north_up(fleet: Fleet, raw: zenoh.Session) ->
     with stream.running():
         wait_until(lambda: near(fleet)[1] > before[1] + 2.0, lambda: (near(fleet), before))
     assert near(fleet)[0] == pytest.approx(before[0], abs=1.0)
+
+
+def test_a_turn_to_the_left_in_ros_is_one_to_the_left() -> None:
+    """Counter-clockwise from above in ROS, clockwise in MAVLink; headings are from east, and from north."""
+    types = known()
+    turning = types.make(TWIST, angular=types.make("geometry_msgs/msg/Vector3", z=0.5))
+    assert velocity(turning)["yaw_rate"] == -0.5
+    half = math.sqrt(0.5)
+    for q, heading in (({"w": 1.0}, math.pi / 2), ({"z": half, "w": half}, 0.0), ({"z": -half, "w": half}, math.pi)):
+        turned = pose_fields(pose((1.0, 2.0, -3.0), **q).pose)["yaw"]
+        assert math.remainder(turned - heading, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert pose_fields(pose((1.0, 2.0, -3.0)).pose) == {"pos": (1.0, 2.0, -3.0)}
 
 
 def test_the_first_publisher_is_flown_and_another_dropped(fleet: Fleet, raw: zenoh.Session) -> None:
