@@ -27,9 +27,9 @@ TTL = 2.0
 VALID = 0.5
 """s after it was published for which a setpoint may be flown"""
 SILENCE = 1.5
-"""s without a setpoint after which a lease that came with the stream is given back"""
+"""s without a setpoint after which a lease that came with the stream ends: as if its holder had died"""
 FORGOTTEN = 30.0
-"""s without a setpoint after which a lease is given back that was asked for by a node which no token shows"""
+"""s without a setpoint after which a lease ends that was asked for by a node which no token shows"""
 LOOK = 0.1
 """s between two looks at whether a lease is still needed"""
 SAY_EVERY, SAY_MOST = 5.0, 20
@@ -222,6 +222,7 @@ class Steering:
                         await within(LOOK, holding.stop.wait())
                     except asyncio.TimeoutError:
                         continue
+                lease.abandoned = lease.lost is None and not holding.stop.is_set()  # nobody meant the end
                 if lease.lost is not None and not holding.stop.is_set():
                     self._log(f"{holding.name} lost the lease: {lease.lost}")
                     self._bar(holding)

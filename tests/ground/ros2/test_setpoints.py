@@ -137,6 +137,9 @@ def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hol
     wait_until(lambda: state(fleet).mover == "hold")
     assert 0.3 < time.monotonic() - cut < 2.0
     wait_until(lambda: state(fleet).lease is None)
+    end = state(fleet).lease_end
+    assert end is not None
+    assert end.reason in ("gone", "expired"), "nobody gave it back: land_after follows"
 
 
 def test_velocities_are_flown_east_north_up(fleet: Fleet, raw: zenoh.Session) -> None:
@@ -298,3 +301,6 @@ def test_the_lease_service_keeps_the_lease_for_its_stream(fleet: Fleet, raw: zen
         wait_until(lambda: state(fleet).mover == "stream")
     assert lease.call(take=False, priority=0).success
     wait_until(lambda: state(fleet).lease is None)
+    end = state(fleet).lease_end
+    assert end is not None
+    assert end.reason == "released"
