@@ -159,7 +159,7 @@ def test_a_turn_to_the_left_in_ros_is_one_to_the_left() -> None:
     assert velocity(turning)["yaw_rate"] == -0.5
     half = math.sqrt(0.5)
     for q, heading in (({"w": 1.0}, math.pi / 2), ({"z": half, "w": half}, 0.0), ({"z": -half, "w": half}, math.pi)):
-        turned = pose_fields(pose((1.0, 2.0, -3.0), **q).pose)["yaw"]
+        turned = pose_fields(pose((1.0, 2.0, -3.0), "map", **q).pose)["yaw"]
         assert math.remainder(turned - heading, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
     assert pose_fields(pose((1.0, 2.0, -3.0)).pose) == {"pos": (1.0, 2.0, -3.0)}
 
