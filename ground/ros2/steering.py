@@ -112,7 +112,11 @@ class Steering:
             if lease.priority >= priority:
                 return lease.holder
         taking = self._start(gid, priority, asked=True)
-        lease = await self._granted(taking)
+        try:
+            lease = await self._granted(taking)
+        except asyncio.CancelledError:
+            taking.stop.set()  # nobody waits for it any more
+            raise
         self._holding = taking
         if before is not None and ours:
             before.stop.set()  # it gave way to its own node's

@@ -18,7 +18,7 @@ from zmav.services.link.port import on_loop
 MOST = 20_000
 """endpoints of others that are remembered"""
 SAID = 100
-"""differences of types that are said"""
+"""differences of types, and namesakes, that are said"""
 NodeId = tuple[str, int]
 """a node's session, and its number in that"""
 
@@ -122,11 +122,15 @@ class Watch:
 
     def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
         """A type that another ROS has in another version is never received, and nobody would know why."""
+        if ours.kind == theirs.kind == graph.SERVER and ours.node.path == theirs.node.path:
+            self._tell(f"another {theirs.node.path} is in the domain: what is asked of it is done by both, so twice")
         if (ours.type, ours.hash) == (theirs.type, theirs.hash):
             return
         what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"
         here = f"here it is {ours.type} ({ours.hash[:15]})"
-        text = f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}"
+        self._tell(f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}")
+
+    def _tell(self, text: str) -> None:
         if text not in self._said and len(self._said) < SAID:
             self._said.add(text)
             self._say("".join(each if each.isprintable() else "?" for each in text))  # anybody's words

@@ -55,6 +55,27 @@ async def test_twenty_vehicles_have_twenty_namespaces(net: Net) -> None:
     assert await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0) == [], "nothing is left behind"
 
 
+async def test_another_of_the_same_name_is_said(net: Net) -> None:
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, said.append, may_order=False) as face:
+        kind, tokens = "std_srvs/srv/Trigger", []
+        for name in ("else\x1b[2J", "zmav"):
+            node = graph.Node(0, str(session.info.zid()), 1, "/quad1", name)
+            end = graph.Endpoint(node, 2, graph.SERVER, "/quad1/hold", kind, known().hash(kind))
+            tokens.append(session.liveliness().declare_token(end.token))
+        other = graph.Endpoint(node, 3, graph.SERVER, "/quad1/land", kind, "RIHS01_\x1b[2J")
+        tokens.append(session.liveliness().declare_token(other.token))
+
+        def told() -> bool:
+            speak(session, "quad1")
+            return bool(face.vehicles) and len(said) == 2
+
+        await until(told)
+        assert any("another /quad1/zmav" in line for line in said)
+        assert all(line.isprintable() for line in said), "whatever others call themselves"
+
+
 class Emptied:
     """A client that forgets at once who is ``gone``: not only after half a minute."""
 
