@@ -122,7 +122,10 @@ class Parameters:
         except ZmavError as e:
             self._log(f"param/set {request.param_id[:32]}: {e}")
             return self._make("mavros_msgs/srv/ParamSetV2_Response")
-        value = self._value(await self._vehicle.params.get(request.param_id))
+        try:
+            value = self._value(await self._vehicle.params.get(request.param_id))
+        except ZmavError:  # it is set all the same
+            value = request.value
         return self._make("mavros_msgs/srv/ParamSetV2_Response", success=True, value=value)
 
     def _value(self, param: wire.Param | None) -> Any:
