@@ -30,6 +30,8 @@ ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = 1, 2, 3, 4, 5, 6
 REJECTED, UNKNOWN_GOAL, TERMINATED = 1, 2, 3
 """of action_msgs/srv/CancelGoal"""
 ENDED = (SUCCEEDED, CANCELED, ABORTED)
+SECOND = 1_000_000_000
+"""ns"""
 KEPT = 60.0
 """s for which the result of a goal is kept"""
 MOST = 16
@@ -43,7 +45,7 @@ class Goal:
 
     def __init__(self, name: bytes) -> None:
         self.name = name
-        self.at = time.time()
+        self.at = time.time_ns()
         self.status = ACCEPTED
         self.message = ""
         self.ended = asyncio.Event()
@@ -99,7 +101,7 @@ class Action:
             goal.task = asyncio.create_task(self._see_through(goal, verb, args))
         except ZmavError as e:
             self._log(f"{self._name} refused: {e}")
-        stamp = convert.now(self._node.ros.types)
+        stamp = self._stamp(goal) if goal is not None else convert.now(self._node.ros.types)
         return self._make(f"{self._kind}_SendGoal_Response", accepted=goal is not None, stamp=stamp)
 
     async def _see_through(self, goal: Goal, verb: str, args: wire.Order) -> None:
@@ -138,7 +140,7 @@ class Action:
     async def _cancel(self, request: Any, gid: bytes) -> Any:
         """One goal, all that were accepted until a time, or (both zero) all: the vehicle holds."""
         name, stamp = bytes(request.goal_info.goal_id.uuid), request.goal_info.stamp
-        until = stamp.sec + stamp.nanosec / 1e9
+        until = stamp.sec * SECOND + stamp.nanosec
         every = not any(name)
         meant = [goal for goal in self._goals.values() if goal.name == name or (goal.at <= until if until else every)]
         active = [goal for goal in meant if goal.status not in ENDED]
@@ -183,9 +185,11 @@ class Action:
         return self._make("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(goal.name, dtype=np.uint8))
 
     def _info(self, goal: Goal) -> Any:
-        seconds = int(goal.at)
-        stamp = self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=int((goal.at - seconds) * 1e9))
-        return self._make("action_msgs/msg/GoalInfo", goal_id=self._uuid(goal), stamp=stamp)
+        return self._make("action_msgs/msg/GoalInfo", goal_id=self._uuid(goal), stamp=self._stamp(goal))
+
+    def _stamp(self, goal: Goal) -> Any:
+        """When it was accepted; exact, for a cancel names it."""
+        return self._make("builtin_interfaces/msg/Time", sec=goal.at // SECOND, nanosec=goal.at % SECOND)
 
 
 def actions(node: RosNode, vehicle: Vehicle, steering: Steering, log: Log) -> list[Action]:

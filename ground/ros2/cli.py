@@ -35,7 +35,7 @@ def command(domain: int, rate: tuple[str, ...], orders: bool) -> Work:
 
     'ros2 topic list' then has /quad1/imu/data, /quad1/state and more, under MAVROS's names. ROS's own programs find
     this host's router at tcp/localhost:7447 as they would find rmw_zenohd. Without --orders nothing that ROS says
-    reaches a vehicle.
+    moves or changes a vehicle.
     """
     try:
         import rosbags  # noqa: F401

@@ -32,6 +32,8 @@ NODE = "zmav"
 """each vehicle's node: /quad1/zmav"""
 MOST = 200
 """vehicles at once"""
+MOST_NAMES = 2000
+"""vehicles in all"""
 LOOK = 0.1
 """s between two looks at who is there and what is new of each"""
 DIAGNOSE = 1.0
@@ -152,7 +154,10 @@ class Face:
         self._z, self._domain, self._hz, self._say, self._may_order = z, domain, hz, say, may_order
         self.vehicles: dict[str, VehicleNode] = {}
         """by their names in ROS"""
-        self._taken: set[str] = set()
+        self._named: dict[str, str] = {}
+        """which vehicle has a name in ROS, and keeps it: who commands that name there means no other"""
+        self._left_out: set[str] = set()
+        self._closing: dict[str, asyncio.Task[None]] = {}
 
     async def __aenter__(self) -> Face:
         self.ros = Ros(self._z.session, self._domain)
@@ -167,35 +172,55 @@ class Face:
         with contextlib.suppress(asyncio.CancelledError):
             await self._running
         self.watch.close()
-        for node in self.vehicles.values():
-            await node.close()
-        self.vehicles.clear()
+        for name in list(self.vehicles):
+            self._close(name)
+        await asyncio.gather(*self._closing.values(), return_exceptions=True)
 
     async def _run(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
-                await self._meet()
-                for node in self.vehicles.values():
-                    node.look(loop.time())
+                self._meet()
             except Exception:
                 logger.exception("a look at the fleet failed; the next is soon")
+            for node in self.vehicles.values():
+                try:
+                    node.look(loop.time())
+                except Exception:
+                    logger.exception("a look at %s failed; the next is soon", node.vehicle.name)
             await asyncio.sleep(LOOK)
 
-    async def _meet(self) -> None:
+    def _close(self, name: str) -> None:
+        """Have a node end, however long its vehicle, which may be gone, takes to answer."""
+
+        def closed(task: asyncio.Task[None]) -> None:
+            del self._closing[name]
+            if not task.cancelled() and task.exception() is not None:
+                logger.error("the node of %s did not end well", name, exc_info=task.exception())
+
+        self._closing[name] = asyncio.create_task(self.vehicles.pop(name).close())
+        self._closing[name].add_done_callback(closed)
+
+    def _meet(self) -> None:
         """A node for who has come, none for who is gone: neither its token nor its state is there any more."""
         there = {vehicle.name: vehicle for vehicle in self._z.fleet() if vehicle.last_state is not None}
         for name, node in list(self.vehicles.items()):
             if node.vehicle.name not in there:
-                del self.vehicles[name]
-                await node.close()
+                self._close(name)
         for vehicle in there.values():
             name = graph.ros_name(vehicle.name)
-            known = self.vehicles.get(name)
-            if known is None and len(self.vehicles) < MOST:
+            known = name in self.vehicles or name in self._closing
+            full = len(self.vehicles) >= MOST or (name not in self._named and len(self._named) >= MOST_NAMES)
+            if full and not known:
+                self._leave_out(vehicle.name, "there are too many vehicles")
+            elif (named := self._named.setdefault(name, vehicle.name)) != vehicle.name:
+                self._leave_out(vehicle.name, f"in ROS it would be /{name}, as {named} is")
+            elif not known:
                 self.vehicles[name] = VehicleNode(
                     self._z, self.ros, self.watch, vehicle, self._hz, may_order=self._may_order
                 )
-            elif known is not None and known.vehicle.name != vehicle.name and vehicle.name not in self._taken:
-                self._taken.add(vehicle.name)
-                self._say(f"{vehicle.name} is left out: in ROS it would be /{name}, as {known.vehicle.name} is")
+
+    def _leave_out(self, name: str, why: str) -> None:
+        if name not in self._left_out and len(self._left_out) < MOST_NAMES:
+            self._left_out.add(name)
+            self._say(f"{name} is left out: {why}")

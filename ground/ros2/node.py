@@ -19,7 +19,7 @@ import zenoh
 from ground.ros2 import attachment, graph
 from ground.ros2.attachment import Attachment
 from ground.ros2.qos import RELIABLE, RosQos
-from ground.ros2.types import Types, known
+from ground.ros2.types import LARGEST, Types, known
 from zmav import keys, wire
 from zmav.direct import direct
 from zmav.errors import BadInput, Refused, ZmavError
@@ -95,7 +95,10 @@ class RosNode:
         begin = on_loop(self.ros.loop, self._begin)
 
         def take(query: zenoh.Query) -> None:
-            if room.acquire(blocking=False):
+            if too_large(query.payload):  # nothing so large is kept until it is looked at
+                self.ros.bad += 1
+                query.drop()
+            elif room.acquire(blocking=False):
                 begin(endpoint, answer, query, room.release)
             else:
                 query.drop()
@@ -138,6 +141,10 @@ class RosNode:
                 logger.exception("%s was not answered", endpoint.name)
                 e = Refused(f"{endpoint.name}: {e}")
             _refuse(query, e)
+
+
+def too_large(payload: zenoh.ZBytes | None) -> bool:
+    return payload is not None and len(payload) > LARGEST
 
 
 def _refuse(query: zenoh.Query, error: ZmavError) -> None:
@@ -183,6 +190,9 @@ class _Inbox:
         try:
             said = attachment.read(attached(sample))
         except BadInput:
+            self._ros.bad += 1
+            return
+        if too_large(sample.payload):
             self._ros.bad += 1
             return
         with self._lock:

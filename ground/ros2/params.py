@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ground.ros2.node import RosNode
+from ground.ros2.orders import finite
 from ground.ros2.steering import Log, Steering
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
@@ -95,13 +96,18 @@ class Parameters:
         numbers: dict[int, float | int] = {INTEGER: value.integer_value, DOUBLE: value.double_value}
         if value.type not in numbers:
             raise BadInput.wrong("value", f"of type {value.type}", "an integer or a double", f"{name} is a number")
-        args = wire.ParamSet(name=name, value=numbers[value.type], lease=self._steering.token(gid))
+        given = numbers[value.type]
+        if isinstance(given, float):
+            given = finite(name, given)
+        args = wire.ParamSet(name=name, value=given, lease=self._steering.token(gid))
         await self._vehicle.order("param_set", args)
 
     async def _pull(self, request: Any, gid: bytes) -> Any:
-        """Read from the vehicle's cache; with force_pull from the autopilot."""
+        """Read from the vehicle's cache; with force_pull from the autopilot, which is an order."""
         params = self._vehicle.params
         try:
+            if request.force_pull:
+                self._steering.check()
             table = await (params.refresh() if request.force_pull else params.list())
         except ZmavError as e:
             self._log(f"param/pull: {e}")
@@ -116,7 +122,10 @@ class Parameters:
         except ZmavError as e:
             self._log(f"param/set {request.param_id[:32]}: {e}")
             return self._make("mavros_msgs/srv/ParamSetV2_Response")
-        value = self._value(await self._vehicle.params.get(request.param_id))
+        try:
+            value = self._value(await self._vehicle.params.get(request.param_id))
+        except ZmavError:  # it is set all the same
+            value = request.value
         return self._make("mavros_msgs/srv/ParamSetV2_Response", success=True, value=value)
 
     def _value(self, param: wire.Param | None) -> Any:

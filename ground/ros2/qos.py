@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from zmav.errors import BadInput
 
-_FORM = re.compile(r"([012]?):([012]?):([012]?),(\d{0,9}):[\d,]*:[\d,]*:[\d,]*\Z")
+_FORM = re.compile(r"(\d?):(\d?):(\d?),(\d{0,9}):[\d,]*:[\d,]*:[\d,]*\Z", re.ASCII)
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,14 @@ streams, of which the first is flown.
 from __future__ import annotations
 
 import asyncio
+import copy
 import re
 import time
 from collections.abc import Callable
 from typing import Any
 
 from ground.ros2.attachment import Attachment
-from ground.ros2.watch import Watch
+from ground.ros2.watch import NodeId, Watch
 from zmav.errors import BadInput, NotHolder, Refused, ZmavError
 from zmav.ratelimit import RateLimit
 from zmav.vehicle import Vehicle
@@ -26,24 +27,24 @@ TTL = 2.0
 VALID = 0.5
 """s after it was published for which a setpoint may be flown"""
 SILENCE = 1.5
-"""s without a setpoint after which a lease that came with the stream is given back"""
+"""s without a setpoint after which a lease that came with the stream ends: as if its holder had died"""
 FORGOTTEN = 30.0
-"""s without a setpoint after which a lease is given back that was asked for by a node which no token shows"""
+"""s without a setpoint after which a lease ends that was asked for by a node which no token shows"""
 LOOK = 0.1
 """s between two looks at whether a lease is still needed"""
 SAY_EVERY, SAY_MOST = 5.0, 20
 """s between two times that one reason is said, and reasons told apart"""
 MOST = 64
 """publishers of one vehicle's setpoints that are remembered"""
-READ_ONLY = "'zmav ros2' was started without --orders: nothing that ROS says reaches a vehicle"
+READ_ONLY = "'zmav ros2' was started without --orders: nothing that ROS says moves or changes a vehicle"
 Log = Callable[[str], None]
 
 
 class Holding:
     """The lease, held for the node of ``gid``. ``asked``: by the lease service, and not by its stream."""
 
-    def __init__(self, gid: bytes, name: str, asked: bool) -> None:
-        self.gid, self.name, self.asked = gid, name, asked
+    def __init__(self, gid: bytes, node: NodeId | None, name: str, asked: bool) -> None:
+        self.gid, self.node, self.name, self.asked = gid, node, name, asked
         self.stream: bytes | None = None if asked else gid
         """the GID whose setpoints are flown"""
         self.heard = time.monotonic()
@@ -67,8 +68,9 @@ class Steering:
     def __init__(self, vehicle: Vehicle, watch: Watch, log: Log, *, may_order: bool) -> None:
         self._vehicle, self._watch, self._log, self._may_order = vehicle, watch, log, may_order
         self._holding: Holding | None = None
-        self._barred: dict[bytes, float] = {}
-        """GIDs whose lease was taken from them, and when each was last heard: a stream that goes on asks for nothing"""
+        self._barred: dict[bytes | NodeId, float] = {}
+        """GIDs and nodes whose lease was taken from them, and when each was last heard: a stream that goes on asks for
+        nothing, on another topic of that node neither"""
         self._sequences: dict[bytes, int] = {}
         self._said: RateLimit[str] = RateLimit(SAY_EVERY, SAY_MOST)
         self.dropped = 0
@@ -94,7 +96,7 @@ class Steering:
     def token(self, gid: bytes) -> str:
         """The lease under which an order of this GID goes; empty where its node has none."""
         held = self._held()
-        lease = held.in_force if held is not None and self._same(held.gid, gid) else None
+        lease = held.in_force if held is not None and self._holds(held, gid) else None
         return lease.token if lease is not None else ""
 
     async def take(self, gid: bytes, priority: int) -> str:
@@ -103,12 +105,21 @@ class Steering:
         if not 0 <= priority <= 100:
             raise BadInput.wrong("priority", priority, "0 to 100")
         before = self._held()
-        if before is not None and self._same(before.gid, gid):
+        ours = before is not None and self._holds(before, gid)
+        if before is not None and ours:
             before.asked, before.heard = True, time.monotonic()
-            return (await self._granted(before)).holder
+            lease = await self._granted(before)
+            if lease.priority >= priority:
+                return lease.holder
         taking = self._start(gid, priority, asked=True)
-        lease = await self._granted(taking)
+        try:
+            lease = await self._granted(taking)
+        except asyncio.CancelledError:
+            taking.stop.set()  # nobody waits for it any more
+            raise
         self._holding = taking
+        if before is not None and ours:
+            before.stop.set()  # it gave way to its own node's
         self._barred.clear()
         return lease.holder
 
@@ -121,7 +132,7 @@ class Steering:
 
     async def give_back(self, gid: bytes) -> None:
         held = self._held()
-        if held is None or not self._same(held.gid, gid):
+        if held is None or not self._holds(held, gid):
             text = f"{self._watch.name_of(gid)} does not hold the lease of {self._vehicle.name}"
             raise NotHolder(text, vehicle=self._vehicle.name)
         await self._end(held)
@@ -145,19 +156,22 @@ class Steering:
     def _fly(self, said: Attachment, fields: dict[str, Any]) -> None:
         left = self._left(said)
         now = time.monotonic()
-        if (barred := self._barred.get(said.gid)) is not None:
-            self._barred[said.gid] = now
-            if now - barred < SILENCE:
+        node = self._watch.node_of(said.gid)
+        barred = {who: self._barred[who] for who in (said.gid, node) if who is not None and who in self._barred}
+        if barred:
+            self._barred.update(dict.fromkeys(barred, now))
+            if now - max(barred.values()) < SILENCE:
                 text = f"{self._watch.name_of(said.gid)} lost the lease: stop the stream, or ask the lease service"
                 raise NotHolder(text, vehicle=self._vehicle.name)
-            del self._barred[said.gid]
+            for who in barred:
+                del self._barred[who]
         held = self._held()
         if held is None:
             self._holding = self._start(said.gid, 0, asked=False)
             return
-        if held.stream is None and self._same(held.gid, said.gid):
+        if held.stream is None and self._holds(held, said.gid):
             held.stream = said.gid
-        if held.stream is None or not self._watch.same_node(held.stream, said.gid):
+        if said.gid != held.stream and (node is None or node != held.node):
             text = f"{held.name} commands {self._vehicle.name}: the lease service has priorities"
             raise NotHolder(text, vehicle=self._vehicle.name)
         held.heard = now
@@ -169,13 +183,13 @@ class Steering:
         """Seconds for which it may still be flown; raises for one that is late, or comes out of order."""
         if said.gid in self._sequences and said.sequence <= self._sequences[said.gid]:
             raise BadInput("a setpoint came out of order", field="sequence", value=said.sequence)
-        if len(self._sequences) > MOST:
-            self._sequences.clear()
-        self._sequences[said.gid] = said.sequence
         age = time.time() - said.stamp_ns / 1e9
         if not -VALID < age < VALID:
             text = "a setpoint is late, or the clocks of its node and of this host differ"
             raise BadInput(text, field="stamp", value=age, expected=f"within {VALID} s")
+        if len(self._sequences) > MOST:
+            self._sequences.clear()
+        self._sequences[said.gid] = said.sequence
         return VALID - max(age, 0.0)
 
     # The lease itself.
@@ -183,16 +197,17 @@ class Steering:
     def _held(self) -> Holding | None:
         if self._holding is not None and self._holding.over:
             self._holding = None
+        if self._holding is not None and self._holding.node is None:  # its token may come after what it says
+            self._holding.node = self._watch.node_of(self._holding.gid)
         return self._holding
 
-    def _same(self, one: bytes, other: bytes) -> bool:
-        """Both are of one node, or both of nodes that cannot be told apart."""
-        strangers = self._watch.who(one) is None and self._watch.who(other) is None
-        return strangers or self._watch.same_node(one, other)
+    def _holds(self, held: Holding, gid: bytes) -> bool:
+        """It is the holder's node that says so, or neither can be told from others."""
+        return gid == held.gid or self._watch.node_of(gid) == held.node
 
     def _start(self, gid: bytes, priority: int, *, asked: bool) -> Holding:
-        holding = Holding(gid, self._watch.name_of(gid), asked)
-        holding.task = asyncio.create_task(self._hold(holding, priority, known=self._watch.who(gid) is not None))
+        holding = Holding(gid, self._watch.node_of(gid), self._watch.name_of(gid), asked)
+        holding.task = asyncio.create_task(self._hold(holding, priority))
         return holding
 
     async def _end(self, holding: Holding) -> None:
@@ -200,17 +215,19 @@ class Steering:
         if holding.task is not None:
             await asyncio.gather(holding.task, return_exceptions=True)
 
-    async def _hold(self, holding: Holding, priority: int, known: bool) -> None:
+    async def _hold(self, holding: Holding, priority: int) -> None:
         name = "ros2-" + re.sub(r"[^a-z0-9_]+", "-", holding.name.lower().strip("/"))
         try:
-            async with self._vehicle.lease(name[:60], ttl=TTL, priority=priority) as lease:
+            # Of its own: a question for a lease by who has one renews that, whoever asks.
+            async with copy.copy(self._vehicle).lease(name[:60], ttl=TTL, priority=priority) as lease:
                 holding.lease.set_result(lease)
-                while not holding.stop.is_set() and lease.lost is None and self._needed(holding, known):
+                while not holding.stop.is_set() and lease.lost is None and self._needed(holding):
                     try:
                         await within(LOOK, holding.stop.wait())
                     except asyncio.TimeoutError:
                         continue
-                if lease.lost is not None:
+                lease.abandoned = lease.lost is None and not holding.stop.is_set()  # nobody meant the end
+                if lease.lost is not None and not holding.stop.is_set():
                     self._log(f"{holding.name} lost the lease: {lease.lost}")
                     self._bar(holding)
         except ZmavError as e:
@@ -227,9 +244,11 @@ class Steering:
             self._barred.clear()
         if holding.stream is not None:
             self._barred[holding.stream] = time.monotonic()
+            if holding.node is not None:
+                self._barred[holding.node] = time.monotonic()
 
-    def _needed(self, holding: Holding, known: bool) -> bool:
+    def _needed(self, holding: Holding) -> bool:
         """A stream's lease lasts as long as the stream; one that was asked for, as long as its node is there."""
-        if holding.asked and known:
-            return self._watch.who(holding.gid) is not None
+        if holding.asked and holding.node is not None:
+            return self._watch.has_node(holding.node)
         return time.monotonic() - holding.heard < (FORGOTTEN if holding.asked else SILENCE)

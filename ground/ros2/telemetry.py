@@ -115,6 +115,7 @@ class Telemetry:
         self._publishers = {topic.name: node.publish(topic.name, topic.type, topic.qos) for topic in TOPICS.values()}
         self._states = [(node.publish(name, kind, qos), make) for name, kind, make, qos in STATE_TOPICS]
         self._said: Any = None
+        self._imu = self._key(IMU)
         self.bad = 0
         for topic, publisher in self._publishers.items():
             watch.offer(publisher.endpoint, partial(self._want, TOPICS[topic]))
@@ -136,6 +137,11 @@ class Telemetry:
         if state is None or state is self._said:
             return
         self._said = state
+        imu, self._imu = self._imu, self._key(IMU)
+        if imu != self._imu:  # only now is it known which autopilot it has
+            for topic in [TOPICS[name] for name in self._wanted if IMU in TOPICS[name].messages]:
+                self._want(topic, False)
+                self._want(topic, True)
         view = self._view(state.t)
         for publisher, make in self._states:
             publisher(make(view))

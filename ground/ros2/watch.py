@@ -5,6 +5,7 @@ Anybody declares tokens, and as many as he likes: so many are looked at, and no 
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Callable
 
 import zenoh
@@ -17,7 +18,9 @@ from zmav.services.link.port import on_loop
 MOST = 20_000
 """endpoints of others that are remembered"""
 SAID = 100
-"""differences of types that are said"""
+"""differences of types, and namesakes, that are said"""
+NodeId = tuple[str, int]
+"""a node's session, and its number in that"""
 
 
 class Watch:
@@ -29,6 +32,8 @@ class Watch:
         self._endpoints: dict[str, dict[str, graph.Endpoint]] = {}
         """of others, by topic and token"""
         self._by_gid: dict[bytes, graph.Endpoint] = {}
+        self._nodes: collections.Counter[NodeId] = collections.Counter()
+        """how many endpoints of each there are"""
         self._readers: dict[tuple[str, str], set[str]] = {}
         """tokens of who subscribes, by topic and hash"""
         self._offered: dict[str, dict[str, tuple[graph.Endpoint, Callable[[bool], None]]]] = {}
@@ -61,12 +66,14 @@ class Watch:
         """The endpoint that has this GID; None for one whose token is not there, or has another."""
         return self._by_gid.get(gid)
 
-    def same_node(self, one: bytes, other: bytes) -> bool:
-        """Two GIDs are of endpoints of one node, as far as the graph shows."""
-        a, b = self.who(one), self.who(other)
-        return one == other or (
-            a is not None and b is not None and (a.node.zid, a.node.nid) == (b.node.zid, b.node.nid)
-        )
+    def node_of(self, gid: bytes) -> NodeId | None:
+        """The node of the endpoint that has this GID, as far as the graph shows."""
+        found = self.who(gid)
+        return None if found is None else (found.node.zid, found.node.nid)
+
+    def has_node(self, node: NodeId) -> bool:
+        """Any endpoint of it is there."""
+        return node in self._nodes
 
     def name_of(self, gid: bytes) -> str:
         """The node's name, or its GID where that is not known."""
@@ -83,6 +90,10 @@ class Watch:
             if there.pop(token, None) is not None:
                 self._count_of_all -= 1
                 self._by_gid.pop(graph.gid_of(token), None)
+                node = found.node.zid, found.node.nid
+                self._nodes[node] -= 1
+                if not self._nodes[node]:
+                    del self._nodes[node]
                 self._count(found, token, False)
             if not there:
                 self._endpoints.pop(found.name, None)
@@ -90,6 +101,7 @@ class Watch:
             self._count_of_all += 1
             self._endpoints.setdefault(found.name, {})[token] = found
             self._by_gid[graph.gid_of(token)] = found
+            self._nodes[found.node.zid, found.node.nid] += 1
             self._count(found, token, True)
             for endpoint, _ in self._offered.get(found.name, {}).values():
                 self._compare(endpoint, found)
@@ -110,11 +122,15 @@ class Watch:
 
     def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
         """A type that another ROS has in another version is never received, and nobody would know why."""
+        if ours.kind == theirs.kind == graph.SERVER and ours.node.path == theirs.node.path:
+            self._tell(f"another {theirs.node.path} is in the domain: what is asked of it is done by both, so twice")
         if (ours.type, ours.hash) == (theirs.type, theirs.hash):
             return
         what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"
         here = f"here it is {ours.type} ({ours.hash[:15]})"
-        text = f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}"
+        self._tell(f"{theirs.node.path} knows {ours.name} {what} ({theirs.hash[:15]}); {here}")
+
+    def _tell(self, text: str) -> None:
         if text not in self._said and len(self._said) < SAID:
             self._said.add(text)
-            self._say(text)
+            self._say("".join(each if each.isprintable() else "?" for each in text))  # anybody's words

@@ -42,6 +42,8 @@ class Lease:
         heard = vehicle.last_state
         self._since = heard.t if heard else 0.0
         """by the vehicle's clock: what it said until then is of leases before this one"""
+        self.abandoned = False
+        """it is not given back at its end: whom it was held for is gone, and failsafes follow as for who has died"""
         self._lost: ZmavError | None = None
         self._key = keys.SETPOINT.key(vehicle.fleet, vehicle.name, agent=args.holder)
         self._points = client.session.declare_publisher(self._key, **keys.SETPOINT.publishing())
@@ -201,7 +203,8 @@ async def take_lease(vehicle: Vehicle, client: Client, holder: str, ttl: float, 
         finally:
             renewer.cancel()
             with contextlib.suppress(ZmavError, asyncio.TimeoutError):  # where it does not arrive, the token's end does
-                await within(RELEASE_TIMEOUT, vehicle.order("release", wire.DropLease(lease=lease.token)))
+                if not lease.abandoned:
+                    await within(RELEASE_TIMEOUT, vehicle.order("release", wire.DropLease(lease=lease.token)))
             lease.close()
     finally:
         token.undeclare()

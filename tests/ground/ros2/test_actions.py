@@ -52,6 +52,7 @@ class Client:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session, self._gid, self._sequence = session, os.urandom(16), 0
+        self.accepted: Any = None
 
     def call(self, name: str, kind: str, /, **fields: Any) -> Any:
         types = known()
@@ -76,6 +77,7 @@ class Client:
         full = f"zmav_msgs/action/{kind}"
         made = known().make(f"{full}_Goal", **goal)
         answer = self.call(f"{action}/_action/send_goal", f"{full}_SendGoal", goal_id=uuid(name), goal=made)
+        self.accepted = answer.stamp
         return bool(answer.accepted)
 
     def result(self, action: str, kind: str, name: bytes) -> tuple[int, Any]:
@@ -83,8 +85,8 @@ class Client:
         answer = self.call(f"{action}/_action/get_result", f"{full}_GetResult", goal_id=uuid(name))
         return answer.status, answer.result
 
-    def cancel(self, action: str, name: bytes) -> Any:
-        info = known().make("action_msgs/msg/GoalInfo", goal_id=uuid(name))
+    def cancel(self, action: str, name: bytes, **stamp: Any) -> Any:
+        info = known().make("action_msgs/msg/GoalInfo", goal_id=uuid(name), **stamp)
         return self.call(f"{action}/_action/cancel_goal", CANCEL, goal_info=info)
 
 
@@ -139,6 +141,12 @@ def test_a_flight_by_actions_with_feedback_and_a_cancel(fleet: Fleet, client: Cl
     assert fleet.z.vehicle("quad1").local[0] < north + 50.0
     assert client.cancel("goto", far).return_code == TERMINATED
     assert client.cancel("goto", os.urandom(16)).return_code == UNKNOWN_GOAL
+    again = os.urandom(16)
+    assert client.send("goto", "GoTo", again, position=point((north + 60.0, east, down)))
+    cancelled = client.cancel("goto", bytes(16), stamp=client.accepted)
+    assert [bytes(info.goal_id.uuid) for info in cancelled.goals_canceling] == [again], "accepted by then"
+    assert cancelled.goals_canceling[0].stamp == client.accepted
+    assert client.result("goto", "GoTo", again)[0] == CANCELED
 
     down_ = os.urandom(16)
     assert client.send("land", "Land", down_, return_first=False)

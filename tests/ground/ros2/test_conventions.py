@@ -75,6 +75,12 @@ def test_qos_is_read_alike(qos: RosQos) -> None:
     assert RosQos.decode(theirs.encode()) == qos
 
 
+def test_what_leaves_it_to_the_middleware_is_read() -> None:
+    """RMW's numbers go on: 3 is unknown, 4 and 5 are the best available."""
+    found = RosQos.decode("4:5:1,20:,:,:5,,")
+    assert (found.reliable, found.transient_local, found.depth) == (True, False, 20)
+
+
 @given(st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1), st.binary(min_size=16, max_size=16))
 def test_attachments_have_33_bytes_and_are_read_alike(sequence: int, stamp: int, gid: bytes) -> None:
     data = Attachment(sequence, stamp, gid).encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,9 @@ import zenoh
 import zmav
 from ground.ros2 import graph
 from ground.ros2.cli import may_order
-from ground.ros2.face import Face
+from ground.ros2.face import LOOK, Face
 from ground.ros2.telemetry import STATE_TOPICS, TOPICS
+from ground.ros2.types import known
 from tests.trust.conftest import Authority, authority  # noqa: F401  (a fixture)
 from tests.waiting import until
 from zmav import keys, wire
@@ -23,9 +25,9 @@ if TYPE_CHECKING:
     from tests.conftest import Net
 
 
-def speak(session: zenoh.Session, name: str, fleet: str = "demo") -> None:
+def speak(session: zenoh.Session, name: str, fleet: str = "demo", autopilot: str | None = "px4") -> None:
     state = wire.VehicleState(
-        t=time.time(), fleet=fleet, name=name, instance=name, sysid=1, compid=1, autopilot="px4", connected=True
+        t=time.time(), fleet=fleet, name=name, instance=name, sysid=1, compid=1, autopilot=autopilot, connected=True
     )
     session.put(keys.STATE.key(fleet, name), wire.encode(state), encoding=keys.JSON)
 
@@ -53,6 +55,40 @@ async def test_twenty_vehicles_have_twenty_namespaces(net: Net) -> None:
     assert await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0) == [], "nothing is left behind"
 
 
+async def test_another_of_the_same_name_is_said(net: Net) -> None:
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, said.append, may_order=False) as face:
+        kind, tokens = "std_srvs/srv/Trigger", []
+        for name in ("else\x1b[2J", "zmav"):
+            node = graph.Node(0, str(session.info.zid()), 1, "/quad1", name)
+            end = graph.Endpoint(node, 2, graph.SERVER, "/quad1/hold", kind, known().hash(kind))
+            tokens.append(session.liveliness().declare_token(end.token))
+        other = graph.Endpoint(node, 3, graph.SERVER, "/quad1/land", kind, "RIHS01_\x1b[2J")
+        tokens.append(session.liveliness().declare_token(other.token))
+
+        def told() -> bool:
+            speak(session, "quad1")
+            return bool(face.vehicles) and len(said) == 2
+
+        await until(told)
+        assert any("another /quad1/zmav" in line for line in said)
+        assert all(line.isprintable() for line in said), "whatever others call themselves"
+
+
+class Emptied:
+    """A client that forgets at once who is ``gone``: not only after half a minute."""
+
+    def __init__(self, z: zmav.Client) -> None:
+        self._z, self.gone = z, set[str]()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._z, name)
+
+    def fleet(self) -> list[zmav.Vehicle]:
+        return [vehicle for vehicle in self._z.fleet() if vehicle.name not in self.gone]
+
+
 async def test_two_names_that_ros_cannot_tell_apart_are_said(net: Net) -> None:
     session, endpoint = net.router()
     said: list[str] = []
@@ -68,17 +104,84 @@ async def test_two_names_that_ros_cannot_tell_apart_are_said(net: Net) -> None:
         assert "is left out: in ROS it would be /quad_1" in said[0]
 
 
-class Emptied:
-    """A client that forgets at once who is there, when told to: not only after half a minute."""
+async def test_a_name_in_ros_stays_its_vehicles(net: Net) -> None:
+    """Who of ROS commands /quad_1 must not find another vehicle there."""
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with zmav.open(connect=[endpoint]) as z:
+        seen: Any = Emptied(z)
+        async with Face(seen, 0, {}, said.append, may_order=False) as face:
 
-    def __init__(self, z: zmav.Client) -> None:
-        self._z, self.empty = z, False
+            def told() -> bool:
+                speak(session, "quad-1")
+                speak(session, "quad_1")
+                return bool(said)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._z, name)
+            await until(told)
+            seen.gone.add("quad-1")
+            await until(lambda: not face.vehicles)
+            await asyncio.sleep(5 * LOOK)
+            assert not face.vehicles
+            seen.gone.clear()
+            await until(lambda: list(face.vehicles) == ["quad_1"])
+            assert face.vehicles["quad_1"].vehicle.name == "quad-1"
 
-    def fleet(self) -> list[zmav.Vehicle]:
-        return [] if self.empty else self._z.fleet()
+
+class Spoilt:
+    """In a node's place: each look at it is counted, and fails."""
+
+    def __init__(self, node: Any) -> None:
+        self.vehicle, self.close, self.looked = node.vehicle, node.close, 0
+
+    def look(self, now: float) -> None:
+        self.looked += 1
+        raise ValueError("nothing can be told of it")
+
+
+async def test_a_state_that_cannot_be_told_keeps_no_other_back(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            speak(session, "quad1")
+            speak(session, "quad2")
+            return len(face.vehicles) == 2
+
+        await until(there)
+        nodes: dict[str, Any] = face.vehicles
+        for name in list(nodes):
+            nodes[name] = Spoilt(nodes[name])
+        await until(lambda: all(node.looked > 2 for node in nodes.values()))
+
+
+async def test_what_it_feels_is_asked_for_once_its_autopilot_is_known(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+
+        def there() -> bool:
+            speak(session, "quad1", autopilot=None)
+            return "quad1" in face.vehicles
+
+        await until(there)
+        node = graph.Node(0, str(session.info.zid()), 1, "/", "reader")
+        kind = TOPICS["imu/data"].type
+        end = graph.Endpoint(node, 2, graph.SUBSCRIBER, "/quad1/imu/data", kind, known().hash(kind))
+        token = session.liveliness().declare_token(end.token)
+        telemetry = face.vehicles["quad1"].telemetry
+        await until(lambda: telemetry.wanted == ["imu/data"])
+
+        async def wanted() -> set[str]:
+            found = await in_thread(find_tokens, session, "zmav/demo/quad1/**", 5.0)
+            return {message for message in ("RAW_IMU", "HIGHRES_IMU") if any(message in each for each in found)}
+
+        assert await wanted() == {"RAW_IMU"}
+        deadline = time.monotonic() + 30.0
+        while await wanted() != {"HIGHRES_IMU"}:
+            assert time.monotonic() < deadline, await wanted()
+            speak(session, "quad1")
+        assert telemetry.wanted == ["imu/data"]
+        token.undeclare()
+        await until(lambda: not telemetry.wanted)
 
 
 async def test_who_is_gone_has_no_node(net: Net) -> None:
@@ -97,7 +200,7 @@ async def _comes_and_goes(session: zenoh.Session, seen: Any) -> None:
 
         await until(there)
         assert await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0)
-        seen.empty = True
+        seen.gone.add("quad1")
         await until(lambda: not face.vehicles)
         deadline = time.monotonic() + 30.0
         while await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0):

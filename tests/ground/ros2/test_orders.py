@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ground.ros2 import attachment, graph
-from ground.ros2.types import known
+from ground.ros2.types import LARGEST, known
 from tests.ground.ros2.conftest import Fleet, Peer, first
 from tests.waiting import wait_until
 from zmav import wire
@@ -129,11 +129,13 @@ def test_parameters_are_read_set_and_described(fleet: Fleet, peer: Peer) -> None
         parameter("RTL_ALT", type=2, integer_value=1800),
         parameter("NO_SUCH", type=3, double_value=1.0),
         parameter("RTL_ALT", type=4, string_value="high"),
+        parameter("RTL_ALT", type=3, double_value=float("nan")),
     ]
     results = set_.call(parameters=given_).results
-    assert [each.successful for each in results] == [True, False, False]
+    assert [each.successful for each in results] == [True, False, False, False]
     assert "NO_SUCH" in results[1].reason
     assert "integer or a double" in results[2].reason
+    assert "RTL_ALT is nan" in results[3].reason
     (now,) = get.call(names=["RTL_ALT"]).values
     assert max(now.integer_value, now.double_value) == 1800
     listed = peer.client("/quad1/param/list_parameters", "rcl_interfaces/srv/ListParameters").call(prefixes=[], depth=0)
@@ -228,6 +230,14 @@ def test_any_request_is_answered_or_refused(fleet: Fleet, raw: zenoh.Session, pe
     assert (answered.sequence, answered.gid) == (77, GID)
 
 
+def test_what_is_too_large_is_not_kept(fleet: Fleet, raw: zenoh.Session) -> None:
+    before, large = fleet.face.ros.bad, bytes(LARGEST + 1)
+    assert ask(raw, key_of("hold", TRIGGER), large, attachment.write(1, GID)) == []
+    pose = key_of("setpoint_position/local", "geometry_msgs/msg/PoseStamped")
+    raw.put(pose, large, attachment=attachment.write(1, GID))
+    wait_until(lambda: fleet.face.ros.bad == before + 2)
+
+
 def test_a_read_only_face_gives_no_orders(fleet: Fleet, peer: Peer) -> None:
     with Fleet(["quad1"], [QUAD], speed=4.0, may_order=False) as reading:
         other = Peer(reading.port)
@@ -243,6 +253,9 @@ def test_a_read_only_face_gives_no_orders(fleet: Fleet, peer: Peer) -> None:
             set_ = other.client("/quad1/param/set_parameters", "rcl_interfaces/srv/SetParameters")
             (result,) = set_.call(parameters=[parameter("RTL_ALT", type=2, integer_value=1)]).results
             assert "without --orders" in result.reason
+            pull = other.client("/quad1/param/pull", "mavros_msgs/srv/ParamPull")
+            assert pull.call(force_pull=False).success, "the cache is read"
+            assert not pull.call(force_pull=True).success, "the autopilot is asked for nothing"
             logs, _ = other.subscribe("/rosout", "rcl_interfaces/msg/Log", qos=":1:,10:,:,:,,")
             assert first(logs).name == "quad1.zmav"
         finally:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import math
 import os
 import threading
 import time
@@ -14,11 +16,13 @@ import zenoh
 
 from ground.ros2 import graph
 from ground.ros2.attachment import Attachment
+from ground.ros2.setpoints import pose_fields, velocity
 from ground.ros2.steering import SILENCE
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import PATIENCE_S, Fleet, Peer
 from tests.waiting import wait_until
 from zmav import wire
+from zmav.errors import NotHolder
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
 
@@ -61,8 +65,8 @@ def state(fleet: Fleet) -> wire.VehicleState:
 class Stream:
     """Setpoints of one publisher, 20 a second, from a thread."""
 
-    def __init__(self, raw: zenoh.Session, topic: str, kind: str, message: Any) -> None:
-        self._raw, self._kind, self.message, self._gid = raw, kind, message, os.urandom(16)
+    def __init__(self, raw: zenoh.Session, topic: str, kind: str, message: Any, gid: bytes = b"") -> None:
+        self._raw, self._kind, self.message, self._gid = raw, kind, message, gid or os.urandom(16)
         self._key = f"0/quad1/{topic}/{graph.dds_of(kind)}/{known().hash(kind)}"
         self.sequence = int(time.time() * 1e3)
         self.last = 0.0
@@ -105,6 +109,12 @@ def near(fleet: Fleet, **away: float) -> wire.Vector:
     return n + away.get("n", 0.0), e + away.get("e", 0.0), d
 
 
+def yaw(fleet: Fleet) -> float:
+    attitude = state(fleet).attitude
+    assert attitude is not None
+    return attitude.yaw
+
+
 def drops(fleet: Fleet) -> int:
     return fleet.face.vehicles["quad1"].steering.dropped
 
@@ -115,7 +125,7 @@ def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hol
     message = pose(target, w=1.0)  # east
     came: list[str] = []
     deadline = time.monotonic() + PATIENCE_S
-    while abs(fleet.z.vehicle("quad1").local[0] - target[0]) > 0.5:
+    while abs(fleet.z.vehicle("quad1").local[0] - target[0]) > 0.5 or abs(yaw(fleet) - math.pi / 2) > 0.2:
         assert time.monotonic() < deadline, (state(fleet).setpoints, came)
         publisher.publish(header=message.header, pose=message.pose)
         time.sleep(0.05)
@@ -123,12 +133,13 @@ def test_a_stream_of_another_implementation_is_flown_and_a_cut_one_ends_in_a_hol
     lease = state(fleet).lease
     assert lease is not None
     assert lease.holder.startswith("ros2-")
-    attitude = state(fleet).attitude
-    assert attitude is not None
     cut = time.monotonic()
     wait_until(lambda: state(fleet).mover == "hold")
     assert 0.3 < time.monotonic() - cut < 2.0
     wait_until(lambda: state(fleet).lease is None)
+    end = state(fleet).lease_end
+    assert end is not None
+    assert end.reason in ("gone", "expired"), "nobody gave it back: land_after follows"
 
 
 def test_velocities_are_flown_east_north_up(fleet: Fleet, raw: zenoh.Session) -> None:
@@ -139,6 +150,18 @@ def test_velocities_are_flown_east_north_up(fleet: Fleet, raw: zenoh.Session) ->
     with stream.running():
         wait_until(lambda: near(fleet)[1] > before[1] + 2.0, lambda: (near(fleet), before))
     assert near(fleet)[0] == pytest.approx(before[0], abs=1.0)
+
+
+def test_a_turn_to_the_left_in_ros_is_one_to_the_left() -> None:
+    """Counter-clockwise from above in ROS, clockwise in MAVLink; headings are from east, and from north."""
+    types = known()
+    turning = types.make(TWIST, angular=types.make("geometry_msgs/msg/Vector3", z=0.5))
+    assert velocity(turning)["yaw_rate"] == -0.5
+    half = math.sqrt(0.5)
+    for q, heading in (({"w": 1.0}, math.pi / 2), ({"z": half, "w": half}, 0.0), ({"z": -half, "w": half}, math.pi)):
+        turned = pose_fields(pose((1.0, 2.0, -3.0), "map", **q).pose)["yaw"]
+        assert math.remainder(turned - heading, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert pose_fields(pose((1.0, 2.0, -3.0)).pose) == {"pos": (1.0, 2.0, -3.0)}
 
 
 def test_the_first_publisher_is_flown_and_another_dropped(fleet: Fleet, raw: zenoh.Session) -> None:
@@ -202,6 +225,71 @@ def test_a_stream_that_goes_on_does_not_take_again_what_was_taken_from_it(fleet:
         wait_until(lambda: state(fleet).mover == "stream")
 
 
+def test_neither_does_its_node_on_another_topic(fleet: Fleet, raw: zenoh.Session) -> None:
+    node = graph.Node(0, str(raw.info.zid()), 71, "/", "offboard")
+    kinds = {"setpoint_position/local": POSE, "setpoint_velocity/cmd_vel_unstamped": TWIST}
+    ends = [
+        graph.Endpoint(node, eid, graph.PUBLISHER, f"/quad1/{topic}", kind, known().hash(kind))
+        for eid, (topic, kind) in enumerate(kinds.items())
+    ]
+    tokens = [raw.liveliness().declare_token(end.token) for end in ends]
+    watch = fleet.face.watch
+    wait_until(lambda: all(watch.who(end.gid) is not None for end in ends))
+    messages = pose(near(fleet)), known().make(TWIST)
+    one, other = (
+        Stream(raw, topic, kind, message, end.gid)
+        for (topic, kind), message, end in zip(kinds.items(), messages, ends, strict=True)
+    )
+    with one.running():
+        wait_until(lambda: (lease := state(fleet).lease) is not None and lease.holder == "ros2-offboard")
+        fleet.call(fleet.z.vehicle("quad1").revoke("enough"))
+        wait_until(lambda: state(fleet).lease is None)
+        with other.running():
+            until = time.monotonic() + 2 * SILENCE
+            while time.monotonic() < until:
+                assert state(fleet).lease is None
+                time.sleep(0.05)
+    for token in tokens:
+        token.undeclare()
+    wait_until(lambda: not watch.has_node((node.zid, node.nid)))
+
+
+def test_one_node_does_not_get_what_another_holds_with_a_higher_priority(fleet: Fleet) -> None:
+    async def ask() -> None:
+        steering, watch = fleet.face.vehicles["quad1"].steering, fleet.face.watch
+        node = graph.Node(0, "ab", 1, "/", "first")
+        end = graph.Endpoint(node, 2, graph.ASKER, "/quad1/lease", "zmav_msgs/srv/Lease", "RIHS01_ab")
+        token = fleet.z.session.liveliness().declare_token(end.token)
+        while watch.who(end.gid) is None:
+            await asyncio.sleep(0.01)
+        stranger = os.urandom(16)
+        assert await steering.take(end.gid, 50) == "ros2-first"
+        with pytest.raises(NotHolder, match="ros2-first"):
+            await steering.take(stranger, 5)
+        assert steering.holder == "/first"
+        assert (await steering.take(stranger, 60)).startswith("ros2-")
+        assert steering.holder != "/first"
+        await steering.give_back(stranger)
+        token.undeclare()
+
+    fleet.call(ask())
+
+
+def test_a_node_that_asks_again_gets_the_higher_priority(fleet: Fleet, peer: Peer) -> None:
+    lease = peer.client("/quad1/lease", "zmav_msgs/srv/Lease")
+    assert lease.call(take=True, priority=3).success
+    assert lease.call(take=True, priority=7).success
+    wait_until(
+        lambda: (now := state(fleet).lease) is not None and now.priority == 7,
+        lambda: (state(fleet).lease, state(fleet).lease_end),
+    )
+    time.sleep(1.2 * SILENCE)
+    held = state(fleet).lease
+    assert held is not None
+    assert held.priority == 7, "and keeps it"
+    assert lease.call(take=False, priority=0).success
+
+
 def test_the_lease_service_keeps_the_lease_for_its_stream(fleet: Fleet, raw: zenoh.Session, peer: Peer) -> None:
     lease = peer.client("/quad1/lease", "zmav_msgs/srv/Lease")
     assert lease.call(take=True, priority=3).success
@@ -213,3 +301,6 @@ def test_the_lease_service_keeps_the_lease_for_its_stream(fleet: Fleet, raw: zen
         wait_until(lambda: state(fleet).mover == "stream")
     assert lease.call(take=False, priority=0).success
     wait_until(lambda: state(fleet).lease is None)
+    end = state(fleet).lease_end
+    assert end is not None
+    assert end.reason == "released"
