@@ -176,9 +176,11 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
     )
     called, guarded = _is_called(plan, rules), plan.credentials is not None
     second = rules.second_port and plan.host.neighbours is None
+    others = {place(each) for each in listen} | _listeners(plan.file)
     for radio in called:
         port = radio.radio.port or plan.file.mesh.port
-        ports = [port, port + ABOVE] if second and not radio.radio.budget and port + ABOVE < 65536 else [port]
+        free = port + ABOVE < 65536 and f"{bracketed(str(radio.radio.address))}:{port + ABOVE}" not in others
+        ports = [port, port + ABOVE] if second and not radio.radio.budget and free else [port]
         listen += [between(str(radio.radio.address), each, guarded) for each in ports]
         why.append(f"{radio.name}{'' if radio.present else ' (waited for)'}")
     if guarded and (socket := _socket(listen)) is not None:
@@ -205,6 +207,13 @@ def _links(plan: RouterPlan, table: VehicleConfig | StationConfig) -> dict[str, 
     if connect:
         found[CONNECT] = Setting(list(dict.fromkeys(connect)), ", ".join(why))
     return found
+
+
+def _listeners(file: FleetConfig) -> set[str]:
+    """The first ports of all radios of the fleet, and those of their bearers: several hosts may be on one computer."""
+    radios = [radio for host in file.hosts().values() for radio in host.mesh.radios]
+    found = {(radio.ip(), (radio.port or file.mesh.port) + above) for radio in radios for above in (0, 1)}
+    return {f"{bracketed(str(address.ip))}:{port}" for address, port in found if address is not None}
 
 
 def _socket(listen: list[str]) -> str | None:

@@ -31,10 +31,13 @@ Corners = tuple[float, float, float, float]
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MOST_SIDE, MOST_PIXELS = 4096, 120_000_000
 """pixels of the picture's longer side, and of what is decoded for it, which takes 0.5 GB meanwhile"""
+STRIP = 512
+"""rows of it that are made colours at a time"""
 CELLS, EDGE = 16, 17
 """in which it is bent each way, and points of each of its edges that are looked at for its bounds"""
 SCALE, TIE_POINTS, TRANSFORM, GEO_KEYS, NO_DATA, SUBFILE = 33550, 33922, 34264, 34735, 42113, 254
-RASTER_TYPE, GEOGRAPHIC, PROJECTED, POINT = 1025, 2048, 3072, 2
+MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, PROJECTED = 1024, 1025, 2048, 3072
+PROJECTED_MODEL, POINT = 1, 2
 HELP = "'gdalwarp -t_srs EPSG:4326 -ot Byte IN.tif OUT.tif' makes one that can be shown"
 BYTES = {"1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "CMYK", "YCbCr"}
 """Pillow's kinds of pictures whose channels are bytes"""
@@ -54,13 +57,13 @@ def lay(path: Path, side: int = MOST_SIDE, most: int = MOST_PIXELS) -> Laid:
     :class:`BadConfig` for a file that cannot be shown, with what helps.
     """
     try:
-        from PIL import Image
+        from PIL.TiffImagePlugin import TiffImageFile
     except ImportError as e:
         raise missing_extra("a GeoTIFF", e.name, "geotiff") from e
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is wrong with it is said once, by what it leads to
-            with Image.open(path) as image:
+            with TiffImageFile(path) as image:  # Image.open() refuses a large one for all its overviews
                 return _laid(path, image, side, most)
     except ZmavError:
         raise
@@ -124,6 +127,8 @@ def _bounds(path: Path, affine: Floats, back: Forward, width: int, height: int) 
 
 def _reduced(path: Path, image: Image, tags: Any, side: int, most: int) -> Image:
     """RGBA, its longer side less than twice ``side``: from an overview where the file has one."""
+    from PIL import Image as Pillow
+
     best, pages = (max(image.size), 0), getattr(image, "n_frames", 1)
     full = image.width / image.height
     for page in range(1, pages):
@@ -139,15 +144,25 @@ def _reduced(path: Path, image: Image, tags: Any, side: int, most: int) -> Image
         _refuse(path, f"{pixels} pixels are too many without overviews ('gdaladdo -r average {path.name}' adds them)")
     if image.mode not in BYTES:
         _refuse(path, f"its pixels are numbers ({image.mode}), and no colours of 8 bits")
+    factor, empty = max(1, max(image.size) // side), _number(tags.get(NO_DATA))
+    reduced = Pillow.new("RGBA", (math.ceil(image.width / factor), math.ceil(image.height / factor)))
+    rows = factor * math.ceil(STRIP / factor)
+    for top in range(0, image.height, rows):
+        piece = image.crop((0, top, image.width, min(top + rows, image.height)))
+        reduced.paste(_colours(piece, empty).reduce(factor), (0, top // factor))
+    return reduced
+
+
+def _colours(image: Image, empty: float | None) -> Image:
+    """RGBA, clear where all channels are ``empty``."""
+    from PIL import Image as Pillow
+
     colours = image.convert("RGBA")
-    if (empty := _number(tags.get(NO_DATA))) is not None and image.mode in ("L", "RGB"):
+    if empty is not None and image.mode in ("L", "RGB"):
         values = np.asarray(image).reshape(image.height, image.width, -1)
         shown = np.where((values == empty).all(axis=-1), 0, 255).astype(np.uint8)
-        from PIL import Image as Pillow
-
         colours.putalpha(Pillow.fromarray(shown))
-    factor = max(colours.size) // side
-    return colours.reduce(factor) if factor > 1 else colours
+    return colours
 
 
 def _number(text: Any) -> float | None:
@@ -187,7 +202,7 @@ def _keys(tags: Any) -> dict[int, int]:
 def _projection(path: Path, tags: Any) -> tuple[Forward, Forward]:
     """From longitude and latitude, and back."""
     keys = _keys(tags)
-    code = keys.get(PROJECTED) or keys.get(GEOGRAPHIC)
+    code = keys.get(PROJECTED) or (keys.get(GEOGRAPHIC) if keys.get(MODEL_TYPE) != PROJECTED_MODEL else None)
     if code is None:
         _refuse(path, "it does not say in which coordinates it is")
     if code == 4326:

@@ -100,6 +100,9 @@ def test_who_is_found_by_multicast_over_a_bad_radio_listens_on_two_ports(plan: P
     assert plan(named, profile="mesh").listens == one
     budget = FLEET.replace('address = "10.77.0.1"', 'address = "10.77.0.1"\nbudget = "60 kB/s"')
     assert plan(budget, profile="mesh").listens == [each for each in two if "10.77.0.1:7449" not in each]
+    beside = FLEET.replace('address = "10.77.0.2"', 'address = "10.77.0.1"\nport = 7449')
+    assert beside != FLEET
+    assert plan(beside, profile="mesh").listens == [each for each in two if "10.77.0.1:7449" not in each]
 
 
 @pytest.mark.parametrize(("profile", "scouts"), [("lan", True), ("wds", False), ("mesh", True), ("multi", False)])

@@ -16,9 +16,11 @@ LOOK = 0.2
 
 
 async def check_cameras(leased: LeasedVehicles, steps: Sequence[Step]) -> None:
-    """Raise what a vehicle says that cannot trigger its camera, before anybody moves: each is told to stop it."""
-    flown = [step.pictures for step in steps if isinstance(step, Fly)]
-    await together(*(_tell(leased, name, 0.0) for pictures in flown for name in _triggered(pictures)))
+    """Raise what a vehicle says that cannot trigger its camera, before anybody moves: each is told to stop it. Those
+    that were lost since are not asked.
+    """
+    names = {name for step in steps if isinstance(step, Fly) for name in _triggered(step.pictures)}
+    await together(*(_tell(leased, name, 0.0) for name in sorted(names & leased.commands.keys())))
 
 
 class Cameras:

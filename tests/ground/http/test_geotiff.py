@@ -172,13 +172,16 @@ def test_a_large_one_is_reduced_and_what_is_empty_is_clear(tmp_path: Path) -> No
     assert like(shown(picture, LAT - 2e-4, LON + 7e-3), (200, 200, 200))
 
 
-def test_too_many_pixels_need_overviews(tmp_path: Path) -> None:
+def test_too_many_pixels_need_overviews(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 200 * 100 // 3)  # Pillow opens none of more than twice as many
     with pytest.raises(BadConfig, match=r"200 x 100 pixels are too many without overviews .*gdaladdo"):
         geotiff.lay(write(tmp_path / "field.tif", quarters()), most=200 * 100 - 1)
     small, marked = quarters(100, 50), TiffImagePlugin.ImageFileDirectory_v2()
     marked[254] = 1  # a reduced image of the one before
     small.encoderinfo = {"tiffinfo": marked}
     path = write(tmp_path / "overviews.tif", quarters(), save_all=True, append_images=[small])
+    with pytest.raises(BadConfig, match="too many without overviews"):
+        geotiff.lay(path, side=150, most=200 * 100 - 1)
     laid = geotiff.lay(path, side=50, most=200 * 100 - 1)
     assert laid.corners == pytest.approx((LAT - 1e-3, LON, LAT, LON + 2e-3), abs=1e-9)
     assert Image.open(io.BytesIO(laid.data)).size == (50, 31)  # a degree of longitude is shorter there
@@ -201,6 +204,24 @@ def test_too_many_pixels_need_overviews(tmp_path: Path) -> None:
 def test_what_cannot_be_laid_says_why_and_what_helps(tmp_path: Path, more: dict[str, Any], why: str) -> None:
     with pytest.raises(BadConfig, match=f"({why}).*gdalwarp"):
         Picture(write(tmp_path / "field.tif", quarters(), **more))
+
+
+def test_a_projection_that_is_not_named_is_not_taken_for_degrees(tmp_path: Path) -> None:
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags.tagtype[KEYS], tags[KEYS] = SHORT, (1, 1, 0, 2, 1024, 0, 1, 1, 2048, 0, 1, 4326)
+    tags.tagtype[SCALE], tags[SCALE] = DOUBLE, (0.1, 0.1, 0.0)
+    tags.tagtype[TIE], tags[TIE] = DOUBLE, (0.0, 0.0, 0.0, 10.0, 20.0, 0.0)
+    quarters().save(tmp_path / "local.tif", tiffinfo=tags)
+    with pytest.raises(BadConfig, match="does not say in which coordinates"):
+        Picture(tmp_path / "local.tif")
+
+
+def test_it_is_made_colours_strip_by_strip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "field.tif", quarters(203, 1301))
+    whole = Image.open(io.BytesIO(geotiff.lay(path, side=100).data)).convert("RGBA")
+    monkeypatch.setattr(geotiff, "STRIP", 100_000)
+    at_once = Image.open(io.BytesIO(geotiff.lay(path, side=100).data)).convert("RGBA")
+    assert whole.tobytes() == at_once.tobytes()
 
 
 def test_heights_are_no_picture(tmp_path: Path) -> None:

@@ -253,3 +253,15 @@ async def test_a_camera_that_could_not_be_stopped_is_told_of(bench: StartBench) 
     b.peer.results[TRIGGER] = [DENIED]
     await b.ground.do("release", lease=lease)
     await b.event("the lease has ended, and the camera could not be stopped", kind="camera")
+
+
+async def test_a_camera_that_was_not_seen_to_stop_is_stopped_with_its_lease(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    await b.ground.do("camera_trigger", distance=5.0, lease=lease)
+    b.peer.results[TRIGGER] = [DENIED]
+    with pytest.raises(Refused):
+        await b.ground.do("camera_trigger", distance=0, lease=lease)
+    del b.peer.results[TRIGGER]
+    await b.ground.do("release", lease=lease)
+    await b.peer.until(lambda: triggers(b) == [[5.0, 1.0], [0.0, 0.0], [0.0, 0.0]], "the end of the pictures")

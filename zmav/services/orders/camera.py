@@ -30,17 +30,20 @@ class TriggeredCamera:
         self._port, self._events = companion.port, companion.events
         self._do, self._param = commander, param
         self._leased = False
-        """it is on, under the lease in force"""
+        """it is on, or may be, under the lease in force"""
+        self._latest: wire.CameraTrigger | None = None
+        """the order that came last under the lease in force"""
         self._ending: asyncio.Task[None] | None = None
 
     def start(self) -> None:
         self._port.bus.on(wire.LeaseEnd, self._on_lease_end)
 
     def close(self) -> None:
-        """End; a camera that is on under a lease is told to stop, once: nobody waits for the answer."""
-        if self._ending is not None:
-            self._ending.cancel()
-        if self._leased:
+        """End; a camera that is on under a lease, or is being stopped after one, is told to stop, once: nobody waits
+        for the answer.
+        """
+        ending = self._ending is not None and self._ending.cancel()
+        if self._leased or ending:
             with contextlib.suppress(ZmavError):
                 message = _every(0.0).message(self._port.dialect)
                 self._port.send(message.name, **message.addressed(*self._do.source()))
@@ -57,11 +60,15 @@ class TriggeredCamera:
             first = next(iter(kinds))
             text = f"the autopilot has no camera: {first} is 0; set it, and restart the autopilot"
             raise Refused(text, vehicle=self._port.name, param=first)
-        self._leased = bool(args.lease) and args.distance > 0.0
+        on, self._latest = bool(args.lease) and args.distance > 0.0, args
+        self._leased = self._leased or on  # one that is not seen to stop is told so once more when the lease ends
         await self._do.command(_every(args.distance), report)
+        if self._latest is args:
+            self._leased = on
         return {"distance": args.distance}
 
     def _on_lease_end(self, told: wire.LeaseEnd) -> None:
+        self._latest = None
         if self._leased:
             self._leased = False
             self._ending = asyncio.get_running_loop().create_task(self._end())
