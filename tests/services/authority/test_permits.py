@@ -38,6 +38,7 @@ NEEDS_NONE = {
     "Talk": "moves files",
     "TimeSync": "asks for the time",
     "Transfer": "moves missions",
+    "TriggeredCamera": "a handler: reached by Orders alone, behind its Permit; by itself it only ends what that began",
 }
 """classes that send to the autopilot and are permitted by somebody else, or move nothing"""
 PERMITTING = {

@@ -52,7 +52,7 @@ WRONG = [
     ("lease", b'{"ttl": 3}', "holder", "missing required field"),
     ("lease", b'{"holder": "a", "ttl": 0}', "ttl", "ttl from 0.1"),
     ("hold", b'{"alt_rel": 5}', "alt_rel", "unknown field"),
-    ("explode", b"{}", "verb", "no order 'explode'; there are arm, command, disarm"),
+    ("explode", b"{}", "verb", "no order 'explode'; there are arm, camera_trigger, command, disarm"),
     ("ARM", b"{}", "verb", "no order 'ARM'"),
 ]
 
