@@ -7,6 +7,7 @@ judge only what correlates with the symbol.
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ class LearnedCheck:
         self.biases = [b.astype(np.float32) for b in biases]
 
     @classmethod
+    @functools.cache
     def built_in(cls) -> LearnedCheck:
         with np.load(WEIGHTS) as stored:
             layers = range(len(stored.files) // 2)

@@ -14,7 +14,6 @@ from agents.helipad.check import LearnedCheck
 from agents.helipad.geometry import View
 from agents.helipad.refine import heading, window
 from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Proposals, Searcher
-from agents.helipad.templates import letter_h
 from zmav.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -87,7 +86,7 @@ class Detector:
         self._symbol_m = _number("symbol_height_m", symbol_height_m, 1e-3, 100.0)
         steps = math.ceil(math.log(MAX_HEIGHT_M / MIN_HEIGHT_M) / math.log(HEIGHT_STEP))
         self._heights = [MAX_HEIGHT_M / HEIGHT_STEP**i for i in range(steps + 1)]
-        self._searcher = Searcher(letter_h())
+        self._searcher = Searcher()
         self._check = LearnedCheck.built_in()
         self._lost = 0
         """searches with a height that found nothing there: tells which other one is next"""

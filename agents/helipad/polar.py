@@ -55,12 +55,14 @@ def normalised(patches: Image, weight: Image) -> Image:
 
 
 class Bank:
-    """Polar templates of symbols at ``scales`` (of the expected height) over cyclic shifts of ``turn`` radians."""
+    """Polar templates of symbols at ``scales`` (of the expected height) over cyclic shifts of half a turn, after which
+    each is the same again: the two halves of a patch are added first.
+    """
 
-    def __init__(self, symbols: list[Symbol], scales: tuple[float, ...], turn: float) -> None:
+    def __init__(self, symbols: list[Symbol], scales: tuple[float, ...]) -> None:
         x, y = grid()
         self.weight: Image = weights().astype(np.float32)
-        self.shifts = round(ANGLES * turn / (2.0 * math.pi))
+        self.shifts = ANGLES // 2
         self.scales = scales
         columns = []
         for symbol in symbols:
@@ -71,11 +73,13 @@ class Bank:
         table -= (table @ (self.weight**2))[:, None] / float(self.weight @ self.weight)
         table *= self.weight
         table /= np.linalg.norm(table, axis=1)[:, None]
-        self.table: Image = np.ascontiguousarray(table.T)
+        halves = table.reshape(len(table), len(RINGS), 2, self.shifts)
+        self.table: Image = np.ascontiguousarray(halves.mean(axis=2).reshape(len(table), -1).T)
 
     def match(self, patches: Image) -> tuple[Array, NDArray[np.intp], Array, Array]:
         """Of (N, M) normalised patches: the best correlation (N,), which symbol (N,), its scale and its angle (N,)."""
-        products = patches @ self.table
+        halves = patches.reshape(len(patches), len(RINGS), 2, self.shifts)
+        products = halves.sum(axis=2).reshape(len(patches), -1) @ self.table
         best = products.argmax(axis=1)
         symbol, rest = np.divmod(best, len(self.scales) * self.shifts)
         scale, shift = np.divmod(rest, self.shifts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from agents.helipad.candidates import Kernels, Room
 from agents.helipad.channels import Picture, Pyramid
 from agents.helipad.geometry import View
 from agents.helipad.refine import Aligner, turned
-from agents.helipad.templates import Symbol
+from agents.helipad.templates import Symbol, letter_h
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -67,16 +68,21 @@ class Proposals(NamedTuple):
     """(N,)"""
 
 
-class Searcher:
-    """The stages made ready for ``symbols``, which are proportions of the same one."""
+@functools.cache
+def _made() -> tuple[list[Symbol], polar.Bank, Aligner]:
+    """What all detectors share, for nothing of it changes."""
+    symbols = letter_h()
+    return symbols, polar.Bank(symbols, SCALES), Aligner(symbols)
 
-    def __init__(self, symbols: list[Symbol]) -> None:
-        self.symbols = symbols
+
+class Searcher:
+    """The stages made ready for the letter H in its proportions."""
+
+    def __init__(self) -> None:
+        self.symbols, self._bank, self.aligner = _made()
         self._kernels: dict[float, Kernels] = {}
         self._room = Room()
-        self._bank = polar.Bank(symbols, SCALES, math.pi)
         self._grid = polar.grid()
-        self.aligner = Aligner(symbols)
 
     def proposals(self, pyramid: Pyramid, view: View, effort: Effort = KNOWN) -> Proposals:
         """What in ``pyramid`` may be a symbol on the plane of ``view``."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -130,9 +130,10 @@ def sample(
     height: tuple[float, float] = (1.0, 12.0),
     whole_pad: bool = False,
     pads: int = 1,
+    letters: Sequence[str] = LOOKALIKES,
     **fixed: object,
 ) -> Sample:
-    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with another letter), "tag" (an
+    """One frame. ``kind``: "pad" (an H), "clutter" (no pad), "lookalike" (a pad with one of ``letters``), "tag" (an
     AprilTag 36h11 of the symbol's height on white).
 
     ``whole_pad``: the pad is 0.25 m wide, and the letter what fits. ``fixed``: fields of :class:`Pad` that shall not be
@@ -146,7 +147,7 @@ def sample(
     for _ in range(20 * pads):  # they may not all have room
         if kind == "clutter" or len(specs) == pads:
             break
-        pad = _pad(rng, kind, whole_pad, matrix, fixed)
+        pad = _pad(rng, kind, whole_pad, matrix, letters, fixed)
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
     wear = _wear(rng, hard)
@@ -162,7 +163,14 @@ def sample(
     return Sample(frame, truths, height_m, roll, pitch, tuple(specs))
 
 
-def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fixed: dict[str, object]) -> Pad:
+def _pad(
+    rng: np.random.Generator,
+    kind: str,
+    whole_pad: bool,
+    matrix: Array,
+    letters: Sequence[str],
+    fixed: dict[str, object],
+) -> Pad:
     shape = str(fixed.get("shape", rng.choice(["disc", "ring", "square", "none"])))
     size = rng.uniform(1.6, 2.0 if whole_pad else 2.4)
     color = WHITE if rng.random() < 0.65 else YELLOW
@@ -170,7 +178,7 @@ def _pad(rng: np.random.Generator, kind: str, whole_pad: bool, matrix: Array, fi
     dark = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
     values: dict[str, object] = {
         "angle": rng.uniform(0.0, 2.0 * math.pi),
-        "letter": {"pad": "H", "tag": "tag"}.get(kind) or str(rng.choice(LOOKALIKES)),
+        "letter": {"pad": "H", "tag": "tag"}.get(kind) or str(rng.choice(letters)),
         "symbol_m": SYMBOL_M / size if whole_pad else SYMBOL_M,
         "width": rng.uniform(0.58, 0.82),
         "stroke": rng.uniform(0.14, 0.22),

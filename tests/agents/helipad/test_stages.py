@@ -102,7 +102,7 @@ def test_candidates_come_at_any_heading_and_light() -> None:
 
 def test_a_polar_match_tells_heading_and_scale() -> None:
     symbols = letter_h()
-    bank = polar.Bank(symbols, (0.88, 1.0, 1.14), math.pi)
+    bank = polar.Bank(symbols, (0.88, 1.0, 1.14))
     for angle in (0.0, 0.5, 1.3, 2.6):
         picture = painted((31.0, 32.0), angle, 13.0 * 1.14, symbols[2])
         patch = polar.sample(picture, np.array([[31.0, 32.0]]), np.eye(2)[None] * 13.0, *polar.grid())

@@ -20,7 +20,6 @@ from agents.helipad.check import WEIGHTS, LearnedCheck, scaled
 from agents.helipad.geometry import View
 from agents.helipad.refine import SIDE, heading
 from agents.helipad.search import Searcher
-from agents.helipad.templates import letter_h
 from tests.agents.helipad.generator import CAMERA, SYMBOL_M, Sample, sample
 
 Image = NDArray[np.float32]
@@ -41,7 +40,7 @@ FAR = 0.4
 
 def gather(frames: int) -> tuple[Image, Image]:
     """Patches (N, M) and labels (N,)."""
-    searcher = Searcher(letter_h())
+    searcher = Searcher()
     patches, labels = [], []
     for i in range(frames):
         seed = FIRST_SEED + i
