@@ -125,7 +125,7 @@ def test_nonsense_is_refused_by_its_field(field: str, value: Any) -> None:
 @pytest.mark.parametrize("height", [0.1, 5000.0])
 def test_pictures_that_no_autopilot_triggers_are_refused_before_anybody_moves(height: float) -> None:
     check_goal(goal(["c1"], height=height))
-    with pytest.raises(BadInput, match="a picture every .* m is not triggered") as e:
+    with pytest.raises(BadInput, match=r"a picture every .* m is not triggered") as e:
         check_goal(goal(["c1"], height=height, trigger=True))
     assert e.value.detail["field"] == "goal.trigger"
 
