@@ -19,6 +19,8 @@ FARTHEST = 100_000.0
 """m from the fleet's origin, and the largest number of any kind: fields of 32 bits and less lie behind"""
 WIDTHS, MOST_OVERLAP, MOST_PIXELS = (0.02, 10.0), 0.9, 100_000
 """of a survey: m of ground in a picture from 1 m above, the largest share seen twice, pixels across"""
+EVERY = (0.1, 1000.0)
+"""m between two pictures that a vehicle's autopilot is told"""
 MOST_OBSTACLES = 2000
 OBSTACLE_BYTES = MOST_BYTES // 8
 
@@ -76,6 +78,10 @@ def _check_survey(goal: swarm.Survey) -> None:
             raise BadInput.wrong(field, share, f"a share from 0 to {MOST_OVERLAP:g}")
     if not 0 <= goal.pixels <= MOST_PIXELS:
         raise BadInput.wrong("goal.pixels", goal.pixels, f"0 (not known) to {MOST_PIXELS}")
+    every = goal.height * goal.camera[1] * (1.0 - goal.front)
+    if goal.trigger and not EVERY[0] <= every <= EVERY[1]:
+        expected = f"pictures {EVERY[0]:g} to {EVERY[1]:g} m apart"
+        raise BadInput.wrong("goal.trigger", goal.trigger, expected, f"a picture every {every:.3g} m is not triggered")
 
 
 def check_obstacle(obstacle: swarm.Obstacle) -> None:

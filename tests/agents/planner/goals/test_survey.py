@@ -122,6 +122,14 @@ def test_nonsense_is_refused_by_its_field(field: str, value: Any) -> None:
     assert str(e.value.detail["field"]).startswith(f"goal.{field}")
 
 
+@pytest.mark.parametrize("height", [0.1, 5000.0])
+def test_pictures_that_no_autopilot_triggers_are_refused_before_anybody_moves(height: float) -> None:
+    check_goal(goal(["c1"], height=height))
+    with pytest.raises(BadInput, match=r"a picture every .* m is not triggered") as e:
+        check_goal(goal(["c1"], height=height, trigger=True))
+    assert e.value.detail["field"] == "goal.trigger"
+
+
 def test_a_camera_is_a_sensor_an_angle_or_a_calibration(tmp_path: Path) -> None:
     assert camera("13.2x8.8/8.8") == pytest.approx((1.5, 1.0, 0))
     assert camera("90x53.13deg") == pytest.approx((2.0, 1.0, 0), abs=1e-4)
