@@ -216,12 +216,13 @@ def test_a_projection_that_is_not_named_is_not_taken_for_degrees(tmp_path: Path)
         Picture(tmp_path / "local.tif")
 
 
-def test_it_is_made_colours_strip_by_strip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write(tmp_path / "field.tif", quarters(203, 1301))
-    whole = Image.open(io.BytesIO(geotiff.lay(path, side=100).data)).convert("RGBA")
-    monkeypatch.setattr(geotiff, "STRIP", 100_000)
-    at_once = Image.open(io.BytesIO(geotiff.lay(path, side=100).data)).convert("RGBA")
-    assert whole.tobytes() == at_once.tobytes()
+def test_it_is_made_colours_strip_by_strip(tmp_path: Path) -> None:
+    rows = 2 * geotiff.STRIP + 276
+    picture = Picture(write(tmp_path / "field.tif", quarters(200, rows), empty="-1"))
+    for row in (10, 500, 524, 640, 660, 1012, 1036, rows - 10):
+        for column, colours in ((50, (RED, BLUE)), (150, (GREEN, GREY))):
+            colour = shown(picture, LAT - row * 1e-5, LON + column * 1e-5)
+            assert like(colour, colours[row > rows / 2]), (row, column)
 
 
 def test_heights_are_no_picture(tmp_path: Path) -> None:
