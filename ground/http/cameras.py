@@ -89,7 +89,7 @@ class Cameras:
 
     def __init__(self, gateway: Gateway) -> None:
         self._client = gateway.client
-        self._shared: dict[tuple[str, str], Shared] = {}
+        self.being_read: dict[tuple[str, str], Shared] = {}
         self._readers: Counter[str] = Counter()
         """by address"""
         self.sent = self.left_out = 0
@@ -126,7 +126,7 @@ class Cameras:
         """Raises :class:`Failure` where there is no such camera, :class:`~zmav.errors.BadKey` for what is no name."""
         keys.check_name(vehicle, "vehicle")
         keys.check_name(camera, "camera")
-        shared = self._shared.get((vehicle, camera))
+        shared = self.being_read.get((vehicle, camera))
         if shared is not None and shared.count and not shared.ended:
             return
         try:
@@ -138,21 +138,21 @@ class Cameras:
     def shared(self, vehicle: str, camera: str) -> Iterator[Shared]:
         """The camera, which is read for as long as somebody looks."""
         place = vehicle, camera
-        if place not in self._shared or self._shared[place].ended:
-            self._shared[place] = Shared(Reader(self._client, vehicle, camera, name="http"))
-        shared = self._shared[place]
+        if place not in self.being_read or self.being_read[place].ended:
+            self.being_read[place] = Shared(Reader(self._client, vehicle, camera, name="http"))
+        shared = self.being_read[place]
         shared.looking += 1
         try:
             yield shared
         finally:
             shared.looking -= 1
             if not shared.looking:
-                if self._shared.get(place) is shared:
-                    del self._shared[place]
+                if self.being_read.get(place) is shared:
+                    del self.being_read[place]
                 shared.close()
 
     def _close(self) -> None:
-        for shared in self._shared.values():
+        for shared in self.being_read.values():
             shared.close()
 
 

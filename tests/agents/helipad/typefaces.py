@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 CHARACTERS = "ABCDEFGIJKLMNOPQRSTUVWXYZ0123456789"
 """without H"""
 JUDGED = ("SIMPLEX", "DUPLEX", "COMPLEX", "DejaVuSans", "DejaVuSerif", "DejaVuSansMono-Bold")
-"""faces that the bench judges by; the learned check has seen none of them"""
+"""faces that the bench judges by; of these the learned check has seen words of SIMPLEX and DUPLEX in clutter"""
 TALL, STROKE = 200, 26
 """pixels of a glyph, and of a Hershey font's stroke"""
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"

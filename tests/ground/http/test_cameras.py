@@ -122,7 +122,7 @@ def test_a_reading_that_breaks_off_is_told_to_who_looks(served: Served, camera: 
         mark = [answer.headers.get_boundary() for answer in (first, second)]
         assert mark[0] != mark[1], "a picture that holds it would pass for parts of ours"
         part(first)
-        served.loop.call_soon_threadsafe(face._shared["quad1", "down"].close)
+        served.loop.call_soon_threadsafe(face.being_read["quad1", "down"].close)
         first.read()
         second.read()  # both end
     until(lambda: not camera.watched, "it is still read")
