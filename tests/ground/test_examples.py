@@ -173,7 +173,7 @@ async def test_a_square_is_flown_and_landed(fleet: Fleet) -> None:
 async def test_two_fly_a_square_by_ros_2_alone(fleet: Fleet) -> None:
     starts = {name: fleet.at(name) for name in ("quad1", "quad2")}
     async with Face(fleet.z, 0, {}, print, may_order=True):
-        script = await fleet.run("ros2_square")
+        script = await fleet.run("ros2/square")
         for _ in range(8):
             await script.said("corner")
         assert await script.end() == 0

@@ -2,7 +2,7 @@
 
 zmav demo --stay                              # in another terminal: three simulated copters, quad1 to quad3
 zmav ros2 --orders                            # in a third
-python ground/examples/ros2_square.py         # pip install zenoh-ros2-sdk; or with a router: tcp/10.0.0.7:7447
+python ground/examples/ros2/square.py         # pip install zenoh-ros2-sdk; or with a router: tcp/10.0.0.7:7447
 """
 
 from __future__ import annotations
