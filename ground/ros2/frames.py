@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 
+from zmav import rotation
 from zmav.wire import Vector
 
 Quaternion = tuple[float, float, float, float]
@@ -29,31 +30,15 @@ def heading(yaw: float) -> float:
 
 def orientation(roll: float, pitch: float, yaw: float) -> Quaternion:
     """Of the body (forward, left, up) in east, north, up, by MAVLink's angles."""
-    return quaternion(roll, -pitch, heading(yaw))
-
-
-def quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Of rotations about z, then y, then x."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+    w, x, y, z = rotation.from_euler(roll, -pitch, heading(yaw))
+    return x, y, z, w
 
 
 def yaw_of(q: Quaternion) -> float:
     """The rotation about z of a quaternion."""
-    x, y, z, w = q
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return rotation.heading((q[3], *q[:3]))
 
 
 def in_body(vector: Vector, q: Quaternion) -> Vector:
     """A vector of the world, as the body that is turned by ``q`` has it."""
-    x, y, z, w = -q[0], -q[1], -q[2], q[3]
-    vx, vy, vz = vector
-    tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
-    return (vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz, vz + w * tz + x * ty - y * tx)
+    return rotation.to_body((q[3], *q[:3]), vector)
