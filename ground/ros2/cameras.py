@@ -16,7 +16,7 @@ from ground.ros2 import convert, graph
 from ground.ros2.node import Ros
 from ground.ros2.qos import SENSOR
 from ground.ros2.types import Types
-from ground.ros2.watch import Watch
+from ground.ros2.watch import Watch, WhileWanted
 from zmav import keys, wire
 from zmav.client import Answer, Client
 from zmav.errors import BadInput, BadKey, ZmavError
@@ -48,46 +48,29 @@ class Camera:
         base = f"camera/{camera}"
         self._pictures = self._node.publish(f"{base}/image_raw/compressed", "sensor_msgs/msg/CompressedImage", SENSOR)
         self._infos = self._node.publish(f"{base}/camera_info", "sensor_msgs/msg/CameraInfo", SENSOR)
-        self._reading: asyncio.Task[None] | None = None
-        self._telling: asyncio.Task[None] | None = None
-        watch.offer(self._pictures.endpoint, self._want_pictures)
-        watch.offer(self._infos.endpoint, self._want_info)
+        self._reading, self._telling = WhileWanted(self._read), WhileWanted(self._tell)
+        watch.offer(self._pictures.endpoint, self._reading)
+        watch.offer(self._infos.endpoint, self._telling)
 
     @property
     def read(self) -> bool:
         """Somebody takes its pictures."""
-        return self._reading is not None
+        return bool(self._reading)
 
     async def close(self) -> None:
         for publisher in (self._pictures, self._infos):
             self._watch.withdraw(publisher.endpoint)
-        tasks = [task for task in (self._reading, self._telling) if task is not None]
-        self._want_pictures(False)
-        self._want_info(False)
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._reading.close()
+        await self._telling.close()
         self._node.close()
-
-    def _want_pictures(self, wanted: bool) -> None:
-        if wanted and self._reading is None:
-            self._reading = asyncio.create_task(self._read())
-        elif not wanted and self._reading is not None:
-            self._reading.cancel()
-            self._reading = None
-
-    def _want_info(self, wanted: bool) -> None:
-        if wanted and self._telling is None:
-            self._telling = asyncio.create_task(self._tell())
-        elif not wanted and self._telling is not None:
-            self._telling.cancel()
-            self._telling = None
 
     async def _read(self) -> None:
         async with Reader(self._z, self._vehicle.name, self.info.camera, name="ros2") as pictures:
             async for picture in pictures:
                 try:
-                    header = header_of(self._types, self._frame, picture.t)
+                    header = convert.header(self._types, self._frame, picture.t)
                     self._pictures(compressed(self._types, header, picture))
-                    if self._telling is not None:
+                    if self._telling:
                         size = picture.width, picture.height
                         self._infos(camera_info(self._types, header, self.info, size))
                 except Exception:
@@ -96,10 +79,10 @@ class Camera:
     async def _tell(self) -> None:
         """Without pictures; with them, each brings its own."""
         while True:
-            if self._reading is None:
+            if not self._reading:
                 size = self.info.width, self.info.height
                 try:
-                    header = header_of(self._types, self._frame, self.info.t)
+                    header = convert.header(self._types, self._frame, self.info.t)
                     self._infos(camera_info(self._types, header, self.info, size))
                 except Exception:
                     logger.exception("the CameraInfo of %s was not published", self._frame)
@@ -159,10 +142,6 @@ class Cameras:
             if camera.missed >= GONE:
                 del self.cameras[name]
                 await camera.close()
-
-
-def header_of(types: Types, frame: str, t: float) -> Any:
-    return convert.View(types, "", "", None, {}, t).header(frame)
 
 
 def compressed(types: Types, header: Any, picture: Picture) -> Any:

@@ -17,6 +17,7 @@ import numpy as np
 from ground.ros2 import frames
 from ground.ros2.types import Types
 from zmav import geo, wire
+from zmav.services.status.events import SEVERITIES
 
 G = 9.80665
 NAN = math.nan
@@ -46,7 +47,6 @@ PX4_MODES = {
 """PX4's modes as zmav names them, and MAVROS"""
 IMU_OF = {"ardupilot": "RAW_IMU", "px4": "HIGHRES_IMU"}
 """the message with accelerations that each autopilot sends by itself"""
-SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
 @dataclass
@@ -67,9 +67,7 @@ class View:
         return f"{self.name}/base_link"
 
     def header(self, frame: str) -> Any:
-        t = min(max(self.t, 0.0), LATEST)
-        stamp = self.types.make("builtin_interfaces/msg/Time", sec=int(t), nanosec=int(t % 1.0 * 1e9))
-        return self.types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+        return header(self.types, frame, self.t)
 
     def orientation(self) -> frames.Quaternion | None:
         """None where none was heard, or what was is no number."""
@@ -98,6 +96,13 @@ class View:
 
     def twist(self, linear: wire.Vector, angular: wire.Vector) -> Any:
         return self.types.make("geometry_msgs/msg/Twist", linear=self.vector(linear), angular=self.vector(angular))
+
+
+def header(types: Types, frame: str, t: float) -> Any:
+    """Of what is said of ``t``, UTC s."""
+    t = min(max(t, 0.0), LATEST)
+    stamp = types.make("builtin_interfaces/msg/Time", sec=int(t), nanosec=int(t % 1.0 * 1e9))
+    return types.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def raw_fix(view: View) -> Any:
@@ -215,18 +220,17 @@ def _twists(view: View) -> tuple[wire.Vector, wire.Vector, wire.Vector] | None:
 def velocity_local(view: View) -> Any:
     """Along east, north, up; the rates are the body's, as MAVROS has them."""
     found = _twists(view)
-    if found is None:
-        return None
-    twist = view.twist(found[0], found[2])
-    return view.types.make("geometry_msgs/msg/TwistStamped", header=view.header(view.fleet), twist=twist)
+    return found and _twist_stamped(view, view.fleet, found[0], found[2])
 
 
 def velocity_body(view: View) -> Any:
     found = _twists(view)
-    if found is None:
-        return None
-    twist = view.twist(found[1], found[2])
-    return view.types.make("geometry_msgs/msg/TwistStamped", header=view.header(view.base), twist=twist)
+    return found and _twist_stamped(view, view.base, found[1], found[2])
+
+
+def _twist_stamped(view: View, frame: str, linear: wire.Vector, angular: wire.Vector) -> Any:
+    twist = view.twist(linear, angular)
+    return view.types.make("geometry_msgs/msg/TwistStamped", header=view.header(frame), twist=twist)
 
 
 def odometry(view: View) -> Any:
@@ -285,10 +289,9 @@ def extended_state(view: View) -> Any:
 
 
 def status_text(types: Types, event: wire.Event) -> Any:
-    view = View(types, "", "", None, {}, event.t)
-    severity = SEVERITIES.index(event.severity)
-    return types.make("mavros_msgs/msg/StatusText", header=view.header(""), severity=severity, text=event.text)
+    severity, said = SEVERITIES.index(event.severity), header(types, "", event.t)
+    return types.make("mavros_msgs/msg/StatusText", header=said, severity=severity, text=event.text)
 
 
 def now(types: Types) -> Any:
-    return View(types, "", "", None, {}, time.time()).header("").stamp
+    return header(types, "", time.time()).stamp

@@ -129,8 +129,8 @@ class VehicleNode:
             hardware_id=(state.uid or "") if state else "",
             values=values,
         )
-        header = convert.View(types, "", "", None, {}, self.vehicle.last_state.t if self.vehicle.last_state else 0.0)
-        return types.make("diagnostic_msgs/msg/DiagnosticArray", header=header.header(""), status=[status])
+        header = convert.header(types, "", self.vehicle.last_state.t if self.vehicle.last_state else 0.0)
+        return types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=[status])
 
     async def _hear(self) -> None:
         async with self.vehicle.events() as events:

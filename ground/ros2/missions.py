@@ -19,7 +19,7 @@ from ground.ros2 import convert
 from ground.ros2.node import RosNode
 from ground.ros2.qos import LATCHED, RELIABLE
 from ground.ros2.steering import Log, Steering
-from ground.ros2.watch import Watch
+from ground.ros2.watch import Watch, WhileWanted
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.direct import direct
@@ -58,18 +58,16 @@ class Missions:
         self._known: tuple[int, int, int] | None = None
         """what MISSION_CURRENT last said: item, how many, which plan"""
         self._changed = asyncio.Event()
-        self._telling: asyncio.Task[None] | None = None
+        self._telling = WhileWanted(self._tell)
         watch.offer(self._waypoints.endpoint, self._want_waypoints)
         watch.offer(self._reached.endpoint, partial(self._want, REACHED))
 
     async def close(self) -> None:
         for publisher in (self._waypoints, self._reached):
             self._watch.withdraw(publisher.endpoint)
-        task = self._telling
-        self._want_waypoints(False)
+        self._want(CURRENT, False)
         self._want(REACHED, False)
-        if task is not None:
-            await asyncio.gather(task, return_exceptions=True)
+        await self._telling.close()
 
     def on_event(self, event: wire.Event) -> None:
         """The vehicle says that something is new of its plans."""
@@ -80,12 +78,9 @@ class Missions:
 
     def _want_waypoints(self, wanted: bool) -> None:
         self._want(CURRENT, wanted)
-        if wanted and self._telling is None:
+        if wanted and not self._telling:
             self._changed.set()
-            self._telling = asyncio.create_task(self._tell())
-        elif not wanted and self._telling is not None:
-            self._telling.cancel()
-            self._telling = None
+        self._telling(wanted)
 
     def _want(self, message: str, wanted: bool) -> None:
         if wanted and message not in self._heard:
@@ -105,7 +100,7 @@ class Missions:
         if state is None or (frame.sysid, frame.compid) != (state.sysid, state.compid):
             return  # of something else behind the same link
         if str(sample.key_expr).endswith(f"/{REACHED}"):
-            header = convert.View(self._node.ros.types, "", "", None, {}, state.t).header("")
+            header = convert.header(self._node.ros.types, "", state.t)
             self._reached(self._make("mavros_msgs/msg/WaypointReached", header=header, wp_seq=fields["seq"]))
             return
         known = fields["seq"], fields.get("total", 0), fields.get("mission_id", 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from typing import Any
 
@@ -12,7 +11,7 @@ from ground.ros2 import convert, frames
 from ground.ros2.node import RosNode
 from ground.ros2.qos import LATCHED
 from ground.ros2.types import Types
-from ground.ros2.watch import Watch
+from ground.ros2.watch import Watch, WhileWanted
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.wire import swarm
@@ -30,27 +29,17 @@ class Plans:
         self._z, self._types, self._watch = z, node.ros.types, watch
         self._fleet, self._vehicle, self._frame = fleet, vehicle, frame
         self._path = node.publish("plan", "nav_msgs/msg/Path", LATCHED)
-        self._hearing: asyncio.Task[None] | None = None
-        watch.offer(self._path.endpoint, self._want)
+        self._hearing = WhileWanted(self._hear)
+        watch.offer(self._path.endpoint, self._hearing)
 
     async def close(self) -> None:
         self._watch.withdraw(self._path.endpoint)
-        task = self._hearing
-        self._want(False)
-        if task is not None:
-            await asyncio.gather(task, return_exceptions=True)
+        await self._hearing.close()
 
     @property
     def heard(self) -> bool:
         """Somebody subscribes."""
-        return self._hearing is not None
-
-    def _want(self, wanted: bool) -> None:
-        if wanted and self._hearing is None:
-            self._hearing = asyncio.create_task(self._hear())
-        elif not wanted and self._hearing is not None:
-            self._hearing.cancel()
-            self._hearing = None
+        return bool(self._hearing)
 
     async def _hear(self) -> None:
         key = keys.FLEET.key(self._fleet, topic="plan")
@@ -70,13 +59,8 @@ class Plans:
 
 def path(types: Types, frame: str, start: float, track: list[tuple[float, float, float, float]]) -> Any:
     """Each place with the time (UTC) at which the vehicle is to be there. Headings are no part of a plan."""
-
-    def view(t: float) -> convert.View:
-        return convert.View(types, frame, "", None, {}, t)
-
-    poses = []
+    view, poses = convert.View(types, frame, "", None, {}, start), []
     for after, north, east, down in track[:MOST]:
-        then = view(start + after)
-        pose = then.pose(frames.enu((north, east, down)), UNTURNED)
-        poses.append(types.make("geometry_msgs/msg/PoseStamped", header=then.header(frame), pose=pose))
-    return types.make("nav_msgs/msg/Path", header=view(start).header(frame), poses=poses)
+        pose, then = view.pose(frames.enu((north, east, down)), UNTURNED), convert.header(types, frame, start + after)
+        poses.append(types.make("geometry_msgs/msg/PoseStamped", header=then, pose=pose))
+    return types.make("nav_msgs/msg/Path", header=view.header(frame), poses=poses)

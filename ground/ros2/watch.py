@@ -5,8 +5,10 @@ Anybody declares tokens, and as many as he likes: so many are looked at, and no 
 
 from __future__ import annotations
 
+import asyncio
 import collections
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import zenoh
 
@@ -21,6 +23,34 @@ SAID = 100
 """differences of types, and namesakes, that are said"""
 NodeId = tuple[str, int]
 """a node's session, and its number in that"""
+
+
+class WhileWanted:
+    """What :meth:`Watch.offer` calls where work is to go on while somebody subscribes: a task of ``work()``. Lives on
+    the event loop.
+    """
+
+    def __init__(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        self._work = work
+        self._task: asyncio.Task[None] | None = None
+
+    def __bool__(self) -> bool:
+        """It goes on."""
+        return self._task is not None
+
+    def __call__(self, wanted: bool) -> None:
+        if wanted and self._task is None:
+            self._task = asyncio.create_task(self._work())
+        elif not wanted and self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def close(self) -> None:
+        """Returns once it has ended."""
+        task = self._task
+        self(False)
+        if task is not None:
+            await asyncio.gather(task, return_exceptions=True)
 
 
 class Watch:

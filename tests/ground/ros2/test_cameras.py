@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from ground.ros2 import cameras
+from ground.ros2 import cameras, convert
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import Fleet, Peer, first
 from tests.waiting import wait_until
@@ -22,9 +22,15 @@ from zmav.vision.chunks import split
 
 JPEG = b"\xff\xd8" + bytes(range(200)) * 20 + b"\xff\xd9"
 INFO = wire.CameraInfo(
-    t=1000.5, camera="down-1", width=640, height=480, focal=(500.0, 510.0), center=(320.0, 240.0),
-    distortion=(0.1, 0.2, 0.3, 0.4, 0.5), rate_hz=10.0,
-)  # fmt: skip
+    t=1000.5,
+    camera="down-1",
+    width=640,
+    height=480,
+    focal=(500.0, 510.0),
+    center=(320.0, 240.0),
+    distortion=(0.1, 0.2, 0.3, 0.4, 0.5),
+    rate_hz=10.0,
+)
 TOPIC = "/quad1/camera/down_1"
 
 
@@ -140,7 +146,7 @@ def test_what_is_no_camera_is_left_out(fleet: Fleet) -> None:
 
 
 def test_the_lens_of_a_picture_in_its_own_pixels() -> None:
-    header = cameras.header_of(known(), "f", 1.25)
+    header = convert.header(known(), "f", 1.25)
     info = cameras.camera_info(known(), header, INFO, (640, 480))
     assert known().encode(info, "sensor_msgs/msg/CameraInfo")
     assert list(info.p)[:7] == [500.0, 0.0, 320.0, 0.0, 0.0, 510.0, 240.0]
