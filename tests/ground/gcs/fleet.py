@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
-import threading
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
 import zmav
 from ground.gcs.bridge import Bridge, BridgeSettings
@@ -17,45 +14,21 @@ from ground.gcs.tcp import TcpIn
 from ground.gcs.udp import UdpIn
 from tests.conftest import endpoint_of
 from tests.ground.gcs.conftest import PATIENCE_S, Station
+from tests.own_thread import OwnThread
 from zmav.mavlink import decode
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import SimVehicle, VehicleSpec, World
-from zmav.waiting import within
-
-T = TypeVar("T")
 
 
-class Fleet:
-    """Everything in one thread's event loop; ``with`` it. The vehicles are v1, v2... in their specs' order."""
+class Fleet(OwnThread):
+    """The vehicles are v1, v2... in their specs' order."""
 
     def __init__(self, specs: Sequence[VehicleSpec], speed: float = 4.0, **options: str) -> None:
+        super().__init__(PATIENCE_S)
         self._specs, self._speed, self._options = specs, speed, options
-        self.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
-        self._stop = asyncio.Event()
 
-    def __enter__(self) -> Fleet:
-        self._thread.start()
-        ready: Future[None] = Future()
-        self._life = asyncio.run_coroutine_threadsafe(self._live(ready), self.loop)
-
-        def ended(life: Future[None]) -> None:
-            if not ready.done():
-                ready.set_exception(life.exception() or RuntimeError("it ended"))
-
-        self._life.add_done_callback(ended)
-        ready.result(2 * PATIENCE_S)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self.loop.call_soon_threadsafe(self._stop.set)
-        self._life.result(PATIENCE_S)
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(PATIENCE_S)
-        self.loop.close()
-
-    async def _live(self, ready: Future[None]) -> None:
+    async def live(self, ready: Future[None]) -> None:
         world = World(self._specs, endpoint="tcp:0", speed=self._speed, ready_s=0.5)
         router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         with world, open_session(router) as session:
@@ -75,13 +48,9 @@ class Fleet:
                 async with Bridge(z, BridgeSettings(endpoints=tuple(ends), streams=False), lambda line: None) as bridge:
                     self.bridge = bridge
                     ready.set_result(None)
-                    await self._stop.wait()
+                    await self.stop.wait()
             for crew in reversed(crews):
                 await crew.__aexit__(None, None, None)
-
-    def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """On the fleet's loop."""
-        return asyncio.run_coroutine_threadsafe(within(PATIENCE_S, coroutine), self.loop).result()
 
     def vehicle(self, number: int) -> zmav.Vehicle:
         return self.z.vehicle(f"v{number}")

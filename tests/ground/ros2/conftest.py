@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import re
-import threading
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 from zenoh_ros2_sdk import discovery
@@ -20,13 +19,13 @@ import zmav
 from ground.ros2.face import Face
 from ground.ros2.types import INTERFACES, known
 from tests.conftest import endpoint_of
+from tests.own_thread import OwnThread
 from tests.waiting import wait_until
 from zmav import wire
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
 
-T = TypeVar("T")
 HOME = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 PATIENCE_S = 60.0
 
@@ -96,46 +95,20 @@ class Peer:
         return client
 
 
-class Fleet:
-    """Everything in one thread's event loop. Vehicles are as ``names`` says, in their specs' order."""
+class Fleet(OwnThread):
+    """Vehicles are as ``names`` says, in their specs' order."""
 
     def __init__(self, names: Sequence[str], specs: Sequence[VehicleSpec], speed: float, *, may_order: bool) -> None:
+        super().__init__(PATIENCE_S)
         self.names, self._specs, self._speed, self.may_order = names, specs, speed, may_order
-        self.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
-        self._stop = asyncio.Event()
         self.said: list[str] = []
-
-    def __enter__(self) -> Fleet:
-        self._thread.start()
-        ready: Future[None] = Future()
-        self._life = asyncio.run_coroutine_threadsafe(self._live(ready), self.loop)
-
-        def ended(life: Future[None]) -> None:
-            if not ready.done():
-                ready.set_exception(life.exception() or RuntimeError("it ended"))
-
-        self._life.add_done_callback(ended)
-        ready.result(2 * PATIENCE_S)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.loop.call_soon_threadsafe(self._stop.set)
-        self._life.result(PATIENCE_S)
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(PATIENCE_S)
-        self.loop.close()
-
-    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine on the fleet's loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE_S)
 
     def wants(self, name: str) -> set[str]:
         """The messages that ``zmav ros2`` wants of a vehicle."""
-        table = self.call(self.z.vehicle(name).rates.table())
+        table = self.run(self.z.vehicle(name).rates.table())
         return {each.name for each in table.messages if any(reader.startswith("ros2-") for reader in each.readers)}
 
-    async def _live(self, ready: Future[None]) -> None:
+    async def live(self, ready: Future[None]) -> None:
         world = World(self._specs, endpoint="tcp:0", speed=self._speed, ready_s=0.5)
         router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         with world, open_session(router) as session:
@@ -154,7 +127,7 @@ class Fleet:
                     while len(face.vehicles) < len(self.names):
                         await asyncio.sleep(0.02)
                     ready.set_result(None)
-                    await self._stop.wait()
+                    await self.stop.wait()
             for crew in reversed(crews):
                 await crew.__aexit__(None, None, None)
 

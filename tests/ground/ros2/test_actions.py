@@ -108,7 +108,7 @@ def arm(fleet: Fleet) -> None:
     async def armed() -> None:
         await fleet.z.vehicle("quad1").arm()
 
-    fleet.call(armed())
+    fleet.run(armed())
 
 
 def test_a_flight_by_actions_with_feedback_and_a_cancel(fleet: Fleet, client: Client, peer: Peer) -> None:

@@ -51,7 +51,7 @@ def test_a_plan_is_pushed_seen_and_cleared(fleet: Fleet, peer: Peer, name: str) 
     given = plan(name)
     answer = client(peer, f"/{name}/mission/push", PUSH).call(start_index=0, waypoints=given)
     assert (answer.success, answer.wp_transfered) == (True, len(given))
-    held = fleet.call(fleet.z.vehicle(name).missions.get())
+    held = fleet.run(fleet.z.vehicle(name).missions.get())
     assert [round((item.x - HOME.lat_deg) * 111_000.0) for item in held.items] == [5, 15, 25]
 
     wait_until(lambda: lists and len(lists[-1].waypoints) == len(given), lambda: lists)
@@ -78,7 +78,7 @@ def test_what_is_reached_is_told(fleet: Fleet, peer: Peer) -> None:
 
     assert client(peer, "/quad1/mission/push", PUSH).call(start_index=0, waypoints=plan("quad1")).success
     came, _ = peer.subscribe("/quad1/mission/reached", "mavros_msgs/msg/WaypointReached")
-    fleet.call(fly())
+    fleet.run(fly())
     assert 1 <= first(came).wp_seq <= 3
     wait_until(lambda: came[-1].wp_seq == 3, lambda: [each.wp_seq for each in came])
 
@@ -103,11 +103,11 @@ def test_nonsense_is_refused_with_its_reason(
 def test_nothing_is_changed_without_orders() -> None:
     with Fleet(["px4"], [VehicleSpec(autopilot="px4")], speed=4.0, may_order=False) as fleet:
         peer, missions = Peer(fleet.port), fleet.z.vehicle("px4").missions
-        before = fleet.call(missions.get())
+        before = fleet.run(missions.get())
         assert not client(peer, "/px4/mission/push", PUSH).call(start_index=0, waypoints=[waypoint(9.0)]).success
         assert not client(peer, "/px4/mission/clear", CLEAR).call(structure_needs_at_least_one_member=0).success
         assert not client(peer, "/px4/mission/set_current", CURRENT).call(wp_seq=0).success
-        assert fleet.call(missions.get()).items == before.items
+        assert fleet.run(missions.get()).items == before.items
         peer.close()
 
 

@@ -173,7 +173,7 @@ def test_a_lease_goes_to_the_higher_priority_and_keeps_others_out(fleet: Fleet, 
             return str(low.message)
 
     lease = peer.client("/quad1/lease", "zmav_msgs/srv/Lease")
-    assert "planner" in fleet.call(another())
+    assert "planner" in fleet.run(another())
     steering = fleet.face.vehicles["quad1"].steering
     assert steering.holder is not None
     assert not lease.call(take=True, priority=200).success

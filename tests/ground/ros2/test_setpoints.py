@@ -40,7 +40,7 @@ def fleet() -> Iterator[Fleet]:
             await quad.arm()
             await quad.takeoff(6.0)
 
-        fleet.call(up())
+        fleet.run(up())
         yield fleet
 
 
@@ -214,7 +214,7 @@ def test_a_stream_that_goes_on_does_not_take_again_what_was_taken_from_it(fleet:
     stream = Stream(raw, "setpoint_position/local", POSE, pose(near(fleet)))
     with stream.running():
         wait_until(lambda: state(fleet).mover == "stream")
-        fleet.call(fleet.z.vehicle("quad1").revoke("enough"))
+        fleet.run(fleet.z.vehicle("quad1").revoke("enough"))
         wait_until(lambda: state(fleet).lease is None)
         until = time.monotonic() + 2 * SILENCE
         while time.monotonic() < until:
@@ -242,7 +242,7 @@ def test_neither_does_its_node_on_another_topic(fleet: Fleet, raw: zenoh.Session
     )
     with one.running():
         wait_until(lambda: (lease := state(fleet).lease) is not None and lease.holder == "ros2-offboard")
-        fleet.call(fleet.z.vehicle("quad1").revoke("enough"))
+        fleet.run(fleet.z.vehicle("quad1").revoke("enough"))
         wait_until(lambda: state(fleet).lease is None)
         with other.running():
             until = time.monotonic() + 2 * SILENCE
@@ -272,7 +272,7 @@ def test_one_node_does_not_get_what_another_holds_with_a_higher_priority(fleet: 
         await steering.give_back(stranger)
         token.undeclare()
 
-    fleet.call(ask())
+    fleet.run(ask())
 
 
 def test_a_node_that_asks_again_gets_the_higher_priority(fleet: Fleet, peer: Peer) -> None:

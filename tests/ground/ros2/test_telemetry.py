@@ -68,7 +68,7 @@ def test_nothing_is_wanted_before_somebody_subscribes_nor_after(fleet: Fleet, pe
     came, close = peer.subscribe("/quad_1/imu/data", "sensor_msgs/msg/Imu")
     imu = first(came)
     assert vehicle.telemetry.wanted == ["imu/data"]
-    assert {"ATTITUDE", "RAW_IMU"} <= fleet.wants("quad-1")
+    wait_until(lambda: {"ATTITUDE", "RAW_IMU"} <= fleet.wants("quad-1"))  # the second may be known a moment later
     assert not fleet.wants("px4"), "nobody subscribes to the other's"
     assert imu.header.frame_id == "quad_1/base_link"
     close()
