@@ -8,148 +8,45 @@ tests/bench/page.py, which say all that such do and do not fly: fifty companions
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import re
 import sys
 import time
-from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
 from tests.bench.page import served
-from tests.ground.http.browser import Tab, browser, pieces
-from zmav.children import Children
-from zmav.process import free_port
+from tests.ground.http.browser import browser
+from tests.ground.http.flown_page import WIDE, Page, flown, flown_from_the_page, search
 
 DOCS = Path(__file__).resolve().parent
 MOST_BYTES = 250_000
-WIDE, PHONE = (1400, 900), (400, 860)
-START_S, TRACKS_S = 120.0, 20.0
-"""s for a demo to start; for which the fifty are followed"""
-NO_FLY = ((0.47, 0.23), (0.58, 0.23), (0.58, 0.33), (0.47, 0.33))
-AREA = ((0.3, 0.08), (0.9, 0.08), (0.86, 0.5), (0.26, 0.5))
-"""corners, as shares of the map's width and height"""
+PHONE = (400, 860)
+TRACKS_S = 20.0
+"""s for which the fifty are followed"""
 
 
-class Page:
-    """The page of a demo that was started just now, in a browser."""
-
-    def __init__(self, tab: Tab, begun: float) -> None:
-        self.tab, self._begun = tab, begun
-
-    def say(self, text: str) -> None:
-        print(f"[{time.monotonic() - self._begun:6.1f} s] {text}", flush=True)
-
-    async def open(self, port: int) -> None:
-        await self.tab.open(f"http://127.0.0.1:{port}/")
-        await self.tab.size(*WIDE)
-        await pieces(self.tab)
-
-    async def until(self, condition: str, seconds: float = 60.0) -> Any:
-        """As the tab's own, which may wait less long."""
-        deadline = time.monotonic() + seconds
-        while not (value := await self.tab.run(condition)):
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"never came true: {condition}")
-            await asyncio.sleep(0.2)
-        return value
-
-    async def press(self, within: str, label: str) -> None:
-        """The button whose words begin so."""
-        buttons = f"[...document.querySelectorAll('{within} button')]"
-        await self.until(f"{buttons}.some((each) => each.textContent.startsWith('{label}') && !each.disabled)")
-        mark = f"{buttons}.find((each) => each.textContent.startsWith('{label}')).dataset.pressed = 'next'"
-        await self.tab.run(mark)
-        await self.tab.click("[data-pressed=next]")
-        await self.tab.run("document.querySelectorAll('[data-pressed]').forEach((each) => delete each.dataset.pressed)")
-
-    async def agree(self) -> None:
-        await self.until("document.getElementById('confirm').open")
-        await self.tab.click("#confirm-yes")
-        await self.until("!document.getElementById('confirm').open")
-
-    async def draw(self, tool: str, corners: tuple[tuple[float, float], ...]) -> None:
-        await self.tab.click(f"#drawing [data-tool={tool}]")
-        frame = "(() => { const r = document.getElementById('map').getBoundingClientRect();"
-        left, top, width, height = await self.tab.run(f"{frame} return [r.left, r.top, r.width, r.height]; }})()")
-        for x, y in corners:
-            await self.tab.click((left + x * width, top + y * height))
-        await self.tab.key("Enter")
-
-    async def picture(self, name: str, size: tuple[int, int], *, dark: bool = False) -> None:
-        path = DOCS / name
-        await self.tab.picture(path, *size, dark=dark)
-        with Image.open(path) as drawn:
-            colours = drawn.convert("RGB").quantize(256, dither=Image.Dither.NONE)
-        colours.save(path, optimize=True)
-        if path.stat().st_size > MOST_BYTES:
-            raise RuntimeError(
-                f"{name} has {path.stat().st_size} bytes; at most {MOST_BYTES} belong into the documents"
-            )
-        self.say(f"wrote docs/{name}")
+async def picture(page: Page, name: str, size: tuple[int, int], *, dark: bool = False) -> None:
+    path = DOCS / name
+    await page.tab.picture(path, *size, dark=dark)
+    with Image.open(path) as drawn:
+        colours = drawn.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    colours.save(path, optimize=True)
+    if path.stat().st_size > MOST_BYTES:
+        raise RuntimeError(f"{name} has {path.stat().st_size} bytes; at most {MOST_BYTES} belong into the documents")
+    page.say(f"wrote docs/{name}")
 
 
-@contextlib.asynccontextmanager
-async def flown_from_the_page(demo: str) -> AsyncIterator[Page]:
-    """``zmav demo NAME --stay``, ``zmav http``, and a browser."""
-    begun, port, router = time.monotonic(), free_port(), f"tcp/127.0.0.1:{free_port()}"
-    with Children(at_once=True, by_signals=True) as processes:
-        processes.start("demo", "demo", demo, "--stay", "--endpoint", router)
-        await _said(processes, "demo", "Ctrl-C", START_S)
-        processes.start("http", "http", "--port", str(port), "-e", router)
-        await _said(processes, "http", "http://", 60.0)
-        async with browser() as tab:
-            page = Page(tab, begun)
-            page.say("the page is there")
-            await page.open(port)
-            yield page
-
-
-async def _said(processes: Children, name: str, words: str, seconds: float) -> None:
-    deadline = time.monotonic() + seconds
-    while not any(re.search(re.escape(words), line) for line in processes.lines(name)):
-        processes.check()
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"{name} did not say {words!r}")
-        await asyncio.sleep(0.2)
-
-
-async def take_off(page: Page, count: int, seconds: float) -> None:
-    """All, by the planner."""
-    await page.until(f"document.querySelectorAll('#rows tr').length === {count}", seconds)
-    await page.until("store.planner && store.all.every((each) => each.state.ready)", seconds)
-    page.say(f"{count} vehicles and the planner are ready")
-    await page.tab.click("#select-all")
-    await page.press("#bar", "Take off")
-    await page.agree()
-    await page.until("store.all.every((each) => each.state.position.alt_rel > 9)", seconds)
-    page.say("all are in the air")
-
-
-async def search() -> None:
+async def a_search() -> None:
     async with flown_from_the_page("line") as page:
         tab = page.tab
-        await take_off(page, 3, 60.0)
-        await tab.click("[data-tab=drawing]")
-        await page.draw("no_fly", NO_FLY)
-        await page.press("#drawing", "Give to the planner")
-        await page.agree()
-        await page.draw("search", AREA)
-        page.say("an area is drawn, and what is kept clear of in it")
-        await page.press("#drawing", "Search it")
-        await page.agree()
-        page.say("the search was agreed to")
-        await tab.click("[data-tab=goals]")
+        await search(page)
         await page.until("document.querySelector('#goals progress')?.value > 0.41", 120.0)
-        await page.picture("page-search.png", WIDE)
+        await picture(page, "page-search.png", WIDE)
         await tab.size(*PHONE)
         await tab.click("#fit")
-        await page.picture("page-phone.png", PHONE)
+        await picture(page, "page-phone.png", PHONE)
         await tab.size(*WIDE)
-        await page.until("document.querySelector('#goals progress') === null", 240.0)
-        page.say("the search is flown, and all are back")
+        await flown(page)
 
 
 async def fifty() -> None:
@@ -160,11 +57,11 @@ async def fifty() -> None:
             await page.until("document.querySelectorAll('#rows tr').length === 50")
             await tab.click("#fit")
             await asyncio.sleep(TRACKS_S)
-            await page.picture("page-fifty.png", WIDE, dark=True)
+            await picture(page, "page-fifty.png", WIDE, dark=True)
 
 
 async def main(names: list[str]) -> None:
-    known = {"search": search, "fifty": fifty}
+    known = {"search": a_search, "fifty": fifty}
     for name in names or known:
         await known[name]()
 
