@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import Any
 
 from ground.ros2 import convert, graph
-from ground.ros2.actions import actions
 from ground.ros2.cameras import Cameras
+from ground.ros2.long_orders import long_orders
 from ground.ros2.missions import Missions
 from ground.ros2.node import Ros, RosNode
 from ground.ros2.orders import Orders
@@ -60,7 +60,7 @@ class VehicleNode:
         self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
         self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
-        self.actions = actions(self.node, z.vehicle(vehicle.name), self.steering, self.log)
+        self.actions = long_orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
         self.plans = Plans(z, self.node, watch, vehicle.fleet, vehicle.name, fleet_frame(vehicle.fleet))
         SetpointTopics(self.node, fleet_frame(vehicle.fleet), self.steering)

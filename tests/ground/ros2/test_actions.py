@@ -160,6 +160,25 @@ def speed(fleet: Fleet) -> float:
     return float(np.linalg.norm(velocity))
 
 
+def test_a_cancel_holds_however_soon_it_comes(fleet: Fleet, client: Client) -> None:
+    """It overtook the order now and then, which ended the hold: the vehicle flew on, its goal no longer cancelled."""
+    arm(fleet)
+    up = os.urandom(16)
+    assert client.send("takeoff", "Takeoff", up, altitude=6.0)
+    assert client.result("takeoff", "Takeoff", up)[0] == SUCCEEDED
+    north, east, down = fleet.z.vehicle("quad1").local
+    for turn in range(30):
+        name, way = os.urandom(16), 60.0 if turn % 2 else -60.0
+        assert client.send("goto", "GoTo", name, position=point((north + way, east, down)))
+        cancelled = client.cancel("goto", bytes(16), stamp=client.accepted)
+        assert [bytes(info.goal_id.uuid) for info in cancelled.goals_canceling] == [name], cancelled
+        assert client.result("goto", "GoTo", name)[0] == CANCELED
+    wait_until(lambda: abs(speed(fleet)) < 0.3)
+    land = os.urandom(16)
+    assert client.send("land", "Land", land, return_first=False)
+    assert client.result("land", "Land", land)[0] == SUCCEEDED
+
+
 def test_a_goal_that_is_nonsense_is_not_accepted(fleet: Fleet, client: Client) -> None:
     assert not client.send("goto", "GoTo", os.urandom(16), position=point((float("nan"), 0.0, 0.0)))
     assert not client.send("takeoff", "Takeoff", os.urandom(16), altitude=float("inf"))
