@@ -50,14 +50,14 @@ def client(fleet: Fleet) -> Iterator[Client]:
 class Client:
     """An action client, as rcl_action has it: services and topics below ``_action``."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session, self._gid, self._sequence = session, os.urandom(16), 0
+    def __init__(self, session: zenoh.Session, base: str = "quad1") -> None:
+        self._session, self._base, self._gid, self._sequence = session, base, os.urandom(16), 0
         self.accepted: Any = None
 
     def call(self, name: str, kind: str, /, **fields: Any) -> Any:
         types = known()
         request = types.encode(types.make(f"{kind}_Request", **fields), f"{kind}_Request")
-        key = f"0/quad1/{name}/{graph.dds_of(kind)}/{types.hash(kind)}"
+        key = f"0/{self._base}/{name}/{graph.dds_of(kind)}/{types.hash(kind)}"
         found: list[zenoh.Reply] = []
         over = threading.Event()
         self._sequence += 1
