@@ -185,6 +185,12 @@ def test_hashes_of_parameter_services_are_those_that_ros_gives(name: str) -> Non
     assert known().hash(f"rcl_interfaces/srv/{name}") == f"RIHS01_{SERVICES[name]}"
 
 
+def test_a_cancel_has_the_hash_that_ros_installs() -> None:
+    """As /opt/ros has it in action_msgs/srv/CancelGoal.json. hiroz 0.2.1 works out another."""
+    digest = "573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"
+    assert known().hash("action_msgs/srv/CancelGoal") == f"RIHS01_{digest}"
+
+
 # The SDK takes no bounded sequence (FloatingPointRange[<=1]), which one of them has.
 OTHERS = [path for path in sorted(INTERFACES.glob("*/srv/*.srv")) if path.stem != "DescribeParameters"]
 
