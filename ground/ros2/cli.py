@@ -80,7 +80,9 @@ def command(
             raise BadConfig("--beside needs --file, which says what runs beside it", field="file", expected="a file")
         beside = beside or installed.vehicle_here()
         if beside not in asked.beside:
-            say(f"{fleet_file} has no 'zmav ros2' run beside {beside} ([ros2] beside): there is nothing to do")
+            why = f"{fleet_file} has no 'zmav ros2' run beside {beside} ([ros2] beside): there is nothing to do"
+            say(why)
+            systemd.notify("READY=1", f"STATUS={why}")  # or its end were a failure
             return
     try:
         import rosbags  # noqa: F401

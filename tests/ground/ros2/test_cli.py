@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from ground.ros2.cli import command
+from zmav import systemd
 from zmav.cli import installed
 from zmav.errors import BadConfig, SessionError
 from zmav.waiting import within
@@ -119,9 +120,12 @@ def test_beside_needs_a_file_and_a_vehicle(file: str, monkeypatch: pytest.Monkey
     assert isinstance(result.exception, BadConfig)
     assert "no vehicle's service is installed here" in str(result.exception)
     (tmp_path / "vehicle.env").write_text("ZMAV_NAME=quad2\n")
+    told: list[str] = []
+    monkeypatch.setattr(systemd, "notify", lambda *lines: told.extend(lines))
     result = CliRunner().invoke(command, ["--file", file, "--beside"])
     assert result.exit_code == 0
     assert "beside quad2 ([ros2] beside): there is nothing to do" in result.output
+    assert "READY=1" in told, "a unit that ends before it says so has failed, and is started again"
 
 
 @pytest.mark.parametrize(
