@@ -71,7 +71,7 @@ class Watch:
         self._nodes: collections.Counter[NodeId] = collections.Counter()
         """how many endpoints of each there are"""
         self._speakers: dict[str, collections.Counter[str]] = {}
-        """sessions that have a node of a name, and how many endpoints each"""
+        """sessions that serve as a node of that name, and how many services each: a viewer's certificate shows none"""
         self._readers: dict[tuple[str, str], set[str]] = {}
         """tokens of who subscribes, by topic and hash"""
         self._offered: dict[str, dict[str, tuple[graph.Endpoint, Callable[[bool], None]]]] = {}
@@ -114,7 +114,7 @@ class Watch:
         return node in self._nodes
 
     def sessions_of(self, path: str) -> set[str]:
-        """Others' sessions that have a node of that name: ``/quad1/zmav``."""
+        """Others' sessions that serve as a node of that name: ``/quad1/zmav``."""
         return set(self._speakers.get(path, ()))
 
     def name_of(self, gid: bytes) -> str:
@@ -133,10 +133,11 @@ class Watch:
                 self._count_of_all -= 1
                 self._by_gid.pop(graph.gid_of(token), None)
                 _less(self._nodes, (found.node.zid, found.node.nid))
-                speakers = self._speakers[found.node.path]
-                _less(speakers, found.node.zid)
-                if not speakers:
-                    del self._speakers[found.node.path]
+                if found.kind == graph.SERVER:
+                    speakers = self._speakers[found.node.path]
+                    _less(speakers, found.node.zid)
+                    if not speakers:
+                        del self._speakers[found.node.path]
                 self._count(found, token, False)
             if not there:
                 self._endpoints.pop(found.name, None)
@@ -145,7 +146,8 @@ class Watch:
             self._endpoints.setdefault(found.name, {})[token] = found
             self._by_gid[graph.gid_of(token)] = found
             self._nodes[found.node.zid, found.node.nid] += 1
-            self._speakers.setdefault(found.node.path, collections.Counter())[found.node.zid] += 1
+            if found.kind == graph.SERVER:
+                self._speakers.setdefault(found.node.path, collections.Counter())[found.node.zid] += 1
             self._count(found, token, True)
             for endpoint, _ in self._offered.get(found.name, {}).values():
                 self._compare(endpoint, found)

@@ -130,6 +130,13 @@ async def test_of_two_that_came_at_a_time_the_lower_session_goes_on(net: Net) ->
             return "quad1" in face.vehicles
 
         await until(there)
+        listener = graph.Node(0, "0", 1, "/quad1", "zmav")
+        heard = graph.Endpoint(listener, 2, graph.SUBSCRIBER, "/quad1/hold", TRIGGER, known().hash(TRIGGER))
+        shown = session.liveliness().declare_token(heard.token)
+        await until(lambda: bool(face.watch.who(heard.gid)))
+        await asyncio.sleep(5 * LOOK)
+        assert "quad1" in face.vehicles, "who only listens, as a viewer's node may, keeps nobody away"
+        shown.undeclare()
         for zid, stays in (("f" * 33, True), ("0", False)):
             node = graph.Node(0, zid, 1, "/quad1", "zmav")
             assert (zid > own) is stays
