@@ -76,7 +76,7 @@ class Node:
 
 
 @contextlib.asynccontextmanager
-async def flown(folder: Path) -> AsyncIterator[tuple[Members, Door, Face]]:
+async def flown(folder: Path) -> AsyncIterator[tuple[Members, Door, Face, zmav.Client]]:
     """quad1's router and agent, and 'zmav ros2 --orders' with the certificate of the operator ``ros`` beside it."""
     members = Members(folder)
     members.issue(**MEMBERS)
@@ -93,14 +93,14 @@ async def flown(folder: Path) -> AsyncIterator[tuple[Members, Door, Face]]:
             assert may_order(z)
             async with Face(z, 0, {}, print, may_order=True) as face:
                 await until(lambda: "quad1" in face.vehicles)
-                yield members, door, face
+                yield members, door, face, z
 
 
 @pytest.mark.timeout(240)
 async def test_a_viewers_node_listens_and_an_operators_flies(tmp_path: Path) -> None:
-    async with flown(tmp_path) as (members, door, face):
+    async with flown(tmp_path) as (members, door, face, z):
         quad, steering = face.vehicles["quad1"].vehicle, face.vehicles["quad1"].steering
-        before = await face._z.vehicle("quad1").params.get("RTL_ALT")
+        before = await z.vehicle("quad1").params.get("RTL_ALT")
         viewer = Node(members.open("eye", door.tls), "spectator")
         await until(lambda: viewer.came, "a viewer's node hears")
         value = known().make("rcl_interfaces/msg/ParameterValue", type=2, integer_value=2345)
@@ -112,7 +112,7 @@ async def test_a_viewers_node_listens_and_an_operators_flies(tmp_path: Path) -> 
         ):
             assert await viewer.call(service, kind, timeout=3.0, **fields) is None, f"{service} was asked"
         assert quad.state.armed is False
-        assert await face._z.vehicle("quad1").params.get("RTL_ALT") == before
+        assert await z.vehicle("quad1").params.get("RTL_ALT") == before
 
         operator = Node(members.open("ops", door.tls), "pilot")
         await until(lambda: operator.came)

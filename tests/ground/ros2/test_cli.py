@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import socket
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 from ground.ros2.cli import command
-from zmav import systemd
-from zmav.cli import installed
 from zmav.errors import BadConfig, SessionError
 from zmav.waiting import within
 
@@ -111,21 +110,25 @@ async def test_a_domain_that_differs_from_the_fleet_files_is_said(net: Net, file
     assert "fleet alpha in ROS domain 7, read-only" in said
 
 
-def test_beside_needs_a_file_and_a_vehicle(file: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_beside_needs_a_file_and_a_vehicle(file: str) -> None:
     result = CliRunner().invoke(command, ["--beside", "quad1"])
     assert isinstance(result.exception, BadConfig)
     assert "--beside needs --file" in str(result.exception)
-    monkeypatch.setattr(installed, "ETC", tmp_path)
     result = CliRunner().invoke(command, ["--file", file, "--beside"])
     assert isinstance(result.exception, BadConfig)
     assert "no vehicle's service is installed here" in str(result.exception)
-    (tmp_path / "vehicle.env").write_text("ZMAV_NAME=quad2\n")
-    told: list[str] = []
-    monkeypatch.setattr(systemd, "notify", lambda *lines: told.extend(lines))
-    result = CliRunner().invoke(command, ["--file", file, "--beside"])
-    assert result.exit_code == 0
-    assert "beside quad2 ([ros2] beside): there is nothing to do" in result.output
-    assert "READY=1" in told, "a unit that ends before it says so has failed, and is started again"
+
+
+def test_where_nobody_asks_for_it_its_unit_ends_in_good_order(file: str, tmp_path: Path) -> None:
+    """systemd.service(5): one of Type=notify that ends before it says so has failed, and would be started again."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as told:
+        told.bind(str(tmp_path / "notify"))
+        told.settimeout(PATIENCE_S)
+        where = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
+        result = CliRunner().invoke(command, ["--file", file, "--beside", "quad2"], env=where)
+        assert result.exit_code == 0
+        assert "beside quad2 ([ros2] beside): there is nothing to do" in result.output
+        assert told.recv(1000).startswith(b"READY=1\n")
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,18 @@ def client(fleet: Fleet) -> Iterator[Client]:
         yield Client(session, BASE)
 
 
+@pytest.fixture
+def up(fleet: Fleet, client: Client) -> None:
+    """Both are in the air, brought there by the swarm's own goal."""
+    states = [fleet.z.vehicle(name).last_state for name in fleet.names]
+    if not all(s is not None and s.armed for s in states):
+        name = os.urandom(16)
+        assert client.send("takeoff", "SwarmTakeoff", name, vehicles=BOTH, height=6.0)
+        status, result = client.result("takeoff", "SwarmTakeoff", name)
+        assert (status, result.success) == (SUCCEEDED, True), result
+        assert re.fullmatch(r"g\d+-\d+", result.goal)
+
+
 def point(x: float, y: float, z: float = 0.0) -> Any:
     """East, north, up."""
     return known().make("geometry_msgs/msg/Point", x=x, y=y, z=z)
@@ -80,15 +92,11 @@ def still(fleet: Fleet) -> bool:
     return all(s is not None and s.velocity is not None and math.hypot(*s.velocity) < 0.3 for s in states)
 
 
-def test_goals_of_a_swarm_are_actions_with_feedback_and_cancel(fleet: Fleet, client: Client, peer: Peer) -> None:
+def test_goals_of_a_swarm_are_actions_with_feedback_and_cancel(
+    fleet: Fleet, client: Client, peer: Peer, up: None
+) -> None:
     books, _ = peer.subscribe("/demo/swarm/goals", "zmav_msgs/msg/SwarmGoals", qos=LATCHED)
     plans, _ = peer.subscribe("/demo/swarm/plans", "zmav_msgs/msg/SwarmPlan", qos=LATCHED)
-    up = os.urandom(16)
-    assert client.send("takeoff", "SwarmTakeoff", up, vehicles=BOTH, height=6.0)
-    status, result = client.result("takeoff", "SwarmTakeoff", up)
-    assert (status, result.success) == (SUCCEEDED, True), result
-    assert re.fullmatch(r"g\d+-\d+", result.goal)
-
     kind = "zmav_msgs/action/SwarmGoTo_FeedbackMessage"
     told, _ = peer.subscribe("/demo/swarm/goto/_action/feedback", kind, definition=FEEDBACK)
     wait_until(lambda: still(fleet))
@@ -123,7 +131,7 @@ def test_a_goal_that_the_planner_refuses_is_aborted_with_its_reason(client: Clie
     assert not client.send("takeoff", "SwarmTakeoff", os.urandom(16), vehicles=BOTH, height=math.nan), "nonsense"
 
 
-def test_goals_as_services_and_orders_about_them(fleet: Fleet, client: Client, peer: Peer) -> None:
+def test_goals_as_services_and_orders_about_them(fleet: Fleet, client: Client, peer: Peer, up: None) -> None:
     books, _ = peer.subscribe("/demo/swarm/goals", "zmav_msgs/msg/SwarmGoals", qos=LATCHED)
     given = ask(client, "formation", "SwarmFormation", vehicles=BOTH, shape="line", at=point(40.0, 4.0, 9.0))
     assert given.success, given.message
@@ -172,7 +180,7 @@ def test_obstacles_are_seen_and_added(client: Client, peer: Peer) -> None:
     assert "cannot stand in a key" in unnamed.message
 
 
-def test_orders_to_all_need_no_planner(fleet: Fleet, client: Client) -> None:
+def test_orders_to_all_need_no_planner(fleet: Fleet, client: Client, up: None) -> None:
     held = together(client, "hold_all")
     assert held.success, held.message
     assert "quad2" in held.message
@@ -183,26 +191,38 @@ def test_orders_to_all_need_no_planner(fleet: Fleet, client: Client) -> None:
     assert "disarmed" in together(client, "return_all").message
 
 
+@contextlib.contextmanager
+def alone(*, may_order: bool) -> Iterator[Client]:
+    """One vehicle, and no planner."""
+    with contextlib.ExitStack() as stack:
+        fleet = stack.enter_context(Fleet(["quad1"], [VehicleSpec()], speed=4.0, may_order=may_order))
+        where = SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])
+        yield Client(stack.enter_context(open_session(where)), BASE)
+
+
 def test_nothing_is_changed_without_orders() -> None:
-    with Fleet(["quad1"], [VehicleSpec()], speed=4.0, may_order=False) as fleet:
-        with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])) as session:
-            client = Client(session, BASE)
-            assert not client.send("hold", "SwarmHold", os.urandom(16), vehicles=["quad1"])
-            for answer in (
-                ask(client, "hold", "SwarmHold", vehicles=["quad1"]),
-                ask(client, "abort", "SwarmGoal"),
-                ask(client, "set_obstacles", "SetObstacles"),
-                together(client, "hold_all"),
-            ):
-                assert not answer.success
-                assert "without --orders" in answer.message
-            fleet.face._may_order = True
-        with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])) as session:
-            assert fleet.face.swarm is not None
-            fleet.face.swarm._may_order = True
-            absent = ask(Client(session, BASE), "hold", "SwarmHold", vehicles=["quad1"])
-            assert not absent.success
-            assert "no planner is in charge" in absent.message
+    with alone(may_order=False) as client:
+        assert not client.send("hold", "SwarmHold", os.urandom(16), vehicles=["quad1"])
+        for answer in (
+            ask(client, "hold", "SwarmHold", vehicles=["quad1"]),
+            ask(client, "abort", "SwarmGoal"),
+            ask(client, "set_obstacles", "SetObstacles"),
+            together(client, "hold_all"),
+        ):
+            assert not answer.success
+            assert "without --orders" in answer.message
+
+
+def test_where_no_planner_is_in_charge_it_is_said() -> None:
+    with alone(may_order=True) as client:
+        name = os.urandom(16)
+        absent = ask(client, "hold", "SwarmHold", vehicles=["quad1"])
+        assert not absent.success
+        assert "no planner is in charge of fleet demo: start one" in absent.message
+        assert client.send("hold", "SwarmHold", name, vehicles=["quad1"])
+        status, result = client.result("hold", "SwarmHold", name)
+        assert (status, result.message) == (ABORTED, absent.message)
+        assert together(client, "hold_all").success, "that needs none"
 
 
 def test_a_goal_is_the_same_as_an_action_and_as_a_service() -> None:
