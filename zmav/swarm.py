@@ -330,16 +330,18 @@ async def order_planner(
     raise TimedOut(f"planner {planner} does not answer on {key}", planner=planner)
 
 
-async def order_chief(z: Client, verb: str, args: wire.Order) -> dict[str, Any]:
-    """Ask the planner in charge of the client's fleet, for at most half a minute; raises its typed error, or
-    :class:`NoSuchVehicle` where none is in charge.
+async def order_chief(z: Client, verb: str, *orders: wire.Order) -> dict[str, Any]:
+    """Ask the planner in charge of the client's fleet, for at most half a minute, one order after another: what came
+    of the last. Raises its typed error, or :class:`NoSuchVehicle` where none is in charge.
     """
-    found = await planner_in_charge(z, z.fleet_name, CHIEF_LOOK)
+    found, result = await planner_in_charge(z, z.fleet_name, CHIEF_LOOK), dict[str, Any]()
     if found is None:
         text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
         raise NoSuchVehicle(text, fleet=z.fleet_name)
     ends = time.monotonic() + CHIEF_END
-    return await order_planner(z, *found, verb, args, answer_s=CHIEF_ANSWER, silent=2, ends=ends)
+    for order in orders:
+        result = await order_planner(z, *found, verb, order, answer_s=CHIEF_ANSWER, silent=2, ends=ends)
+    return result
 
 
 def _left_out(vehicle: Vehicle, verb: str, *, alone: bool) -> str:

@@ -191,7 +191,8 @@ class Face:
         await in_thread(find_tokens, self._z.session, f"{graph.SPACE}/{self._domain}/**", KNOWN_WITHIN)
         while True:
             try:
-                self._show_swarm(self._only is None and not self._shown_by_another(f"/{self._frame}/{SWARM}"))
+                path = f"/{self._frame}/{SWARM}"
+                self._show_swarm(self._only is None and not self._shown_by_another(path, self.swarm is not None))
                 self._meet()
             except Exception:
                 logger.exception("a look at the fleet failed; the next is soon")
@@ -202,10 +203,8 @@ class Face:
                     logger.exception("a look at %s failed; the next is soon", node.vehicle.name)
             await asyncio.sleep(LOOK)
 
-    def _shown_by_another(self, path: str) -> bool:
-        """That node is not to be ours: said when it begins, and when it ends."""
-        ours = path in {node.node.node.path for node in self.vehicles.values()}
-        ours = ours or (self.swarm is not None and self.swarm.node.node.path == path)
+    def _shown_by_another(self, path: str, ours: bool) -> bool:
+        """That node, which we show or do not, is not to be ours: said when it begins, and when it ends."""
         others = self.watch.sessions_of(path)
         theirs = any(not ours or zid < self.ros.zid for zid in others)
         if theirs and path not in self._others and len(self._others) < MOST_NAMES:
@@ -254,7 +253,7 @@ class Face:
             if vehicle.last_state is not None and self._only in (None, vehicle.name)
         }
         for name, node in list(self.vehicles.items()):
-            if node.vehicle.name not in there or self._shown_by_another(node.node.node.path):
+            if node.vehicle.name not in there or self._shown_by_another(f"/{name}/{NODE}", True):
                 self._close(name)
         for vehicle in there.values():
             name = graph.ros_name(vehicle.name)
@@ -264,7 +263,7 @@ class Face:
                 self._leave_out(vehicle.name, "there are too many vehicles")
             elif (named := self._named.setdefault(name, vehicle.name)) != vehicle.name:
                 self._leave_out(vehicle.name, f"in ROS it would be /{name}, as {named} is")
-            elif not known and not self._shown_by_another(f"/{name}/{NODE}"):
+            elif not known and not self._shown_by_another(f"/{name}/{NODE}", False):
                 self.vehicles[name] = VehicleNode(
                     self._z, self.ros, self.watch, vehicle, self._hz, may_order=self._may_order
                 )

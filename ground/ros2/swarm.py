@@ -226,9 +226,9 @@ class Swarm:
 
     async def _set_obstacles(self, said: Any, gid: bytes) -> dict[str, Any]:
         self._check()
-        known, told = obstacles.given(said.obstacles), dict[str, Any]()
-        for each in known:
-            told = await order_chief(self._z, "obstacle", swarm.GiveObstacle(obstacle=each, id=uuid.uuid4().hex))
+        known = obstacles.given(said.obstacles)
+        orders = [swarm.GiveObstacle(obstacle=each, id=uuid.uuid4().hex) for each in known]
+        told = await order_chief(self._z, "obstacle", *orders)
         return {"message": f"{told['obstacles']} obstacles are known" if told else "nothing was said"}
 
     def _take_obstacles(self, said: Any, gid: Any) -> None:

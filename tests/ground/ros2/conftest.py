@@ -90,7 +90,8 @@ class Peer:
         text = re.sub(r"^([A-Z]\w+)(?=\S* )", rf"{package}/\1", text, flags=re.MULTILINE)
         request, answer = f"\n{text}".split("\n---\n")
         session = ZenohSession.get_instance(**self.where)
-        for each in ("builtin_interfaces/msg/Time", "geometry_msgs/msg/Point", "rcl_interfaces/msg/ParameterValue"):
+        plain = ("builtin_interfaces/msg/Time", "geometry_msgs/msg/Point", "rcl_interfaces/msg/ParameterValue")
+        for each in (*plain, "unique_identifier_msgs/msg/UUID", "action_msgs/msg/GoalInfo"):
             session.register_message_type(known().definition(each), each)
         for each in ("Parameter", "SetParametersResult", "ListParametersResult", "ParameterDescriptor"):
             full = f"rcl_interfaces/msg/{each}"

@@ -51,7 +51,7 @@ class Client:
     """An action client, as rcl_action has it: services and topics below ``_action``."""
 
     def __init__(self, session: zenoh.Session, base: str = "quad1") -> None:
-        self._session, self._base, self._gid, self._sequence = session, base, os.urandom(16), 0
+        self.session, self._base, self._gid, self._sequence = session, base, os.urandom(16), 0
         self.accepted: Any = None
 
     def call(self, name: str, kind: str, /, **fields: Any) -> Any:
@@ -61,7 +61,7 @@ class Client:
         found: list[zenoh.Reply] = []
         over = threading.Event()
         self._sequence += 1
-        self._session.get(
+        self.session.get(
             key,
             zenoh.handlers.Callback(found.append, over.set),
             payload=request,
@@ -147,6 +147,13 @@ def test_a_flight_by_actions_with_feedback_and_a_cancel(fleet: Fleet, client: Cl
     assert [bytes(info.goal_id.uuid) for info in cancelled.goals_canceling] == [again], "accepted by then"
     assert cancelled.goals_canceling[0].stamp == client.accepted
     assert client.result("goto", "GoTo", again)[0] == CANCELED
+
+    theirs = os.urandom(16)
+    assert client.send("goto", "GoTo", theirs, position=point((north + 60.0, east, down)))
+    info = known().make("action_msgs/msg/GoalInfo", goal_id=uuid(theirs))
+    cancelled = peer.client("/quad1/goto/_action/cancel_goal", CANCEL).call(goal_info=info)
+    assert [bytes(each.goal_id.uuid) for each in cancelled.goals_canceling] == [theirs], "asked by others' client"
+    assert client.result("goto", "GoTo", theirs)[0] == CANCELED
 
     down_ = os.urandom(16)
     assert client.send("land", "Land", down_, return_first=False)

@@ -8,10 +8,12 @@ import contextlib
 import math
 import os
 import re
+import threading
 from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import pytest
+import zenoh
 
 import zmav
 from agents.planner.live.agent import Agent
@@ -23,7 +25,7 @@ from ground.ros2.types import INTERFACES, known
 from tests.ground.ros2.conftest import PATIENCE_S, Fleet, Peer
 from tests.ground.ros2.test_actions import LINE, Client
 from tests.waiting import wait_until
-from zmav import wire
+from zmav import keys, wire
 from zmav.errors import BadInput, BadKey
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
@@ -223,6 +225,53 @@ def test_where_no_planner_is_in_charge_it_is_said() -> None:
         status, result = client.result("hold", "SwarmHold", name)
         assert (status, result.message) == (ABORTED, absent.message)
         assert together(client, "hold_all").success, "that needs none"
+
+
+class Chief:
+    """A planner that takes any goal, says so in one book, and falls silent."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session, self._over = session, threading.Event()
+        self.goal = swarm.GoalEntry(id="g1-1", goal=swarm.Hold(vehicles=["quad1"]), state="flying", t=1.0, progress=0.5)
+        key = keys.SWARM.key("demo", "fake", verb="submit")
+        self._queryable = session.declare_queryable(key, self._answer)
+        self._beating = threading.Thread(target=self._beat)
+        self._beating.start()
+
+    def _beat(self) -> None:
+        charge = swarm.Charge(t=1.0, planner="fake", instance="f", term=1)
+        while not self._over.wait(0.2):
+            self._session.put(keys.FLEET.key("demo", topic="charge"), wire.encode(charge))
+
+    def _answer(self, query: zenoh.Query) -> None:
+        outcome = wire.Outcome(verb="submit", status="done", took=0.0, result={"goal": "g1-1", "planner": "fake"})
+        query.reply(query.key_expr, wire.encode(outcome))
+        self.say(self.goal)
+
+    def say(self, *goals: swarm.GoalEntry) -> None:
+        book = swarm.Book(t=1.0, planner="fake", instance="f", term=1, goals=list(goals))
+        self._session.put(keys.FLEET.key("demo", topic="goal"), wire.encode(book))
+
+    def close(self) -> None:
+        self._over.set()
+        self._beating.join()
+        self._queryable.undeclare()
+
+
+def test_a_planner_that_falls_silent_or_forgets_a_goal_aborts_it() -> None:
+    with alone(may_order=True) as client, contextlib.closing(Chief(client.session)) as chief:
+        silent, forgotten = os.urandom(16), os.urandom(16)
+        assert client.send("hold", "SwarmHold", silent, vehicles=["quad1"])
+        status, result = client.result("hold", "SwarmHold", silent)
+        assert (status, result.success) == (ABORTED, False)
+        assert "the planner is silent of g1-1, which was flying" in result.message
+        assert client.send("hold", "SwarmHold", forgotten, vehicles=["quad1"])
+        given = threading.Timer(1.0, chief.say)
+        given.start()
+        status, result = client.result("hold", "SwarmHold", forgotten)
+        assert status == ABORTED
+        assert "is in the book of fake no longer" in result.message
+        given.join()
 
 
 def test_a_goal_is_the_same_as_an_action_and_as_a_service() -> None:
