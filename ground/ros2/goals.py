@@ -21,7 +21,7 @@ Make = Callable[[Any, Name], swarm.Goal]
 
 
 def goto(said: Any, name: Name) -> swarm.Goal:
-    return swarm.GoTo(vehicles=_vehicles(said, name), to=places("to", said.to), labelled=not said.any)
+    return swarm.GoTo(vehicles=_vehicles(said, name), to=places("to", said.to), labelled=not said.assign)
 
 
 def formation(said: Any, name: Name) -> swarm.Goal:

@@ -302,7 +302,7 @@ CORNERS = [(0.0, 0.0), (0.0, 10.0), (20.0, 10.0)]
         (lambda: said("SwarmReturn"), swarm.Return(vehicles=VEHICLES)),
         (lambda: said("SwarmLand", at=SQUARE), swarm.Land(vehicles=VEHICLES, at=CORNERS)),
         (
-            lambda: said("SwarmGoTo", to=[point(1.0, 2.0, 3.0)], any=True),
+            lambda: said("SwarmGoTo", to=[point(1.0, 2.0, 3.0)], assign=True),
             swarm.GoTo(vehicles=VEHICLES, to=[(2.0, 1.0, -3.0)], labelled=False),
         ),
         (
