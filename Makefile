@@ -47,9 +47,10 @@ DEMO := $(firstword $(filter-out -%,$(ARGS)) line)
 NEEDS := $(if $(wildcard deploy/demos/$(DEMO).toml),$(filter-out interpreted,$(shell sed -n 's/^needs = \[\(.*\)\].*/\1/p' \
     deploy/demos/$(DEMO).toml | tr -d '",')),planner vision)
 
+# It ends with make, even where that is killed.
 demo: $(if $(NEEDS),$(NEEDS:%=$(VENV)/.demo-%),$(VENV)/.demo) ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"
-	@$(BIN)/zmav demo $(ARGS)
+	@exec $(BIN)/python -I -S zmav/guard.py $$PPID $(BIN)/zmav demo $(ARGS)
 
 planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain demo needs: for 'zmav swarm planner', 'zmav plan'
 

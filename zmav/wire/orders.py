@@ -15,8 +15,12 @@ class Order(Wire, kw_only=True):
     """
 
     id: str = ""
+    """any text of up to 64 characters, new for each order: sent again with it, the order is not done again, and the
+    answer says how far it is. Without one it comes at the end, for which Zenoh's own timeout may be too short"""
     wait: float = 0.5
+    """s for an answer, of an order with an ``id``: "running" then, where it has not ended"""
     lease: str = ""
+    """the one that is held, by its id"""
     uid: str = ""
     """of the autopilot that is meant, where two vehicles have one name: the other leaves the order alone"""
     given: float = 0.0
