@@ -49,7 +49,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
     },
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
-    {"session": set()},
+    {"session": set(), "schemas": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
     {"services": set(), "hil": set()},

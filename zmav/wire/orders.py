@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector, Wire
 
 
 class Order(Wire, kw_only=True):
@@ -101,7 +101,7 @@ class DropLease(Order, kw_only=True):
     pass
 
 
-class Outcome(Wire, kw_only=True):
+class Outcome(Told, kw_only=True):
     """Reply to ``do/*``."""
 
     verb: str
@@ -111,7 +111,7 @@ class Outcome(Wire, kw_only=True):
     result: dict[str, Any] = {}
 
 
-class OrderLine(Wire, kw_only=True):
+class OrderLine(Told, kw_only=True):
     """``@fleet/order``: an order that was given through a gateway, for the record."""
 
     t: float
