@@ -45,6 +45,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "direct": set(),
         "ratelimit": set(),
         "guard": set(),
+        "shared": {"errors"},
         "bus": set(),
     },
     {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},

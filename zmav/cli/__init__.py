@@ -28,6 +28,7 @@ VERBS = (
     "log",
     "send",
     "signing",
+    "install",
     "doctor",
     "param",
 )
