@@ -93,6 +93,8 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/other-languages.md: .*": "beside what serves until it is stopped: tests/ground/test_other_languages.py",
+    r"zmav sim .*--up": "it runs until it is stopped: tests/cli/test_sim.py",
     r"docs/ros2.md: .*": "wants ROS 2, or the SDK: tests/ground/ros2, tests/ground/test_examples.py",
     r"docs/camera.md: zmav http": "it serves until it is stopped: tests/ground/http/test_cameras.py",
     r"docs/planner-goals.md: zmav .*": (
