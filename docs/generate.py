@@ -14,7 +14,7 @@ import inspect
 import json
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from pathlib import Path
 
 import click
@@ -320,7 +320,20 @@ def asyncapi_page() -> str:
     """The whole of docs/asyncapi.json, which is also what a later version is held against."""
     document = schemas.asyncapi()
     del document["info"]["x-zmav"]  # a release changes nothing that is said
-    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    parts = {"channels", "operations", "messages", "schemas"}
+    return "".join(_lines(document, parts)) + "\n"
+
+
+def _lines(value: object, parts: Set[str], name: str = "", indent: str = "") -> Iterator[str]:
+    """JSON whose ``parts``, and what holds them, have a line for each of theirs; anything else is one line."""
+    if not isinstance(value, dict) or not (name in parts or parts & value.keys()):
+        yield json.dumps(value, ensure_ascii=False)
+        return
+    yield "{"
+    for number, (key, inner) in enumerate(value.items()):
+        yield ("," if number else "") + f"\n{indent} {json.dumps(key)}: "
+        yield from _lines(inner, parts if name not in parts else frozenset(), key, indent + " ")
+    yield f"\n{indent}}}"
 
 
 def check_asyncapi() -> None:

@@ -120,12 +120,12 @@ def asyncapi() -> dict[str, Any]:
             continue  # liveliness: nothing is sent
         name = each.name.replace("/", ".")
         said = [_message(messages, kind, references, each) for kind in (each.payload, *each.others)]
-        parts = dict.fromkeys(re.findall(r"{(\w+)}", each.address))
+        said += ["error"] if each.channel.kind == "query" else []
         channels[name] = {
             "address": each.address,
             "description": " ".join(each.doc.split()),
-            "parameters": {part: {"description": f"the {part}'s name"} for part in parts},
-            "messages": {key: {"$ref": f"#/components/messages/{key}"} for key in dict.fromkeys([*said, "error"])},
+            "parameters": {part: {} for part in re.findall(r"{(\w+)}", each.address)},
+            "messages": {key: {"$ref": f"#/components/messages/{key}"} for key in dict.fromkeys(said)},
             "x-version": each.version,
             "x-class-of-service": each.channel.qos.value,
             "x-writers": list(each.writers),
