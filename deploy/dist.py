@@ -120,7 +120,7 @@ def try_wheel(wheel: Path, python: str, folder: Path) -> None:
     run(inside, *pip, "--no-deps", "--no-index", wheel)
     run(inside, "-I", "-m", "pip", "--disable-pip-version-check", "check")
     for arguments in (("--version", "--json"), ("--help",), ("demo", "--list"), ("up", "--help"), ("sim", "--help")):
-        subprocess.run([folder / "bin" / "zmav", *arguments], check=True, stdout=subprocess.DEVNULL, cwd="/")
+        run(folder / "bin" / "zmav", *arguments, cwd=Path("/"))
     run(inside, "-I", "-c", TRY, cwd=folder)
     tree = folder / "tree"
     run(

@@ -106,8 +106,9 @@ def payload_schema(name: str) -> dict[str, Any]:
     return decoded
 
 
+@functools.cache
 def asyncapi() -> dict[str, Any]:
-    """The AsyncAPI document."""
+    """The AsyncAPI document; made once, so change a copy."""
     references, components = _schemas()
     channels: dict[str, Any] = {}
     operations: dict[str, Any] = {}

@@ -51,7 +51,8 @@ def order(vehicles: str, verb: str, arguments: dict[str, Any], as_json: bool) ->
                 ended = await order.run()
             except asyncio.CancelledError:
                 progress.clear()
-                say(_goes_on(vehicles, [v.name for v in targets if v.name not in over], verb))
+                if left := [v.name for v in targets if v.name not in over]:
+                    say(_goes_on(vehicles, left, verb))
                 raise
         if any(told.status == "failed" for told in ended):
             raise SystemExit(1)
@@ -63,7 +64,8 @@ def _goes_on(vehicles: str, names: list[str], verb: str) -> str:
     """What becomes of an order when the one who waits for it is interrupted: the vehicle has it, and does it."""
     whom = f"'{vehicles}'" if any(c in vehicles for c in "*?[") else vehicles
     stop = f". To stop there: zmav do {whom} hold" if VERBS[verb].access in (Access.MOVE, Access.OPEN) else ""
-    return f"only the waiting has ended: {', '.join(names)} goes on with {verb}{stop}"
+    goes = "goes" if len(names) == 1 else "go"
+    return f"only the waiting has ended: {', '.join(names)} {goes} on with {verb}{stop}"
 
 
 def _document(told: VehicleProgress) -> dict[str, Any]:

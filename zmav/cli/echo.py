@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import math
+import itertools
 import time
 from typing import Any
 
@@ -44,18 +44,17 @@ def command(key: str, count: int | None, hz: float | None, as_json: bool) -> Wor
         token = "" if hz is None else want_key(keys.expression(key, z.fleet_name), hz, "echo")
         async with z.subscribe(key, token=token) as samples:
             await asyncio.to_thread(lambda: z.dialect)  # an unknown one is said now, and not at every message
-            seen = 0
-            while True:
-                try:
-                    sample = await within(SILENT_S if seen == 0 else math.inf, samples.get())
-                except asyncio.TimeoutError:
-                    say(await why_silent(z, keys.expression(key, z.fleet_name)))
-                    sample = await samples.get()
+            try:
+                sample = await within(SILENT_S, samples.get())
+            except asyncio.TimeoutError:
+                say(await why_silent(z, keys.expression(key, z.fleet_name)))
+                sample = await samples.get()
+            for seen in itertools.count(1):
                 document = document_of(sample, z.dialect)
                 tell(as_json, document, text_of(document))
-                seen += 1
                 if seen == count:
                     return
+                sample = await samples.get()
 
     return echo
 

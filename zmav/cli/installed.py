@@ -33,7 +33,7 @@ NAME = re.compile(r"[a-z0-9_][a-z0-9_-]{0,63}\Z")
 """no path, no other unit, no option of systemctl"""
 LOADS = 120.0
 """s that loading it may take, on a slow computer too"""
-UNREADY = "'sudo deploy/install.sh' makes it ready"
+UNREADY = "'sudo zmav install' makes it ready, or deploy/install.sh of a clone"
 
 
 class Installed(Table, frozen=True):

@@ -245,12 +245,14 @@ class Orders:
             if verb is not None and self._only_looks(verb.name):
                 self._questions.put(lane, query)
                 return
+            urgent = verb is not None and verb.access is Access.OPEN
             try:
+                if not urgent:  # what makes it safe is done, whatever stands beside it
+                    refuse_parameters(query)
                 order = self._proven(query, asked)
             except ZmavError as e:  # said in the lane: who asked may not read
                 self._questions.refuse(refusals, query, e)
                 return
-            urgent = verb is not None and verb.access is Access.OPEN
             line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
             if len(line) < most:  # else it is asked again, as any order is that gets no answer
                 line.append(order)
@@ -278,7 +280,6 @@ class Orders:
 
     def _proven(self, query: zenoh.Query, asked: str) -> ProvenOrder:
         """An order and who gives it. On the intake's thread, so that no flood reaches the event loop."""
-        refuse_parameters(query)
         size = 0 if query.payload is None else len(query.payload)
         if size > self._most:
             text = f"{size} bytes are too much for an order; at most {self._most} are read"
