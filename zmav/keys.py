@@ -157,6 +157,8 @@ PARAM = _asked("param", "param/{param}", wire.Param, answerers=(VEHICLE,))
 """one parameter, from the vehicle's cache"""
 MISSION = _asked("mission", "mission/{kind}", wire.Mission, answerers=(VEHICLE,))
 """mission, fence or rally points, from the vehicle's cache"""
+TERRAIN = _asked("terrain", "terrain", wire.TerrainReport, answerers=(VEHICLE,))
+"""what the vehicle knows of the ground, and what its autopilot still wants of it"""
 FILE = _asked("file", "file/{file}", wire.StoredFile)
 """a file or log fetched from the autopilot: what it is"""
 FILE_CHUNK = _asked("file_chunk", "file/{file}/{offset}", qos=Qos.BULK, encoding=RAW)

@@ -59,7 +59,9 @@ from zmav.services.status.events import Events
 from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
+from zmav.services.terrain.requests import TerrainRequests
 from zmav.systemd import state_directory
+from zmav.terrain import Terrain
 from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
@@ -150,7 +152,8 @@ class Onboard:
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
         self.logs = Logs(companion, ftp, self.files)
-        bounds = Bounds(companion, settings.geofence, settings.limits)
+        self.terrain = TerrainRequests(companion, Terrain(cache / fleet / f"{name}.terrain"))
+        bounds = Bounds(companion, settings.geofence, settings.limits, self.terrain.terrain)
         counts = SetpointCounts()
         self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
@@ -227,7 +230,7 @@ class Onboard:
             self.forwarder,
             self.missions,
             self.params,
-            *(() if link.recorded else (self.event_texts, self.orders)),  # a recording takes no orders, gives no files
+            *(() if link.recorded else (self.event_texts, self.orders, self.terrain)),  # a recording takes no orders
             self.preconditions,
             self.rates,
             self.separation,
@@ -287,6 +290,7 @@ class Onboard:
             "ping": _pong,
             **self.files.handlers,
             **self.logs.handlers,
+            **self.terrain.handlers,
             "param_set": self.params.set,
             "param_load": self.params.load,
             "param_refresh": self.params.refresh,

@@ -30,6 +30,7 @@ VERBS = (
     "signing",
     "doctor",
     "param",
+    "terrain",
 )
 
 

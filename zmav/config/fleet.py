@@ -93,6 +93,11 @@ class Geofence(Table, frozen=True):
     """m above home; absent: the ground there, which vehicles that stay on the surface are free of"""
     ceiling: float | None = None
     """m above home; absent: 120"""
+    above_ground: float | None = None
+    """m above the ground, where 'zmav terrain load' has told how high that is: of places, straight ways and segments,
+    not of velocities, landings and climbs. With it, ground that is not known is refused; absent: only what is 10 m deep
+    in the ground is
+    """
 
 
 class Limits(Table, frozen=True):

@@ -21,6 +21,7 @@ from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
+from zmav.vehicle.terrain import GroundPieces
 from zmav.verbs import GRANTABLE
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Vehicle:
         self.files = Files(self, client)
         self.logs = Logs(self, self.files)
         self.rates = Rates(self, client)
+        self.terrain = GroundPieces(self)
 
     def __repr__(self) -> str:
         return f"Vehicle({self.name!r})"
