@@ -152,7 +152,7 @@ class Onboard:
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
         self.logs = Logs(companion, ftp, self.files)
-        self.terrain = TerrainRequests(companion, Terrain(cache / fleet / f"{name}.terrain"))
+        self.terrain = TerrainRequests(companion, Terrain(cache / fleet / f"{name}.terrain"), self.rates.need)
         bounds = Bounds(companion, settings.geofence, settings.limits, self.terrain.terrain)
         counts = SetpointCounts()
         self.preconditions = ParamPreconditions(companion, self.params, counts)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import click
@@ -12,6 +11,7 @@ import msgspec
 
 from zmav import wire
 from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.places import numbers
 from zmav.cli.progress import Progress
 from zmav.cli.vehicles import Line, attempt, for_each, matching, show
 from zmav.client import Client
@@ -35,23 +35,6 @@ from_option = click.option(
 )
 
 
-def _numbers(*names: str) -> Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]:
-    """What has a flag's words made numbers: so many, between commas."""
-
-    def parse(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-        if value is None:
-            return None
-        try:
-            numbers = tuple(map(float, value.split(",")))
-        except ValueError:
-            numbers = ()
-        if len(numbers) != len(names) or not all(map(math.isfinite, numbers)):
-            raise click.BadParameter(f"expected {','.join(names)}, numbers between commas")
-        return numbers
-
-    return parse
-
-
 @click.group("terrain")
 def command() -> None:
     """The ground: how high it is where vehicles fly.
@@ -66,25 +49,24 @@ def command() -> None:
 @click.option(
     "--radius",
     type=click.FloatRange(min=0.0, max=100_000.0),
-    default=2000.0,
+    default=8000.0,
     show_default=True,
-    help="m about each vehicle.",
+    help="m about each vehicle; an ArduPilot asks for some 6000.",
 )
 @click.option(
     "--area",
     metavar="S,W,N,E",
-    callback=_numbers("south", "west", "north", "east"),
     help="Degrees, in place of what is about each.",
 )
 @json_option
 @connected
-def load(vehicles: str, source: str, radius: float, area: tuple[float, ...] | None, as_json: bool) -> Work:
+def load(vehicles: str, source: str, radius: float, area: str | None, as_json: bool) -> Work:
     """Bring the ground aboard: 'zmav terrain load "quad*" --from dem.tif'.
 
     Vehicles then answer their own autopilots, whatever the network does. What a vehicle keeps stays after a restart.
     """
     heights = open_source(source, default_directory().parent / "tiles")
-    given = None if area is None else _read(heights, *area)
+    given = None if area is None else _read(heights, *numbers(area, 4, "S,W,N,E in degrees"))
 
     async def bring(vehicle: Vehicle, tell: Any) -> Line:
         pieces = _read(heights, *_about(vehicle, radius)) if given is None else given
@@ -145,12 +127,13 @@ def clear(vehicles: str, as_json: bool) -> Work:
 
 
 @command.command("height")
-@click.argument("place", callback=_numbers("lat", "lon"))
+@click.option("--at", required=True, metavar="LAT,LON", help="Degrees.")
 @from_option
 @json_option
-def height(place: tuple[float, ...], source: str, as_json: bool) -> None:
-    """How high the ground is: 'zmav terrain height -35.3632,149.1652 --from ~/srtm'."""
-    name, north, east = piece_at(place[0], place[1])
+def height(at: str, source: str, as_json: bool) -> None:
+    """How high the ground is: 'zmav terrain height --at -35.3632,149.1652 --from ~/srtm'."""
+    lat, lon = numbers(at, 2, "LAT,LON in degrees")
+    name, north, east = piece_at(lat, lon)
     piece = open_source(source, default_directory().parent / "tiles").piece(name)
     found = None if piece is None else piece.height(north, east)
     if as_json:

@@ -114,11 +114,12 @@ class Bounds:
             self._check_home(home_by(command, autopilot), force, in_mission)
             return before
         lead = leads_to(command, autopilot, in_mission=in_mission)
-        if "TERRAIN" in (command.frame or "") and isinstance(lead, Target):
+        follows = "TERRAIN" in (command.frame or "")  # the ground on its way there, too
+        if follows and isinstance(lead, Target):
             lead = self._above_sea(lead)
         self._check_lead(lead, force, from_here=not in_mission)
         place = self._place(lead, self._position()) if isinstance(lead, Target) else None
-        if place is not None and before is not None and not self._flat:
+        if place is not None and before is not None and not follows and not self._flat:
             self._clearance.check(place, before, self._home_place(), force=force)
         return place or before
 

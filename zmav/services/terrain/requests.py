@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import zenoh
@@ -40,6 +40,8 @@ PAUSE = 0.01
 """s between two of them on a link of unknown speed"""
 MISSING = 64
 """names of pieces that are kept of what was not there"""
+NEEDS = {"TERRAIN_REQUEST": 0.5, "TERRAIN_REPORT": 0.2}
+"""Hz of what is read here, once there are pieces"""
 FRESH = 3.0
 """s: age up to which a position says where the vehicle is"""
 
@@ -64,14 +66,15 @@ class Block(NamedTuple):
 class TerrainRequests:
     """Answers the autopilot, keeps what ``terrain_put`` brings, and answers ``terrain``. Lives on the event loop.
 
-    What is not known is not answered: the autopilot asks again, and an event names the piece once.
+    What is not known is not answered: the autopilot asks again, and an event names the piece once. ``need`` has
+    messages flow from the autopilot (:meth:`zmav.services.rates.rates.Rates.need`).
     """
 
-    def __init__(self, companion: Companion, terrain: Terrain) -> None:
+    def __init__(self, companion: Companion, terrain: Terrain, need: Callable[[str, float], None]) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self._key = keys.TERRAIN.key(companion.port.fleet, companion.port.name)
         companion.questions.declare(self._key, self._answer)
-        self.terrain = terrain
+        self.terrain, self._need = terrain, need
         self.answered = 0
         self._asked: dict[Block, int] = {}
         self._missing: dict[str, None] = {}
@@ -87,6 +90,7 @@ class TerrainRequests:
         loop = asyncio.get_running_loop()
         self._stop = self._port.listen("TERRAIN_REQUEST", on_loop(loop, self._on_request))
         self._task = loop.create_task(self._work())
+        self._ask_for()
 
     def close(self) -> None:
         self._stop()
@@ -99,11 +103,19 @@ class TerrainRequests:
         for name, data in args.pieces.items():
             await in_thread(self.terrain.put, name, data)
             self._missing.pop(name, None)
+        self._ask_for()
         return {"put": len(args.pieces), "pieces": len(self.terrain.names())}
 
     async def clear(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Forget all pieces; the autopilot keeps what it was told."""
-        return {"cleared": await in_thread(self.terrain.clear)}
+        cleared = await in_thread(self.terrain.clear)
+        self._ask_for()
+        return {"cleared": cleared}
+
+    def _ask_for(self) -> None:
+        """An ArduPilot asks no more often than it is asked to, and one without pieces here need not."""
+        for name, hz in NEEDS.items():
+            self._need(name, hz if self.terrain.names() else 0.0)
 
     def _on_request(self, frame: Frame) -> None:
         if (frame.sysid, frame.compid) != self._identity.source:
@@ -125,7 +137,6 @@ class TerrainRequests:
             while self._asked:
                 block, mask = self._asked.popitem()
                 await self._send(block, mask)
-            self._check_here()
 
     async def _send(self, block: Block, mask: int) -> None:
         capacity = self._port.link.capacity
@@ -155,12 +166,6 @@ class TerrainRequests:
             del self._missing[next(iter(self._missing))]
         text = f"the autopilot asks for ground that is not here ({', '.join(names[:4])}): 'zmav terrain load'"
         self._events.emit("terrain", "warning", text, pieces=names)
-
-    def _check_here(self) -> None:
-        """Have the autopilot say what it has now."""
-        position = self._position()
-        if position is not None:
-            self._port.send("TERRAIN_CHECK", lat=position["lat"], lon=position["lon"])
 
     def _position(self) -> Any:
         return fields_of(self._port, "GLOBAL_POSITION_INT", self._identity.source, FRESH)
