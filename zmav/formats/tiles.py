@@ -138,6 +138,7 @@ class Raster:
     def __init__(self, path: Path) -> None:
         try:
             import rasterio  # type: ignore[import-not-found, import-untyped, unused-ignore]
+            import rasterio.transform  # type: ignore[import-not-found, import-untyped, unused-ignore]
             from rasterio.enums import Resampling  # type: ignore[import-not-found, import-untyped, unused-ignore]
             from rasterio.vrt import WarpedVRT  # type: ignore[import-not-found, import-untyped, unused-ignore]
         except ImportError:
@@ -145,28 +146,26 @@ class Raster:
                 "a GeoTIFF needs rasterio: pip install 'zmav[terrain]'", field="from", value=str(path)
             ) from None
         self._errors: Any = rasterio.errors.RasterioError
+        self._warp = functools.partial(WarpedVRT, crs="EPSG:4326", resampling=Resampling.bilinear, nodata=VOID)
+        self._placed: Any = rasterio.transform.from_origin
         try:
             self._file: Any = rasterio.open(path)
-            self._warped: Any = WarpedVRT(
-                self._file, crs="EPSG:4326", resampling=Resampling.bilinear, nodata=VOID, dtype="float32"
-            )
         except self._errors as e:
             raise BadInput(f"{path}: {e}", field="from", value=str(path), expected="a GeoTIFF of heights") from None
+        if self._file.crs is None:
+            raise BadInput.wrong("from", str(path), "a GeoTIFF that says where it lies", f"{path} has no projection")
 
     def piece(self, name: str) -> Piece | None:
         south, west = corner_of(name)
-        side = self.STEP + 1
-        half = 0.5 / self.STEP  # a height stands in the middle of its pixel
-        left, bottom = (west - half) / MINUTES, (south - half) / MINUTES
-        right, top = (west + 1 + half) / MINUTES, (south + 1 + half) / MINUTES
+        side, step = self.STEP + 1, 1.0 / MINUTES / self.STEP
+        left, top = west / MINUTES - step / 2.0, (south + 1) / MINUTES + step / 2.0  # a height is in its pixel's middle
         try:
-            window = self._warped.window(left, bottom, right, top)
-            read = self._warped.read(
-                1, window=window, out_shape=(side, side), boundless=True, fill_value=VOID, masked=False
-            )
+            placed = self._placed(left, top, step, step)
+            with self._warp(self._file, transform=placed, width=side, height=side, dtype="float32") as warped:
+                rows = warped.read(1).tolist()
         except self._errors as e:
             raise BadInput(f"{name}: {e}", field="from", value=name, expected="a GeoTIFF that can be read") from None
-        heights = array.array("h", (_whole(height) for row in read.tolist() for height in row))
+        heights = array.array("h", (_whole(height) for row in rows for height in row))
         return None if all(height == VOID for height in heights) else Piece(side, heights)
 
 
