@@ -47,7 +47,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "guard": set(),
         "bus": set(),
     },
-    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set()},
+    {"wire": set(), "keys": {"wire"}, "geo": {"wire"}, "verbs": {"wire", "keys"}, "figures": set(), "rotation": set(), "terrain": set()},
     {"config": set(), "formats": set(), "host": set(), "trust": set(), "rundir": set()},
     {"session": set()},
     {"mavlink": set(), "links": set()},

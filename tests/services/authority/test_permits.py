@@ -36,6 +36,7 @@ NEEDS_NONE = {
     "Rates": "asks for rates",
     "Payload": "handlers: reached by Orders alone, behind its Permit",
     "Talk": "moves files",
+    "TerrainRequests": "says how high the ground is, where the autopilot asks",
     "TimeSync": "asks for the time",
     "Transfer": "moves missions",
     "TriggeredCamera": "a handler: reached by Orders alone, behind its Permit; by itself it only ends what that began",

@@ -19,7 +19,7 @@ from zmav.terrain import Piece, corner_of, names_within, pack
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, Peer, StartBench
 
-CORNER = (-353700000, 1491500000)
+CORNER = (-353710000, 1491510000)
 SPACING = 100
 SET_INTERVAL = 511
 PLACE = (-35.363262, 149.165237)
