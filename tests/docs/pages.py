@@ -80,6 +80,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "docs/gcs.md": (Part("", QUAD),),
     "docs/quickstart.md": (Part("zmav goto", (*QUAD, UP)),),
     "docs/matlab.md": (Part(),),
+    "docs/terrain.md": (Part("", (*QUAD, "mkdir srtm && head -c 2884802 /dev/zero > srtm/S36E149.hgt")),),
 }
 """the pages whose commands are run: of all others each command stands in NOT_RUN"""
 

@@ -39,7 +39,7 @@ from_option = click.option(
 def command() -> None:
     """The ground: how high it is where vehicles fly.
 
-    'zmav terrain load "quad*" --from ~/srtm --radius 3000', 'zmav terrain show "quad*"'.
+    'zmav terrain load "quad*" --from srtm --radius 3000', 'zmav terrain show "quad*"'.
     """
 
 
@@ -131,7 +131,7 @@ def clear(vehicles: str, as_json: bool) -> Work:
 @from_option
 @json_option
 def height(at: str, source: str, as_json: bool) -> None:
-    """How high the ground is: 'zmav terrain height --at -35.3632,149.1652 --from ~/srtm'."""
+    """How high the ground is: 'zmav terrain height --at -35.3632,149.1652 --from srtm'."""
     lat, lon = numbers(at, 2, "LAT,LON in degrees")
     name, north, east = piece_at(lat, lon)
     piece = open_source(source, default_directory().parent / "tiles").piece(name)

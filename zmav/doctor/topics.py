@@ -67,6 +67,7 @@ READINESS = Topic("readiness", VEHICLE)
 BATTERY = Topic("battery", VEHICLE)
 CLOCK = Topic("clock", VEHICLE)
 FAILSAFE = Topic("failsafe", VEHICLE)
+TERRAIN = Topic("terrain", VEHICLE)
 CERTIFICATE = Topic("certificate", VEHICLE)
 
 VEHICLES = Topic("vehicles", FLEET)

@@ -191,6 +191,21 @@ def check_safety(seen: Survey) -> Iterator[Finding]:
             yield from judge(vehicle, values, who)
 
 
+def check_terrain(seen: Survey) -> Iterator[Finding]:
+    """Nothing of who keeps no ground and is asked for none."""
+    for who, told in seen.terrain.items():
+        if told is None:
+            continue
+        for name, why in told.faults.items():
+            yield topics.TERRAIN.wrong(f"{name} cannot be read: {why}", "load it again: zmav terrain load", who)
+        if told.missing:
+            asked = f"its autopilot asks for ground that is not there: {', '.join(told.missing[:4])}"
+            yield topics.TERRAIN.advise(asked, "zmav terrain load, with a larger --radius", who)
+        elif told.pieces:
+            heights = f"{told.pending} grids pending" if told.pending else "its autopilot waits for nothing"
+            yield topics.TERRAIN.well(f"{len(told.pieces)} pieces of ground, {heights}", who)
+
+
 def check_trust(seen: Survey) -> Iterator[Finding]:
     yield from judge_trust(seen.trust, time.time())
 
@@ -302,6 +317,7 @@ CHECKS: tuple[Callable[[Survey], Iterator[Finding]], ...] = (
     check_links,
     check_clocks,
     check_safety,
+    check_terrain,
     check_trust,
     check_hosts,
     check_fleet,
