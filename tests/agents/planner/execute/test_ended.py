@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from typing import Any
 
@@ -25,7 +26,8 @@ async def test_no_segment_is_put_once_all_are_at_their_goals() -> None:
     async with airborne([(0.0, 0.0)], HEIGHT) as fleet:
         fleet.z.session.declare_subscriber(keys.SETPOINT.key("demo", "*", agent="*"), on_setpoint)
         async with Executor(fleet.z, fleet.names, taking=30.0) as executor:
-            outcome = await executor.run(flight(motions))
+            # Who is not at its goal at the end of a plan is waited for, and told to stay: a slow machine's copter lags.
+            outcome = await executor.run(dataclasses.replace(flight(motions), tolerance=5.0))
             assert outcome.done, outcome.reason
             await fleet.z.vehicle("quad1").hold()
         assert put
