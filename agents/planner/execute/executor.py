@@ -331,7 +331,7 @@ class Executor:
     async def _fly(self, conductor: Conductor) -> str:
         """Until all are at their goals (gives an empty reason), or at rest without a way on."""
         while True:
-            phase = self._look(conductor)
+            phase = self._look(conductor, ends=True)
             if phase == "done":
                 return ""
             if phase == "halted":
@@ -342,12 +342,17 @@ class Executor:
                 return f"{', '.join(lost)} lost" if lost else f"nobody can go on: {waits or 'no way is clear'}"
             await asyncio.sleep(TICK)
 
-    def _look(self, conductor: Conductor) -> Phase:
-        """Hear everybody, and tell whom there is something to tell."""
+    def _look(self, conductor: Conductor, ends: bool = False) -> Phase:
+        """Hear everybody, and tell whom there is something to tell.
+
+        ``ends``: nobody once all are at their goals. What comes next may be an order, which a segment that still is on
+        its way would meet.
+        """
         now = self.clock.now()
         for part in conductor.parts:
             self._hear(conductor, part, now)
-        for send in conductor.decide(now, PER_TICK):
+        over = ends and conductor.phase(now) == "done"
+        for send in [] if over else conductor.decide(now, PER_TICK):
             done = self.commands[send.part.id].put(send.rows, send.deadline)
             if done is not None:
                 conductor.sent(send, *done, now)

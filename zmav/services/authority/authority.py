@@ -27,6 +27,7 @@ from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, St
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
+from zmav.services.orders.orders import OTHER
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
@@ -34,8 +35,6 @@ from zmav.verbs import Access, Verb
 
 TOLD = 1.5
 """s in which a mode that was entered is told"""
-OTHER = "other"
-"""the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
 """orders that end a stream and put nothing in its place: the vehicle holds"""
 HALTING = ("hold", "land", "rtl")
