@@ -35,6 +35,8 @@ planner = ["servo"]             # and mission_upload, mission_clear
 
 [ros2]
 domain = 0                      # routers with credentials let this domain of ROS through, by role; absent: no ROS
+beside = ["quad1"]              # 'zmav ros2' runs on these vehicles' own computers
+orders = true                   # what ROS says there may move and change them
 
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
@@ -154,10 +156,16 @@ class Rights(Table, frozen=True):
 
 
 class Ros2(Table, frozen=True):
-    """ROS 2 in a fleet with credentials (docs/ros2.md). The same in the files of all its routers."""
+    """ROS 2 (docs/ros2.md). ``domain`` is the same in the files of all routers."""
 
     domain: Annotated[int, msgspec.Meta(ge=0, le=232)] | None = None
-    """whose keys and tokens pass the routers' doors; None: no ROS does"""
+    """whose keys and tokens pass the doors of routers with credentials; None: no ROS does"""
+    beside: list[str] = []
+    """vehicles beside which 'zmav ros2' runs, each on the vehicle's own computer"""
+    orders: bool = False
+    """there, what ROS says may move and change the vehicle"""
+    rates: dict[str, float] = {}
+    """there, Hz of topics that are to come at least so fast"""
 
 
 class PilotSwitch(Table, frozen=True):
@@ -280,6 +288,7 @@ def load_fleet(path: str | Path) -> FleetConfig:
         for name, table in fleet.vehicles.items():
             _check_tables(f"vehicles.{name}.", table)
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
+        _check_ros2(fleet)
         check_hosts(fleet.mesh, fleet.hosts())
         for (one, a), (other, b) in itertools.combinations(fleet.vehicles.items(), 2):
             if a.sysid is not None and a.sysid == b.sysid:
@@ -314,6 +323,14 @@ def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
         raise BadConfig.wrong(
             f"{place}pilot_switch.low", tables.pilot_switch.low, f"less than {tables.pilot_switch.high}"
         )
+
+
+def _check_ros2(fleet: FleetConfig) -> None:
+    for name in fleet.ros2.beside:
+        if name not in fleet.vehicles:
+            raise BadConfig.wrong("ros2.beside", name, f"a vehicle of this file: {', '.join(fleet.vehicles) or 'none'}")
+    if fleet.ros2.beside and fleet.ros2.domain is None:
+        raise BadConfig.wrong("ros2.domain", None, "a number, for 'zmav ros2' beside vehicles")
 
 
 def check_failsafe(failsafe: Failsafe, field: str = "failsafe") -> Failsafe:
