@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,13 +31,14 @@ from agents.planner.solve.planes import plan_planes
 from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
 from agents.planner.solve.refine.knots import durations
 from agents.planner.solve.spacetime import deconflict
+from agents.planner.solve.spacetime.turns import in_turn
 
 TOLERATED = 0.006  # m; the format lets 1 cm pass
 LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
 ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
 SHARES = 8  # of a margin
+EFFORT, EFFORT_FOR = 3.0, 30.0  # s to find something shorter than a queue, and as much again for so many vehicles
 CROWDED = 0.5  # share of all; when so many are in each other's way, it is a narrow place that they must pass in turn
-Try = Callable[[], Refined]
 
 
 def solve(
@@ -142,8 +143,7 @@ class Pipeline:
                 for i, motion in zip(planes, fixed, strict=True)
             )
             rest = replace(part(problem, others), movers=problem.movers + aside)
-            for attempt in self.tries(rest, world, paths, rng, turn):
-                found = attempt() if len(others) else Refined([])
+            for found in self.tries(rest, world, paths, rng, turn):
                 if found.motions is None:
                     yield found.stuck
                     continue
@@ -156,8 +156,11 @@ class Pipeline:
 
     def tries(
         self, problem: Problem, world: World, paths: list[Path], rng: np.random.Generator, turn: int
-    ) -> Iterator[Try]:
+    ) -> Iterator[Refined]:
         """What is tried for all but the planes, from quick to thorough."""
+        if not len(problem):
+            yield Refined([])
+            return
         seed = self.seed + 1000 * turn
         least = float(durations(problem, paths).max(initial=0.0))
 
@@ -169,19 +172,34 @@ class Pipeline:
         def direct(more: int, factors: tuple[float, ...], deadline: Deadline, hopeless: float = 1.0) -> Refined:
             return shorter(refine_paths(problem, world, paths, deadline, seed + more, factors, hopeless))
 
-        def discrete() -> Refined:
-            motions = deconflict.find(problem, world, paths, half_left(), rng)
-            if motions is None:
-                return Refined(None)
-            return shorter(refine(problem, world, motions, self.deadline))
+        def alone(i: int, around: World, path: Path) -> Motion | None:
+            single = replace(part(problem, np.array([i])), movers=())
+            found = refine_paths(single, around, [path], self.deadline, seed).motions
+            return None if found is None else found[0]
 
-        def half_left() -> Deadline:
-            return self.deadline.within(self.deadline.left() / 2.0)
+        def queued() -> Refined:
+            motions = in_turn(problem, self.scene, world, paths, alone, half(self.deadline), rng)
+            return Refined(motions, seconds=max((float(motion[-1, 0]) for motion in motions or ()), default=0.0))
 
-        soon = half_left()
-        yield lambda: direct(0, FACTORS[:2], soon, CROWDED)
-        yield discrete
-        yield lambda: direct(500, FACTORS[2:], self.deadline)
+        def negotiated(until: Deadline) -> Refined:
+            motions = deconflict.find(problem, world, paths, half(until), rng)
+            return Refined(None) if motions is None else shorter(refine(problem, world, motions, until))
+
+        yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
+        queue = queued()
+        if queue.motions is None:
+            yield negotiated(self.deadline)
+        else:
+            if queue.seconds > LONG * least:
+                found = negotiated(self.deadline.within(EFFORT * (1.0 + len(problem) / EFFORT_FOR)))
+                if found.motions is not None and found.seconds < queue.seconds:
+                    yield found
+            yield queue
+        yield direct(500, FACTORS[2:], self.deadline)
+
+
+def half(deadline: Deadline) -> Deadline:
+    return deadline.within(deadline.left() / 2.0)
 
 
 def clear_of_movers(problem: Problem) -> None:

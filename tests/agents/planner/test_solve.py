@@ -38,6 +38,7 @@ def faults(scene: Scene, plan: Plan) -> Any:
         ("forest", 12),
         ("gate", 8),
         ("gate_opposing", 8),
+        ("windows", 12),
         ("city", 12),
         ("fence", 8),
         ("mixed", 10),
@@ -48,6 +49,16 @@ def test_every_class_of_scene_is_solved(name: str, n: int) -> None:
     plan = solve(scene, seed=1)
     assert plan.status == "ok"
     assert list(plan.trajectories) == [v.id for v in scene.vehicles]
+    assert not faults(scene, plan)
+
+
+@pytest.mark.parametrize(("name", "n", "seconds"), [("windows", 16, 12.0), ("swap_circle", 200, 6.0)])
+def test_crowds_are_solved_in_seconds(name: str, n: int, seconds: float) -> None:
+    """In a queue through windows; round each other, all in one sense, where all cross in one place."""
+    scene = CLASSES[name](n, 0)
+    used = time.thread_time()
+    plan = solve(scene)
+    assert time.thread_time() - used < seconds
     assert not faults(scene, plan)
 
 

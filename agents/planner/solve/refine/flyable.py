@@ -86,6 +86,7 @@ FINE_STEP = 0.195  # s; a plan has at least five samples a second
 COARSE_STEP = 0.4
 FACTORS = (1.03, 1.12, 1.25, 1.45, 1.75)
 GUESSES = (Guess(), Guess(side=3.0, up=8.0), Guess(side=5.0, up=16.0))  # radii
+ROUND = 0.1  # radii aside for each vehicle: so many that cross in one place go round it, all in one sense
 CAP = 1.0  # radii
 SQUEEZED = 0.3  # the same for motions whose order is to be kept
 SLIDE = 0.6  # how much two pass beside each other rather than one before the other
@@ -140,7 +141,9 @@ def refine_paths(
 def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed: int) -> Iterator[Swarm]:
     """First guesses, all stepped a little; those that have come furthest first."""
     field: list[tuple[float, int, Swarm]] = []
-    for m, guess in enumerate(GUESSES):
+    side = ROUND * len(problem)
+    guesses = (*GUESSES, Guess(side=side, up=16.0)) if side > GUESSES[-1].side else GUESSES
+    for m, guess in enumerate(guesses):
         place = bent(problem, world, paths, seconds, coarse_knots(problem, seconds), guess, seed + m)
         swarm = Swarm(problem, world, place, seconds)
         for _ in range(HEAT):
@@ -151,7 +154,7 @@ def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed
         broken = swarm.look(SLIDE).total
         if broken < 0.01 * swarm.length * len(problem):
             yield swarm
-            if m == len(GUESSES) - 1:
+            if m == len(guesses) - 1:
                 break
         else:
             field.append((broken, m, swarm))
