@@ -40,7 +40,7 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     patience: float = PATIENCE
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
-    """s that the solver may take"""
+    """s of the processor that the solver may take for a plan"""
     field: FleetField = FleetField(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None
