@@ -7,26 +7,37 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import contextlib
 import random
 import time
 from collections.abc import Callable
 
+import zenoh
+
 import zmav
 from zmav import keys
-from zmav.corrections import MOST_NAME, PATIENCE_S, Batch, Charge, batches, unpack
-from zmav.errors import BadConfig, Forbidden
+from zmav.corrections import MOST, MOST_NAME, PATIENCE_S, Batch, Charge, batches, unpack
+from zmav.errors import BadConfig, BadMessage, Forbidden
 from zmav.formats.rtcm3 import Cutter, Ecef, Message
+from zmav.services.link.port import on_loop
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import attached
+from zmav.trust.member import Place
 
 GATHER_S = 0.05
 """s after the first message of a moment within which the others of it come"""
+LISTEN_S = 1.5
+"""s for which a source that has just begun listens whether another is in charge; most bases speak once a second"""
 MOST_RATE, BURST = 4_000.0, 12_000.0
 """bytes a second of a source, and at once: three times what a base with four systems sends"""
+MOST_OTHERS = 16
+"""batches of others that wait to be looked at, the newest"""
 RATE_S = 10.0
 """s over which rates are taken"""
 
 
 class Publisher:
-    """``async with Publisher(z, "gs", say): ...``; lives on the event loop.
+    """``with Publisher(z, "gs", say): ...``; lives on the event loop.
 
     Raises :class:`BadConfig` where no fleet is named, and :class:`Forbidden` where our role may not.
     """
@@ -38,15 +49,16 @@ class Publisher:
         say: Callable[[str], None] = lambda line: None,
         priority: int = 0,
         patience: float = PATIENCE_S,
+        listen: float = LISTEN_S,
     ) -> None:
         self._z, self._say, self._priority, self._patience = z, say, priority, patience
+        self._speaks_at = time.monotonic() + listen
         self.name = name[:MOST_NAME]
         self._key = key_of(z)
         self._instance = random.getrandbits(32)
         self._cutter, self._charge = Cutter(), Charge(patience)
         self._gathered: list[Message] = []
         self._flush: asyncio.TimerHandle | None = None
-        self._listening: asyncio.Task[None] | None = None
         self._since_us: int | None = None
         self._sequence, self._sent_at = 0, 0.0
         self._room, self._room_at = BURST, 0.0
@@ -62,25 +74,33 @@ class Publisher:
         self.stands_by_for = ""
         """which other source is in charge; empty: none"""
 
-    async def __aenter__(self) -> Publisher:
+    def __enter__(self) -> Publisher:
         self._publisher = self._z.session.declare_publisher(self._key, **keys.RTCM.publishing())
-        self._others = self._z.subscribe(self._key, lambda sample: unpack(sample.payload.to_bytes()), depth=100)
-        await self._others.__aenter__()
-        self._listening = asyncio.create_task(self._listen())
+        hear, member = on_loop(asyncio.get_running_loop(), self._hear), self._z.member
+        newest: dict[Place, float] = {}
+
+        def take(samples: list[zenoh.Sample]) -> None:
+            """In a thread of its own: anybody may put there, however fast."""
+            for sample in samples:
+                payload = sample.payload.to_bytes() if len(sample.payload) <= MOST else b""
+                with contextlib.suppress(Forbidden, BadMessage):
+                    batch = unpack(payload)
+                    if batch.instance != self._instance:
+                        if member is not None:
+                            member.judge(self._key, payload, attached(sample), newest)
+                        hear(batch)
+
+        self._others = Intake(self._z.session.declare_subscriber, self._key, take, MOST_OTHERS)
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._flush is not None:
             self._flush.cancel()
-        if self._listening is not None:
-            self._listening.cancel()
-        await self._others.__aexit__(None, None, None)
+        self._others.close()
         self._publisher.undeclare()
 
-    async def _listen(self) -> None:
-        async for batch in self._others:
-            if batch.instance != self._instance:
-                self._charge.hear(batch, time.monotonic())
+    def _hear(self, batch: Batch) -> None:
+        self._charge.hear(batch, time.monotonic())
 
     # From the source.
 
@@ -151,6 +171,8 @@ class Publisher:
             if not self.stands_by_for:
                 self._say(f"stands by: {other.source} is in charge")
             self._since_us, self.stands_by_for = None, other.source
+            return
+        if now < self._speaks_at:
             return
         if self._since_us is None:
             self._say(f"in charge: corrections go to the fleet as {self.name}")

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import msgspec
 
 import zmav
-from ground.corrections import Publisher
+from ground.corrections import LISTEN_S, Publisher
 from ground.rtk.options import Caster, Fixed, Receiver, Recording, Survey, Where
 from zmav import geo
 
@@ -67,17 +67,19 @@ class Rtk:
         return NtripSource(where, put, self._told, None if self.settings.rover is None else self._rover)
 
     async def __aenter__(self) -> Rtk:
-        await self.publisher.__aenter__()
+        self.publisher.__enter__()
         self._task = asyncio.create_task(self._say_status())
         return self
 
     async def __aexit__(self, *_: object) -> None:
         if self._task is not None:
             self._task.cancel()
-        await self.publisher.__aexit__()
+        self.publisher.__exit__()
 
     async def run(self) -> None:
         """Until the source has no more."""
+        if isinstance(self.settings.where, Recording):
+            await asyncio.sleep(LISTEN_S)  # its first moment is heard, too
         await self._source.run()
         await asyncio.sleep(0.2)  # what it brought last is gathered and sent
 

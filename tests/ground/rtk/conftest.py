@@ -56,9 +56,10 @@ class Fleet:
 
     @contextlib.asynccontextmanager
     async def publisher(self, name: str, **more: object) -> AsyncIterator[Publisher]:
-        async with self.client() as z, Publisher(z, name, self.said.append, **more) as one:  # type: ignore[arg-type]
-            await self.net.linked(z.session, keys.RTCM.key("demo"))
-            yield one
+        async with self.client() as z:
+            with Publisher(z, name, self.said.append, **{"listen": 0.0, **more}) as one:  # type: ignore[arg-type]
+                await self.net.linked(z.session, keys.RTCM.key("demo"))
+                yield one
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from ground.corrections import LISTEN_S
 from ground.rtk.options import Caster as Where
 from ground.rtk.options import Recording
 from ground.rtk.program import Rtk, RtkSettings
@@ -94,7 +95,7 @@ async def test_each_radio_is_crossed_once_however_many_vehicles_hear_it(
         running = asyncio.ensure_future(rtk.run())
         await net.linked(z.session, keys.RTCM.key("demo"))
         await until(lambda: caster.clients == 1, "client of the caster")
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(LISTEN_S + 0.1)
         for t, epoch in enumerate(epochs):
             caster.send(epoch)
             await until(lambda: rtk.publisher.numbers[1087] == t + 1, "the caster's")  # noqa: B023

@@ -91,6 +91,16 @@ async def test_the_second_stands_by_and_takes_over_when_the_first_is_silent(flee
     ]
 
 
+async def test_one_that_begins_listens_first(fleet: Fleet) -> None:
+    async with fleet.publisher("a") as a, fleet.publisher("b", listen=1.0) as b:
+        for seed in range(15):
+            b.feed(message(1087, seed=seed))
+            a.feed(message(1077, seed=seed))
+            await asyncio.sleep(0.1)
+        assert {batch.source for batch in fleet.batches} == {"a"}
+        assert b.stands_by_for == "a"
+
+
 async def test_a_higher_priority_takes_over_at_once(fleet: Fleet) -> None:
     async with fleet.publisher("a") as a, fleet.publisher("b", priority=5) as b:
         a.feed(message(1077))
