@@ -146,6 +146,7 @@ COLUMNS = (
     Column("left", 5, 12, lambda v: duration(v.battery_left), right=True),
     Column("gps", 7, 8, _gps),
     Column("acc m", 5, 12, _accuracy, right=True),
+    Column("rtcm", 5, 11, lambda v: duration(v.corrections.age) if v.corrections else "-", right=True),
     Column("age", 5, 1, lambda v: duration(v.age), right=True),
     Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), right=True),
     Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), right=True),

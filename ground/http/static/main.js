@@ -77,6 +77,7 @@ function drawSummary() {
   const stale = all.filter((vehicle) => vehicle.stale).length;
   const parts = [t("summary.vehicles", { count: all.length }), t("summary.armed", { count: all.filter((vehicle) => vehicle.state.armed).length })];
   if (stale && store.connection === "live") parts.push(t("summary.silent", { count: stale }));
+  for (const [host, base] of store.sources) parts.push(t("summary.base", { host, state: base.state, text: base.text }));
   say(byId("summary"), parts.join(" · "));
   const title = `${REPLAY ? `${t("replay.mark")} · ` : ""}${stale || store.connection === "lost" ? "⚠ " : ""}zmav · ${parts[0]}`;
   if (document.title !== title) document.title = title;
@@ -129,6 +130,7 @@ link.subscribe("*/event", { history: 10 });
 link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
 link.subscribe("*/agent/camera-*/status", { hz: 2 });
+link.subscribe("*/agent/rtk/status", { hz: 1 });
 link.subscribe("*/HOME_POSITION", { hz: 0.1 });
 store.changed = draw;
 setInterval(draw, DRAW_MS);
