@@ -20,6 +20,7 @@ from tests.rtcm import base_at, message, satellites
 from tests.services.conftest import peer  # noqa: F401  (a fixture)
 from zmav import keys
 from zmav.mavlink.rtcm import Joiner
+from zmav.sim import VehicleSpec, World
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -139,3 +140,26 @@ async def test_its_status_is_told_once_a_second(fleet: Fleet, tmp_path: Path) ->
         found = await statuses.object(lambda s: s["state"] == "ended", "status")
     assert found["text"] == f"no RTCM 3 in {path}"
     assert found["detail"]["source"] == str(path)
+
+
+async def test_a_simulated_copter_has_a_fixed_solution_by_them(fleet: Fleet, onboard: StartOnboard) -> None:
+    """Byte for byte at the embedded simulator's own receiver, which fixes after five seconds of them."""
+    spec = VehicleSpec(endpoints=("tcp:0",))
+    epochs = [base_at() + satellites(1074, t_ms=500 * t) + message(1087, size=800, seed=t) for t in range(14)]
+    with World([spec], ready_s=0.5, speed=1.0) as world:
+        await onboard(fleet.router, world.urls[0], "quad1")
+        states = fleet.net.ground(fleet.endpoint).samples(keys.STATE)
+        await states.object(lambda s: s["connected"] and s["position"] is not None, "a position")
+        async with fleet.publisher("gs") as one:
+            for epoch in epochs:
+                one.feed(epoch)
+                await asyncio.sleep(0.5)
+            state = await states.object(lambda s: (s.get("gps") or {}).get("fix") == "RTK_FIXED", "a fixed solution")
+            after = len(states.items)
+            state = await states.object(lambda s: bool(s.get("corrections")), "corrections", after)
+            (vehicle,) = world.vehicles
+            heard = list(vehicle.node.receiver.messages)
+    assert b"".join(each.data for each in heard) == b"".join(epochs)
+    assert state["corrections"]["source"] == "gs"
+    assert state["corrections"]["baseline"] < 100
+    assert state["corrections"]["dropped"] == {}
