@@ -178,8 +178,9 @@ class Publisher:
             self._say(f"in charge: corrections go to the fleet as {self.name}")
         self._since_us, self.stands_by_for, self._sent_at = since_us, "", now
         self._sequence += len(parts)
-        for part in parts:
-            self._z.put(keys.RTCM, self._key, part.pack(), publisher=self._publisher)
+        with contextlib.suppress(zenoh.ZError):  # the session is closed
+            for part in parts:
+                self._z.put(keys.RTCM, self._key, part.pack(), publisher=self._publisher)
 
 
 def key_of(z: zmav.Client) -> str:

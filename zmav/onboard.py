@@ -388,6 +388,7 @@ class Onboard:
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()
+                    self.corrections.tick()
                     self._send_heartbeat()
                     self.rates.tick()
             except Exception as e:

@@ -163,6 +163,20 @@ class TestOutgoing:
         assert found[-1].data == message(1077, seed=2)
         assert queue.dropped == {"overtaken": 1}
 
+    def test_a_moment_that_has_begun_is_finished_and_the_newest_follows(self) -> None:
+        """No system of satellites starves on a line that is too slow for all."""
+        queue = Outgoing()
+        queue.put(batch(message(1074, seed=1), message(1084, seed=1), t=100.0))
+        first = queue.next(100.0)
+        queue.put(batch(message(1094, seed=1), t=100.0))
+        for t in (101.0, 102.0):
+            queue.put(batch(message(1074, seed=int(t)), message(1084, seed=int(t)), t=t))
+        found = [each.message.data for each in iter(lambda: queue.next(102.0), None)]
+        assert first is not None
+        assert first.message.number == 1074
+        assert found == [message(1084, seed=1), message(1094, seed=1), message(1074, seed=102), message(1084, seed=102)]
+        assert queue.dropped == {"overtaken": 2}
+
     def test_two_of_one_number_and_moment_are_both_kept(self) -> None:
         queue = Outgoing()
         queue.put(batch(message(1077, seed=1), message(1077, seed=2), t=100.0))

@@ -51,7 +51,7 @@ class Corrections:
         self._charge, self._queue = Charge(), Outgoing()
         self.pace = Pace(lambda: self._port.link.capacity)
         self._news = asyncio.Event()
-        self._tasks: list[asyncio.Task[None]] = []
+        self._task: asyncio.Task[None] | None = None
         self._intake: Intake | None = None
         self._source: Batch | None = None
         """of whom the newest were taken"""
@@ -86,11 +86,11 @@ class Corrections:
 
         key = keys.RTCM.key(self._port.fleet)
         self._intake = Intake(self._session.declare_subscriber, key, take, MOST_WAITING)
-        self._tasks = [self._loop.create_task(self._send()), self._loop.create_task(self._watch())]
+        self._task = self._loop.create_task(self._send())
 
     def close(self) -> None:
-        for task in self._tasks:
-            task.cancel()
+        if self._task is not None:
+            self._task.cancel()
         if self._intake is not None:
             self._intake.close()
             self._intake = None
@@ -174,14 +174,12 @@ class Corrections:
                     "corrections", "info", f"corrections come from {self._source.source}", limit="corrections"
                 )
 
-    async def _watch(self) -> None:
+    def tick(self) -> None:
         """Say when they stop: the receiver goes on with the last ones for a while, and less and less exactly."""
-        while True:
-            await asyncio.sleep(1.0)
-            age = self._age()
-            if not self._silent and age > self.silent_s:
-                self._silent = True
-                self._events.emit("corrections", "warning", f"no corrections for {age:.0f} s", limit="corrections")
+        age = self._age()
+        if not self._silent and age > self.silent_s:
+            self._silent = True
+            self._events.emit("corrections", "warning", f"no corrections for {age:.0f} s", limit="corrections")
 
     def _age(self) -> float:
         return math.inf if self._given_us is None else max(time.time() - self._given_us / 1e6, 0.0)

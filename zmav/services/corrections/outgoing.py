@@ -1,7 +1,8 @@
 """What of the corrections waits for the autopilot's link, and when the next fragment may go.
 
-The last full message wins: a message that has not begun gives way to a newer one of its number, and what is too old is
-not begun. One that has begun is finished, for half of it is worth nothing.
+The last full moment wins: one that has begun is finished, for receivers want the satellites of a moment together, and
+of those that wait meanwhile each message gives way to a newer one of its number. So a line that is too slow for all has
+fewer moments, each of them whole. What is too old is not begun.
 """
 
 from __future__ import annotations
@@ -52,30 +53,42 @@ class Pace:
 
 
 class Outgoing:
-    """The queue. Not thread-safe; ``dropped`` counts messages by reason."""
+    """The moment that is being sent, and the newest that waits. Not thread-safe.
+
+    ``dropped`` counts messages by reason.
+    """
 
     def __init__(self) -> None:
-        self._waiting: collections.deque[Waiting] = collections.deque()
+        self._now: collections.deque[Waiting] = collections.deque()
+        self._next: list[Waiting] = []
+        self._t_us = 0
+        """of the moment that is being sent"""
         self._sequence = 0
         self.dropped: collections.Counter[str] = collections.Counter()
 
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
-
     def put(self, batch: Batch) -> None:
-        numbers = {message.number for message in batch.messages}
-        keep = [each for each in self._waiting if each.t_us >= batch.t_us or each.message.number not in numbers]
-        self.dropped["overtaken"] += len(self._waiting) - len(keep)
-        self._waiting = collections.deque((*keep, *(Waiting(message, batch.t_us) for message in batch.messages)))
-        size = sum(len(each.message.data) for each in self._waiting)
-        while size > MOST_WAITING:
-            size -= len(self._waiting.popleft().message.data)
+        new = [Waiting(message, batch.t_us) for message in batch.messages]
+        if batch.t_us == self._t_us and self._now:
+            self._now.extend(new)  # another part of it
+        else:
+            numbers = {message.number for message in batch.messages}
+            keep = [each for each in self._next if each.t_us == batch.t_us or each.message.number not in numbers]
+            self.dropped["overtaken"] += len(self._next) - len(keep)
+            self._next = keep + new
+        while sum(len(each.message.data) for each in (*self._now, *self._next)) > MOST_WAITING:
+            if self._now:
+                self._now.popleft()
+            else:
+                self._next.pop(0)
             self.dropped["full"] += 1
 
     def next(self, utc: float) -> Waiting | None:
         """The next message that is still worth its way; None: nothing waits."""
-        while self._waiting:
-            found = self._waiting.popleft()
+        while self._now or self._next:
+            if not self._now:
+                self._now, self._next = collections.deque(self._next), []
+                self._t_us = max(each.t_us for each in self._now)
+            found = self._now.popleft()
             if utc - found.t_us / 1e6 <= OLDEST_S:
                 return found
             self.dropped["old"] += 1
@@ -83,8 +96,9 @@ class Outgoing:
 
     def clear(self) -> None:
         """Another source's are not mixed with these."""
-        self.dropped["overtaken"] += len(self._waiting)
-        self._waiting.clear()
+        self.dropped["overtaken"] += len(self._now) + len(self._next)
+        self._now.clear()
+        self._next = []
 
     def pieces(self, message: Message) -> Iterator[tuple[int, bytes]]:
         """Flags and bytes of its fragments, under the next sequence."""
