@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from ground.corrections import Publisher
 from tests.services.corrections.test_corrections import batch, given
 from zmav import keys
 from zmav.errors import Forbidden
@@ -34,6 +35,8 @@ async def test_an_operators_corrections_reach_the_autopilot_and_no_others(guarde
     ):
         publisher = z.session.declare_publisher(KEY, **keys.RTCM.publishing())
         for other in (planner, eye):
+            with pytest.raises(Forbidden, match="may not use rtcm"):
+                Publisher(other, "other")
             other.put(keys.RTCM, KEY, batch(source="other").pack())
         z.session.put(KEY, batch(source="nobody").pack())
         await asyncio.sleep(0.5)

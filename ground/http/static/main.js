@@ -127,7 +127,7 @@ wireTheme(() => map.paint());
 for (const anchor of document.querySelectorAll("footer a")) /** @type {HTMLAnchorElement} */ (anchor).href = address(anchor.getAttribute("href") || "");
 link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
-link.subscribe(`zmav/${FLEET}/@fleet/*`, { hz: 2 });
+for (const topic of ["charge", "goal", "plan", "obstacle"]) link.subscribe(`zmav/${FLEET}/@fleet/${topic}`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
 link.subscribe("*/agent/camera-*/status", { hz: 2 });
 link.subscribe("*/agent/rtk/status", { hz: 1 });

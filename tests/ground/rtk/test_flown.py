@@ -14,11 +14,11 @@ from ground.corrections import LISTEN_S
 from ground.rtk.options import Caster as Where
 from ground.rtk.options import Recording
 from ground.rtk.program import Rtk, RtkSettings
-from tests.ground.rtk.casters import MOUNTPOINT, Caster
+from tests.ground.rtk.casters import MOUNTPOINT, STREAM, Caster, hangs, hostile, sends
 from tests.ground.rtk.conftest import until
 from tests.rtcm import base_at, message, satellites
 from tests.services.conftest import peer  # noqa: F401  (a fixture)
-from zmav import keys
+from zmav import keys, wire
 from zmav.mavlink.rtcm import Joiner
 from zmav.sim import VehicleSpec, World
 
@@ -111,6 +111,26 @@ async def test_each_radio_is_crossed_once_however_many_vehicles_hear_it(
     assert (state, detail["in_charge"], detail["station"]) == ("in-charge", True, 1234)
     assert "B/s from ntrip://127.0.0.1" in text
     assert detail["base"]["lat_deg"] == pytest.approx(-35.363262)
+
+
+async def test_the_caster_hears_where_a_vehicle_is(fleet: Fleet) -> None:
+    """It is called once that is known."""
+    state = wire.VehicleState(t=time.time(), fleet="demo", name="quad1", instance="a", connected=True)
+    with hostile(sends(STREAM, base_at(), then=hangs)) as one:
+        where = Where(host="127.0.0.1", port=one.port, mountpoint="VRS")
+        settings = RtkSettings(where=where, name="gs", rover="quad1")
+        async with fleet.client() as z, Rtk(z, settings, fleet.said.append) as rtk:
+            running = asyncio.ensure_future(rtk.run())
+            await until(lambda: rtk.status()[0] == "waiting", "to wait for the vehicle's place")
+            assert not one.requests
+            state.position = wire.GlobalPosition(lat_deg=-35.5, lon_deg=149.25, alt_amsl=600.0, alt_rel=10.0)
+            while not one.requests:
+                fleet.router.put(keys.STATE.key("demo", "quad1"), wire.encode(state))
+                await asyncio.sleep(0.1)
+            await until(lambda: rtk.publisher.numbers[1005] == 1, "corrections")
+            running.cancel()
+    assert b"Ntrip-GGA: $GPGGA," in one.requests[0]
+    assert b",3530.00000,S,14915.00000,E,1,15,0.98,600.0,M" in one.requests[0], one.requests[0]
 
 
 async def test_a_file_is_played_a_moment_a_second(fleet: Fleet, tmp_path: Path) -> None:
