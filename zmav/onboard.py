@@ -34,6 +34,7 @@ from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
 from zmav.services.companion import Companion
+from zmav.services.corrections.corrections import Corrections
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
@@ -151,6 +152,8 @@ class Onboard:
         self.event_texts = EventTexts(companion, commander)
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
+        told = gate.check_told if gate else anybody
+        self.corrections = Corrections(companion, told, self.state.place)
         self.logs = Logs(companion, ftp, self.files)
         self.terrain = TerrainRequests(companion, Terrain(cache / fleet / f"{name}.terrain"), self.rates.need)
         bounds = Bounds(companion, settings.geofence, settings.limits, self.terrain.terrain)
@@ -230,7 +233,8 @@ class Onboard:
             self.forwarder,
             self.missions,
             self.params,
-            *(() if link.recorded else (self.event_texts, self.orders, self.terrain)),  # a recording takes no orders
+            # A recording takes no orders, gives no files, and needs no corrections.
+            *(() if link.recorded else (self.event_texts, self.orders, self.terrain, self.corrections)),
             self.preconditions,
             self.rates,
             self.separation,
@@ -369,6 +373,7 @@ class Onboard:
         state.clock = self.timesync.info()
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
+        self.corrections.add_to_state(state)
         if self.gate is not None:
             state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
@@ -387,6 +392,7 @@ class Onboard:
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()
+                    self.corrections.tick()
                     self._send_heartbeat()
                     self.rates.tick()
             except Exception as e:

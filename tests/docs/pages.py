@@ -94,6 +94,9 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
+        "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
+    ),
     r"docs/ros2.md: .*": "wants ROS 2, or the SDK: tests/ground/ros2, tests/ground/test_examples.py",
     r"docs/camera.md: zmav http": "it serves until it is stopped: tests/ground/http/test_cameras.py",
     r"docs/planner-goals.md: zmav .*": (

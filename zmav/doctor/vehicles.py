@@ -96,6 +96,9 @@ ALARMS: dict[str, Topic] = {
     "gps-fix": topics.READINESS,
     "gps-weak": topics.READINESS,
     "position-old": topics.READINESS,
+    "corrections-old": topics.CORRECTIONS,
+    "corrections-far": topics.CORRECTIONS,
+    "corrections-unused": topics.CORRECTIONS,
     "battery-empty": topics.BATTERY,
     "battery-low": topics.BATTERY,
     "clock": topics.CLOCK,
@@ -138,6 +141,9 @@ def _well(vehicle: Vehicle) -> Iterator[Finding]:
     yield topics.PRESENCE.well(f"{what}, system id {state.sysid}, {armed} in {state.mode}", who)
     gps = f"GPS {state.gps.fix}, {state.gps.satellites} satellites" if state.gps else "no GPS heard"
     yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
+    if (found := state.corrections) is not None and found.age is not None:
+        far = "" if found.baseline is None else f", base {found.baseline / 1e3:.1f} km away"
+        yield topics.CORRECTIONS.well(f"from {found.source}, {found.age:.1f} s old, {found.rate:.0f} B/s{far}", who)
     if state.battery is not None and state.battery.remaining is not None:
         yield topics.BATTERY.well(f"{state.battery.remaining:.0%} left", who)
 

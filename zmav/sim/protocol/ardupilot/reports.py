@@ -166,7 +166,7 @@ def gps_raw_int(node: ArduNode) -> Fields:
         return {"time_usec": 0, "eph": 65535, "epv": 65535}
     return {
         **base.gps_raw_int(node, fix),
-        "fix_type": _RTK if fix.fix_type >= 3 else fix.fix_type,
+        "fix_type": node.receiver.fix_type(_RTK if fix.fix_type >= 3 else fix.fix_type),
         "eph": round(fix.hdop * 100),
         "epv": round(fix.vdop * 100),
         "h_acc": round(fix.eph_m * 1000),
