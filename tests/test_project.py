@@ -45,6 +45,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "direct": set(),
         "ratelimit": set(),
         "guard": set(),
+        "shared": {"errors"},
         "bus": set(),
     },
     {
@@ -64,7 +65,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "trust": set(),
         "rundir": set(),
     },
-    {"session": set()},
+    {"session": set(), "schemas": set()},
     {"mavlink": set(), "links": set()},
     {"autopilots": set(), "sim": set()},
     {"services": set(), "hil": set()},

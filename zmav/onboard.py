@@ -55,7 +55,7 @@ from zmav.services.params.params import Params
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, QuestionsDropped
 from zmav.services.rates.rates import Rates
-from zmav.services.status.answers import BodyService, HostService, Messages
+from zmav.services.status.answers import BodyService, HostService, Messages, SchemaService
 from zmav.services.status.events import Events
 from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
@@ -141,6 +141,7 @@ class Onboard:
         self.timesync = TimeSync(companion)
         self.messages = Messages(companion, self.timesync)
         self.body = BodyService(companion, settings.body)
+        SchemaService(companion)
         self.quality = Quality(companion, self.timesync)
         self.rates = Rates(companion, NEEDS if settings.pilot_switch else {}, self.timesync.clock)
         control = Control(name)

@@ -44,6 +44,8 @@ class Verb:
     """the roles that may give it, where the vehicle has credentials"""
     grantable: bool = False
     """a fleet file may give it to planners and to a vehicle's own programs: see :class:`zmav.config.Rights`"""
+    version: int = 1
+    """of its arguments: see :class:`zmav.keys.Channel`"""
 
 
 VERBS: dict[str, Verb] = {

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector, Wire
 from zmav.wire.orders import Order
 
 Corner = tuple[float, float]
@@ -48,7 +48,7 @@ class BodyReport(Wire, kw_only=True):
     """by the fleet file; False: what is usual for the kind"""
 
 
-class SegmentInfo(Wire, kw_only=True):
+class SegmentInfo(Told, kw_only=True):
     """The committed trajectory that a vehicle flies, or has flown last under this lease."""
 
     lease: int
@@ -62,7 +62,7 @@ class SegmentInfo(Wire, kw_only=True):
     end: float
 
 
-class Beacon(Wire, kw_only=True):
+class Beacon(Told, kw_only=True):
     """What a vehicle in flight tells its neighbours, so that they move aside by themselves: metres and m/s NED."""
 
     t: float

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from zmav.errors import BadInput
-from zmav.wire.base import Wire
+from zmav.wire.base import Told
 from zmav.wire.orders import Order
 
 MOST_PIECES = 128
@@ -26,7 +26,7 @@ class TerrainPut(Order, kw_only=True):
             raise BadInput(text, field="pieces", value=len(self.pieces), expected=most)
 
 
-class TerrainReport(Wire, kw_only=True):
+class TerrainReport(Told, kw_only=True):
     """What a vehicle knows of the ground, and what its autopilot says of it."""
 
     pieces: list[str]

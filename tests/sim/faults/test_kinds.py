@@ -65,7 +65,7 @@ def test_a_cut_link_over_tcp_is_silent_and_stays_open() -> None:
             frames: list[Frame] = []
             while not frames:
                 frames = splitter.feed(client.recv(4096))
-            world.fault("copter1", "link-cut")
+            world.fault("quad1", "link-cut")
             client.setblocking(False)
             now = world.time_s
             world.wait_for(lambda: world.time_s > now + 1.0)

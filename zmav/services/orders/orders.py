@@ -25,7 +25,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.outcomes import Outcomes
 from zmav.services.queries.proven import Answers, attached
-from zmav.services.queries.questions import Questions, Reply, Steps
+from zmav.services.queries.questions import Questions, Reply, Steps, refuse_parameters
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
 from zmav.waiting import in_thread
@@ -90,8 +90,9 @@ class Operation:
 
     def end(self, task: asyncio.Task[dict[str, Any]]) -> None:
         self.ended = time.monotonic()
-        if not task.cancelled():
-            task.exception()  # looked at, so that asyncio does not complain where nobody asks how it ended
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, ZmavError):
+            logger.error("%s failed by a defect", self.verb, exc_info=error)  # where: who asked is told the words only
 
 
 class Operations:
@@ -279,6 +280,7 @@ class Orders:
 
     def _proven(self, query: zenoh.Query, asked: str) -> ProvenOrder:
         """An order and who gives it. On the intake's thread, so that no flood reaches the event loop."""
+        refuse_parameters(query)
         size = 0 if query.payload is None else len(query.payload)
         if size > self._most:
             text = f"{size} bytes are too much for an order; at most {self._most} are read"

@@ -1,5 +1,5 @@
 """What is looked at when somebody asks: ``body`` (the room that a vehicle needs and what it can do), ``host`` (how its
-computer is) and ``msg/{MSG}`` (the last message of a name, decoded).
+computer is), ``msg/{MSG}`` (the last message of a name, decoded) and ``schema/{name}`` (what all of that is).
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import msgspec
 import zenoh
 
 from zmav import keys, wire
@@ -67,6 +68,22 @@ class Messages:
             fields=m.fields,
             units=m.units,
         )
+
+
+class SchemaService:
+    """Answers in the lane of questions what its key space is, as programs read it."""
+
+    def __init__(self, companion: Companion) -> None:
+        self._fleet, self._name = companion.port.fleet, companion.port.name
+        companion.questions.declare(keys.SCHEMA.key(self._fleet, self._name, schema="*"), self._answer)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        from zmav import schemas  # seldom asked, and some work to load
+
+        asked = str(query.key_expr).split("/")[-1]
+        name = schemas.ASYNCAPI if "*" in asked else asked
+        document = schemas.asyncapi() if name == schemas.ASYNCAPI else schemas.payload_schema(name)
+        yield Reply(keys.SCHEMA.key(self._fleet, self._name, schema=name), msgspec.json.encode(document))
 
 
 class BodyService:

@@ -80,6 +80,8 @@ class Node(ABC):
         self.channels: list[Channel] = []
         self.bad_messages = 0
         self._epoch_us = epoch_us
+        self.late_us = 0
+        """by which simulated time fell behind real time: a receiver tells UTC nevertheless"""
         self._router = Router(dialect, stands_in=self.STANDS_IN)
         self._parts: list[Part] = []
         self.hung = False
@@ -159,7 +161,7 @@ class Node(ABC):
     @property
     def unix_us(self) -> int:
         """UTC as the GPS would tell it, microseconds."""
-        return self._epoch_us + int(self.brain.now * 1e6)
+        return self._epoch_us + self.late_us + int(self.brain.now * 1e6)
 
     def name_in(self, command: Command) -> str:
         """The message that a command names by its first parameter; empty for one that there is not."""
