@@ -170,7 +170,10 @@ class Run:
         self._state("planning", "waits until its vehicles rest")
         lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
+        view = self._view(lost=lost)
+        steps = await self.planner.resolve(self.entry.goal, view)
+        if isinstance(self.entry.goal, swarm.Return):
+            steps = self.context.homes.at_once(steps, view)
         self._go_without(lost)
         async with LeasedVehicles(self) as leased:
             if silent := leased.left:

@@ -16,7 +16,7 @@ from agents.planner.execute.homes import Home
 from agents.planner.model.problem import Floats
 from agents.planner.returning.finder import Finder, Returner, Surroundings
 from agents.planner.returning.futures import Futures, StoredWay, need_of
-from agents.planner.returning.ways import SHARE
+from agents.planner.returning.ways import SHARE, Way
 
 SAME = 0.01
 """s within which two segments end at once"""
@@ -49,11 +49,12 @@ class ReturnKeeper:
         self.futures = Futures(downwash)
         self._downwash, self._returners, self._around, self._tell = downwash, returners, around, tell
         self._room: Surroundings | None = None
-        self._who: Mapping[str, Returner] = {}
+        self._who: Mapping[str, Returner] | None = None
         self._wishes: dict[str, tuple[Part, Entry, float]] = {}
         """by the vehicle whose way is in the way: who would go where, since when"""
         self._yielded: dict[str, float] = {}
-        self._pads: dict[str, Floats] = {}
+        self.last: dict[str, Way] = {}
+        """the newest way of each"""
         self._missing: dict[str, str] = {}
         self._layers: list[str] = []
         """who has which layer, by its place in the list"""
@@ -69,7 +70,7 @@ class ReturnKeeper:
         self.futures.unsent()
         for part in parts:
             self.futures.parts[part.id] = part
-        self._who, self._room = self._returners(), None
+        self._who = self._room = None
         self._wishes = {who: wish for who, wish in self._wishes.items() if now - wish[2] < ASKED}
 
     def blocker(self, part: Part, entry: Entry, now: float) -> str | None:
@@ -126,16 +127,19 @@ class ReturnKeeper:
             self.futures.stored = before
 
     def _made(self, part: Part, entry: Entry, ends: float, now: float) -> StoredWay:
-        one = self._who.get(part.id)
+        who = self._who = self._returners() if self._who is None else self._who
+        one = who.get(part.id)
         if one is None:
             return StoredWay(None, part.need, ends, entry=entry)
         need = need_of(part, SHARE * one.pace.speed, LASTING)
+        before = self.last[part.id].corners[-1] if part.id in self.last else None
         added = self._add([(who.id, wanted) for who, wanted, _ in self._wishes.values() if who.id != part.id])
         try:
+            others = [each.home for name, each in who.items() if name != part.id]
             room, busy = self._around_all(need), self._busy_for(part.id, now)
-            finder = Finder(part.id, one, room, self.futures, need, others=self._others(part.id), busy=busy)
+            finder = Finder(part.id, one, room, self.futures, need, others=others, busy=busy)
             ready = ends + one.after + part.error + SLACK
-            way = finder.find(entry.rows[-1, 1:4], ready, now, self._layer(part.id), self._pads.get(part.id))
+            way = finder.find(entry.rows[-1, 1:4], ready, now, self._layer(part.id), before)
         finally:
             for other, wanted in added:
                 self.futures.fresh[other] = [each for each in self.futures.fresh[other] if each is not wanted]
@@ -144,7 +148,7 @@ class ReturnKeeper:
             self.none += 1
         else:
             self.found += 1
-            self._pads[part.id] = way.corners[-1]
+            self.last[part.id] = way
         if bool(why) != bool(self._missing.get(part.id, "")):
             self._tell(part.id, why)
         self._missing[part.id] = why
@@ -160,9 +164,6 @@ class ReturnKeeper:
         if vehicle not in self._layers:
             self._layers.append(vehicle)
         return self._layers.index(vehicle)
-
-    def _others(self, vehicle: str) -> list[tuple[float, float, float]]:
-        return [each.home for name, each in self._who.items() if name != vehicle]
 
     def _busy_for(self, vehicle: str, now: float) -> Floats:
         """(K, 2): where the plans of the others lead from now on."""
