@@ -275,7 +275,10 @@ class Run:
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         planned, why = await self.planner.check(step, self._view())
         if planned is not None:
-            landed = await self._flown(leased, planned, step.text, share)
+            try:
+                landed = await self._flown(leased, planned, step.text, share)
+            except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
+                landed = Landed(False, e.message)
             self.check_stopped()
             if landed.arrived:
                 return []

@@ -26,6 +26,8 @@ ASKED = 3.0
 """s for which a way that is to give way does so"""
 YIELD_EVERY = 0.5
 """s between two messages that make one give way"""
+PATIENT = 15.0
+"""s without a way home after which that is told"""
 LASTING = 200.0
 """s without a word for which clocks are reckoned with"""
 LOOK, SPARSE = 1.0, 4
@@ -55,7 +57,9 @@ class ReturnKeeper:
         self._yielded: dict[str, float] = {}
         self.last: dict[str, Way] = {}
         """the newest way of each"""
-        self._missing: dict[str, str] = {}
+        self._missing: dict[str, float] = {}
+        """since when each has none; those of whom that was told"""
+        self._told: set[str] = set()
         self._layers: list[str] = []
         """who has which layer, by its place in the list"""
         self._busy: dict[str, Floats] = {}
@@ -143,16 +147,24 @@ class ReturnKeeper:
         finally:
             for other, wanted in added:
                 self.futures.fresh[other] = [each for each in self.futures.fresh[other] if each is not wanted]
-        why = "" if way is not None else finder.why
-        if way is None:
-            self.none += 1
-        else:
-            self.found += 1
-            self.last[part.id] = way
-        if bool(why) != bool(self._missing.get(part.id, "")):
-            self._tell(part.id, why)
-        self._missing[part.id] = why
+        self._count(part.id, way, finder.why, now)
         return StoredWay(way, need, ends, entry=entry)
+
+    def _count(self, vehicle: str, way: Way | None, why: str, now: float) -> None:
+        """Who has none for long is told of: as vehicles set off side by side that is usual for seconds."""
+        if way is not None:
+            self.found += 1
+            self.last[vehicle] = way
+            self._missing.pop(vehicle, None)
+            if vehicle in self._told:
+                self._told.discard(vehicle)
+                self._tell(vehicle, "")
+            return
+        self.none += 1
+        since = self._missing.setdefault(vehicle, now)
+        if vehicle not in self._told and now - since >= PATIENT:
+            self._told.add(vehicle)
+            self._tell(vehicle, why)
 
     def _add(self, wished: Sequence[tuple[str, Entry]]) -> list[tuple[str, Entry]]:
         """Where others want to go counts as if they were about to."""
