@@ -23,6 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from agents.planner.execute.conductor import Send
 from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 from tests.agents.planner.returning.torn import HomeHistory
@@ -89,31 +90,35 @@ def _end(history: HomeHistory, kind: str, rng: np.random.Generator) -> None:
 
 
 def cost(count: int, seed: int) -> None:
-    side, figures = math.ceil(math.sqrt(count)), []
+    side = math.ceil(math.sqrt(count))
     places = [np.array([5.0 * (k % side), 5.0 * (k // side), 10.0]) for k in range(count)]
     motions = {f"v{k}": line(place, place + np.array([90.0, 30.0, 5.0]), 3.0) for k, place in enumerate(places)}
-    for kind in (History, HomeHistory):
-        history = kind(motions, np.random.default_rng(seed), loss=0.1)
-        spent, decide = [0.0], history.conductor.decide
-
-        def timed(now: float, most: int = 1000, decide=decide, spent=spent):  # type: ignore[no-untyped-def]
-            begun = time.process_time()
-            try:
-                return decide(now, most)
-            finally:
-                spent[0] += time.process_time() - begun
-
-        history.conductor.decide = timed  # type: ignore[method-assign]
-        history.run(60.0)
-        figures.append((history, spent[0]))
-    (_, without), (history, spent) = figures
-    assert isinstance(history, HomeHistory)
+    plain = History(motions, np.random.default_rng(seed), loss=0.1)
+    history = HomeHistory(motions, np.random.default_rng(seed), loss=0.1)
+    without, spent = _spent(plain), _spent(history)
     flown, each = history.now - 1000.0, np.array(history.bytes)
     print(
         f"{count:3d} vehicles, {flown:.0f} s: {len(each)} ways home put, {each.mean():.0f} bytes each ({each.max()} at "
         f"most), {each.sum() / flown / count:.0f} bytes/s a vehicle; planner {1e2 * spent / flown:.1f} % of a core "
         f"({1e2 * without / flown:.1f} % without); found {history.keeper.found}, none {history.keeper.none}"
     )
+
+
+def _spent(history: History) -> float:
+    """s of processor for what is decided in a minute."""
+    spent, decide = 0.0, history.conductor.decide
+
+    def timed(now: float, most: int = 1000) -> list[Send]:
+        nonlocal spent
+        begun = time.process_time()
+        try:
+            return decide(now, most)
+        finally:
+            spent += time.process_time() - begun
+
+    history.conductor.decide = timed  # type: ignore[method-assign]
+    history.run(60.0)
+    return spent
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 import itertools
 import math
+import os
 import sys
 import time
 from pathlib import Path
@@ -86,7 +87,8 @@ async def fly(args: argparse.Namespace) -> None:
             await asyncio.sleep(0.1)
         ends = places(vehicles)
         away = {name: round(math.dist(ends[name][:2], starts[name][:2]), 2) for name in names}
-        print(f"nearest two ever {least:.2f} m apart, {rows} looks; m from where each took off: {away}")
+        print(f"nearest two ever {least:.2f} m apart, {rows} looks; m from where each took off: {away}", flush=True)
+        os._exit(0)  # a session that was closed under its client cannot be left in order
 
 
 def places(vehicles: list[zmav.Vehicle]) -> dict[str, wire.Vector]:

@@ -109,6 +109,8 @@ class VehicleCommand:
         state = self.vehicle.last_state
         if state is None or state.velocity is None or float(np.linalg.norm(state.velocity)) > RESTING:
             return False
+        if state.mover == "failsafe":
+            return False  # on its way home by itself, of which a moment's rest at a corner is part
         return state.segment is None or state.segment.rests <= state.t
 
     @property

@@ -453,6 +453,8 @@ class Run:
             return f"{name}: {seen.state.pilot}"
         if not seen.view.hovers:
             return ""
+        if seen.state.mover == "failsafe":
+            return f"{name} flies home by itself"
         speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
         return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
 
