@@ -17,8 +17,8 @@ from agents.planner.model.problem import Floats, Motion
 
 SAMPLE = 0.25
 """s between two samples while the speed changes: at 2 m/s² the chord is 0.016 m off the way"""
-LONGEST = 50.0
-"""s between two points on the wire (a vehicle takes 60)"""
+SHORTEST, LONGEST = 0.1, 50.0
+"""s between two points on the wire (a vehicle takes 0.02 to 60)"""
 SHARE = 0.8
 """of its speeds that a vehicle has on its way home: the rest is for wind"""
 SHORT = 0.05
@@ -95,14 +95,16 @@ def _leg(t: float, here: Floats, unit: Floats, length: float, pace: Pace) -> Ite
     """The points after the first of one leg, which begins at rest at ``t``."""
     top = min(pace.along(unit), float(np.sqrt(length * SHARE * pace.accel)))
     ramp = top / (SHARE * pace.accel)
+    cruise = length / top - ramp
+    if cruise < SHORTEST:
+        ramp, cruise = length / top, 0.0
     way = 0.5 * top * ramp
-    cruise = (length - 2.0 * way) / top
+    pieces = int(np.ceil(cruise / LONGEST))
     marks = [(ramp, way)]
-    pieces = int(np.ceil(cruise / LONGEST)) if cruise > 0.02 else 0
     marks += [(ramp + cruise * k / pieces, way + top * cruise * k / pieces) for k in range(1, pieces + 1)]
     for since, gone in marks:
         yield np.array([t + since, *(here + unit * gone), *(unit * top)])
-    yield np.array([t + 2.0 * ramp + max(cruise, 0.0), *(here + unit * length), 0.0, 0.0, 0.0])
+    yield np.array([t + 2.0 * ramp + cruise, *(here + unit * length), 0.0, 0.0, 0.0])
 
 
 def _sampled(rows: Floats) -> Motion:

@@ -73,6 +73,16 @@ def test_it_goes_up_over_and_down_and_keeps_to_what_the_vehicle_can_do() -> None
     assert np.allclose(later.rows, Way(way.corners, READY + 7.0, PACE).rows)
 
 
+@pytest.mark.parametrize("length", [0.06, 1.0, 7.9, 8.0, 8.02, 8.3, 9.0, 900.0])
+def test_points_are_never_nearer_to_each_other_than_a_vehicle_takes_them(length: float) -> None:
+    way = Way(np.array([[0.0, 0.0, 10.0], [length, 0.0, 10.0]]), READY, PACE)
+    steps = np.diff(way.rows[:, 0])
+    assert 0.1 <= steps.min() <= steps.max() <= 50.0
+    speed = np.diff(way.motion[:, 1]) / np.diff(way.motion[:, 0])
+    assert speed.max() <= 4.0 + 1e-3
+    assert way.rows[-1, 1] == pytest.approx(length)
+
+
 def test_a_long_leg_has_points_as_often_as_a_vehicle_takes_them() -> None:
     way = Way(np.array([[0.0, 0.0, 10.0], [900.0, 0.0, 10.0]]), READY, PACE)
     assert np.diff(way.rows[:, 0]).max() <= 50.0
