@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -20,8 +20,9 @@ from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
 from agents.planner.live.fleet import FRESH, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.scenes import room_of
-from agents.planner.model.geometry import segment_clear, world_of
+from agents.planner.model.geometry import World, segment_clear, world_of
 from agents.planner.model.problem import Floats, Motion, MovingObstacle
+from agents.planner.model.scene import Bounds
 from agents.planner.model.separation import separation
 from agents.planner.returning.finder import DELAYS, LANDS_FROM, Returner, Surroundings
 from agents.planner.returning.keeper import ReturnKeeper
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 UNDER = 0.5
 """m below the ceiling that ways home stay"""
+GRAIN = 50.0
+"""m to which the bounds of the world are rounded, so that it is not made anew while vehicles move"""
 AT_START = 1.0
 """m from where its way home begins at which a vehicle may be to be sent along it at once"""
 AT_HOME = 0.5
@@ -45,6 +48,8 @@ class Homeward:
 
     def __init__(self, context: Context) -> None:
         self._context = context
+        self._world: tuple[tuple[Any, ...], World] | None = None
+        """of what stands still, and for what that was made"""
         self.keeper = ReturnKeeper(context.settings.downwash, self._returners, self._around, self._tell)
 
     def tick(self) -> None:
@@ -100,9 +105,13 @@ class Homeward:
             ceiling = min(ceiling, room.pieces.geofence.ceiling)
         points = [enu(place) for view in views for place in (view.pos_ned, view.home_ned or view.pos_ned)]
         scene = room.empty(points)
-        (x0, y0, z0), (x1, y1, z1) = scene.bounds.min, scene.bounds.max
-        bounds = msgspec.structs.replace(scene.bounds, min=(x0, y0, z0), max=(x1, y1, max(z1, ceiling)))
-        world = world_of(msgspec.structs.replace(scene, bounds=bounds))
+        low = [math.floor(least / GRAIN) * GRAIN for least in scene.bounds.min]
+        high = [math.ceil(most / GRAIN) * GRAIN for most in (*scene.bounds.max[:2], max(scene.bounds.max[2], ceiling))]
+        bounds = Bounds(min=(low[0], low[1], low[2]), max=(high[0], high[1], high[2]))
+        key = (bounds, scene.geofence, room.obstacles)
+        if self._world is None or self._world[0] != key:
+            self._world = key, world_of(msgspec.structs.replace(scene, bounds=bounds))
+        world = self._world[1]
 
         def clear(p: Floats, q: Floats, radius: float) -> bool:
             return bool(segment_clear(world, p, q, radius))

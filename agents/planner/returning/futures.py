@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,13 @@ class StoredWay:
     """after which no vehicle takes it any more, by the vehicle's clock"""
     entry: Entry | None = None
     """what it was sent with; None: long ago"""
+
+
+class KnownWay(NamedTuple):
+    """... where there is one."""
+
+    way: Way
+    need: float
 
 
 def need_of(part: Part, speed: float, lasts: float) -> float:
@@ -98,7 +106,9 @@ class Futures:
         yield from self.fresh.get(vehicle, ())
 
     def below(self, vehicle: str, way: Way, need: float) -> str | None:
-        """Whose column it would come into, whenever it is flown: where another rests, and would land."""
+        """Whose column it would come into, whenever it is flown: where another rests, and would land, or lands at the
+        end of a way home; or who would come into its own.
+        """
         for other, part in self.parts.items():
             if other == vehicle:
                 continue
@@ -109,6 +119,11 @@ class Futures:
                 sky = np.array([*part.place[:2], np.inf])
                 if self._below(way, sky, need + part.need):
                     return other
+        end = way.corners[-1]
+        for other, each in self._others(vehicle):
+            both = need + each.need
+            if self._below(way, each.way.corners[-1], both) or self._below(each.way, end, both):
+                return other
         return None
 
     def in_the_way_of(self, vehicle: str, way: Way, need: float, movers: Sequence[MovingObstacle] = ()) -> str | None:
@@ -123,18 +138,11 @@ class Futures:
                 both = need + part.need
                 if self._near(way.boxes, entry.box, both) and self._meet(motion, entry.samples, both, since):
                     return other
-        for other, ways in self.stored.items():
-            if other == vehicle:
-                continue
-            for each in ways:
-                if each.way is None:
-                    continue
-                both = need + each.need
-                boxes = each.way.boxes
-                if any(self._near(way.boxes, tuple(box), both) for box in boxes.tolist()) and self._meet(
-                    motion, each.way.motion, both, since
-                ):
-                    return other
+        for other, each in self._others(vehicle):
+            both, boxes = need + each.need, each.way.boxes.tolist()
+            near = any(self._near(way.boxes, tuple(box), both) for box in boxes)
+            if near and self._meet(motion, each.way.motion, both, since):
+                return other
         for mover in movers:
             if mover.id not in self.parts and self._meet(motion, mover.motion, need + mover.radius, since):
                 return mover.id
@@ -142,19 +150,12 @@ class Futures:
 
     def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
         """Whose way home would come too near to ``part`` on ``entry``, or to where it would land at its end."""
-        for other, ways in self.stored.items():
-            if other == part.id:
-                continue
-            for each in ways:
-                if each.way is None:
-                    continue
-                need = part.need + each.need
-                if self._below(each.way, entry.samples[-1, 1:], need):
-                    return other
-                if self._near(each.way.boxes, entry.box, need) and self._meet(
-                    each.way.motion, entry.samples, need, max(since, each.way.begins)
-                ):
-                    return other
+        for other, each in self._others(part.id):
+            need, begins = part.need + each.need, max(since, each.way.begins)
+            if self._below(each.way, entry.samples[-1, 1:], need):
+                return other
+            if self._near(each.way.boxes, entry.box, need) and self._meet(each.way.motion, entry.samples, need, begins):
+                return other
         return None
 
     def movers(self, vehicles: Iterable[str]) -> list[MovingObstacle]:
@@ -167,6 +168,12 @@ class Futures:
         ]
 
     # How it is done.
+
+    def _others(self, vehicle: str) -> Iterator[tuple[str, KnownWay]]:
+        """Every way home that another may have stored."""
+        for other, ways in self.stored.items():
+            if other != vehicle:
+                yield from ((other, KnownWay(each.way, each.need)) for each in ways if each.way is not None)
 
     def _meet(self, one: Floats, other: Floats, need: float, since: float) -> bool:
         distance, _ = least_between(one, other, self._inverse, False, False, since)

@@ -136,6 +136,17 @@ def test_nobody_lands_where_another_rests_above_or_a_plan_leads_over() -> None:
     assert abs(way.corners[-1][1]) > 2.0
 
 
+def test_landing_places_are_apart_over_the_ground_whatever_the_heights_say() -> None:
+    """Homes' heights come from barometers, which drift: 9 m of height between two ends would be enough otherwise."""
+    futures = Futures(1.5)
+    futures.parts["v1"] = part("v1", np.array([0.0, 40.0, 30.0]))
+    corners = np.array([[0.0, 40.0, 30.0], [0.0, 40.0, 40.0], [0.5, 0.0, 40.0], [0.5, 0.0, 13.0]])
+    futures.stored["v1"] = [StoredWay(Way(corners, READY, PACE), NEED, 0.0, stamps=[(1, 4)])]
+    way = finder(futures).find(HERE, READY, NOW, 0)
+    assert way is not None
+    assert math.dist(way.corners[-1][:2], (0.5, 0.0)) >= 2.0 * NEED
+
+
 @pytest.mark.parametrize("both", [True, False], ids=["not known which", "the second known"])
 def test_every_way_counts_that_another_may_have_stored(both: bool) -> None:
     """Two versions are aboard another, or one of them: it says which when it names the segment."""
