@@ -140,7 +140,7 @@ class Onboard:
         self.presence = Presence(companion, instance, gate, signer)
         self.timesync = TimeSync(companion)
         self.messages = Messages(companion, self.timesync)
-        self.body = BodyService(companion, settings.body)
+        self.body = BodyService(companion, settings.body, settings.failsafe)
         SchemaService(companion)
         self.quality = Quality(companion, self.timesync)
         self.rates = Rates(companion, NEEDS if settings.pilot_switch else {}, self.timesync.clock)

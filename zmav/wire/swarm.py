@@ -46,6 +46,8 @@ class BodyReport(Wire, kw_only=True):
     body: Body
     declared: bool
     """by the fleet file; False: what is usual for the kind"""
+    returns_after: float | None = None
+    """s after its segment's end from which a way home may begin; None: it flies none (``return`` of the fleet file)"""
 
 
 class SegmentInfo(Told, kw_only=True):
@@ -60,6 +62,8 @@ class SegmentInfo(Told, kw_only=True):
     rests: float
     """from then on it stays where it is"""
     end: float
+    home: float | None = None
+    """when the way home begins that it flies by itself if nothing else comes; None: it has none"""
 
 
 class Beacon(Told, kw_only=True):

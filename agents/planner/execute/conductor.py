@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
+from agents.planner.execute.homes import Home, Homes
 from agents.planner.execute.track import REST_EVERY, CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats
 from zmav.wire.state import Severity
@@ -68,6 +69,8 @@ class Send(NamedTuple):
     entry: Entry
     rows: Floats
     deadline: float
+    home: Home | None = None
+    """what it does by itself if nothing comes after this"""
 
 
 @dataclass
@@ -105,9 +108,10 @@ class Conductor:
         now: float,
         horizon: float = HORIZON,
         source: Source | None = None,
+        homes: Homes | None = None,
     ) -> None:
         self.parts = list(parts)
-        self._source = source
+        self._source, self._homes = source, homes
         self.reserved = Reserved(self.parts, downwash)
         self.said: list[Saying] = []
         self.blocked: dict[str, str] = {}
@@ -144,6 +148,8 @@ class Conductor:
         if said <= part.said:
             return  # overtaken on the way: a later word is known
         part.said = said
+        if self._homes is not None:
+            self._homes.heard(part, stamp, said)
         if part.lost:
             part.lost = False
             self._say("found", "notice", f"{part.id} is heard again", vehicle=part.id)
@@ -235,6 +241,8 @@ class Conductor:
     def decide(self, now: float, most: int = 1000) -> list[Send]:
         """What is to be put now. ``most``: trajectories that are made in one call; the rest is for the next."""
         self._notice(now)
+        if self._homes is not None:
+            self._homes.begin(self.parts, now)
         sends: list[Send] = []
         stopping = self._paused or bool(self.halting)
         if stopping:
@@ -257,6 +265,8 @@ class Conductor:
             if send is None and not part.pending:
                 send = self._keep(part, now)
             if send is not None:
+                if self._homes is not None:
+                    send = send._replace(home=self._homes.home(part, send.entry, float(send.rows[-1, 0]), now))
                 sends.append(send)
                 most -= 1
         return sends
@@ -265,6 +275,8 @@ class Conductor:
         """It was put, with a ``deadline`` by the vehicle's clock."""
         entry = send.entry
         entry.sent.append(stamp)
+        if self._homes is not None:
+            self._homes.sent(send.part, stamp, deadline)
         entry.deadline, entry.last_sent = max(entry.deadline, deadline), now
         if not any(entry is each for each in send.part.entries):
             send.part.entries.append(entry)
@@ -367,9 +379,14 @@ class Conductor:
         return made
 
     def _keep(self, part: Part, now: float) -> Send | None:
-        """A vehicle at rest is told to stay, before its own failsafe acts: its place is what it holds in any case."""
-        entry = part.known
-        if not part.resting(now) or now - entry.last_sent < KEEP_EVERY or part.kept_until - now > KEEP_LEFT:
+        """A vehicle at rest is told to stay, before its own failsafe acts: its place is what it holds in any case. One
+        whose way home is in the way is told what it flies again, with another.
+        """
+        entry, yields = part.known, self._homes is not None and self._homes.yields(part, now)
+        if yields and not part.resting(now):
+            return Send(part, entry, _from(entry.rows, now), now + 2.0)
+        kept = now - entry.last_sent < KEEP_EVERY or part.kept_until - now > KEEP_LEFT
+        if not part.resting(now) or (kept and not yields):
             return None
         row = entry.rows[-1].copy()
         row[4:] = 0.0
@@ -403,6 +420,8 @@ class Conductor:
         rows = np.vstack((head, onto[1:] if joined else onto))
         entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]))
         blocker = self.reserved.blocker(part, entry, now - 0.5)
+        if blocker is None and self._homes is not None:
+            blocker = self._homes.blocker(part, entry, now)
         if blocker is not None:
             self.blocked[part.id] = blocker
             return None

@@ -13,6 +13,7 @@ import numpy as np
 import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
+from agents.planner.execute.homes import Homes
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
@@ -107,6 +108,7 @@ class Executor:
 
     Entering takes every vehicle's lease and measures its clock, leaving gives the leases back once all are at rest.
     ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be.
+    ``homes`` has a way home ready for each vehicle.
     ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
     :class:`~zmav.errors.NotHolder` while another commands a vehicle, after ``taking`` seconds in which each lease was
     asked for again and again; ``waits`` is told why. A pilot is not waited for. Of many, those that do not answer in
@@ -127,6 +129,7 @@ class Executor:
         patience: float = PATIENCE,
         taking: float = 0.0,
         waits: Callable[[str], None] = lambda text: None,
+        homes: Homes | None = None,
     ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
         self._patience, self._hurry = patience, False
@@ -134,7 +137,7 @@ class Executor:
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
-        self._say, self._replan, self._tracking = say, replan, tracking
+        self._say, self._replan, self._tracking, self._homes = say, replan, tracking, homes
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
         self._ghosts: list[Part] = []
@@ -295,7 +298,7 @@ class Executor:
         now, before = self.clock.now(), self._conductor
         led = {part.id: part.known.rows[-1, 1:4] for part in before.parts if part.active} if before else {}
         parts = [self._part(name, flight, now, led) for name in flight.motions]
-        conductor = Conductor(parts, flight.downwash, now)
+        conductor = Conductor(parts, flight.downwash, now, homes=self._homes)
         conductor.reserved.movers, conductor.reserved.ghosts = list(flight.movers), list(self._ghosts)
         if self._paused:
             conductor.pause()
@@ -353,7 +356,7 @@ class Executor:
             self._hear(conductor, part, now)
         over = ends and conductor.phase(now) == "done"
         for send in [] if over else conductor.decide(now, PER_TICK):
-            done = self.commands[send.part.id].put(send.rows, send.deadline)
+            done = self.commands[send.part.id].put(send.rows, send.deadline, send.home)
             if done is not None:
                 conductor.sent(send, *done, now)
         for saying in conductor.said:

@@ -35,12 +35,17 @@ class Bodies:
     def __init__(self, z: zmav.Client) -> None:
         self._z = z
         self._known: dict[str, wire.swarm.Body] = {}
+        self._returns: dict[str, float | None] = {}
         self._next: dict[str, float] = {}
 
     def of(self, name: str, kind: str | None) -> wire.swarm.Body:
         """What it said, or what is usual for its kind."""
         known = self._known.get(name)
         return known if known is not None else body_of(kind)
+
+    def returns_after(self, name: str) -> float | None:
+        """s after its segment's end from which it would fly a way home by itself; None: it does not."""
+        return self._returns.get(name)
 
     def due(self, names: list[str]) -> list[str]:
         """Those that should be asked now."""
@@ -58,11 +63,11 @@ class Bodies:
             if isinstance(answer, ZmavError):
                 continue
             try:
-                body = wire.decode(answer.payload, wire.swarm.BodyReport, f"body of {name}").body
+                told = wire.decode(answer.payload, wire.swarm.BodyReport, f"body of {name}")
             except BadInput:
                 continue
-            if _sensible(body):
-                self._known[name] = body
+            if _sensible(told.body):
+                self._known[name], self._returns[name] = told.body, told.returns_after
                 self._next[name] = time.monotonic() + BODY_AGAIN
 
 

@@ -99,6 +99,7 @@ class LeasedVehicles:
             offsets=run.context.clocks.of(run.vehicles),
             taking=TAKE,
             waits=lambda why: run.text(f"waits for a lease: {why}"),
+            homes=run.context.homes.keeper,
         )
         self.executor = await self._stack.enter_async_context(executor)
         return self

@@ -63,7 +63,9 @@ class Planner:
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
         pieces = context.world.pieces(time.time())
-        return room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        room = room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        lost = context.homes.movers(vehicles, context.clocks.clock.now())
+        return replace(room, movers=(*room.movers, *lost))
 
     async def resolve(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
         """What the goal comes down to; raises the typed error of one that cannot be."""

@@ -170,7 +170,10 @@ class Run:
         self._state("planning", "waits until its vehicles rest")
         lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
+        view = self._view(lost=lost)
+        steps = await self.planner.resolve(self.entry.goal, view)
+        if isinstance(self.entry.goal, swarm.Return):
+            steps = self.context.homes.at_once(steps, view)
         self._go_without(lost)
         async with LeasedVehicles(self) as leased:
             if silent := leased.left:
@@ -272,7 +275,10 @@ class Run:
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
         planned, why = await self.planner.check(step, self._view())
         if planned is not None:
-            landed = await self._flown(leased, planned, step.text, share)
+            try:
+                landed = await self._flown(leased, planned, step.text, share)
+            except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
+                landed = Landed(False, e.message)
             self.check_stopped()
             if landed.arrived:
                 return []
@@ -447,6 +453,8 @@ class Run:
             return f"{name}: {seen.state.pilot}"
         if not seen.view.hovers:
             return ""
+        if seen.state.mover == "failsafe":
+            return f"{name} flies home by itself"
         speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
         return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
 

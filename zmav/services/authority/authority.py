@@ -22,8 +22,9 @@ from zmav.services.authority.lease import Leases, severity_of
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
+from zmav.services.authority.steps import Aside, ModeRequested, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream
-from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
+from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
