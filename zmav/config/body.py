@@ -37,6 +37,7 @@ class BodyConfig(Table, frozen=True):
     turn_radius: float | None = None
     sweep_width: Positive | None = None
     endurance: Positive | None = None
+    position_error: float | None = None
 
 
 def check_body(body: BodyConfig, field: str) -> None:

@@ -41,6 +41,15 @@ class Gps(Wire, kw_only=True):
     """m, the receiver's own estimate of its horizontal error"""
 
 
+class Estimate(Wire, kw_only=True):
+    """How well the autopilot's own filter knows where it is (EKF_STATUS_REPORT, ESTIMATOR_STATUS)."""
+
+    accuracy: float | None = None
+    """m across, one standard deviation, as the filter reckons; None: it does not say"""
+    ratio: float | None = None
+    """how much of what its filter allows its position is off what its sensors say: from 1 on these are refused"""
+
+
 class ClockInfo(Wire, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
@@ -124,6 +133,7 @@ class VehicleState(Wire, kw_only=True):
     attitude: Attitude | None = None
     battery: Battery | None = None
     gps: Gps | None = None
+    estimate: Estimate | None = None
     link: str = "closed"
     link_loss: float = 0.0
     clock: ClockInfo | None = None

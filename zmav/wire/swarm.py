@@ -36,6 +36,8 @@ class Body(Wire, kw_only=True):
     """m of ground that it sees on one pass"""
     endurance: float = 900.0
     """s of flight left to plan with, full"""
+    position_error: float | None = None
+    """m across, one standard deviation, that it may be off where it says; None: by what its autopilot says"""
 
 
 class BodyReport(Wire, kw_only=True):
@@ -82,6 +84,8 @@ class GoTo(Wire, kw_only=True, tag_field="kind", tag="goto"):
     vehicles: list[str]
     to: list[Vector]
     labelled: bool = True
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
@@ -101,6 +105,8 @@ class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
     """the centre's way to ``at``, kept in shape"""
     labelled: bool = False
     """the first vehicle gets the first place; else the planner assigns them"""
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):

@@ -87,6 +87,8 @@ async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> Non
     show_table(("step", "vehicles", "lasts", "clear", ""), map(_step, result["steps"]), right=("lasts", "clear"))
     if rows := [row for step in result["steps"] for row in _parts(step.get("figures", {}))]:
         show_table(("vehicle", "flies", "way", "battery", "left", "pictures"), rows, right=("flies", "way", "battery"))
+    if positions := result.get("positions"):
+        click.echo(positions["text"])
     clear = result.get("clearance")
     words = f"{float(result['makespan']):.1f} s" + (f", {clear:.2f} m clear of each other" if clear is not None else "")
     click.echo(f"in all: {words}")

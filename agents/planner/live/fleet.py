@@ -10,6 +10,7 @@ import msgspec
 
 import zmav
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
+from agents.planner.live.accuracy import Accuracies
 from zmav import geo, keys, wire
 from zmav.config import body_of
 from zmav.errors import BadInput, ZmavError
@@ -69,7 +70,7 @@ class Bodies:
 def _sensible(body: wire.swarm.Body) -> bool:
     """Numbers that a plan can be made with."""
     positive = (body.radius, body.speed, body.accel, body.climb, body.descend, body.sweep_width, body.endurance)
-    others = (body.min_speed, body.turn_radius)
+    others = (body.min_speed, body.turn_radius, body.position_error or 0.0)
     return all(0.0 < value < 1e6 for value in positive) and all(0.0 <= value < 1e6 for value in others)
 
 
@@ -125,7 +126,7 @@ class Fleet:
 
     def __init__(self, z: zmav.Client, downwash: float = 1.5) -> None:
         self._z, self.downwash = z, downwash
-        self.bodies = Bodies(z)
+        self.bodies, self.accuracies = Bodies(z), Accuracies()
         self._homes: dict[str, Vector] = {}
         self.last: dict[str, tuple[wire.VehicleState, float]] = {}
 
@@ -136,10 +137,13 @@ class Fleet:
             if state is None or age is None or state.local is None:
                 continue
             self.last[vehicle.name] = (state, time.monotonic() - age)
+            declared = self.bodies.of(vehicle.name, state.kind).position_error
+            self.accuracies.heard(vehicle.name, state, declared, time.monotonic())
             if state.landed or not state.armed:
                 self._homes[vehicle.name] = state.local
         now = time.monotonic()
         self.last = {name: (s, at) for name, (s, at) in self.last.items() if now - at < FORGOTTEN}
+        self.accuracies.settle(self.last)
 
     @property
     def names(self) -> list[str]:
@@ -152,17 +156,21 @@ class Fleet:
         return [v.name for v in self._z.fleet() if v.name not in known and v.age is not None and v.age < FRESH]
 
     def seen(self, name: str) -> HeardVehicle | None:
-        """As last heard, however old; None: never, or without a place."""
+        """As last heard, however old; None: never, or without a place. Its radius has room for what its place may be
+        off.
+        """
         found = self.last.get(name)
         if found is None or found[0].local is None:
             return None
         state, at = found
         assert state.local is not None
         kind = state.kind or "copter"
+        body, room = self.bodies.of(name, state.kind), self.accuracies.room(name)
         view = VehicleView(
             name=name,
             kind=kind,
-            body=self.bodies.of(name, state.kind),
+            body=msgspec.structs.replace(body, radius=body.radius + room),
+            room=room,
             pos_ned=state.local,
             vel_ned=state.velocity or (0.0, 0.0, 0.0),
             airborne=_flies(state, kind),
@@ -201,18 +209,23 @@ class Fleet:
     def all(self) -> list[HeardVehicle]:
         return [seen for name in self.names if (seen := self.seen(name)) is not None]
 
-    def view(self, margin: float = 0.0, also: Collection[str] = ()) -> FleetView:
+    def view(self, margin: float = 0.0, also: Collection[str] = (), tight: Collection[str] = ()) -> FleetView:
         """Those that were heard in the last :data:`KNOWN` seconds, and ``also`` these, with radii that are larger by
-        ``margin``.
+        ``margin``; those of ``tight`` without room for what their places may be off.
         """
         heard = [seen.view for seen in self.all() if seen.age < KNOWN or seen.view.name in also]
-        bodies = [msgspec.structs.replace(view.body, radius=view.body.radius + margin) for view in heard]
-        return FleetView({view.name: replace(view, body=body) for view, body in zip(heard, bodies, strict=True)})
+        return FleetView({view.name: _widened(view, margin, view.name in tight) for view in heard})
 
     def hearing(self) -> Hearing:
         airborne = frozenset(seen.view.name for seen in self.all() if seen.view.airborne)
         heard = frozenset(seen.view.name for seen in self.all() if seen.age < TORN)
         return Hearing(airborne, heard)
+
+
+def _widened(view: VehicleView, margin: float, tight: bool) -> VehicleView:
+    less = view.room if tight else 0.0
+    body = msgspec.structs.replace(view.body, radius=view.body.radius + margin - less)
+    return replace(view, body=body, room=view.room - less)
 
 
 def _flies(state: wire.VehicleState, kind: str) -> bool:

@@ -15,6 +15,7 @@ import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.publisher import StatusPublisher
@@ -38,6 +39,8 @@ CLOCK_PATIENCE = 60.0
 """s for the clocks to be known well enough"""
 WHEELED = 1.0
 """m from its goal at which a rover has arrived: it cannot move sideways"""
+WORSE = 0.4
+"""m, and half of what it was: by so much more a vehicle's position may be off in flight before there is a new plan"""
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
@@ -84,6 +87,8 @@ class LeasedVehicles:
         self._planned: Planned | None = None
         self._share, self._words = (0.0, 1.0), ""
         self._torn = False
+        self._errors: dict[str, float] = {}
+        """m that each one's position was taken to be off when what is flown was planned"""
         self._gone: list[str] = []
 
     async def __aenter__(self) -> LeasedVehicles:
@@ -235,6 +240,7 @@ class LeasedVehicles:
         assert executor is not None
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
+        self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
         run.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
         return Flight(
@@ -295,7 +301,18 @@ class LeasedVehicles:
                 if run.goes:
                     executor.resume()
             self._torn = torn
+            self._look_at_positions(executor)
             executor.avoid(self.movers(executor.clock.now()))
+
+    def _look_at_positions(self, executor: Executor) -> None:
+        """Who knows much less well where it is than when the plan was made has too little room in it."""
+        if executor.phase != "flying" or tight_of(self._run.entry.goal):
+            return
+        for name, before in self._errors.items():
+            error = self._run.context.fleet.accuracies.error(name)
+            if error > before + max(WORSE, 0.5 * before):
+                executor.halt(f"{name} knows its position to ±{error:.1f} m, not to ±{before:.1f} m any more")
+                return
 
     def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
         run = self._run

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step
+from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step, VehicleView
+from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.frames import ned
 from agents.planner.live.plan import Planned, Planner
 from agents.planner.live.publisher import thin
@@ -66,3 +68,18 @@ def _after(step: Orders, view: FleetView) -> FleetView:
         else:
             view = moved(view, {order.vehicle: (north, east, floor)}, airborne=False)
     return view
+
+
+def positions(views: Sequence[VehicleView], known: Accuracies) -> dict[str, Any]:
+    """How well these know where they are (m, one standard deviation), by what that is told, and how far apart any two
+    are kept for it.
+    """
+    errors = {view.name: known.error(view.name) for view in views}
+    by = {view.name: known.word(view.name) for view in views}
+    apart = sum(sorted(view.body.radius for view in views)[-2:]) if len(views) > 1 else None
+    least, most = min(errors.values()), max(errors.values())
+    span = f"±{most:g} m" if most - least < 0.01 else f"±{least:g} to ±{most:g} m"
+    text = f"positions {span} ({', '.join(sorted(set(by.values())))})"
+    tight = most > 0.0 and not any(view.room for view in views)
+    text += f": {apart:.1f} m apart" if apart is not None else ""
+    return {"errors": errors, "by": by, "apart": apart, "text": text + (", and no room made for that" if tight else "")}

@@ -23,6 +23,7 @@ from agents.planner.goals.steps import (
     for_the_rest,
     without,
 )
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
@@ -398,7 +399,7 @@ class Run:
         """
         fleet, margin = self.context.fleet, self.context.settings.margin
         fleet.watch()
-        view = fleet.view(margin, also=lost)
+        view = fleet.view(margin, also=lost, tight=tight_of(self.entry.goal))
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
         if missing:
             raise Stale(f"not heard any more: {', '.join(missing)}", vehicles=missing)
