@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import msgspec
 
 import zmav
+from agents.planner.execute.following import Following
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
 from agents.planner.live.accuracy import Accuracies
 from zmav import geo, keys, wire
@@ -128,6 +129,7 @@ class Fleet:
         self._z, self.downwash = z, downwash
         self.bodies, self.accuracies = Bodies(z), Accuracies()
         self._homes: dict[str, Vector] = {}
+        self._followings: dict[str, Following] = {}
         self.last: dict[str, tuple[wire.VehicleState, float]] = {}
 
     def watch(self) -> None:
@@ -179,6 +181,14 @@ class Fleet:
             armed=bool(state.armed),
         )
         return HeardVehicle(view, time.monotonic() - at, state)
+
+    def followings_of(self, names: Iterable[str]) -> dict[str, Following]:
+        """How these follow what they are told, as far as that was seen; it goes on to be."""
+        found = {}
+        for name in names:
+            seen = self.last.get(name)
+            found[name] = self._followings.setdefault(name, Following(seen[0].autopilot if seen else None))
+        return found
 
     def battery_of(self, name: str) -> float | None:
         """The share that is left in it; None: not known."""

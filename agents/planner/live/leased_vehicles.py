@@ -28,6 +28,8 @@ from zmav.wire import Vector, swarm
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
+WIDEST = 1.2
+"""m that a vehicle may be off its way at most, however badly it is seen to hold it"""
 CLOCKS = 0.02
 """s by which clocks may differ from what is measured, of the margin that is reckoned with"""
 ROOM, MOST_MARGIN = 0.5, 1.5
@@ -102,6 +104,7 @@ class LeasedVehicles:
             replan=self._replan,
             clock=run.context.clocks.clock,
             offsets=run.context.clocks.of(run.vehicles),
+            followings=run.context.fleet.followings_of(run.vehicles),
             taking=TAKE,
             waits=lambda why: run.text(f"waits for a lease: {why}"),
         )
@@ -163,6 +166,7 @@ class LeasedVehicles:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
         executor, fleet = self.executor, self._run.context.fleet
         assert executor is not None
+        executor.tracking = self.tracking
         seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
         return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
@@ -231,8 +235,13 @@ class LeasedVehicles:
 
     @property
     def tracking(self) -> float:
-        """How far a vehicle may be off its way for the margin that we plan with."""
-        return min(self._run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        """How far a vehicle may be off its way for the margin that we plan with: as the settings say, or as the one
+        does that holds its way worst.
+        """
+        run = self._run
+        least = min(run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        known = run.context.fleet.followings_of(run.vehicles).values()
+        return max(least, min(WIDEST, max((each.within for each in known), default=0.0)))
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -251,7 +260,7 @@ class LeasedVehicles:
             margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking),
             movers=self.movers(executor.clock.now()),
-            tolerance=max(Flight.tolerance, run.context.settings.tracking),
+            tolerance=max(Flight.tolerance, run.context.settings.tracking, self.tracking),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 

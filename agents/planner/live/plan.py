@@ -126,8 +126,20 @@ class Planner:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin, views), margin)
 
-    async def check(self, step: Fly, view: FleetView) -> tuple[Planned | None, str]:
-        """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not."""
+    async def check(self, step: Fly, view: FleetView, margins: Margins = ()) -> tuple[Planned | None, str]:
+        """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not. With
+        the most of ``margins`` with which it does, and the settings' own at least.
+        """
+        own, why = self._context.settings.margin, ""
+        for margin in sorted({own, *(each for each, share in margins if share == 1.0 and each > own)}, reverse=True):
+            radii = {name: each.body.radius + margin - own for name, each in view.vehicles.items()}
+            planned, why = await self._check(step, resized(view, radii), margin)
+            if planned is not None:
+                return planned, ""
+        self._context.say("plan", "info", f"{self._goal}: not as prepared: {why}", goal=self._goal)
+        return None, why
+
+    async def _check(self, step: Fly, view: FleetView, margin: float) -> tuple[Planned | None, str]:
         motions, names = step.motions, tuple(step.motions)
         room = self.room(names)
         trajectories = {name: samples_of(motion) for name, motion in motions.items()}
@@ -138,9 +150,7 @@ class Planner:
         scene = scene_of(views, places, True, room, corners)
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
-            self._context.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
             return None, judged.faults[0]
-        margin = self._context.settings.margin
         return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin, views), margin), ""
 
 

@@ -271,7 +271,7 @@ class Run:
             return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        planned, why = await self.planner.check(step, self._view())
+        planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
             landed = await self._flown(leased, planned, step.text, share)
             self.check_stopped()

@@ -71,7 +71,7 @@ class Flown:
 
 
 def readme() -> dict[str, Make]:
-    """The README's own commands, and two swaps."""
+    """The README's own commands, two swaps, and smaller searches."""
     return {
         "takeoff": lambda names, east: swarm.TakeOff(vehicles=names, height=12.0),
         "formation": lambda names, east: swarm.Formation(
@@ -83,6 +83,15 @@ def readme() -> dict[str, Make]:
         ),
         "swap back": lambda names, east: swarm.GoTo(
             vehicles=names, to=[(25.0, 14.0 * i + east, -15.0) for i in range(len(names))]
+        ),
+        "search": lambda names, east: swarm.Search(
+            vehicles=names, polygon=[(0.0, east), (60.0, east), (60.0, 60.0 + east), (0.0, 60.0 + east)], height=25.0
+        ),
+        "survey": lambda names, east: swarm.Survey(
+            vehicles=names,
+            polygon=[(0.0, east), (60.0, east), (60.0, 60.0 + east), (0.0, 60.0 + east)],
+            height=20.0,
+            camera=(1.5, 1.0),
         ),
         "return": lambda names, east: swarm.Return(vehicles=names),
     }
