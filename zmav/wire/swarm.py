@@ -36,6 +36,8 @@ class Body(Wire, kw_only=True):
     """m of ground that it sees on one pass"""
     endurance: float = 900.0
     """s of flight left to plan with, full"""
+    reserve: float = 0.2
+    """share of its battery with which it is to be on the ground again"""
     position_error: float | None = None
     """m across, one standard deviation, that it may be off where it says; None: by what its autopilot says"""
 
@@ -199,6 +201,8 @@ class GoalEntry(Wire, kw_only=True):
     """s, of the plan being flown"""
     clearance: float | None = None
     """m: the least distance between two vehicles in it, less their radii"""
+    landing: dict[str, float] = {}
+    """share of its battery that each is reckoned to land with if it goes home after this, as it was begun"""
 
 
 # Obstacles.

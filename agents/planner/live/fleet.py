@@ -7,11 +7,14 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import msgspec
+import numpy as np
 
 import zmav
 from agents.planner.execute.following import Following
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
 from agents.planner.live.accuracy import Accuracies
+from agents.planner.live.energy import Energy, Need, left_of
+from agents.planner.live.tally import Tally
 from zmav import geo, keys, wire
 from zmav.config import body_of
 from zmav.errors import BadInput, ZmavError
@@ -72,6 +75,8 @@ def _sensible(body: wire.swarm.Body) -> bool:
     """Numbers that a plan can be made with."""
     positive = (body.radius, body.speed, body.accel, body.climb, body.descend, body.sweep_width, body.endurance)
     others = (body.min_speed, body.turn_radius, body.position_error or 0.0)
+    if not 0.0 <= body.reserve < 1.0:
+        return False
     return all(0.0 < value < 1e6 for value in positive) and all(0.0 <= value < 1e6 for value in others)
 
 
@@ -127,7 +132,7 @@ class Fleet:
 
     def __init__(self, z: zmav.Client, downwash: float = 1.5) -> None:
         self._z, self.downwash = z, downwash
-        self.bodies, self.accuracies = Bodies(z), Accuracies()
+        self.bodies, self.accuracies, self.energy = Bodies(z), Accuracies(), Energy()
         self._homes: dict[str, Vector] = {}
         self._followings: dict[str, Following] = {}
         self.last: dict[str, tuple[wire.VehicleState, float]] = {}
@@ -141,6 +146,8 @@ class Fleet:
             self.last[vehicle.name] = (state, time.monotonic() - age)
             declared = self.bodies.of(vehicle.name, state.kind).position_error
             self.accuracies.heard(vehicle.name, state, declared, time.monotonic())
+            flies = _flies(state, state.kind or "copter")
+            self.energy.heard(vehicle.name, state, np.array(state.local), flies)
             if state.landed or not state.armed:
                 self._homes[vehicle.name] = state.local
         now = time.monotonic()
@@ -192,9 +199,12 @@ class Fleet:
 
     def battery_of(self, name: str) -> float | None:
         """The share that is left in it; None: not known."""
-        seen = self.seen(name)
-        battery = seen.state.battery if seen is not None else None
-        return battery.remaining if battery is not None else None
+        found = self.last.get(name)
+        return None if found is None else left_of(found[0])
+
+    def needs(self, tally: Tally, view: FleetView) -> dict[str, Need]:
+        """What a goal that comes to that takes from each one's battery."""
+        return self.energy.needs(tally, view, {name: self.battery_of(name) for name in tally.parts})
 
     @property
     def homeless(self) -> list[str]:
