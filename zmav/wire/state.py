@@ -59,6 +59,15 @@ class CorrectionsInfo(Told, kw_only=True):
     """messages that it did not get, by reason: old, ahead, overtaken, standby, malformed, link, full"""
 
 
+class Estimate(Told, kw_only=True):
+    """How well the autopilot's own filter knows where it is (EKF_STATUS_REPORT, ESTIMATOR_STATUS)."""
+
+    accuracy: float | None = None
+    """m across, one standard deviation, as the filter reckons; None: it does not say"""
+    ratio: float | None = None
+    """how much of what its filter allows its position is off what its sensors say: from 1 on these are refused"""
+
+
 class ClockInfo(Told, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
@@ -142,6 +151,7 @@ class VehicleState(Told, kw_only=True):
     attitude: Attitude | None = None
     battery: Battery | None = None
     gps: Gps | None = None
+    estimate: Estimate | None = None
     corrections: CorrectionsInfo | None = None
     """for its GNSS receiver; None: none came within the last ten minutes"""
     link: str = "closed"

@@ -56,8 +56,12 @@ STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 """s at rest without a way on, after which a new plan is asked for"""
 REFUSES_AFTER, AT_ONCE = 30.0, 3.0
 """s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
-SLOW = 0.6
-"""pace of the common clock while somebody does not keep up"""
+SLOW, SLOWEST = 0.6, 0.35
+"""paces of the common clock while somebody does not keep up; and who is more than half-way to where all are stopped"""
+LATER = 0.05
+"""s by which a vehicle follows later than was known before that is reckoned with"""
+STOPPED, FARTHER = 3.0, 0.8
+"""times as far off its way as it may be, but for m or for as much again, from which all come to rest"""
 RECOVER = 5.0
 """s of keeping up after which it is the plan's own again"""
 
@@ -168,21 +172,41 @@ class Conductor:
         elif ends is not None and stamp in part.known.sent:
             part.kept_until = max(part.kept_until, part.offset.ours(ends))
 
+    def delay(self, part: Part, late: float, now: float) -> None:
+        """It follows so late, as is known now: who may then come too near to somebody has all come to rest."""
+        part.late = late
+        for entry in part.entries:
+            entry.delay(late)
+        if not part.active or self._source is not None or self.halting:
+            return
+        for entry in part.entries:
+            if other := self.reserved.blocker(part, entry, now - 0.5):
+                self.halt(f"{part.id} follows {late:.1f} s late, too near to {other}", vehicle=part.id, other=other)
+                return
+
     def strayed(self, part: Part, now: float, at: float, place: Floats) -> float:
-        """It was at ``place`` at our time ``at``: m off what it may be flying. Slows the common clock, or halts."""
+        """It was at ``place`` at our time ``at``: m off what it may be flying, late as it is. Slows the common clock,
+        or halts.
+        """
+        if not part.pending or at < part.latest.departs:  # else it may be on the later one
+            part.following.heard(part.place_at, at, place)
+            if abs(part.following.late - part.late) > LATER:
+                self.delay(part, part.following.late, now)
         meant = [np.linalg.norm(place - _place(entry, at)) for entry in part.entries]
         off = float(min(meant))
         self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
-        if off > 3.0 * max(allowed, 0.2):
+        limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
+        if off > limit:
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
         elif off > max(allowed, 0.1):
-            if self.line.pace > SLOW:
+            pace = SLOW if off < 0.5 * (allowed + limit) else SLOWEST
+            if self.line.pace > pace:
                 text = f"{part.id} is {off:.2f} m off its trajectory: the common clock is slowed"
                 self._say("slow", "warning", text, vehicle=part.id, metres=off)
-                self._pace(SLOW, now)
+                self._pace(pace, now)
             self._slow_until = now + RECOVER
         return off
 
@@ -415,10 +439,10 @@ class Conductor:
         if profile.rest_at - now > LASTING:
             return None
         onto = knots(part.track, profile, d)
-        head = _head(before, d, now)
+        head = _head(before, d, now - part.late)
         joined = abs(float(head[-1, 0]) - d) < SAME
         rows = np.vstack((head, onto[1:] if joined else onto))
-        entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]))
+        entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]), late=part.late)
         blocker = self.reserved.blocker(part, entry, now - 0.5)
         if blocker is None and self._homes is not None:
             blocker = self._homes.blocker(part, entry, now)

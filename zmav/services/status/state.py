@@ -190,6 +190,16 @@ class StateService:
                 hdop=None if g["eph"] == 0xFFFF else g["eph"] / 100.0,
                 h_acc=None if g["h_acc"] in (0, 0xFFFFFFFF) else g["h_acc"] / 1e3,
             )
+        if filtered := self._heard("ESTIMATOR_STATUS"):
+            e, state.ages["estimate"] = filtered
+            state.estimate = wire.Estimate(accuracy=_known(e["pos_horiz_accuracy"]), ratio=_known(e["pos_horiz_ratio"]))
+        elif filtered := self._heard("EKF_STATUS_REPORT"):  # ArduPilot calls its ratio a variance
+            e, state.ages["estimate"] = filtered
+            state.estimate = wire.Estimate(ratio=_known(e["pos_horiz_variance"]))
+
+
+def _known(value: float) -> float | None:
+    return round(value, 3) if math.isfinite(value) and value >= 0.0 else None
 
 
 def _place(fields: Mapping[str, Any]) -> wire.GlobalPosition:
