@@ -200,7 +200,7 @@ class Helipad(zmav.Agent):
     def _carrier(self, t: float) -> tuple[float, float]:
         """North and east (m) of what carries the pad at ``t``; of one that is not heard now, nothing."""
         state = self.z.vehicle(self.settings.target).last_state if self.settings.target else None
-        if state is None or state.local is None or state.velocity is None or not 0.0 <= t - state.t < STALE:
+        if state is None or state.local is None or state.velocity is None or abs(t - state.t) > STALE:
             return 0.0, 0.0
         return state.local[0] + (t - state.t) * state.velocity[0], state.local[1] + (t - state.t) * state.velocity[1]
 

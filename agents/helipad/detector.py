@@ -159,7 +159,7 @@ class Detector:
         if not _any_sure(found) and height is not None and not self._trust_height and (others := self._others(height)):
             found += self._search(grey, [others[self._lost % len(others)]], roll, pitch, ASTRAY)
             self._lost += 1
-        return found
+        return _best(found)
 
     def _others(self, height: float) -> list[float]:
         """The heights to look at when ``height`` is wrong."""
@@ -179,7 +179,7 @@ class Detector:
         if height is None:
             height = self._symbol_m * float(self._k[1, 1]) / max(near.scale_px, 1.0)
         origin = (int(low[0]), int(low[1]))
-        return self._in_grey_or_yellow(part, origin, [height], roll, pitch, KNOWN)[1]
+        return _best(self._in_grey_or_yellow(part, origin, [height], roll, pitch, KNOWN)[1])
 
     def _in_grey_or_yellow(
         self,
@@ -223,9 +223,8 @@ class Detector:
             found += [(float(odds[i]), proposals, int(i)) for i in np.flatnonzero(odds > DOUBTFUL)]
         found.sort(key=lambda each: -each[0])
         kept: list[Sight] = []
-        for odds_, proposals, i in found[:MOST_SIGHTS]:
-            u, v = proposals.middles[i]
-            if all(math.hypot(u - k.detection.u, v - k.detection.v) > SAME * k.detection.scale_px for k in kept):
+        for odds_, proposals, i in found:
+            if len(kept) < MOST_SIGHTS and _apart(proposals.middles[i], kept):
                 correlation = float(np.clip(proposals.correlation[i], 0.0, 1.0))
                 sure = odds_ >= effort.sure and correlation >= LEAST_CORRELATION
                 place = proposals.middles[i : i + 1], proposals.affines[i : i + 1]
@@ -233,7 +232,7 @@ class Detector:
                     place = self._measured(picture, *place)
                 score = correlation / (1.0 + math.exp(-odds_))
                 kept.append(Sight(_detection(*place, score), proposals.patches[i], correlation, odds_, sure))
-        return sorted(kept, key=lambda each: -each.detection.score)
+        return kept
 
     def _measured(self, picture: Pyramid, middles: Array, affines: Array) -> tuple[Array, Array]:
         """One place (1, 2) and its affine map (1, 2, 2), aligned once more in a finer picture of what is about it, in
@@ -266,6 +265,20 @@ def _detection(middles: Array, affines: Array, score: float) -> Detection:
         heading=float(heading(affines)[0]),
         score=score,
     )
+
+
+def _apart(middle: Array, kept: list[Sight]) -> bool:
+    found = (each.detection for each in kept)
+    return all(math.hypot(middle[0] - each.u, middle[1] - each.v) > SAME * each.scale_px for each in found)
+
+
+def _best(found: list[Sight]) -> list[Sight]:
+    """Of sights in several pictures of one frame, each place once, best first."""
+    kept: list[Sight] = []
+    for each in sorted(found, key=lambda each: (-each.sure, -each.detection.score)):
+        if _apart(np.array([each.detection.u, each.detection.v]), kept):
+            kept.append(each)
+    return kept
 
 
 def _any_sure(found: list[Sight]) -> bool:

@@ -97,7 +97,7 @@ class Searcher:
         origin = pyramid.origin
         middles = self._candidates(pyramid, view, effort)
         count = len(middles)
-        also = np.zeros((0, 2)) if also is None else also
+        also = np.zeros((0, 2)) if also is None else also[self._seen(pyramid, view, also)]
         if len(also):
             about = np.einsum("nij,kj->nki", view.affine(also), ABOUT) + also[:, None]
             middles = np.vstack([middles, about.reshape(-1, 2)])
@@ -143,8 +143,13 @@ class Searcher:
         found = self._kernels_for(scale).candidates(level, effort.most)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
-        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array((width, height))), axis=1)
-        return np.asarray(pixels[inside], dtype=float)
+        return np.asarray(pixels[self._seen(pyramid, view, pixels)], dtype=float)
+
+    @staticmethod
+    def _seen(pyramid: Pyramid, view: View, pixels: Array) -> NDArray[np.bool_]:
+        """(N,): which of (N, 2) pixels are in the picture and see the plane."""
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array(pyramid.size)), axis=1)
+        return np.asarray(inside & view.in_front(pixels), dtype=bool)
 
     def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:
         if not len(middles):

@@ -1,8 +1,8 @@
 """What makes an H an H: two bars side by side, one across their middle, and nothing in the bays between them and beside
 them. Looked at in upright patches in which bare ground is 0 and paint is 1, as :meth:`refine.Aligner.standard` has it.
 
-A part of a pad may be hidden, so one of the four half bars may be missing. The limits leave out one in a hundred of the
-H in the hardest frames that the learned check is trained with; they stand for shapes that it has not seen.
+A part of a pad may be hidden, so one of the four half bars may be missing. The limits leave out 1.4 % of the H that
+the learned check is trained with, most of them in hard frames; they stand for shapes that it has not seen.
 """
 
 from __future__ import annotations
