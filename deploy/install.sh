@@ -13,6 +13,7 @@ RULES=/etc/udev/rules.d/70-zmav-autopilot.rules
 COMMAND=/usr/local/bin/zmav
 LOCK=/run/zmav-install  # not in /run/lock, where anybody may put a link of that name
 VEHICLE=zmav-vehicle.service
+ROS2=zmav-ros2.service  # ends at once where the fleet file's [ros2] does not ask for it
 MARK="zmav service"     # in the users' comment: those that have it are ours to remove
 SETTLE=15               # s that a new service must run on in one process: longer than its watchdog
 
@@ -28,7 +29,7 @@ usage: sudo $SELF [options]     install, or upgrade to the version that this is
   --fleet-file FILE         in the place of the template: a fleet file that has the vehicle
   --credentials DIR         what 'zmav mesh ca issue NAME --role vehicle' made
   --agent-credentials DIR   the same for the agents on board, of the role planner
-  --extras LIST             vision, planner, interpreted, ground, viz, geotiff: what agents on board need besides (kept by upgrades)
+  --extras LIST             vision, planner, interpreted, ground, viz, geotiff, ros2: what agents on board need besides (kept by upgrades)
   --python PROGRAM          the Python to use (3.10 or newer)
   --no-start                start nothing
   --force                   even where the vehicle is armed
@@ -262,14 +263,16 @@ is_healthy() {
 }
 
 switch() {
-    local old=$1 was=inactive
+    local old=$1 was=inactive first=""
     if booted && systemctl is-active --quiet "$VEHICLE"; then was=active; fi
     # The build took a while.
     if [ -z "$FORCE" ] && is_armed "$old"; then fail "$(setting ZMAV_NAME) was armed meanwhile: land it first (or say --force)"; fi
     trap '' HUP INT TERM    # from here to the end: a terminal that is lost leaves nothing half switched
     trap 'rm -rf "$SAVED"' EXIT
+    [ -f "$UNITS/$ROS2" ] || first=yes
     put_units "$NEW"
     if [ -z "$old" ]; then systemctl enable --quiet "$VEHICLE"; fi
+    if [ -n "$first" ]; then systemctl enable --quiet "$ROS2"; fi
     if ! booted || [ -n "$NO_START" ]; then
         if [ -n "$NO_START" ]; then say "not started, as you said"; else say "not started: systemd does not run here"; fi
         if [ -n "$old" ]; then say "the environment before is kept, as nobody can say whether the new one is healthy: $old"; fi
@@ -279,7 +282,12 @@ switch() {
     if is_healthy "$NEW"; then
         # Of an earlier upgrade that was cut short, too.
         find "$OPT" -mindepth 1 -maxdepth 1 \( -name 'env-*' -o -name '.build-*' \) ! -path "$NEW" -exec rm -rf {} +
-        if [ -n "$old" ] && [ "$was" = inactive ]; then systemctl stop "$VEHICLE"; say "stopped again, as it was"; fi
+        if [ -n "$old" ] && [ "$was" = inactive ]; then
+            systemctl stop "$VEHICLE"
+            say "stopped again, as it was"
+        elif systemctl is-enabled --quiet "$ROS2"; then
+            systemctl restart --no-block "$ROS2"
+        fi
         systemctl try-restart 'zmav-agent@*.service'
         return
     fi
@@ -326,11 +334,11 @@ do_uninstall() {
     if [ -z "$FORCE" ] && is_armed "$(current)"; then
         fail "$(setting ZMAV_NAME) is armed: land it first (or say --force)"
     fi
-    for each in "$VEHICLE" $(find "$ETC/agents.d" -name '*.toml' -printf 'zmav-agent@%f\n' 2>/dev/null | sed 's/\.toml$/.service/'); do
+    for each in "$VEHICLE" "$ROS2" $(find "$ETC/agents.d" -name '*.toml' -printf 'zmav-agent@%f\n' 2>/dev/null | sed 's/\.toml$/.service/'); do
         systemctl disable --quiet "$each" 2>/dev/null || true
         if booted; then systemctl stop "$each" 2>/dev/null || true; systemctl reset-failed "$each" 2>/dev/null || true; fi
     done
-    rm -f "$UNITS/$VEHICLE" "$UNITS/zmav-agent@.service" "$RULES"
+    rm -f "$UNITS/$VEHICLE" "$UNITS/$ROS2" "$UNITS/zmav-agent@.service" "$RULES"
     if [ -L "$COMMAND" ]; then case $(readlink "$COMMAND") in "$OPT"/*) rm "$COMMAND" ;; esac; fi
     rm -rf "$OPT"
     if booted; then systemctl daemon-reload; udevadm control --reload 2>/dev/null || true; fi
@@ -361,7 +369,7 @@ look() { # WORDS WHAT-TO-DO COMMAND...
 
 do_check() {
     [ "$(id -u)" = 0 ] || fail "needs root: sudo $SELF --check"
-    local env name credentials
+    local env name credentials unit
     env=$(current); name=$(setting ZMAV_NAME); credentials=$(setting ZMAV_CREDENTIALS)
     [ -n "$env" ] || fail "zmav is not installed here: sudo $SELF"
     look "$env runs" "install again" as zmav "$env/bin/zmav" --version
@@ -375,7 +383,9 @@ do_check() {
     if [ -f "$ETC/credentials/key.pem" ]; then
         look "the credentials are used" "echo ZMAV_CREDENTIALS=$ETC/credentials >>$ETC/vehicle.env" [ -n "$credentials" ]
     fi
-    look "units as in $env" "install again" cmp -s "$UNITS/$VEHICLE" "$env/share/zmav/$VEHICLE"
+    for unit in "$VEHICLE" "$ROS2"; do
+        look "$unit as in $env" "install again" cmp -s "$UNITS/$unit" "$env/share/zmav/$unit"
+    done
     if booted; then
         look "$VEHICLE begins with the computer" "systemctl enable $VEHICLE" systemctl is-enabled --quiet "$VEHICLE"
         look "$VEHICLE runs" "journalctl -u $VEHICLE says why not" systemctl is-active --quiet "$VEHICLE"

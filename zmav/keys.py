@@ -163,6 +163,8 @@ PARAM = _asked("param", "param/{param}", wire.Param, answerers=(VEHICLE,))
 """one parameter, from the vehicle's cache"""
 MISSION = _asked("mission", "mission/{kind}", wire.Mission, answerers=(VEHICLE,))
 """mission, fence or rally points, from the vehicle's cache"""
+TERRAIN = _asked("terrain", "terrain", wire.TerrainReport, answerers=(VEHICLE,))
+"""what the vehicle knows of the ground, and what its autopilot still wants of it"""
 FILE = _asked("file", "file/{file}", wire.StoredFile)
 """a file or log fetched from the autopilot: what it is"""
 FILE_CHUNK = _asked("file_chunk", "file/{file}/{offset}", qos=Qos.BULK, encoding=RAW, others=(wire.FileQuery,))
@@ -273,6 +275,17 @@ BENCH_PING = _asked("bench_ping", "bench/ping", wire.Pong)
 """answered at once: which host it is, and its clocks"""
 BENCH_FLOW = Channel("bench_flow", "bench/flow/{run}", qos=Qos.BULK, writers=HOSTS, encoding=RAW)
 """the datagrams of a measurement, in the class that is measured"""
+RTCM = _put(
+    "rtcm",
+    "@fleet/rtcm",
+    qos=Qos.REALTIME,
+    writers=(OPERATOR,),
+    encoding=RAW,
+    rate_hz=1.0,
+    stale_after=5.0,
+    repeated=False,
+)
+"""corrections for GNSS receivers, once for the whole fleet: messages of RTCM 3 behind a header (zmav/corrections.py)"""
 FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
 """fleet-wide topics: origin, goal, charge, plan, obstacle, order, roster"""
 SWARM = _asked(
@@ -320,8 +333,10 @@ def proven(channel: Channel, parts: Mapping[str, str]) -> bool:
 
 
 def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
-    """It says to every planner where vehicles fly and what is in their way: each listener judges who said it."""
-    return channel is OBSTACLE or (channel is FLEET and parts["topic"] != ROSTER)
+    """It says to every planner where vehicles fly and what is in their way, or to vehicles what their receivers go by:
+    each listener judges who said it.
+    """
+    return channel in (OBSTACLE, RTCM) or (channel is FLEET and parts["topic"] != ROSTER)
 
 
 def check_name(name: str, field: str = "name") -> str:

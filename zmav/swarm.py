@@ -22,7 +22,7 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.client import Answer, Client
-from zmav.errors import Refused, TimedOut, ZmavError
+from zmav.errors import NoSuchVehicle, Refused, TimedOut, ZmavError
 from zmav.services.orders.flight import DISARMED
 from zmav.vehicle import Vehicle
 from zmav.waiting import within
@@ -34,6 +34,10 @@ planner whose book lacks it so long is stuck or cut off, and it is not known whe
 """
 SILENCE = 5.0
 """s without its book, which comes once a second: five in a row are hardly lost, and a standby takes over after three"""
+CHIEF_LOOK, CHIEF_ANSWER, CHIEF_END = 1.5, 3.0, 30.0
+"""s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
+would be flown
+"""
 BACK = ("rtl", "land")
 """orders that are for what is in the air"""
 SURFACE = ("rover", "boat")
@@ -324,6 +328,20 @@ async def order_planner(
         if outcome.status == "done":
             return outcome.result
     raise TimedOut(f"planner {planner} does not answer on {key}", planner=planner)
+
+
+async def order_chief(z: Client, verb: str, *orders: wire.Order) -> dict[str, Any]:
+    """Ask the planner in charge of the client's fleet, for at most half a minute, one order after another: what came
+    of the last. Raises its typed error, or :class:`NoSuchVehicle` where none is in charge.
+    """
+    found, result = await planner_in_charge(z, z.fleet_name, CHIEF_LOOK), dict[str, Any]()
+    if found is None:
+        text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
+        raise NoSuchVehicle(text, fleet=z.fleet_name)
+    ends = time.monotonic() + CHIEF_END
+    for order in orders:
+        result = await order_planner(z, *found, verb, order, answer_s=CHIEF_ANSWER, silent=2, ends=ends)
+    return result
 
 
 def _left_out(vehicle: Vehicle, verb: str, *, alone: bool) -> str:

@@ -28,7 +28,7 @@ from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput, BadKey, NoSuchVehicle, TimedOut, ZmavError
 from zmav.services.orders.orders import Operations, Report
-from zmav.swarm import FleetOrder, order_planner, planner_in_charge
+from zmav.swarm import FleetOrder, order_chief
 from zmav.vehicle import Vehicle
 from zmav.verbs import SWARM_VERBS, VERBS
 
@@ -36,10 +36,6 @@ PATIENCE = 10.0
 """s for one answer to an order with an id"""
 GOALS = {str(kind.__struct_config__.tag): kind for kind in get_args(wire.swarm.Goal)}
 """kinds of goals: each is a verb of the planner's, too"""
-LOOK, ANSWER, END = 1.5, 3.0, 30.0
-"""s for a planner to be heard of, for an answer of it, and for the end of what it was asked: a preview is planned as it
-would be flown
-"""
 
 
 class FleetOrders:
@@ -142,7 +138,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         kind = SWARM_VERBS[verb].args
         values["id"] = values.get("id") or uuid.uuid4().hex
         args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
-        return answer({"verb": verb, "result": await _asked(gateway.client, verb, args)})
+        return answer({"verb": verb, "result": await order_chief(gateway.client, verb, args)})
 
     async def told(request: Request) -> Response:
         """The last orders given through this gateway, the newest last: who, from where, what, to whom, outcome."""
@@ -202,12 +198,3 @@ async def _once(gateway: Gateway, vehicle: Vehicle, key: str, payload: bytes) ->
     if vehicle.present:
         raise TimedOut(f"{vehicle.name} does not answer on {key}", vehicle=vehicle.name)
     raise NoSuchVehicle(f"no vehicle {vehicle.name} is present in fleet {vehicle.fleet}", vehicle=vehicle.name)
-
-
-async def _asked(z: Client, verb: str, args: wire.Order) -> dict[str, Any]:
-    """What the planner in charge says that came of it; raises its typed error, or :class:`NoSuchVehicle`."""
-    found = await planner_in_charge(z, z.fleet_name, LOOK)
-    if found is None:
-        text = f"no planner is in charge of fleet {z.fleet_name}: start one with 'zmav swarm planner'"
-        raise NoSuchVehicle(text, fleet=z.fleet_name)
-    return await order_planner(z, *found, verb, args, answer_s=ANSWER, silent=2, ends=time.monotonic() + END)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ground.ros2 import convert, graph
+from ground.ros2 import convert, frames, graph
 from ground.ros2.node import Ros
-from ground.ros2.qos import SENSOR
+from ground.ros2.qos import LATCHED, SENSOR
 from ground.ros2.types import Types
 from ground.ros2.watch import Watch, WhileWanted
 from zmav import keys, wire
@@ -41,7 +41,6 @@ class Camera:
 
     def __init__(self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, name: str, info: wire.CameraInfo) -> None:
         self._z, self._watch, self._vehicle, self._types = z, watch, vehicle, ros.types
-        self.info, self.missed = info, 0
         camera = graph.ros_name(info.camera)
         self._frame = f"{name}/{camera}"
         self._node = ros.node(f"/{name}", f"camera_{camera}")
@@ -51,6 +50,18 @@ class Camera:
         self._reading, self._telling = WhileWanted(self._read), WhileWanted(self._tell)
         watch.offer(self._pictures.endpoint, self._reading)
         watch.offer(self._infos.endpoint, self._telling)
+        self._base = f"{name}/base_link"
+        self._places = self._node.publish("/tf_static", "tf2_msgs/msg/TFMessage", LATCHED)
+        self._placed: tuple[wire.Vector, wire.Vector] | None = None
+        """mount and offset that were said"""
+        self.take(info)
+
+    def take(self, info: wire.CameraInfo) -> None:
+        """What the camera says now. Where it is goes to /tf_static, but for a gimbal's, which turns by itself."""
+        self.info, self.missed = info, 0
+        if not info.gimbal and self._placed != (info.mount, info.offset):
+            self._placed = info.mount, info.offset
+            self._places(placed(self._types, self._base, self._frame, info))
 
     @property
     def read(self) -> bool:
@@ -133,7 +144,7 @@ class Cameras:
         for name, info in found.items():
             known = self.cameras.get(name)
             if known is not None:
-                known.info, known.missed = info, 0
+                known.take(info)
             elif len(self.cameras) < MOST:
                 self.cameras[name] = Camera(self._z, self._ros, self._watch, self._vehicle, self._name, info)
         for name in self.cameras.keys() - found.keys():
@@ -153,7 +164,8 @@ def camera_info(types: Types, header: Any, info: wire.CameraInfo, size: tuple[in
     """Of pictures of ``size``: they are made smaller on a narrow way, and their lens in pixels with them."""
     across, down = size[0] / max(info.width, 1), size[1] / max(info.height, 1)
     (fx, fy), (cx, cy) = info.focal, info.center
-    fx, cx, fy, cy = fx * across, cx * across, fy * down, cy * down
+    # The middle of the first pixel is 0: edges are scaled, and they are half a pixel before it.
+    fx, cx, fy, cy = fx * across, (cx + 0.5) * across - 0.5, fy * down, (cy + 0.5) * down - 0.5
     return types.make(
         "sensor_msgs/msg/CameraInfo",
         header=header,
@@ -165,3 +177,17 @@ def camera_info(types: Types, header: Any, info: wire.CameraInfo, size: tuple[in
         r=np.eye(3).ravel(),
         p=np.array([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
     )
+
+
+def placed(types: Types, base: str, frame: str, info: wire.CameraInfo) -> Any:
+    """Where a camera is, and how it is turned, on the vehicle: from ``base`` to ``frame``, a picture's own."""
+    x, y, z = frames.flu(info.offset)
+    qx, qy, qz, qw = frames.of_camera(info.mount)
+    moved = types.make(
+        "geometry_msgs/msg/Transform",
+        translation=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        rotation=types.make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+    header = convert.header(types, base, info.t)
+    one = types.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=frame, transform=moved)
+    return types.make("tf2_msgs/msg/TFMessage", transforms=[one])

@@ -218,9 +218,11 @@ def _twists(view: View) -> tuple[wire.Vector, wire.Vector, wire.Vector] | None:
 
 
 def velocity_local(view: View) -> Any:
-    """Along east, north, up; the rates are the body's, as MAVROS has them."""
-    found = _twists(view)
-    return found and _twist_stamped(view, view.fleet, found[0], found[2])
+    """Along east, north, up; so are the rates, as MAVROS has them."""
+    found, q = _twists(view), view.orientation()
+    if found is None or q is None:
+        return None
+    return _twist_stamped(view, view.fleet, found[0], frames.in_world(found[2], q))
 
 
 def velocity_body(view: View) -> Any:

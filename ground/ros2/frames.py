@@ -42,3 +42,17 @@ def yaw_of(q: Quaternion) -> float:
 def in_body(vector: Vector, q: Quaternion) -> Vector:
     """A vector of the world, as the body that is turned by ``q`` has it."""
     return rotation.to_body((q[3], *q[:3]), vector)
+
+
+def in_world(vector: Vector, q: Quaternion) -> Vector:
+    """A vector of the body that is turned by ``q``, as the world has it."""
+    return rotation.to_body((q[3], -q[0], -q[1], -q[2]), vector)
+
+
+def of_camera(mount: Vector) -> Quaternion:
+    """Of a camera's axes (right, down, along its optical axis) in the body's, by roll, pitch and yaw from straight down
+    (:class:`zmav.wire.CameraInfo`).
+    """
+    upright = rotation.product(rotation.from_euler(*mount), rotation.from_euler(0.0, 0.0, math.pi / 2))
+    w, x, y, z = rotation.product((0.0, 1.0, 0.0, 0.0), upright)  # forward, left, up of forward, right, down
+    return x, y, z, w

@@ -31,15 +31,32 @@ RESULTS: tuple[tuple[type[ZmavError], CommandResult], ...] = (
     (BadInput, CommandResult.DENIED),
     (ZmavError, CommandResult.FAILED),
 )
-Give = Callable[[Any, bytes], Awaitable[None]]
-"""``await give(request, gid)``: raises why not"""
+Give = Callable[[Any, bytes], Awaitable["dict[str, Any] | None"]]
+"""``await give(request, gid)``: what its answer says besides that it is done; raises why not"""
+
+
+def serve_order(node: RosNode, name: str, kind: str, give: Give, log: Log) -> None:
+    """Have a service give an order: its outcome is in whatever fields the type of the answer has, and on /rosout why
+    not.
+    """
+    fitting, answer = node.ros.types.fitting, f"{kind}_Response"
+
+    async def answered(request: Any, gid: bytes) -> Any:
+        try:
+            more = await give(request, gid) or {}
+        except ZmavError as e:
+            log(f"{name} refused: {e}")
+            return fitting(answer, success=False, result=int(result_of(e)), message=str(e))
+        return fitting(answer, **{"success": True, "mode_sent": True, **more})
+
+    node.serve(name, kind, answered)
 
 
 class Orders:
     """The services of one vehicle. Lives on the event loop."""
 
     def __init__(self, node: RosNode, vehicle: Vehicle, steering: Steering, log: Log) -> None:
-        self._node, self._vehicle, self._steering, self._log = node, vehicle, steering, log
+        self._vehicle, self._steering, self._log = vehicle, steering, log
         self._tasks: set[asyncio.Task[Any]] = set()
         services: tuple[tuple[str, str, Give], ...] = (
             ("cmd/arming", "mavros_msgs/srv/CommandBool", self._arm),
@@ -53,7 +70,7 @@ class Orders:
             ("lease", "zmav_msgs/srv/Lease", self._lease),
         )
         for name, kind, give in services:
-            node.serve(name, kind, self._answering(name, kind, give))
+            serve_order(node, name, kind, give, log)
 
     async def close(self) -> None:
         """The vehicle sees through what it was told."""
@@ -86,24 +103,6 @@ class Orders:
         self._tasks.discard(task)
         if not task.cancelled() and (error := task.exception()) is not None:
             self._log(f"{verb}: {error}")
-
-    def _answering(self, name: str, kind: str, give: Give) -> Callable[[Any, bytes], Awaitable[Any]]:
-        """An order's outcome in whatever fields the type of the answer has."""
-        make, answer = self._node.ros.types.make, f"{kind}_Response"
-
-        async def answered(request: Any, gid: bytes) -> Any:
-            try:
-                await give(request, gid)
-            except ZmavError as e:
-                self._log(f"{name} refused: {e}")
-                if kind.endswith("SetMode"):
-                    return make(answer)
-                if kind.startswith("mavros_msgs"):
-                    return make(answer, success=False, result=int(result_of(e)))
-                return make(answer, success=False, message=str(e))
-            return make(answer, **({"mode_sent": True} if kind.endswith("SetMode") else {"success": True}))
-
-        return answered
 
     def _plain(self, verb: str) -> Give:
         async def give(request: Any, gid: bytes) -> None:

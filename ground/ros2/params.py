@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ground.ros2.node import RosNode
-from ground.ros2.orders import finite
+from ground.ros2.orders import finite, serve_order
 from ground.ros2.steering import Log, Steering
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
@@ -25,7 +25,7 @@ class Parameters:
     """The services. Lives on the event loop; reads come from the cache on the vehicle."""
 
     def __init__(self, node: RosNode, vehicle: Vehicle, steering: Steering, log: Log) -> None:
-        self._vehicle, self._steering, self._log = vehicle, steering, log
+        self._vehicle, self._steering = vehicle, steering
         self._make = node.ros.types.make
         for name, answer in (
             ("GetParameters", self._get),
@@ -37,8 +37,8 @@ class Parameters:
         ):
             service = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name)
             node.serve(f"param/{service[1:]}", f"{PACKAGE}/srv/{name}", answer)
-        node.serve("param/pull", "mavros_msgs/srv/ParamPull", self._pull)
-        node.serve("param/set", "mavros_msgs/srv/ParamSetV2", self._set_one)
+        serve_order(node, "param/pull", "mavros_msgs/srv/ParamPull", self._pull, log)
+        serve_order(node, "param/set", "mavros_msgs/srv/ParamSetV2", self._set_one, log)
 
     async def _known(self) -> dict[str, wire.Param]:
         return {param.name: param for param in (await self._vehicle.params.list()).params}
@@ -102,31 +102,21 @@ class Parameters:
         args = wire.ParamSet(name=name, value=given, lease=self._steering.token(gid))
         await self._vehicle.order("param_set", args)
 
-    async def _pull(self, request: Any, gid: bytes) -> Any:
+    async def _pull(self, request: Any, gid: bytes) -> dict[str, Any]:
         """Read from the vehicle's cache; with force_pull from the autopilot, which is an order."""
         params = self._vehicle.params
-        try:
-            if request.force_pull:
-                self._steering.check()
-            table = await (params.refresh() if request.force_pull else params.list())
-        except ZmavError as e:
-            self._log(f"param/pull: {e}")
-            return self._make("mavros_msgs/srv/ParamPull_Response")
-        count = len(table.params)
-        return self._make("mavros_msgs/srv/ParamPull_Response", success=True, param_received=count)
+        if request.force_pull:
+            self._steering.check()
+        table = await (params.refresh() if request.force_pull else params.list())
+        return {"param_received": len(table.params)}
 
-    async def _set_one(self, request: Any, gid: bytes) -> Any:
+    async def _set_one(self, request: Any, gid: bytes) -> dict[str, Any]:
         """What it is then comes back, as MAVROS answers."""
+        await self._order(request.param_id, request.value, gid)
         try:
-            await self._order(request.param_id, request.value, gid)
-        except ZmavError as e:
-            self._log(f"param/set {request.param_id[:32]}: {e}")
-            return self._make("mavros_msgs/srv/ParamSetV2_Response")
-        try:
-            value = self._value(await self._vehicle.params.get(request.param_id))
+            return {"value": self._value(await self._vehicle.params.get(request.param_id))}
         except ZmavError:  # it is set all the same
-            value = request.value
-        return self._make("mavros_msgs/srv/ParamSetV2_Response", success=True, value=value)
+            return {"value": request.value}
 
     def _value(self, param: wire.Param | None) -> Any:
         what = kind(param)

@@ -68,6 +68,11 @@ class Types:
             raise TypeError(f"{name} has no {', '.join(fields)}")
         return self._store.types[name](**given)
 
+    def fitting(self, name: str, /, **fields: Any) -> Any:
+        """A message of those ``fields`` that its type has: one outcome fits answers of many types."""
+        has = {field for field, _ in self._fields(name)}
+        return self.make(name, **{field: value for field, value in fields.items() if field in has})
+
     def encode(self, message: Any, name: str) -> bytes:
         return bytes(self._store.serialize_cdr(message, name))
 

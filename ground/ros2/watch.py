@@ -20,7 +20,7 @@ from zmav.services.link.port import on_loop
 MOST = 20_000
 """endpoints of others that are remembered"""
 SAID = 100
-"""differences of types, and namesakes, that are said"""
+"""differences of types that are said"""
 NodeId = tuple[str, int]
 """a node's session, and its number in that"""
 
@@ -53,6 +53,12 @@ class WhileWanted:
             await asyncio.gather(task, return_exceptions=True)
 
 
+def _less(counter: collections.Counter[Any], what: Any) -> None:
+    counter[what] -= 1
+    if not counter[what]:
+        del counter[what]
+
+
 class Watch:
     """Lives on the event loop. ``say(line)``: what the user should know, once."""
 
@@ -64,6 +70,8 @@ class Watch:
         self._by_gid: dict[bytes, graph.Endpoint] = {}
         self._nodes: collections.Counter[NodeId] = collections.Counter()
         """how many endpoints of each there are"""
+        self._speakers: dict[str, collections.Counter[str]] = {}
+        """sessions that serve as a node of that name, and how many services each: a viewer's certificate shows none"""
         self._readers: dict[tuple[str, str], set[str]] = {}
         """tokens of who subscribes, by topic and hash"""
         self._offered: dict[str, dict[str, tuple[graph.Endpoint, Callable[[bool], None]]]] = {}
@@ -105,6 +113,10 @@ class Watch:
         """Any endpoint of it is there."""
         return node in self._nodes
 
+    def sessions_of(self, path: str) -> set[str]:
+        """Others' sessions that serve as a node of that name: ``/quad1/zmav``."""
+        return set(self._speakers.get(path, ()))
+
     def name_of(self, gid: bytes) -> str:
         """The node's name, or its GID where that is not known."""
         found = self.who(gid)
@@ -120,10 +132,12 @@ class Watch:
             if there.pop(token, None) is not None:
                 self._count_of_all -= 1
                 self._by_gid.pop(graph.gid_of(token), None)
-                node = found.node.zid, found.node.nid
-                self._nodes[node] -= 1
-                if not self._nodes[node]:
-                    del self._nodes[node]
+                _less(self._nodes, (found.node.zid, found.node.nid))
+                if found.kind == graph.SERVER:
+                    speakers = self._speakers[found.node.path]
+                    _less(speakers, found.node.zid)
+                    if not speakers:
+                        del self._speakers[found.node.path]
                 self._count(found, token, False)
             if not there:
                 self._endpoints.pop(found.name, None)
@@ -132,6 +146,8 @@ class Watch:
             self._endpoints.setdefault(found.name, {})[token] = found
             self._by_gid[graph.gid_of(token)] = found
             self._nodes[found.node.zid, found.node.nid] += 1
+            if found.kind == graph.SERVER:
+                self._speakers.setdefault(found.node.path, collections.Counter())[found.node.zid] += 1
             self._count(found, token, True)
             for endpoint, _ in self._offered.get(found.name, {}).values():
                 self._compare(endpoint, found)
@@ -152,8 +168,6 @@ class Watch:
 
     def _compare(self, ours: graph.Endpoint, theirs: graph.Endpoint) -> None:
         """A type that another ROS has in another version is never received, and nobody would know why."""
-        if ours.kind == theirs.kind == graph.SERVER and ours.node.path == theirs.node.path:
-            self._tell(f"another {theirs.node.path} is in the domain: what is asked of it is done by both, so twice")
         if (ours.type, ours.hash) == (theirs.type, theirs.hash):
             return
         what = f"as {theirs.type}" if ours.type != theirs.type else f"with another definition of {ours.type}"

@@ -31,6 +31,7 @@ VERBS = (
     "install",
     "doctor",
     "param",
+    "terrain",
 )
 
 

@@ -33,7 +33,7 @@ NAME = re.compile(r"[a-z0-9_][a-z0-9_-]{0,63}\Z")
 """no path, no other unit, no option of systemctl"""
 LOADS = 120.0
 """s that loading it may take, on a slow computer too"""
-UNREADY = "'sudo zmav install' makes it ready, or deploy/install.sh of a clone"
+UNREADY = "'sudo deploy/install.sh' of a clone makes it ready, or 'sudo zmav install'"
 
 
 class Installed(Table, frozen=True):
@@ -124,7 +124,7 @@ def install(
     _need_root(where)
     own = Installed(
         agent=f"{name}.py" if is_file else what,
-        vehicle=check_name(vehicle or _vehicle(), "vehicle"),
+        vehicle=check_name(vehicle or vehicle_here(), "vehicle"),
         fleet=check_name(fleet or _fleet(), "fleet"),
         options=assignments(options),
         set=assignments(tuned),
@@ -186,14 +186,14 @@ def _try(name: str, stage: Path) -> None:
         raise BadConfig(text, field="name", value=name, expected="an agent")
 
 
-def _vehicle() -> str:
+def vehicle_here() -> str:
     """This computer's, as its service is started."""
     path = ETC / "vehicle.env"
     if path.is_file():
         for line in path.read_text(encoding="utf-8").splitlines():
             if line.startswith("ZMAV_NAME="):
                 return line.partition("=")[2].strip("\"' ")
-    raise BadConfig("give --vehicle: no vehicle's service is installed here", field="vehicle", expected="a name")
+    raise BadConfig("name the vehicle: no vehicle's service is installed here", field="vehicle", expected="a name")
 
 
 def _fleet() -> str:

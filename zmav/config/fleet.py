@@ -11,6 +11,7 @@ alt_amsl = 60.0
 hold_after = 0.5
 land_after = 30.0               # or "never"
 action = "rtl"                  # or "loiter", "land"
+return = "together"             # the planner's way home for everybody first, where it sent one; absent: none
 
 [geofence]                      # nothing is flown beyond it; what is absent is as for a club's field
 radius = 300.0                  # m about the origin (1000); inf: none
@@ -35,6 +36,8 @@ planner = ["servo"]             # and mission_upload, mission_clear
 
 [ros2]
 domain = 0                      # routers with credentials let this domain of ROS through, by role; absent: no ROS
+beside = ["quad1"]              # 'zmav ros2' runs on these vehicles' own computers
+orders = true                   # what ROS says there may move and change them
 
 [vehicles.quad1]
 link = "/dev/ttyAMA0,921600"
@@ -69,6 +72,8 @@ from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
 
 Action = Literal["loiter", "rtl", "land"]
+RETURN_LEAD = 3.0
+"""s for which the first place of a way home is streamed before it begins, and the mode that follows it asked for"""
 H = TypeVar("H")
 
 
@@ -80,6 +85,13 @@ class Failsafe(Table, frozen=True):
     land_after: Annotated[float, msgspec.Meta(ge=1.0, le=86_400.0)] | Literal["never"] = 30.0
     """then it does ``action``"""
     action: Action = "rtl"
+    returns: Literal["together"] | None = msgspec.field(default=None, name="return")
+    """then, in the place of ``action``, the way home that a planner sent with its last segment, where it has one"""
+
+    @property
+    def returns_after(self) -> float | None:
+        """s after a segment's end at which such a way may begin; None: none is asked for."""
+        return None if self.returns is None or self.land_after == "never" else self.land_after + RETURN_LEAD
 
 
 class Geofence(Table, frozen=True):
@@ -93,6 +105,11 @@ class Geofence(Table, frozen=True):
     """m above home; absent: the ground there, which vehicles that stay on the surface are free of"""
     ceiling: float | None = None
     """m above home; absent: 120"""
+    above_ground: float | None = None
+    """m above the ground, where 'zmav terrain load' has told how high that is: of places, straight ways and segments,
+    not of velocities, landings and climbs. With it, ground that is not known is refused; absent: only what is 10 m deep
+    in the ground is
+    """
 
 
 class Limits(Table, frozen=True):
@@ -149,10 +166,16 @@ class Rights(Table, frozen=True):
 
 
 class Ros2(Table, frozen=True):
-    """ROS 2 in a fleet with credentials (docs/ros2.md). The same in the files of all its routers."""
+    """ROS 2 (docs/ros2.md). ``domain`` is the same in the files of all routers."""
 
     domain: Annotated[int, msgspec.Meta(ge=0, le=232)] | None = None
-    """whose keys and tokens pass the routers' doors; None: no ROS does"""
+    """whose keys and tokens pass the doors of routers with credentials; None: no ROS does"""
+    beside: list[str] = []
+    """vehicles beside which 'zmav ros2' runs, each on the vehicle's own computer"""
+    orders: bool = False
+    """there, what ROS says may move and change the vehicle"""
+    rates: dict[str, float] = {}
+    """there, Hz of topics that are to come at least so fast"""
 
 
 class PilotSwitch(Table, frozen=True):
@@ -275,6 +298,7 @@ def load_fleet(path: str | Path) -> FleetConfig:
         for name, table in fleet.vehicles.items():
             _check_tables(f"vehicles.{name}.", table)
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
+        _check_ros2(fleet)
         check_hosts(fleet.mesh, fleet.hosts())
         for (one, a), (other, b) in itertools.combinations(fleet.vehicles.items(), 2):
             if a.sysid is not None and a.sysid == b.sysid:
@@ -311,12 +335,22 @@ def _check_tables(place: str, tables: FleetConfig | VehicleConfig) -> None:
         )
 
 
+def _check_ros2(fleet: FleetConfig) -> None:
+    for name in fleet.ros2.beside:
+        if name not in fleet.vehicles:
+            raise BadConfig.wrong("ros2.beside", name, f"a vehicle of this file: {', '.join(fleet.vehicles) or 'none'}")
+    if fleet.ros2.beside and fleet.ros2.domain is None:
+        raise BadConfig.wrong("ros2.domain", None, "a number, for 'zmav ros2' beside vehicles")
+
+
 def check_failsafe(failsafe: Failsafe, field: str = "failsafe") -> Failsafe:
     """``failsafe`` itself; raises :class:`BadConfig` where its steps are not in order."""
     if failsafe.land_after != "never" and failsafe.land_after <= failsafe.hold_after:
         raise BadConfig.wrong(
             f"{field}.land_after", failsafe.land_after, f"more than hold_after ({failsafe.hold_after} s)"
         )
+    if failsafe.returns and failsafe.land_after == "never":
+        raise BadConfig.wrong(f"{field}.return", failsafe.returns, 'a land_after that is not "never", which it follows')
     return failsafe
 
 

@@ -25,4 +25,5 @@ from zmav.wire.param import *
 from zmav.wire.rates import *
 from zmav.wire.setpoint import *
 from zmav.wire.state import *
+from zmav.wire.terrain import *
 from zmav.wire.vision import *

@@ -41,6 +41,33 @@ class Gps(Told, kw_only=True):
     """m, the receiver's own estimate of its horizontal error"""
 
 
+class CorrectionsInfo(Told, kw_only=True):
+    """Corrections for the autopilot's GNSS receiver, as its agent hands them on."""
+
+    age: float | None
+    """s since the source had the newest observations that the autopilot was given, by the source's clock; None: it was
+    given none yet"""
+    source: str
+    """who sends them"""
+    station: int | None = None
+    """the reference station's id"""
+    baseline: float | None = None
+    """m from the vehicle to the base; None: the base has not said where it is, or the vehicle does not know"""
+    rate: float = 0.0
+    """bytes a second that the autopilot gets of them"""
+    dropped: dict[str, int] = {}
+    """messages that it did not get, by reason: old, ahead, overtaken, standby, malformed, link, full"""
+
+
+class Estimate(Told, kw_only=True):
+    """How well the autopilot's own filter knows where it is (EKF_STATUS_REPORT, ESTIMATOR_STATUS)."""
+
+    accuracy: float | None = None
+    """m across, one standard deviation, as the filter reckons; None: it does not say"""
+    ratio: float | None = None
+    """how much of what its filter allows its position is off what its sensors say: from 1 on these are refused"""
+
+
 class ClockInfo(Told, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
@@ -124,6 +151,9 @@ class VehicleState(Told, kw_only=True):
     attitude: Attitude | None = None
     battery: Battery | None = None
     gps: Gps | None = None
+    estimate: Estimate | None = None
+    corrections: CorrectionsInfo | None = None
+    """for its GNSS receiver; None: none came within the last ten minutes"""
     link: str = "closed"
     link_loss: float = 0.0
     clock: ClockInfo | None = None
@@ -156,7 +186,7 @@ class Event(Told, kw_only=True):
     t: float
     kind: str
     """statustext, numbered (an EVENT), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
-    rate, clock, mission, clash, certificate, refused, fault"""
+    rate, clock, mission, clash, certificate, corrections, refused, fault"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}

@@ -36,6 +36,10 @@ class Body(Wire, kw_only=True):
     """m of ground that it sees on one pass"""
     endurance: float = 900.0
     """s of flight left to plan with, full"""
+    reserve: float = 0.2
+    """share of its battery with which it is to be on the ground again"""
+    position_error: float | None = None
+    """m across, one standard deviation, that it may be off where it says; None: by what its autopilot says"""
 
 
 class BodyReport(Wire, kw_only=True):
@@ -46,6 +50,8 @@ class BodyReport(Wire, kw_only=True):
     body: Body
     declared: bool
     """by the fleet file; False: what is usual for the kind"""
+    returns_after: float | None = None
+    """s after its segment's end from which a way home may begin; None: it flies none (``return`` of the fleet file)"""
 
 
 class SegmentInfo(Told, kw_only=True):
@@ -60,6 +66,8 @@ class SegmentInfo(Told, kw_only=True):
     rests: float
     """from then on it stays where it is"""
     end: float
+    home: float | None = None
+    """when the way home begins that it flies by itself if nothing else comes; None: it has none"""
 
 
 class Beacon(Told, kw_only=True):
@@ -82,6 +90,8 @@ class GoTo(Wire, kw_only=True, tag_field="kind", tag="goto"):
     vehicles: list[str]
     to: list[Vector]
     labelled: bool = True
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
@@ -101,6 +111,8 @@ class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
     """the centre's way to ``at``, kept in shape"""
     labelled: bool = False
     """the first vehicle gets the first place; else the planner assigns them"""
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
@@ -193,6 +205,8 @@ class GoalEntry(Wire, kw_only=True):
     """s, of the plan being flown"""
     clearance: float | None = None
     """m: the least distance between two vehicles in it, less their radii"""
+    landing: dict[str, float] = {}
+    """share of its battery that each is reckoned to land with if it goes home after this, as it was begun"""
 
 
 # Obstacles.

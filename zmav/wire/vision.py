@@ -79,6 +79,10 @@ class Detection(Told, kw_only=True):
     """m²: north-north, north-east, east-east"""
     yaw: float | None = None
     """rad from north, modulo pi"""
+    pictures: int = 1
+    """that it rests on: where one alone is doubtful, three or more of the last five"""
+    span: float = 0.0
+    """s from the first of these to this one"""
 
 
 class Detections(Told, kw_only=True):

@@ -58,7 +58,7 @@ class Request:
     "--seconds",
     type=click.FloatRange(min=0.0, min_open=True),
     callback=refuse_nan,
-    help="Search so long at most. [default: by N]",
+    help="Of the processor, to search at most; by the clock four times as long. [default: by N]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
 @click.option(

@@ -168,6 +168,7 @@ class Agent:
         self.context.clocks.hear()
         if name := self.context.clocks.due(now):
             self.context.later(self.context.clocks.ask(name))
+        self.context.homes.tick()
         self.context.world.expire(now)
         if self.context.world.revision != self._revision and now - self._looked > LEAST:
             self._revision, self._looked = self.context.world.revision, now

@@ -23,8 +23,11 @@ from agents.planner.goals.steps import (
     for_the_rest,
     without,
 )
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
+from agents.planner.live.energy import check as check_batteries
+from agents.planner.live.energy import told
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
@@ -35,6 +38,7 @@ from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.reserved import tube
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
+from agents.planner.live.tally import Tally
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import MovingObstacle
@@ -170,8 +174,12 @@ class Run:
         self._state("planning", "waits until its vehicles rest")
         lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
+        view = self._view(lost=lost)
+        steps = await self.planner.resolve(self.entry.goal, view)
+        if isinstance(self.entry.goal, swarm.Return):
+            steps = self.context.homes.at_once(steps, view)
         self._go_without(lost)
+        self._check_batteries(steps)
         async with LeasedVehicles(self) as leased:
             if silent := leased.left:
                 self._go_without(silent)
@@ -201,6 +209,17 @@ class Run:
             if missing and not all(isinstance(later, Orders) and later.lands for later in steps[number + 1 :]):
                 break
         return gone
+
+    def _check_batteries(self, steps: list[Step]) -> None:
+        """Say what the goal takes; raises :class:`Refused` where somebody could not come back from it."""
+        context, entry, view = self.context, self.entry, self._view()
+        tally = Tally(self.vehicles, view)
+        for step in steps:
+            tally.add(for_the_rest(step, set(entry.goal.vehicles) - set(self.vehicles)))
+        needs = context.fleet.needs(tally, view)
+        entry.landing = {name: round(need.left, 3) for name, need in needs.items() if need.left is not None}
+        check_batteries(entry.goal, needs, context.settings.unknown_batteries)
+        context.say("energy", "info", f"{entry.id}: about {tally.seconds:.0f} s; {told(needs)}", goal=entry.id)
 
     def _go_without(self, lost: set[str]) -> None:
         self.vehicles = tuple(name for name in self.vehicles if name not in lost)
@@ -270,9 +289,12 @@ class Run:
             return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        planned, why = await self.planner.check(step, self._view())
+        planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
-            landed = await self._flown(leased, planned, step.text, share)
+            try:
+                landed = await self._flown(leased, planned, step.text, share)
+            except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
+                landed = Landed(False, e.message)
             self.check_stopped()
             if landed.arrived:
                 return []
@@ -398,7 +420,7 @@ class Run:
         """
         fleet, margin = self.context.fleet, self.context.settings.margin
         fleet.watch()
-        view = fleet.view(margin, also=lost)
+        view = fleet.view(margin, also=lost, tight=tight_of(self.entry.goal))
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
         if missing:
             raise Stale(f"not heard any more: {', '.join(missing)}", vehicles=missing)
@@ -447,6 +469,8 @@ class Run:
             return f"{name}: {seen.state.pilot}"
         if not seen.view.hovers:
             return ""
+        if seen.state.mover == "failsafe":
+            return f"{name} flies home by itself"
         speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
         return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
 

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan, Sample
 from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
@@ -55,7 +55,9 @@ def warm(planes: bool = True, tell: Tell | None = None) -> Plan:
     plan = solve(copters, seconds=PATIENCE)
     # The discrete search is for scenes that are tighter than any that is small.
     problem, static = problem_of(copters), StaticMap(world_of(copters))
-    deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
+    deconflict.find(
+        problem, static.world, static.paths_for(problem), Deadline.after(PATIENCE), np.random.default_rng(0)
+    )
     if planes:
         solve(example(planes=True), seconds=PATIENCE)
     return plan
@@ -123,12 +125,12 @@ def _ways() -> None:
 
 def _refined() -> None:
     problem, static = _known(example(planes=False))
-    refine_paths(problem, static.world, _straight(problem), time.monotonic() + PATIENCE)
+    refine_paths(problem, static.world, _straight(problem), Deadline.after(PATIENCE))
 
 
 def _discrete() -> None:
     problem, static = _known(lane())
-    deconflict.find(problem, static.world, _straight(problem), PATIENCE, np.random.default_rng(0))
+    deconflict.find(problem, static.world, _straight(problem), Deadline.after(PATIENCE), np.random.default_rng(0))
 
 
 def _judged() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,6 +31,17 @@ from zmav.sim import VehicleSpec, World
 
 HOME = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 PATIENCE_S = 60.0
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Where a planner flies, compile its kernels, once on a machine, while no test's clock runs."""
+    flown = any(item.path == Path(__file__).parent / "test_swarm.py" for item in session.items)
+    if flown and not session.config.option.collectonly:
+        from agents.planner.solve import jit
+        from agents.planner.solve.warm import warm
+
+        if not jit.compiled():
+            warm()
 
 
 class Peer:
@@ -76,7 +90,8 @@ class Peer:
         text = re.sub(r"^([A-Z]\w+)(?=\S* )", rf"{package}/\1", text, flags=re.MULTILINE)
         request, answer = f"\n{text}".split("\n---\n")
         session = ZenohSession.get_instance(**self.where)
-        for each in ("builtin_interfaces/msg/Time", "geometry_msgs/msg/Point", "rcl_interfaces/msg/ParameterValue"):
+        plain = ("builtin_interfaces/msg/Time", "geometry_msgs/msg/Point", "rcl_interfaces/msg/ParameterValue")
+        for each in (*plain, "unique_identifier_msgs/msg/UUID", "action_msgs/msg/GoalInfo"):
             session.register_message_type(known().definition(each), each)
         for each in ("Parameter", "SetParametersResult", "ListParametersResult", "ParameterDescriptor"):
             full = f"rcl_interfaces/msg/{each}"
@@ -98,9 +113,19 @@ class Peer:
 class Fleet(OwnThread):
     """Vehicles are as ``names`` says, in their specs' order."""
 
-    def __init__(self, names: Sequence[str], specs: Sequence[VehicleSpec], speed: float, *, may_order: bool) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        specs: Sequence[VehicleSpec],
+        speed: float,
+        *,
+        may_order: bool,
+        beside: Callable[[str], AbstractAsyncContextManager[None]] | None = None,
+    ) -> None:
         super().__init__(PATIENCE_S)
         self.names, self._specs, self._speed, self.may_order = names, specs, speed, may_order
+        self._beside = beside
+        """what else runs in the fleet, by the router's endpoint"""
         self.said: list[str] = []
 
     def wants(self, name: str) -> set[str]:
@@ -122,8 +147,11 @@ class Fleet(OwnThread):
                 self.z = z
                 for vehicle in await z.wait_for(*self.names, timeout=PATIENCE_S):
                     await vehicle.wait_until(lambda s: s.connected and bool(s.ready), PATIENCE_S)
-                async with Face(z, 0, {}, self.said.append, may_order=self.may_order) as face:
-                    self.face = face
+                async with contextlib.AsyncExitStack() as stack:
+                    if self._beside is not None:
+                        await stack.enter_async_context(self._beside(endpoint))
+                    face = Face(z, 0, {}, self.said.append, may_order=self.may_order)
+                    self.face = await stack.enter_async_context(face)
                     while len(face.vehicles) < len(self.names):
                         await asyncio.sleep(0.02)
                     ready.set_result(None)

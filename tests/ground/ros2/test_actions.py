@@ -50,18 +50,18 @@ def client(fleet: Fleet) -> Iterator[Client]:
 class Client:
     """An action client, as rcl_action has it: services and topics below ``_action``."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session, self._gid, self._sequence = session, os.urandom(16), 0
+    def __init__(self, session: zenoh.Session, base: str = "quad1") -> None:
+        self.session, self._base, self._gid, self._sequence = session, base, os.urandom(16), 0
         self.accepted: Any = None
 
     def call(self, name: str, kind: str, /, **fields: Any) -> Any:
         types = known()
         request = types.encode(types.make(f"{kind}_Request", **fields), f"{kind}_Request")
-        key = f"0/quad1/{name}/{graph.dds_of(kind)}/{types.hash(kind)}"
+        key = f"0/{self._base}/{name}/{graph.dds_of(kind)}/{types.hash(kind)}"
         found: list[zenoh.Reply] = []
         over = threading.Event()
         self._sequence += 1
-        self._session.get(
+        self.session.get(
             key,
             zenoh.handlers.Callback(found.append, over.set),
             payload=request,
@@ -148,6 +148,13 @@ def test_a_flight_by_actions_with_feedback_and_a_cancel(fleet: Fleet, client: Cl
     assert cancelled.goals_canceling[0].stamp == client.accepted
     assert client.result("goto", "GoTo", again)[0] == CANCELED
 
+    theirs = os.urandom(16)
+    assert client.send("goto", "GoTo", theirs, position=point((north + 60.0, east, down)))
+    info = known().make("action_msgs/msg/GoalInfo", goal_id=uuid(theirs))
+    cancelled = peer.client("/quad1/goto/_action/cancel_goal", CANCEL).call(goal_info=info)
+    assert [bytes(each.goal_id.uuid) for each in cancelled.goals_canceling] == [theirs], "asked by others' client"
+    assert client.result("goto", "GoTo", theirs)[0] == CANCELED
+
     down_ = os.urandom(16)
     assert client.send("land", "Land", down_, return_first=False)
     assert client.result("land", "Land", down_)[0] == SUCCEEDED
@@ -158,6 +165,25 @@ def speed(fleet: Fleet) -> float:
     velocity = state(fleet).velocity
     assert velocity is not None
     return float(np.linalg.norm(velocity))
+
+
+def test_a_cancel_holds_however_soon_it_comes(fleet: Fleet, client: Client) -> None:
+    """It overtook the order now and then, which ended the hold: the vehicle flew on, its goal no longer cancelled."""
+    arm(fleet)
+    up = os.urandom(16)
+    assert client.send("takeoff", "Takeoff", up, altitude=6.0)
+    assert client.result("takeoff", "Takeoff", up)[0] == SUCCEEDED
+    north, east, down = fleet.z.vehicle("quad1").local
+    for turn in range(30):
+        name, way = os.urandom(16), 60.0 if turn % 2 else -60.0
+        assert client.send("goto", "GoTo", name, position=point((north + way, east, down)))
+        cancelled = client.cancel("goto", bytes(16), stamp=client.accepted)
+        assert [bytes(info.goal_id.uuid) for info in cancelled.goals_canceling] == [name], cancelled
+        assert client.result("goto", "GoTo", name)[0] == CANCELED
+    wait_until(lambda: abs(speed(fleet)) < 0.3)
+    land = os.urandom(16)
+    assert client.send("land", "Land", land, return_first=False)
+    assert client.result("land", "Land", land)[0] == SUCCEEDED
 
 
 def test_a_goal_that_is_nonsense_is_not_accepted(fleet: Fleet, client: Client) -> None:

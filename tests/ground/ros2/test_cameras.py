@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from ground.ros2 import cameras, convert
+from ground.ros2 import cameras, convert, graph
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import Fleet, Peer, first
 from tests.waiting import wait_until
@@ -29,6 +30,8 @@ INFO = wire.CameraInfo(
     focal=(500.0, 510.0),
     center=(320.0, 240.0),
     distortion=(0.1, 0.2, 0.3, 0.4, 0.5),
+    mount=(0.0, math.pi / 2, 0.0),
+    offset=(0.1, 0.2, 0.3),
     rate_hz=10.0,
 )
 TOPIC = "/quad1/camera/down_1"
@@ -111,13 +114,31 @@ def test_pictures_come_while_somebody_subscribes(fleet: Fleet, peer: Peer, camer
     assert abs(picture.header.stamp.sec - time.time()) < 10.0
     wait_until(lambda: infos[-1].width == 320, "each picture comes with its lens")
     info = infos[-1]
-    assert list(info.k) == [250.0, 0.0, 160.0, 0.0, 255.0, 120.0, 0.0, 0.0, 1.0]
+    assert list(info.k) == [250.0, 0.0, 159.75, 0.0, 255.0, 119.75, 0.0, 0.0, 1.0], "half of the edges"
     assert list(info.d) == [0.1, 0.2, 0.3, 0.4, 0.5]
     wait_until(lambda: {stamp_of(each) for each in infos} & {stamp_of(each) for each in pictures}, "of one time")
 
     close()
     wait_until(lambda: not camera.watched, "nobody subscribes, and pictures are still sent")
     assert read(fleet) == {"down_1": False}
+
+
+def test_where_a_camera_is_on_the_vehicle_waits_for_who_comes_late(fleet: Fleet, camera: FakeCamera) -> None:
+    """As tf2 listens. This one looks ahead: its picture's right is the vehicle's right, its depth is forward."""
+    wait_until(lambda: "down_1" in read(fleet))
+    kind = "tf2_msgs/msg/TFMessage"
+    key = f"0/tf_static/{graph.dds_of(kind)}/{known().hash(kind)}"
+    with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])) as late:
+        came: list[zenoh.Sample] = []
+        history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+        zenoh.ext.declare_advanced_subscriber(late, key, came.append, history=history)
+        wait_until(lambda: came)
+        (one,) = known().decode(came[-1].payload.to_bytes(), kind).transforms
+    assert (one.header.frame_id, one.child_frame_id) == ("quad1/base_link", "quad1/down_1")
+    at, q = one.transform.translation, one.transform.rotation
+    assert (at.x, at.y, at.z) == pytest.approx((0.1, -0.2, -0.3))
+    sign = math.copysign(1.0, q.w)
+    assert (q.x * sign, q.y * sign, q.z * sign, q.w * sign) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
 
 
 def test_a_camera_that_is_gone_has_no_topics(fleet: Fleet, peer: Peer, camera: FakeCamera) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
@@ -183,6 +184,35 @@ SERVICES = {
 @pytest.mark.parametrize("name", SERVICES)
 def test_hashes_of_parameter_services_are_those_that_ros_gives(name: str) -> None:
     assert known().hash(f"rcl_interfaces/srv/{name}") == f"RIHS01_{SERVICES[name]}"
+
+
+def test_a_cancel_has_the_hash_that_ros_installs() -> None:
+    """As /opt/ros has it in action_msgs/srv/CancelGoal.json. hiroz 0.2.1 works out another."""
+    digest = "573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"
+    assert known().hash("action_msgs/srv/CancelGoal") == f"RIHS01_{digest}"
+
+
+IDL = """
+abstract any alias attribute bitfield bitmask bitset boolean case char component connector const consumes context custom
+default double emits enum eventtype exception factory finder fixed float getraises home import in inout interface local
+long manages map module multiple native object octet oneway out port porttype primarykey private provides public
+publishes raises readonly sequence setraises short string struct supports switch truncatable typedef typeid typename
+typeprefix union unsigned uses valuebase valuetype void wchar wstring
+"""
+"""its keywords"""
+
+
+@pytest.mark.parametrize("path", sorted((INTERFACES / "zmav_msgs").glob("*/*.*")), ids=lambda path: path.name)
+def test_our_own_package_has_names_that_rosidl_takes(path: Any) -> None:
+    """It makes IDL of them first, whose words no field may have."""
+    assert re.fullmatch(r"[A-Z][A-Za-z0-9]*", path.stem)
+    lines = [line for line in path.read_text().splitlines() if line and line[0] != "#" and line != "---"]
+    for kind, _, name in (line.partition(" ") for line in lines):
+        if "=" in name:
+            assert re.fullmatch(r"[A-Z][A-Z_]*=\d+", name)
+        else:
+            assert re.fullmatch(r"[a-z]([a-z0-9_]?[a-z0-9])*", name), name
+            assert name not in IDL.split(), f"{kind} {name}"
 
 
 # The SDK takes no bounded sequence (FloatingPointRange[<=1]), which one of them has.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ from zmav.waiting import in_thread
 
 if TYPE_CHECKING:
     from tests.conftest import Net
+
+TRIGGER = "std_srvs/srv/Trigger"
 
 
 def speak(session: zenoh.Session, name: str, fleet: str = "demo", autopilot: str | None = "px4") -> None:
@@ -55,25 +58,111 @@ async def test_twenty_vehicles_have_twenty_namespaces(net: Net) -> None:
     assert await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0) == [], "nothing is left behind"
 
 
-async def test_another_of_the_same_name_is_said(net: Net) -> None:
+async def test_another_definition_of_a_type_is_said(net: Net) -> None:
     session, endpoint = net.router()
     said: list[str] = []
     async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, said.append, may_order=False) as face:
-        kind, tokens = "std_srvs/srv/Trigger", []
-        for name in ("else\x1b[2J", "zmav"):
-            node = graph.Node(0, str(session.info.zid()), 1, "/quad1", name)
-            end = graph.Endpoint(node, 2, graph.SERVER, "/quad1/hold", kind, known().hash(kind))
-            tokens.append(session.liveliness().declare_token(end.token))
-        other = graph.Endpoint(node, 3, graph.SERVER, "/quad1/land", kind, "RIHS01_\x1b[2J")
-        tokens.append(session.liveliness().declare_token(other.token))
+        node = graph.Node(0, str(session.info.zid()), 1, "/quad1", "else\x1b[2J")
+        other = graph.Endpoint(node, 3, graph.SERVER, "/quad1/land", TRIGGER, "RIHS01_\x1b[2J")
+        token = session.liveliness().declare_token(other.token)
 
         def told() -> bool:
             speak(session, "quad1")
-            return bool(face.vehicles) and len(said) == 2
+            return bool(face.vehicles) and len(said) == 1
 
         await until(told)
-        assert any("another /quad1/zmav" in line for line in said)
-        assert all(line.isprintable() for line in said), "whatever others call themselves"
+        assert "another definition of std_srvs/srv/Trigger" in said[0]
+        assert said[0].isprintable(), "whatever others call themselves"
+        token.undeclare()
+
+
+async def services(session: zenoh.Session, name: str) -> list[str]:
+    """The sessions that serve it."""
+    tokens = await in_thread(find_tokens, session, f"{graph.SPACE}/0/**", 5.0)
+    found = [each for each in map(graph.parse, tokens) if each is not None]
+    return [each.node.zid for each in found if each.kind == graph.SERVER and each.name == name]
+
+
+async def test_of_two_one_speaks_for_a_vehicle_and_the_other_takes_over(net: Net) -> None:
+    session, endpoint = net.router()
+    said: list[str] = []
+    async with contextlib.AsyncExitStack() as stack, zmav.open(connect=[endpoint]) as other:
+        z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
+        face = await stack.enter_async_context(Face(z, 0, {}, print, may_order=False))
+
+        def there() -> bool:
+            speak(session, "quad1")
+            return "quad1" in face.vehicles and face.swarm is not None
+
+        await until(there)
+        async with Face(other, 0, {}, said.append, may_order=False) as second:
+
+            def told() -> bool:
+                speak(session, "quad1")
+                return len(said) == 2
+
+            await until(told)
+            assert not second.vehicles
+            assert second.swarm is None
+            assert any("another 'zmav ros2' shows /quad1/zmav: this one stands by" in line for line in said)
+            assert any("shows /demo/swarm" in line for line in said)
+            for name in ("/quad1/hold", "/demo/swarm/goto/_action/send_goal"):
+                assert await services(session, name) == [str(z.session.info.zid())]
+            await stack.aclose()
+
+            def taken() -> bool:
+                speak(session, "quad1")
+                return "quad1" in second.vehicles and second.swarm is not None
+
+            await until(taken)
+            assert "/quad1/zmav is shown here" in said
+            assert await services(session, "/quad1/hold") == [str(other.session.info.zid())]
+
+
+async def test_of_two_that_came_at_a_time_the_lower_session_goes_on(net: Net) -> None:
+    """As when a network that was torn is whole again: each had shown it."""
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False) as face:
+        own = str(z.session.info.zid())
+
+        def there() -> bool:
+            speak(session, "quad1")
+            return "quad1" in face.vehicles
+
+        await until(there)
+        listener = graph.Node(0, "0", 1, "/quad1", "zmav")
+        heard = graph.Endpoint(listener, 2, graph.SUBSCRIBER, "/quad1/hold", TRIGGER, known().hash(TRIGGER))
+        shown = session.liveliness().declare_token(heard.token)
+        await until(lambda: bool(face.watch.who(heard.gid)))
+        await asyncio.sleep(5 * LOOK)
+        assert "quad1" in face.vehicles, "who only listens, as a viewer's node may, keeps nobody away"
+        shown.undeclare()
+        for zid, stays in (("f" * 33, True), ("0", False)):
+            node = graph.Node(0, zid, 1, "/quad1", "zmav")
+            assert (zid > own) is stays
+            end = graph.Endpoint(node, 2, graph.SERVER, "/quad1/hold", TRIGGER, known().hash(TRIGGER))
+            token = session.liveliness().declare_token(end.token)
+            await until(lambda: bool(face.watch.sessions_of("/quad1/zmav")))
+            await asyncio.sleep(5 * LOOK)
+            assert ("quad1" in face.vehicles) is stays
+            token.undeclare()
+            await until(lambda: not face.watch.sessions_of("/quad1/zmav"))
+            await until(there)
+
+
+async def test_one_that_is_beside_a_vehicle_shows_no_other(net: Net) -> None:
+    session, endpoint = net.router()
+    async with zmav.open(connect=[endpoint]) as z, Face(z, 0, {}, print, may_order=False, only="quad-1") as face:
+
+        def there() -> bool:
+            speak(session, "quad2")
+            speak(session, "quad-1")
+            return bool(face.vehicles)
+
+        await until(there)
+        await asyncio.sleep(5 * LOOK)
+        assert list(face.vehicles) == ["quad_1"]
+        assert face.swarm is None
 
 
 class Emptied:
@@ -199,11 +288,11 @@ async def _comes_and_goes(session: zenoh.Session, seen: Any) -> None:
             return "quad1" in face.vehicles
 
         await until(there)
-        assert await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0)
+        assert await in_thread(find_tokens, session, f"{graph.SPACE}/3/*/*/*/*/*/%quad1/**", 5.0)
         seen.gone.add("quad1")
         await until(lambda: not face.vehicles)
         deadline = time.monotonic() + 30.0
-        while await in_thread(find_tokens, session, f"{graph.SPACE}/3/**", 5.0):
+        while await in_thread(find_tokens, session, f"{graph.SPACE}/3/*/*/*/*/*/%quad1/**", 5.0):
             assert time.monotonic() < deadline, "its tokens are left behind"
 
 

@@ -15,6 +15,7 @@ from ground.ros2 import convert, frames
 from ground.ros2.convert import View
 from ground.ros2.types import known
 from zmav import wire
+from zmav.vision.optics import LOOKING_DOWN, euler_matrix
 
 ANGLES = st.floats(-3.1, 3.1)
 PITCHES = st.floats(-1.5, 1.5)
@@ -54,6 +55,20 @@ def test_a_velocity_in_the_body(roll: float, pitch: float, yaw: float, ned: wire
     body = frames.in_body(frames.enu(ned), frames.orientation(roll, pitch, yaw))
     want = FRD_TO_FLU @ in_ned(roll, pitch, yaw).T @ np.array(ned)
     assert body == pytest.approx(tuple(want), abs=1e-6)
+
+
+@given(ANGLES, PITCHES, ANGLES, VECTORS)
+def test_a_vector_of_the_body_in_the_world(roll: float, pitch: float, yaw: float, flu: wire.Vector) -> None:
+    q = frames.orientation(roll, pitch, yaw)
+    assert frames.in_body(frames.in_world(flu, q), q) == pytest.approx(flu, abs=1e-6)
+    assert frames.in_world(flu, q) == pytest.approx(tuple(matrix(q) @ np.array(flu)), abs=1e-6)
+
+
+@given(ANGLES, PITCHES, ANGLES)
+def test_a_camera_is_turned_as_its_pictures_are_taken(roll: float, pitch: float, yaw: float) -> None:
+    """As those who look for things in its pictures have it."""
+    want = FRD_TO_FLU @ euler_matrix(roll, pitch, yaw) @ LOOKING_DOWN
+    assert matrix(frames.of_camera((roll, pitch, yaw))) == pytest.approx(want, abs=1e-9)
 
 
 @given(ANGLES)
@@ -128,8 +143,9 @@ def test_pose_and_twist_are_east_north_up_and_forward_left_up() -> None:
     assert (linear.x, linear.y, linear.z) == pytest.approx((1.0, -2.0, 3.0))
     assert (angular.x, angular.y, angular.z) == pytest.approx((0.1, -0.2, -0.3))
     assert (odom.header.stamp.sec, odom.header.stamp.nanosec) == (10, 250_000_000)
-    world = convert.velocity_local(seen).twist.linear
-    assert (world.x, world.y, world.z) == pytest.approx((2.0, 1.0, 3.0))
+    world = convert.velocity_local(seen).twist
+    assert (world.linear.x, world.linear.y, world.linear.z) == pytest.approx((2.0, 1.0, 3.0))
+    assert (world.angular.x, world.angular.y, world.angular.z) == pytest.approx((0.2, 0.1, -0.3)), "along the world's"
     assert convert.compass(seen).data == 90.0
     assert convert.rel_alt(seen).data == 2.0
 

@@ -12,6 +12,7 @@ from zenoh_ros2_sdk.session import ZenohSession
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import HOME, Fleet, Peer, first
 from tests.waiting import wait_until
+from zmav import wire
 from zmav.sim import VehicleSpec
 
 PUSH, PULL = "mavros_msgs/srv/WaypointPush", "mavros_msgs/srv/WaypointPull"
@@ -69,6 +70,42 @@ def test_a_plan_is_pushed_seen_and_cleared(fleet: Fleet, peer: Peer, name: str) 
     wait_until(lambda: not lists[-1].waypoints)
 
 
+CORNERS = ((0.0, 0.0), (60.0, 0.0), (60.0, 0.001))
+"""m north, and degrees east, of the fleet's origin"""
+
+
+@pytest.mark.parametrize(
+    ("base", "topic", "kind", "given"),
+    [
+        (
+            "geofence",
+            "fences",
+            "fence",
+            [waypoint(n, command=5001, y_long=HOME.lon_deg + e, param1=3.0, param4=0.0, z_alt=0.0) for n, e in CORNERS],
+        ),
+        ("rallypoint", "rallypoints", "rally", [waypoint(30.0, command=5100, param4=0.0)]),
+    ],
+)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fence_and_rally_points(
+    fleet: Fleet, peer: Peer, name: str, base: str, topic: str, kind: wire.MissionKind, given: list[Any]
+) -> None:
+    """No home stands before them, whichever autopilot it is."""
+    lists, _ = peer.subscribe(f"/{name}/{base}/{topic}", LIST, qos=":1:,1:,:,:,,")
+    answer = client(peer, f"/{name}/{base}/push", PUSH).call(start_index=0, waypoints=given)
+    assert (answer.success, answer.wp_transfered) == (True, len(given))
+    held = fleet.run(fleet.z.vehicle(name).missions.get(kind))
+    assert [item.x for item in held.items] == pytest.approx([each.x_lat for each in given], abs=1e-6)
+    wait_until(lambda: lists and len(lists[-1].waypoints) == len(given), lambda: lists)
+    shown = lists[-1].waypoints
+    assert [each.command for each in shown] == [each.command for each in given]
+    assert not any(each.is_current for each in shown)
+    pulled = client(peer, f"/{name}/{base}/pull", PULL).call(structure_needs_at_least_one_member=0)
+    assert (pulled.success, pulled.wp_received) == (True, len(given))
+    assert client(peer, f"/{name}/{base}/clear", CLEAR).call(structure_needs_at_least_one_member=0).success
+    wait_until(lambda: not lists[-1].waypoints)
+
+
 def test_what_is_reached_is_told(fleet: Fleet, peer: Peer) -> None:
     async def fly() -> None:
         vehicle = fleet.z.vehicle("quad1")
@@ -112,7 +149,7 @@ def test_nothing_is_changed_without_orders() -> None:
 
 
 def test_jumps_count_as_the_autopilot_does(fleet: Fleet) -> None:
-    missions = fleet.face.vehicles["quad1"].missions
+    missions = fleet.face.vehicles["quad1"].missions.plans["mission"]
     item = missions.item_of(3, waypoint(0.0, command=JUMP, param1=2.0, param2=1.0, param4=0.0), 1)
     assert (item.command, item.params[0]) == ("MAV_CMD_DO_JUMP", 1.0)
     assert missions.waypoint_of(item, 1).param1 == 2.0

@@ -45,6 +45,8 @@ MOST_ID = 64
 """characters of an id"""
 UNKNOWN = "unknown"
 """the reason of a refusal to tell what became of an order that has not come"""
+OTHER = "other"
+"""the reason of a refusal by the one of two of one name that is not meant"""
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]

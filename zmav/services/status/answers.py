@@ -11,7 +11,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.config import BodyConfig, body_of
+from zmav.config import BodyConfig, Failsafe, body_of
 from zmav.errors import BadInput
 from zmav.host import report
 from zmav.mavlink import describe
@@ -89,8 +89,8 @@ class SchemaService:
 class BodyService:
     """Answers in the lane of questions."""
 
-    def __init__(self, companion: Companion, declared: BodyConfig | None) -> None:
-        self._identity, self._declared = companion.identity, declared
+    def __init__(self, companion: Companion, declared: BodyConfig | None, failsafe: Failsafe) -> None:
+        self._identity, self._declared, self._failsafe = companion.identity, declared, failsafe
         self._key = keys.BODY.key(companion.port.fleet, companion.port.name)
         companion.questions.declare(self._key, self._answer)
 
@@ -100,7 +100,12 @@ class BodyService:
         return body_of(self._identity.kind, self._declared)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
-        told = wire.swarm.BodyReport(kind=self._identity.kind, body=self.body, declared=self._declared is not None)
+        told = wire.swarm.BodyReport(
+            kind=self._identity.kind,
+            body=self.body,
+            declared=self._declared is not None,
+            returns_after=self._failsafe.returns_after,
+        )
         yield Reply(self._key, wire.encode(told))
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from ompl import base, geometric, util
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Path
 from agents.planner.model.world import World
@@ -18,12 +19,14 @@ from agents.planner.solve.paths.lattice import extent
 
 STEPS = 25
 """of the extent's diagonal in the longest edge"""
+SHORTEST = 0.01
+"""s"""
 
 
-def find(world: World, start: Floats, goal: Floats, radius: float, seconds: float) -> Path | None:
-    """A way from start to goal, (3,) each, that keeps ``radius`` everywhere; None: none was found in ``seconds``.
+def find(world: World, start: Floats, goal: Floats, radius: float, until: Deadline) -> Path | None:
+    """A way from start to goal, (3,) each, that keeps ``radius`` everywhere; None: none was found ``until`` then.
 
-    Wall time. Both ends must be free, or all of the time is spent in vain.
+    Both ends must be free, or all of the time is spent in vain.
     """
     util.setLogLevel(util.LOG_NONE)
     low, high = extent(world)
@@ -42,7 +45,8 @@ def find(world: World, start: Floats, goal: Floats, radius: float, seconds: floa
     chosen = geometric.RRTConnect(information)
     chosen.setRange(float(np.linalg.norm(high - low)) / STEPS)
     setup.setPlanner(chosen)
-    setup.solve(seconds)
+    while (left := until.left()) > SHORTEST and not setup.haveExactSolutionPath():
+        setup.solve(left)  # by the clock; what it knows is kept
     if not setup.haveExactSolutionPath():
         return None
     states = setup.getSolutionPath().getStates()
