@@ -24,6 +24,8 @@ from zmav.wire.state import Severity
 
 TICK = 0.1
 """s between two looks at everything"""
+NEWS = 0.5
+"""s in which those that are at their goals say so, and are not told to stay yet"""
 TRACKING = 0.4
 """m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
 MAX_CLOCK = 0.2
@@ -345,8 +347,7 @@ class Executor:
     def _look(self, conductor: Conductor, ends: bool = False) -> Phase:
         """Hear everybody, and tell whom there is something to tell.
 
-        ``ends``: nobody once all are at their goals. What comes next may be an order, which a segment that still is on
-        its way would meet.
+        ``ends``: nobody once all are at their goals, for an order that comes next would meet a segment on its way.
         """
         now = self.clock.now()
         for part in conductor.parts:
@@ -442,13 +443,14 @@ class Executor:
         return command.place if command.rests else None
 
     async def _arrived(self, flight: Flight, conductor: Conductor) -> str:
-        """Wait until they are at their goals by what they say themselves. Who is not, after a while in which it was
-        heard, has left its way, and why the plan is not flown to its end is given; empty: it is.
+        """Wait until they are at their goals by what they say themselves once their trajectories have ended: what is
+        next begins there. Who is not, after a while in which it was heard, has left its way, and why the plan is not
+        flown to its end is given; empty: it is.
         """
         begun = self.clock.now()
         while True:
             away = self._away(flight)
-            late = [part for part in conductor.parts if not flight.near(part.id, away[part.id])]
+            late = [p for p in conductor.parts if not (flight.near(p.id, away[p.id]) and self.commands[p.id].ended)]
             if not late:
                 return ""
             now = self.clock.now()
@@ -459,7 +461,7 @@ class Executor:
                     part.strays = part.strays or not part.off
                     conductor.gone(part, text, None)
                 return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
-            self._look(conductor)
+            self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
 
     def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:

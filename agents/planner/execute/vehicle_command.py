@@ -108,7 +108,13 @@ class VehicleCommand:
         state = self.vehicle.last_state
         if state is None or state.velocity is None or float(np.linalg.norm(state.velocity)) > RESTING:
             return False
-        return state.segment is None or state.segment.rests <= state.t
+        return self.ended
+
+    @property
+    def ended(self) -> bool:
+        """By what it said last it is on no segment that moves it on."""
+        state = self.vehicle.last_state
+        return state is not None and (state.segment is None or state.segment.rests <= state.t)
 
     @property
     def ours(self) -> bool:
