@@ -26,6 +26,8 @@ from zmav.wire.state import Severity
 
 TICK = 0.1
 """s between two looks at everything"""
+NEWS = 0.5
+"""s in which those that are at their goals say so, and are not told to stay yet"""
 TRACKING = 0.4
 """m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
 MAX_CLOCK = 0.2
@@ -354,8 +356,7 @@ class Executor:
     def _look(self, conductor: Conductor, ends: bool = False) -> Phase:
         """Hear everybody, and tell whom there is something to tell.
 
-        ``ends``: nobody once all are at their goals. What comes next may be an order, which a segment that still is on
-        its way would meet.
+        ``ends``: nobody once all are at their goals, for an order that comes next would meet a segment on its way.
         """
         now = self.clock.now()
         for part in conductor.parts:
@@ -450,15 +451,19 @@ class Executor:
             return None
         return command.place if command.rests else None
 
+    def _is_there(self, part: Part, flight: Flight, away: float) -> bool:
+        return flight.near(part.id, away, part.following.within) and self.commands[part.id].ended
+
     async def _arrived(self, flight: Flight, conductor: Conductor) -> str:
-        """Wait until they are at their goals by what they say themselves. Who is not, after a while in which it was
-        heard and came no nearer, has left its way, and why the plan is not flown to its end is given; empty: it is.
+        """Wait until they are at their goals by what they say themselves once their trajectories have ended: what is
+        next begins there. Who is not, after a while in which it was heard and came no nearer, has left its way, and why
+        the plan is not flown to its end is given; empty: it is.
         """
         begun = ended = self.clock.now()
         nearest = np.inf
         while True:
             away = self._away(flight)
-            late = [part for part in conductor.parts if not flight.near(part.id, away[part.id], part.following.within)]
+            late = [p for p in conductor.parts if not self._is_there(p, flight, away[p.id])]
             if not late:
                 return ""
             now, farthest = self.clock.now(), max(away[part.id] for part in late)
@@ -471,7 +476,7 @@ class Executor:
                     part.strays = part.strays or not part.off
                     conductor.gone(part, text, None)
                 return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
-            self._look(conductor)
+            self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
 
     def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:

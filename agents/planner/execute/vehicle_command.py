@@ -111,7 +111,13 @@ class VehicleCommand:
             return False
         if state.mover == "failsafe":
             return False  # on its way home by itself, of which a moment's rest at a corner is part
-        return state.segment is None or state.segment.rests <= state.t
+        return self.ended
+
+    @property
+    def ended(self) -> bool:
+        """By what it said last it is on no segment that moves it on."""
+        state = self.vehicle.last_state
+        return state is not None and (state.segment is None or state.segment.rests <= state.t)
 
     @property
     def ours(self) -> bool:
