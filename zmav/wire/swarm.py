@@ -135,6 +135,8 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     """rad clockwise from north of the lanes; None: the planner's choice"""
     overlap: float = 0.1
     """share of a lane's width seen twice"""
+    lanes: list[list[Vector]] = []
+    """what is left of a search that was dealt out before: each one's way over it (NED), in place of lanes of its own"""
 
 
 class Survey(Search, kw_only=True, tag_field="kind", tag="survey"):

@@ -75,6 +75,8 @@ class Landed:
     why: str = ""
     missing: list[str] = field(default_factory=list)
     """who does not fly it any more"""
+    flown: dict[str, float] = field(default_factory=dict)
+    """the moment of the plan that each has come to"""
 
 
 class LeasedVehicles:
@@ -189,7 +191,7 @@ class LeasedVehicles:
         finally:
             watching.cancel()
             self._planned = None
-        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)))
+        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)), outcome.flown)
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
