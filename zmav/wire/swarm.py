@@ -204,7 +204,7 @@ class GoalEntry(Wire, kw_only=True):
     clearance: float | None = None
     """m: the least distance between two vehicles in it, less their radii"""
     landing: dict[str, float] = {}
-    """share of its battery that each is reckoned to land with if it goes home after this, as it was begun"""
+    """while it goes on: share of its battery with which each is reckoned to land if it goes home after it"""
 
 
 # Obstacles.

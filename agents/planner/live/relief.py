@@ -39,7 +39,7 @@ def check_batteries(
     for step in steps:
         tally.add(for_the_rest(step, set(entry.goal.vehicles) - set(names)))
     needs = context.fleet.needs(tally, view)
-    entry.landing = {name: round(need.left, 3) for name, need in needs.items() if need.left is not None}
+    entry.landing = {name: round(need.left, 2) for name, need in needs.items() if need.left is not None}
     check(entry.goal, needs, context.settings.unknown_batteries)
     context.say("energy", "info", f"{entry.id}: about {tally.seconds:.0f} s; {told(needs)}", goal=entry.id)
 
