@@ -27,6 +27,7 @@ descend = 2.0
 [body]                          # how much room a vehicle needs and what it can do, for planners
 radius = 0.8
 speed = 5.0
+reserve = 0.25                  # share of its battery with which it is to be on the ground again (0.2)
 
 [separation]                    # vehicles move aside for each other by themselves, as a last resort
 on = true

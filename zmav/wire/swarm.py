@@ -139,6 +139,8 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     """rad clockwise from north of the lanes; None: the planner's choice"""
     overlap: float = 0.1
     """share of a lane's width seen twice"""
+    lanes: list[list[Vector]] = []
+    """what is left of a search that was dealt out before: each one's way over it (NED), in place of lanes of its own"""
 
 
 class Survey(Search, kw_only=True, tag_field="kind", tag="survey"):
@@ -206,7 +208,7 @@ class GoalEntry(Wire, kw_only=True):
     clearance: float | None = None
     """m: the least distance between two vehicles in it, less their radii"""
     landing: dict[str, float] = {}
-    """share of its battery that each is reckoned to land with if it goes home after this, as it was begun"""
+    """while it goes on: share of its battery with which each is reckoned to land if it goes home after it"""
 
 
 # Obstacles.

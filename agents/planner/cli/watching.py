@@ -120,7 +120,7 @@ def _step(step: dict[str, Any]) -> tuple[str, ...]:
     return (
         str(step["step"]),
         few(step["vehicles"]),
-        "-" if lasts is None else f"{lasts:.1f} s",
+        f"{lasts:.1f} s" if lasts else "-",
         "-" if clear is None else f"{clear:.2f} m",
         str(step["text"]),
     )

@@ -177,7 +177,7 @@ class Conductor:
         part.late = late
         for entry in part.entries:
             entry.delay(late)
-        if not part.active or self._source is not None or self.halting:
+        if not part.active or self.halting:
             return
         for entry in part.entries:
             if other := self.reserved.blocker(part, entry, now - 0.5):
@@ -190,7 +190,7 @@ class Conductor:
         """
         if not part.pending or at < part.latest.departs:  # else it may be on the later one
             part.following.heard(part.place_at, at, place)
-            if abs(part.following.late - part.late) > LATER:
+            if self._source is None and abs(part.following.late - part.late) > LATER:
                 self.delay(part, part.following.late, now)
         meant = [np.linalg.norm(place - _place(entry, at)) for entry in part.entries]
         off = float(min(meant))

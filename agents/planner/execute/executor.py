@@ -101,6 +101,8 @@ class Outcome:
     """m that each was off its trajectory at most"""
     seconds: float = 0.0
     replans: int = 0
+    flown: dict[str, float] = field(default_factory=dict)
+    """the moment of the last plan that each has come to"""
 
 
 def margin_for(speed: float, clock_error: float, tracking: float = TRACKING) -> float:
@@ -279,9 +281,7 @@ class Executor:
                         return self._ended(reason, flight, conductor, begun, replans)
                 again = await self._ask(conductor, reason)
                 if again is None:
-                    return Outcome(
-                        False, reason, self._away(flight), conductor.worst, self.clock.now() - begun, replans
-                    )
+                    return self._ended(reason, flight, conductor, begun, replans)
                 flight, replans = again, replans + 1
         finally:
             await asyncio.shield(self._settle())
@@ -481,7 +481,8 @@ class Executor:
 
     def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
         seconds = self.clock.now() - begun
-        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans)
+        flown = {part.id: part.known.stop for part in conductor.parts}
+        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans, flown)
 
     def _away(self, flight: Flight) -> dict[str, float]:
         found = {}

@@ -23,8 +23,8 @@ PRIOR, PACE = 4.0, 2.0
 """hundredths that what the endurance says counts for against those that have gone, flown at so many m/s"""
 FADES = 0.98
 """of what was learnt that is left after each hundredth: another pack, a load or the cold makes it another vehicle"""
-DROP = 0.005
-"""what is left has changed: it is said to a hundredth"""
+DROP, JUMP = 0.005, 0.04
+"""what is left has changed, which is said to a hundredth; and by more at once than flight takes: a cell has died"""
 GAP_S = 3.0
 """s between two states, above which the way between them is not known"""
 WITHIN = (0.2, 5.0)
@@ -52,7 +52,8 @@ class Consumption:
         if self._seen is None or left is None:
             self._left, self._aligned = None, False
             return
-        if self._left is None or before is None or not 0.0 <= t - before[0] < GAP_S or left > self._left + DROP:
+        jumped = self._left is not None and not -DROP <= self._left - left <= JUMP
+        if self._left is None or before is None or not 0.0 <= t - before[0] < GAP_S or jumped:
             self._left, self._aligned, self._flown = left, False, np.zeros(2)
             return
         self._flown += (t - before[0], float(np.linalg.norm(place - before[1])))
@@ -71,10 +72,10 @@ class Consumption:
         second, metre = np.linalg.solve(squares, drops).tolist()
         low, high = (share * usual for share in WITHIN)
         if metre < 0.0:
-            second, metre = drops[0] / squares[0, 0], 0.0
+            second, metre = float(drops[0] / squares[0, 0]), 0.0
         if not low <= second <= high:  # to hover costs something, whatever the way did
             second = min(max(second, low), high)
-            metre = max(0.0, (drops[1] - squares[0, 1] * second) / squares[1, 1])
+            metre = max(0.0, float(drops[1] - squares[0, 1] * second) / float(squares[1, 1]))
         return second, metre
 
 
@@ -131,7 +132,7 @@ class Energy:
     def takes(self, name: str, body: swarm.Body, seconds: float, metres: float) -> float:
         """The share of a full battery for so much time in the air, and way."""
         second, metre = self._of.setdefault(name, Consumption()).rates(body.endurance)
-        return second * seconds + metre * metres
+        return float(second * seconds + metre * metres)
 
     def needs(self, tally: Tally, view: FleetView, left: Mapping[str, float | None]) -> dict[str, Need]:
         """What a goal that comes to ``tally`` takes from each, and what is left then; ``left``: what is now."""
@@ -140,7 +141,7 @@ class Energy:
             body = view.vehicles[name].body
             takes = self.takes(name, body, part.seconds, part.metres)
             home = self.takes(name, body, *tally.home(name))
-            found[name] = Need(part.seconds, part.metres, takes, home, left.get(name), body.reserve)
+            found[name] = Need(float(part.seconds), float(part.metres), takes, home, left.get(name), body.reserve)
         return found
 
 

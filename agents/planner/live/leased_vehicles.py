@@ -13,7 +13,7 @@ import msgspec
 
 import zmav
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
+from agents.planner.execute.executor import MAX_CLOCK, SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
@@ -75,6 +75,8 @@ class Landed:
     why: str = ""
     missing: list[str] = field(default_factory=list)
     """who does not fly it any more"""
+    flown: dict[str, float] = field(default_factory=dict)
+    """the moment of the plan that each has come to"""
 
 
 class LeasedVehicles:
@@ -190,7 +192,7 @@ class LeasedVehicles:
         finally:
             watching.cancel()
             self._planned = None
-        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)))
+        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)), outcome.flown)
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
@@ -237,12 +239,22 @@ class LeasedVehicles:
     @property
     def tracking(self) -> float:
         """How far a vehicle may be off its way for the margin that we plan with: as the settings say, or as the one
-        does that holds its way worst.
+        does that holds its way worst, as far as the clocks leave room for it in the greatest margin.
         """
         run = self._run
         least = min(run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
         known = run.context.fleet.followings_of(run.vehicles).values()
-        return max(least, min(WIDEST, max((each.within for each in known), default=0.0)))
+        widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - self._clocks())
+        return max(least, min(widest, max((each.within for each in known), default=0.0)))
+
+    def _clocks(self) -> float:
+        """m that clocks ask for at full speed, as well as they are known now."""
+        worst = 0.0
+        for name, command in self.commands.items() if self.executor is not None else ():
+            if (seen := self._run.context.fleet.seen(name)) is not None:
+                error = min(command.offset.error(self.now), MAX_CLOCK)
+                worst = max(worst, 1.02 * seen.view.body.speed * error)
+        return worst
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""

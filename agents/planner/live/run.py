@@ -26,8 +26,6 @@ from agents.planner.goals.steps import (
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
-from agents.planner.live.energy import check as check_batteries
-from agents.planner.live.energy import told
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
@@ -35,13 +33,13 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
+from agents.planner.live.relief import check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
-from agents.planner.live.tally import Tally
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import MovingObstacle
+from agents.planner.model.problem import Motion, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
@@ -74,6 +72,12 @@ class Run:
         """it follows its leader just now"""
         self.stopping = ""
         """why it is to end; empty: it goes on"""
+        self.low = ""
+        """who runs low, for which it is to end"""
+        self._begun = False
+        """its vehicles may fly it by what is left in their batteries"""
+        self._lanes = dict[str, Motion]()
+        """what is left of a search, by vehicle"""
         self.failure: ZmavError | None = None
         """why there was no other plan"""
         self._goes = asyncio.Event()
@@ -102,6 +106,13 @@ class Run:
             self.flying.stop(self.stopping)
         else:
             self._task.cancel()
+
+    def look_at_batteries(self) -> None:
+        """Who would land with less than its reserve goes home: everybody comes to rest first."""
+        low, why = low_of(self.context, self.entry.goal, self.vehicles)
+        if low and self._begun and not self.stopping:
+            self.low = low
+            self.stop(why)
 
     def pause(self) -> None:
         self._goes.clear()
@@ -163,6 +174,8 @@ class Run:
         finally:
             self._leave_room()
             self.publisher.plan_over(entry.id)
+        if self.low and self.context.charge.in_charge and self.entry.state not in ENDED:
+            relieve(self.context, entry, self.low, self.stopping, self._lanes)
         if self.stopping == "closed":
             return
         word = "failed: " if entry.state == "failed" else ""
@@ -179,7 +192,9 @@ class Run:
         if isinstance(self.entry.goal, swarm.Return):
             steps = self.context.homes.at_once(steps, view)
         self._go_without(lost)
-        self._check_batteries(steps)
+        check_batteries(self.context, self.entry, self.vehicles, steps, self._view())
+        self._begun = True
+        self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
             if silent := leased.left:
                 self._go_without(silent)
@@ -209,17 +224,6 @@ class Run:
             if missing and not all(isinstance(later, Orders) and later.lands for later in steps[number + 1 :]):
                 break
         return gone
-
-    def _check_batteries(self, steps: list[Step]) -> None:
-        """Say what the goal takes; raises :class:`Refused` where somebody could not come back from it."""
-        context, entry, view = self.context, self.entry, self._view()
-        tally = Tally(self.vehicles, view)
-        for step in steps:
-            tally.add(for_the_rest(step, set(entry.goal.vehicles) - set(self.vehicles)))
-        needs = context.fleet.needs(tally, view)
-        entry.landing = {name: round(need.left, 3) for name, need in needs.items() if need.left is not None}
-        check_batteries(entry.goal, needs, context.settings.unknown_batteries)
-        context.say("energy", "info", f"{entry.id}: about {tally.seconds:.0f} s; {told(needs)}", goal=entry.id)
 
     def _go_without(self, lost: set[str]) -> None:
         self.vehicles = tuple(name for name in self.vehicles if name not in lost)
@@ -289,10 +293,12 @@ class Run:
             return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
+        await self._settled(step.vehicles)  # who has just come there may still swing
         planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
             try:
                 landed = await self._flown(leased, planned, step.text, share)
+                self._lanes = {name: left_over(step.motions[name], at) for name, at in landed.flown.items()}
             except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
                 landed = Landed(False, e.message)
             self.check_stopped()

@@ -36,7 +36,7 @@ def test_shares_a_second_and_a_metre_are_learnt_from_the_battery_s_own_figures(s
 
 
 def test_without_a_flight_it_is_what_the_endurance_says() -> None:
-    assert Consumption().rates(900.0) == (pytest.approx(1.0 / 900.0), 0.0)
+    assert Consumption().rates(900.0) == pytest.approx((1.0 / 900.0, 0.0))
 
 
 def test_a_battery_that_says_nonsense_teaches_within_bounds() -> None:
@@ -54,7 +54,16 @@ def test_what_goes_on_the_ground_teaches_nothing_nor_does_a_new_pack() -> None:
         known.heard(10.0 * k, 1.0 - 0.01 * (k % 90), np.zeros(3), False)
     known.heard(3000.0, 0.1, np.zeros(3), True)
     known.heard(3001.0, 0.9, np.zeros(3), True)
-    assert known.rates(900.0) == (pytest.approx(1.0 / 900.0), 0.0)
+    assert known.rates(900.0) == pytest.approx((1.0 / 900.0, 0.0))
+
+
+def test_a_cell_that_dies_is_no_consumption() -> None:
+    known = flown(1.0 / 600.0, 0.0, 300.0)
+    before = known.rates(900.0)
+    known.heard(301.0, 0.2, np.zeros(3), True)
+    for k in range(3):
+        known.heard(302.0 + k, 0.2, np.zeros(3), True)
+    assert known.rates(900.0) == before
 
 
 # What a goal takes.
@@ -77,7 +86,7 @@ def test_a_takeoff_a_way_and_the_way_home_are_counted() -> None:
     motion = np.array([[0.0, 0.0, 0.0, 10.0], [25.0, 0.0, 100.0, 10.0]])
     assert tally.add(PlanTo(("a",), motion[-1:, 1:]), {"a": motion}) == pytest.approx(25.0 + AROUND_S)
     part = tally.parts["a"]
-    assert (part.metres, part.seconds) == (pytest.approx(110.0), pytest.approx(tally.seconds))
+    assert (part.metres, part.seconds) == pytest.approx((110.0, tally.seconds))
     seconds, metres = tally.home("a")
     assert metres == pytest.approx(110.0)
     assert seconds == pytest.approx(100.0 / 5.0 + 5.0 / seen.vehicles["a"].accel + landing(10.0, seen.vehicles["a"]))
