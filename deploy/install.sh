@@ -297,6 +297,7 @@ switch() {
     fi
     warn "$VEHICLE is not healthy, what it said is above: going back to $old"
     take_back_settings
+    if [ -n "$first" ]; then systemctl disable --quiet "$ROS2"; rm -f "$UNITS/$ROS2"; fi    # that one knows none
     put_units "$old"
     if is_healthy "$old"; then
         rm -rf "$NEW"

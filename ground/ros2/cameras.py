@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from typing import Any
 
 import numpy as np
@@ -59,8 +60,9 @@ class Camera:
     def take(self, info: wire.CameraInfo) -> None:
         """What the camera says now. Where it is goes to /tf_static, but for a gimbal's, which turns by itself."""
         self.info, self.missed = info, 0
-        if not info.gimbal and self._placed != (info.mount, info.offset):
-            self._placed = info.mount, info.offset
+        place = info.mount, info.offset
+        if not info.gimbal and self._placed != place and all(map(math.isfinite, (*info.mount, *info.offset))):
+            self._placed = place
             self._places(placed(self._types, self._base, self._frame, info))
 
     @property

@@ -78,7 +78,7 @@ def command(
     if beside is not None:
         if file is None:
             raise BadConfig("--beside needs --file, which says what runs beside it", field="file", expected="a file")
-        beside = beside or installed.vehicle_here()
+        beside = beside or installed.vehicle_here("--beside VEHICLE")
         if beside not in asked.beside:
             why = f"{fleet_file} has no 'zmav ros2' run beside {beside} ([ros2] beside): there is nothing to do"
             say(why)

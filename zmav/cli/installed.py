@@ -186,14 +186,14 @@ def _try(name: str, stage: Path) -> None:
         raise BadConfig(text, field="name", value=name, expected="an agent")
 
 
-def vehicle_here() -> str:
-    """This computer's, as its service is started."""
+def vehicle_here(option: str = "--vehicle") -> str:
+    """This computer's, as its service is started; ``option`` names another."""
     path = ETC / "vehicle.env"
     if path.is_file():
         for line in path.read_text(encoding="utf-8").splitlines():
             if line.startswith("ZMAV_NAME="):
                 return line.partition("=")[2].strip("\"' ")
-    raise BadConfig("name the vehicle: no vehicle's service is installed here", field="vehicle", expected="a name")
+    raise BadConfig(f"give {option}: no vehicle's service is installed here", field="vehicle", expected="a name")
 
 
 def _fleet() -> str:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import zenoh
@@ -123,9 +124,8 @@ def test_pictures_come_while_somebody_subscribes(fleet: Fleet, peer: Peer, camer
     assert read(fleet) == {"down_1": False}
 
 
-def test_where_a_camera_is_on_the_vehicle_waits_for_who_comes_late(fleet: Fleet, camera: FakeCamera) -> None:
-    """As tf2 listens. This one looks ahead: its picture's right is the vehicle's right, its depth is forward."""
-    wait_until(lambda: "down_1" in read(fleet))
+def placed(fleet: Fleet) -> Any:
+    """Where the camera is, as tf2 has it that begins to listen now."""
     kind = "tf2_msgs/msg/TFMessage"
     key = f"0/tf_static/{graph.dds_of(kind)}/{known().hash(kind)}"
     with open_session(SessionSettings(connect=[f"tcp/127.0.0.1:{fleet.port}"])) as late:
@@ -134,6 +134,13 @@ def test_where_a_camera_is_on_the_vehicle_waits_for_who_comes_late(fleet: Fleet,
         zenoh.ext.declare_advanced_subscriber(late, key, came.append, history=history)
         wait_until(lambda: came)
         (one,) = known().decode(came[-1].payload.to_bytes(), kind).transforms
+    return one
+
+
+def test_where_a_camera_is_on_the_vehicle_waits_for_who_comes_late(fleet: Fleet, camera: FakeCamera) -> None:
+    """This one looks ahead: its picture's right is the vehicle's right, its depth is forward."""
+    wait_until(lambda: "down_1" in read(fleet))
+    one = placed(fleet)
     assert (one.header.frame_id, one.child_frame_id) == ("quad1/base_link", "quad1/down_1")
     at, q = one.transform.translation, one.transform.rotation
     assert (at.x, at.y, at.z) == pytest.approx((0.1, -0.2, -0.3))
@@ -164,6 +171,16 @@ def test_what_is_no_camera_is_left_out(fleet: Fleet) -> None:
         assert asked.wait(30.0)
         time.sleep(1.0)
         wait_until(lambda: not read(fleet))
+
+
+def test_a_place_that_is_none_is_not_told(fleet: Fleet, camera: FakeCamera) -> None:
+    wait_until(lambda: "down_1" in read(fleet))
+    one = fleet.face.vehicles["quad1"].cameras.cameras["down_1"]
+    for wrong in ({"offset": (math.inf, 0.0, 0.0)}, {"mount": (0.0, math.nan, 0.0)}):
+        one.take(msgspec.structs.replace(INFO, **wrong))
+    assert placed(fleet).transform.translation.x == pytest.approx(0.1)
+    one.take(msgspec.structs.replace(INFO, offset=(0.4, 0.0, 0.0), gimbal=True))
+    assert placed(fleet).transform.translation.x == pytest.approx(0.1), "a gimbal's is not told"
 
 
 def test_the_lens_of_a_picture_in_its_own_pixels() -> None:

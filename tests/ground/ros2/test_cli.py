@@ -116,7 +116,7 @@ def test_beside_needs_a_file_and_a_vehicle(file: str) -> None:
     assert "--beside needs --file" in str(result.exception)
     result = CliRunner().invoke(command, ["--file", file, "--beside"])
     assert isinstance(result.exception, BadConfig)
-    assert "no vehicle's service is installed here" in str(result.exception)
+    assert "give --beside VEHICLE: no vehicle's service is installed here" in str(result.exception)
 
 
 def test_where_nobody_asks_for_it_its_unit_ends_in_good_order(file: str, tmp_path: Path) -> None:
