@@ -113,6 +113,7 @@ class Publisher:
     def put(self, messages: list[Message]) -> None:
         """Messages of the source; those that come within 50 ms are of one moment."""
         now = time.monotonic()
+        self._forget(now)
         for message in messages:
             self.heard = now
             if len(self.numbers) < 200 or message.number in self.numbers:
@@ -135,12 +136,14 @@ class Publisher:
         self._room -= size
         return True
 
+    def _forget(self, now: float) -> None:
+        while self._sizes and now - self._sizes[0][0] > RATE_S:
+            self._sizes.popleft()
+
     @property
     def rate(self) -> float:
         """Bytes a second of the source."""
-        now = time.monotonic()
-        while self._sizes and now - self._sizes[0][0] > RATE_S:
-            self._sizes.popleft()
+        self._forget(time.monotonic())
         return sum(size for _, size in self._sizes) / RATE_S
 
     @property
