@@ -24,8 +24,8 @@ from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.member import Place
 
-GATHER_S = 0.05
-"""s after the first message of a moment within which the others of it come"""
+GATHER_S, MOST_GATHER_S = 0.05, 0.3
+"""s without a message after which a moment is over, and s that it lasts at most: a base's line may be slow"""
 LISTEN_S = 1.5
 """s for which a source that has just begun listens whether another is in charge; most bases speak once a second"""
 MOST_RATE, BURST = 4_000.0, 12_000.0
@@ -59,6 +59,8 @@ class Publisher:
         self._cutter, self._charge = Cutter(), Charge(patience)
         self._gathered: list[Message] = []
         self._flush: asyncio.TimerHandle | None = None
+        self._began = self._began_utc = 0.0
+        """monotonic and UTC seconds of the first message of the moment"""
         self._since_us: int | None = None
         self._sequence, self._sent_at = 0, 0.0
         self._room, self._room_at = BURST, 0.0
@@ -111,8 +113,9 @@ class Publisher:
         return found
 
     def put(self, messages: list[Message]) -> None:
-        """Messages of the source; those that come within 50 ms are of one moment."""
+        """Messages of the source; those that come within 50 ms of each other are of one moment."""
         now = time.monotonic()
+        self._forget(now)
         for message in messages:
             self.heard = now
             if len(self.numbers) < 200 or message.number in self.numbers:
@@ -124,8 +127,13 @@ class Publisher:
                 continue
             self._gathered.append(message)
             self._sizes.append((now, len(message.data)))
-        if self._gathered and self._flush is None:
-            self._flush = asyncio.get_running_loop().call_later(GATHER_S, self._send, time.time())
+        if self._flush is None:
+            self._began, self._began_utc = now, time.time()
+        else:
+            self._flush.cancel()
+        if self._gathered:
+            left = min(GATHER_S, self._began + MOST_GATHER_S - now)
+            self._flush = asyncio.get_running_loop().call_later(left, self._send, self._began_utc)
 
     def _has_room(self, size: int, now: float) -> bool:
         self._room = min(self._room + (now - self._room_at) * MOST_RATE, BURST)
@@ -135,12 +143,14 @@ class Publisher:
         self._room -= size
         return True
 
+    def _forget(self, now: float) -> None:
+        while self._sizes and now - self._sizes[0][0] > RATE_S:
+            self._sizes.popleft()
+
     @property
     def rate(self) -> float:
         """Bytes a second of the source."""
-        now = time.monotonic()
-        while self._sizes and now - self._sizes[0][0] > RATE_S:
-            self._sizes.popleft()
+        self._forget(time.monotonic())
         return sum(size for _, size in self._sizes) / RATE_S
 
     @property

@@ -30,6 +30,8 @@ SILENCE_S = 20.0
 """s without a message after which a caster is given up"""
 HEAD_S = 10.0
 """s within which the head of a reply comes, and the connection and TLS before it, each step"""
+LONGEST_S = 60.0
+"""s until the first message, whatever holds it up: a name that is looked up, TLS in single bytes"""
 MOST_HEAD, MOST_PAGE = 16_384, 262_144
 """bytes of a reply's head, and of one that is no stream"""
 MOST_GARBAGE = 65_536
@@ -162,6 +164,8 @@ class _Client(GNSSNTRIPClient):  # type: ignore[misc]  # it has no types
         self._take, self._ended, self._why, self._over = take, ended, "", False
         more = {"tlscrtpath": ca} if ca else {}
         super().__init__(place, retries=0, timeout=HEAD_S, verbosity=-1, **more)
+        for name in ("pyrtcm", "pyspartn"):  # it gives them one more handler each time
+            logging.getLogger(name).handlers.clear()
 
     def _open_connection(self, settings: dict[str, Any]) -> Any:
         return _Socket(super()._open_connection(settings), self.stopevent)
@@ -210,6 +214,8 @@ def _words(why: str, code: int) -> str:
     for name in ("Ended", "TimeoutError", "ConnectionRefusedError", "gaierror"):
         if why.startswith(name):
             return why.removeprefix(name).strip("()'\"") or name
+    if re.match(r"\w+Error\(", why):
+        return f"it does not speak NTRIP: {why}"
     return why or "it ended the stream"
 
 
@@ -239,6 +245,7 @@ class NtripSource:
         self._place = _Place()
         self.mountpoints: list[str] = []
         """of the sourcetable, which comes instead of corrections for a mountpoint that is not there"""
+        self.longest = LONGEST_S
         self._count = 0
         """times that messages came"""
         logging.getLogger("pygnssutils").setLevel(logging.CRITICAL + 1)  # what it has to say is told by ``told``
@@ -273,6 +280,7 @@ class NtripSource:
             if not over.done():
                 over.set_result((why, code))
 
+        began, count = time.monotonic(), self._count
         client = _Client(self._place, caster.ca, on_loop(loop, take), on_loop(loop, ended))
         stop = threading.Event()
         self._place.at = self._where() if self._where else None
@@ -293,6 +301,8 @@ class NtripSource:
                 await asyncio.wait({over}, timeout=1.0)
                 if self._where is not None:
                     self._place.at = self._where() or self._place.at
+                if self._count == count and time.monotonic() - began > self.longest:
+                    return f"nothing within {self.longest:.0f} s", ""
             why, code = over.result()
         finally:
             client.stop()

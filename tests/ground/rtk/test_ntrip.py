@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import datetime
 import os
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
@@ -42,7 +43,12 @@ class Told:
 
 @contextlib.asynccontextmanager
 async def source(
-    port: int, at: Fixed | None = None, mountpoint: str = MOUNTPOINT, password: str = "secret", **more: object
+    port: int,
+    at: Fixed | None = None,
+    mountpoint: str = MOUNTPOINT,
+    password: str = "secret",
+    longest: float = 60.0,
+    **more: object,
 ) -> AsyncIterator[Told]:
     told = Told()
     where = Where(host="127.0.0.1", port=port, mountpoint=mountpoint, user="me", password=password, **more)  # type: ignore[arg-type]
@@ -53,6 +59,7 @@ async def source(
     one = NtripSource(
         where, take, lambda state, text: told.states.append((state, text)), None if at is None else lambda: at
     )
+    one.longest = longest
     task = asyncio.create_task(one.run())
     try:
         yield told
@@ -199,6 +206,19 @@ async def test_a_caster_that_hangs_is_left(act: Callable[[object], object]) -> N
         async with source(one.port) as told:
             await told.lost("", 40.0)
         assert time.process_time() - used < 2.0
+
+
+async def test_one_that_never_comes_to_its_first_message_is_left() -> None:
+    """Its TLS comes in single bytes, each before a read would time out."""
+
+    def trickles(connection: socket.socket) -> None:
+        for byte in b"\x16\x03\x03\x40\x00" + bytes(1000):
+            connection.sendall(bytes((byte,)))
+            time.sleep(0.2)
+
+    with hostile(trickles) as one:
+        async with source(one.port, tls=True, longest=2.0) as told:
+            await told.lost("nothing within 2 s; again in", 15.0)
 
 
 async def test_an_end_comes_at_once_whatever_the_caster_sends() -> None:

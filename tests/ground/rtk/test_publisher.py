@@ -39,6 +39,22 @@ async def test_a_moment_is_one_batch_and_byte_for_byte(fleet: Fleet) -> None:
     assert fleet.said == ["in charge: corrections go to the fleet as gs"]
 
 
+async def test_a_base_with_a_slow_line_has_one_moment_too(fleet: Fleet) -> None:
+    """Its messages come one after the other; one that never pauses is not waited for."""
+    data = [message(1000 + number, size=60) for number in range(20)]
+    async with fleet.publisher("gs") as one:
+        for each in data[:5]:
+            one.feed(each)
+            await asyncio.sleep(0.02)
+        await until(lambda: fleet.data == b"".join(data[:5]), "the moment")
+        assert len(fleet.batches) == 1
+        for each in data:
+            one.feed(each)
+            await asyncio.sleep(0.03)
+        await until(lambda: fleet.data == b"".join(data[:5] + data), "the rest")
+        assert len(fleet.batches) >= 3
+
+
 async def test_a_rich_moment_is_cut_for_datagrams(fleet: Fleet) -> None:
     data = [message(number, size=600) for number in (1077, 1087, 1097, 1127)]
     async with fleet.publisher("gs") as one:

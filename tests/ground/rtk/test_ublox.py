@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import pty
+import tty
 from collections.abc import AsyncIterator, Callable
 
 import pytest
 from pyubx2 import GET, SET, UBXMessage, UBXReader
 
-from ground.rtk.options import Fixed, Receiver, Survey
+from ground.rtk.options import Fixed, Receiver, Survey, parse_source
 from ground.rtk.receiver import ReceiverSource
 from ground.rtk.ublox import UbxCutter
 from tests.rtcm import base_at, message
@@ -129,6 +132,27 @@ async def test_a_receiver_that_refuses_or_is_silent_is_told_of() -> None:
     async with started(Survey(60, 2.0), mute=True) as (fake, _, told, _):
         await until(lambda: any(s == "refused" and "does not answer" in t for s, t in told))
         assert len(fake.taken) == 3
+
+
+async def test_a_base_on_a_serial_port() -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    data, told = list[bytes](), list[tuple[str, str]]()
+    where = parse_source(f"serial:{os.ttyname(slave)}:115200", {})
+    assert isinstance(where, Receiver)
+    source = ReceiverSource(
+        where, lambda messages: data.extend(m.data for m in messages), lambda state, text: told.append((state, text))
+    )
+    task = asyncio.create_task(source.run())
+    os.close(slave)
+    while not data:
+        os.write(master, b"$GNGGA,,,*00\r\n" + EPOCH)
+        await asyncio.sleep(0.1)
+    assert b"".join(data[:2]) == EPOCH
+    assert told[-1] == ("streaming", f"from {where.url}")
+    task.cancel()
+    await asyncio.wait({task})
+    os.close(master)
 
 
 async def test_one_that_is_a_base_already_is_told_nothing() -> None:

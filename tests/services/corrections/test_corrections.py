@@ -110,6 +110,7 @@ async def test_two_bases_are_never_mixed(bench: StartBench) -> None:
     assert given(b) == b"".join(each.messages[0].data for each in first)
     put(b, batch(message(1077, station=9), instance=3, since=5, priority=1, source="best"))
     await comes(b, message(1077, station=9))
+    await b.event("corrections come from best now, and no more from gs", severity="notice")
 
 
 async def test_garbage_reaches_no_autopilot(bench: StartBench) -> None:

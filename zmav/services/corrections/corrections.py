@@ -7,6 +7,7 @@ never mixed.
 from __future__ import annotations
 
 import asyncio
+import collections
 import logging
 import math
 import time
@@ -59,7 +60,7 @@ class Corrections:
         self._base: Ecef | None = None
         self._given_us: int | None = None
         """when the source had the newest observations that the autopilot was given"""
-        self._sent: list[tuple[float, int]] = []
+        self._sent: collections.deque[tuple[float, int]] = collections.deque()
         """monotonic seconds and bytes of what was sent of late"""
         self._silent = True
         self.silent_s = 30.0
@@ -115,6 +116,9 @@ class Corrections:
         if before is None or before.instance != batch.instance:
             self._queue.clear()
             self._base = self._station = None
+            if before is not None:
+                text = f"corrections come from {batch.source} now, and no more from {before.source}"
+                self._events.emit("corrections", "notice", text, limit="corrections source")
         elif batch.t_us < before.t_us:
             self._drop("overtaken", count)
             self._source = before
@@ -163,7 +167,8 @@ class Corrections:
                 return
             now, size = time.monotonic(), len(piece) + AROUND
             self.pace.spend(size, now)
-            self._sent = [each for each in self._sent if now - each[0] < RATE_S]
+            while self._sent and now - self._sent[0][0] > RATE_S:
+                self._sent.popleft()
             self._sent.append((now, size))
         self.messages += 1
         if message.observes:
