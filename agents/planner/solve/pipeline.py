@@ -26,6 +26,7 @@ from agents.planner.model.problem import (
 from agents.planner.model.scene import Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
+from agents.planner.solve import jit
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
 from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
@@ -186,6 +187,7 @@ class Pipeline:
             return Refined(None) if motions is None else shorter(refine(problem, world, motions, until))
 
         yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
+        jit.wait_for("discrete")
         queue = queued()
         if queue.motions is None:
             yield negotiated(self.deadline)
