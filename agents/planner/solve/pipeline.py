@@ -189,14 +189,13 @@ class Pipeline:
         yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
         jit.wait_for("discrete")
         queue = queued()
-        if queue.motions is None:
-            yield negotiated(self.deadline)
-        else:
+        if queue.motions is not None:
             if queue.seconds > LONG * least:
                 found = negotiated(self.deadline.within(EFFORT * (1.0 + len(problem) / EFFORT_FOR)))
                 if found.motions is not None and found.seconds < queue.seconds:
                     yield found
             yield queue
+        yield negotiated(self.deadline)
         yield direct(500, FACTORS[2:], self.deadline)
 
 

@@ -71,7 +71,10 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
 
     The rest is compiled in the background, also after this process has ended.
     """
-    if not jit.compiled() and jit.folder() is not None:
+    if jit.folder() is None:  # what is needed later would be compiled in a plan's own time
+        warm(planes)
+        return
+    if not jit.compiled():
         needed = [*FIRST, *(["winged"] if planes else [])]
         many = (os.cpu_count() or 1) > 1
         with _told(tell):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from agents.planner.solve import jit
+from agents.planner.solve import warm as warming
 from agents.planner.solve.warm import warm
 
 KERNELS = sorted(p for p in jit.PACKAGE.rglob("*.py") if "\n@jit\n" in p.read_text() or p.name == "jit.py")
@@ -93,6 +95,36 @@ def test_one_compiles_a_part_and_who_comes_later_finds_it_done(tmp_path: Path, m
     assert not jit.compiled()
     jit.complete()
     assert jit.compiled()
+
+
+def test_a_plan_from_a_file_waits_for_what_it_needs_and_another_process_does_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[str] = []
+    others: list[None] = []
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    monkeypatch.setattr(warming, "PARTS", {name: lambda n=name: compiled.append(n) for name in warming.PARTS})
+    monkeypatch.setattr(warming, "_other", lambda: others.append(None))
+    monkeypatch.setattr(warming, "solve", lambda *args, **named: None)
+    warming.begin(planes=False)
+    assert compiled == list(warming.FIRST) and len(others) == 1
+    warming.begin(planes=True)
+    assert compiled == [*warming.FIRST, "winged"] and len(others) == 2
+    jit.complete()
+    warming.begin(planes=True)
+    assert len(compiled) == len(warming.FIRST) + 1 and len(others) == 2
+
+
+def test_who_needs_a_part_waits_for_who_compiles_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    jit.wait_for("discrete")  # nobody does
+    waited = threading.Thread(target=jit.wait_for, args=("discrete",))
+    with jit.compiling("discrete") as ours:
+        waited.start()
+        waited.join(0.3)
+        assert ours and waited.is_alive() is not jit.interpreted()
+    waited.join(30.0)
+    assert not waited.is_alive() and (tmp_path / "discrete.done").exists()
 
 
 def test_all_kernels_are_compiled_before_a_first_plan() -> None:
