@@ -10,11 +10,14 @@ on with the rest.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import ModuleType
+from typing import cast
 
 import numpy as np
 
@@ -71,6 +74,7 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
 
     The rest is compiled in the background, also after this process has ended.
     """
+    load_numba()
     if jit.folder() is None:  # what is needed later would be compiled in a plan's own time
         warm(planes)
         return
@@ -85,6 +89,18 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
             if not many:
                 _other()
     solve(example(planes), seconds=PATIENCE)
+
+
+def load_numba() -> None:
+    """Without SciPy's linear algebra, which it would look for: that takes a seventh of a second, and no kernel uses it."""
+    name = "scipy.linalg"
+    if name in sys.modules:
+        return
+    sys.modules[name] = cast(ModuleType, None)  # what cannot be imported is done without
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[name]
 
 
 def compile_parts(names: Iterable[str], wait: bool) -> None:

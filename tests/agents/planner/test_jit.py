@@ -180,6 +180,26 @@ def test_a_kernel_is_compiled_once_for_all_integers_that_others_call_it_with(
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))
+def test_no_kernel_uses_linear_algebra(path: Path) -> None:
+    """So that numba is loaded without SciPy's."""
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef) and any(getattr(d, "id", "") == "jit" for d in node.decorator_list):
+            attributes = {inner.attr for inner in ast.walk(node) if isinstance(inner, ast.Attribute)}
+            assert not attributes & {"linalg", "dot", "vdot"}, node.name
+            assert not any(isinstance(inner, ast.MatMult) for inner in ast.walk(node)), node.name
+
+
+def test_numba_is_loaded_without_linear_algebra_and_scipy_has_it_still() -> None:
+    program = (
+        "import sys; from agents.planner.solve import warm; warm.load_numba()\n"
+        "assert 'scipy.linalg' not in sys.modules and 'numba.np.arraymath' in sys.modules\n"
+        "import scipy.linalg, scipy.optimize; warm.load_numba(); print(scipy.linalg.norm([3.0, 4.0]))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["5.0"]
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))
 def test_kernels_use_no_constants_of_files_that_the_fingerprint_leaves_out(path: Path) -> None:
     """Numba compiles constants in."""
     tree = ast.parse(path.read_text())
