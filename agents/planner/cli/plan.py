@@ -225,7 +225,7 @@ def _make_ready(planes: bool) -> None:
     elif not jit.compiled():
         tell(*jit.progress())
     if not jit.interpreted():
-        warm.warm(planes, tell)
+        warm.begin(planes, tell)
 
 
 def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:

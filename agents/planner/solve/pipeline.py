@@ -26,6 +26,7 @@ from agents.planner.model.problem import (
 from agents.planner.model.scene import Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
+from agents.planner.solve import jit
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
 from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
@@ -186,15 +187,15 @@ class Pipeline:
             return Refined(None) if motions is None else shorter(refine(problem, world, motions, until))
 
         yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
+        jit.wait_for("discrete")
         queue = queued()
-        if queue.motions is None:
-            yield negotiated(self.deadline)
-        else:
+        if queue.motions is not None:
             if queue.seconds > LONG * least:
                 found = negotiated(self.deadline.within(EFFORT * (1.0 + len(problem) / EFFORT_FOR)))
                 if found.motions is not None and found.seconds < queue.seconds:
                     yield found
             yield queue
+        yield negotiated(self.deadline)
         yield direct(500, FACTORS[2:], self.deadline)
 
 

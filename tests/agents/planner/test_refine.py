@@ -131,7 +131,7 @@ def test_no_longer_try_where_most_are_in_each_others_way(monkeypatch: pytest.Mon
     problem, static = problem_of(scene), StaticMap(world_of(scene))
     real, told = flyable.settle_and_finish, list[float]()
 
-    def counted(swarm: Swarm, deadline: float, slide: float = flyable.SLIDE) -> flyable.Refined:
+    def counted(swarm: Swarm, deadline: Deadline, slide: float = flyable.SLIDE) -> flyable.Refined:
         told.append(swarm.seconds)
         return real(swarm, deadline, slide)
 

@@ -27,7 +27,7 @@ def scene_of(*ends: tuple[Point, Point]) -> Scene:
 
 
 def moved(motion: Motion, delay: float) -> Motion:
-    return motion + np.array([delay, 0.0, 0.0, 0.0])
+    return np.asarray(motion + np.array([delay, 0.0, 0.0, 0.0]))
 
 
 def never() -> Deadline:

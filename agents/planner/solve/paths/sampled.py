@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from ompl import base, geometric, util
 
 from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import away, segment_clear
@@ -28,6 +27,8 @@ def find(world: World, start: Floats, goal: Floats, radius: float, until: Deadli
 
     Both ends must be free, or all of the time is spent in vain.
     """
+    from ompl import base, geometric, util  # takes long to import and is seldom needed
+
     util.setLogLevel(util.LOG_NONE)
     low, high = extent(world)
     # The world's box shrunk to what the ends span is no use: a way may lead around. Edges are tested, not sampled.
@@ -66,6 +67,8 @@ def _free(world: World, state: Any, radius: float) -> bool:
 
 def _motions(information: Any, world: World, radius: float) -> Any:
     """OMPL's validator of edges; it holds nothing but arrays, for what refers back to OMPL's objects is never freed."""
+    from ompl import base
+
     begin, end = np.empty(3), np.empty(3)
 
     class ExactMotions(base.MotionValidator):  # type: ignore[misc]

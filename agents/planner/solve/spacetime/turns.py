@@ -126,11 +126,12 @@ class Turns:
         """Delays with which all have arrived early, as orders go that were tried."""
         count = len(self.steps) - self.movers
         longest = np.argsort(-np.array(self.steps[:count]), kind="stable")
-        best, order = None, longest
+        best: dict[int, int] | None = None
+        best_order = order = longest
         for turn in range(ORDERS):
             delays = self.scheduled(order.tolist())
-            if delays is not None and (best is None or self.last(delays) <= self.last(best[0])):
-                best = delays, order
+            if delays is not None and (best is None or self.last(delays) <= self.last(best)):
+                best, best_order = delays, order
             if until.over and turn > 1:
                 break
             if turn == 0:
@@ -138,11 +139,9 @@ class Turns:
             elif best is None:
                 order = rng.permutation(count)
             else:  # who arrives last goes earlier
-                order = best[1]
-                last = max(order, key=lambda i: best[0][int(i)] + self.steps[int(i)])  # type: ignore[index]
-                rest = order[order != last]
-                order = np.insert(rest, int(rng.integers(0, count)), last)
-        return None if best is None else best[0]
+                last = int(np.argmax([best[i] + self.steps[i] for i in range(count)]))
+                order = np.insert(best_order[best_order != last], int(rng.integers(0, count)), last)
+        return best
 
 
 def in_turn(
@@ -231,7 +230,7 @@ def turns_of(problem: Problem, motions: Sequence[Motion], until: Deadline) -> Tu
 def _places(motion: Motion) -> Floats:
     """(K + 1, 3): where a motion is at each step, at its end at last."""
     steps = max(1, int(np.ceil(motion[-1, 0] / STEP - 1e-9)))
-    return np.ascontiguousarray(at(motion, np.arange(steps + 1) * STEP))
+    return np.ascontiguousarray(at(motion, np.arange(steps + 1, dtype=np.float64) * STEP))
 
 
 def posts_of(problem: Problem, i: int, motion: Motion | None = None) -> Ints:
