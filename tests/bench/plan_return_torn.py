@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import math
 import random
 import sys
 import time
@@ -20,11 +21,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+import zmav
 from mesh.lab.lab import Lab
-from tests.bench.plan_flown import HEIGHT, RADIUS, Planners, Truth, _known, _logs, _swap, fleet, planner
+from tests.bench.plan_flown import HEIGHT, RADIUS, Planners, Truth, _known, _logs, _swap, fleet, planner, ring
 from tests.mesh.proofs import rigs
+from zmav.wire import swarm
 
 FAILSAFE = {"land_after": 6.0, "action": "land", "return": "together"}
+BESIDE = 7.0
+"""m from its home at which a vehicle that found it taken may have landed"""
 DOWN = 240.0
 """s until all must be on the ground: a segment, land_after, the way home and the landing"""
 
@@ -37,6 +42,7 @@ async def runs(args: argparse.Namespace) -> bool:
         await desk.until(lambda book: book.planner == "ground")
         for run in range(args.runs):
             if run:
+                await let_go(desk, z, names)
                 await asyncio.gather(*(rigs.in_the_air(z.vehicle(name), HEIGHT) for name in names))
             await _known(desk, names)
             truth.reset()
@@ -56,16 +62,25 @@ async def runs(args: argparse.Namespace) -> bool:
                 lab.heal(edge)
             fine = landed and truth.apart >= 2 * RADIUS
             good &= fine
+            home = sum(math.dist(at[:2], pad) < BESIDE for at, pad in zip(truth.places, ring(len(names)), strict=True))
             words = "all down" if landed else f"not all down: {truth.places}"
-            print(
-                f"  {run + 1:3d} {kind:6s}: {words} after {took:.0f} s, least separation {truth.apart:.2f} m",
-                flush=True,
-            )
+            words = f"{words} after {took:.0f} s, {home} of {len(names)} at home"
+            print(f"  {run + 1:3d} {kind:6s}: {words}, least separation {truth.apart:.2f} m", flush=True)
             if not landed:
                 break
         if not good:
             _logs(lab)
     return good
+
+
+async def let_go(desk: Planners, z: zmav.Client, names: list[str]) -> None:
+    """The goal is dropped, and nobody is commanded any more."""
+    await desk.order("abort", swarm.GoalId())
+    while True:
+        states = [z.vehicle(name).last_state for name in names]
+        if all(state is not None and state.lease is None for state in states):
+            return
+        await asyncio.sleep(0.5)
 
 
 def tear(lab: Lab, some: Iterable[str], others: Iterable[str]) -> set[str]:
