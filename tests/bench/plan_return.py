@@ -64,9 +64,10 @@ def histories(count: int, seed: int, moments: int) -> None:
             least = min(least, history.least())
             if history.least() <= 0.0:
                 broken.append(f"{k} {kind}: {history.least():.2f} m")
-    print(f"{count} histories: {dict(tried)}; broken separations: {len(broken)}; least clearance {least:.2f} m")
-    took = time.process_time() - begun
-    print(f"{home} of {vehicles} had a way home; the others land where they rest. {took:.0f} s of one core")
+        if (k + 1 - seed) % 20 == 0 or k + 1 == seed + count:
+            told = f"{k + 1 - seed} histories: {dict(tried)}; broken separations: {len(broken)}; least {least:.2f} m"
+            took = time.process_time() - begun
+            print(f"{told}; {home} of {vehicles} had a way home, the others land; {took:.0f} s of one core", flush=True)
     for each in broken[:20]:
         print("  broken:", each)
 

@@ -9,26 +9,17 @@ import pytest
 
 from tests.failsafe.conftest import Agent, Px4Peer, agent, another
 from tests.services.conftest import GUIDED, LAND, LOITER, Bench, StartBench
-from zmav import config, wire
-from zmav.config import Failsafe, Geofence
-from zmav.config import fleet as fleet_file
-from zmav.services.authority import homeward, watchdog
+from zmav import wire
+from zmav.config import RETURN_LEAD, Failsafe, Geofence
 
 GLOBAL = "SET_POSITION_TARGET_GLOBAL_INT"
 HERE = (-35.0, 149.0)
 ORIGIN = wire.Origin(lat_deg=HERE[0], lon_deg=HERE[1], alt_amsl=600.0)
 UP, REST = (0.0, 0.0, -10.0), (0.0, 0.0, 0.0)
-LEAD = 0.6
 RTL, OFFBOARD, PX4_LAND = 6, 6 << 16, 4 << 16 | 6 << 24
-AFTER = 1.0 + LEAD
+AFTER = 1.0 + RETURN_LEAD
 """s after a segment's end from which the way home may begin"""
 WAY = [(0.0, UP, REST), (1.0, (1.5, 0.0, -10.0), (3.0, 0.0, 0.0)), (2.0, (3.0, 0.0, -10.0), REST)]
-
-
-@pytest.fixture(autouse=True)
-def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (config, fleet_file, homeward, watchdog):
-        monkeypatch.setattr(module, "RETURN_LEAD", LEAD)
 
 
 def settings(**more: Any) -> dict[str, Any]:
@@ -74,7 +65,7 @@ async def test_it_is_flown_by_its_own_clock_and_lands_at_its_end(bench: StartBen
 async def test_px4_is_back_in_offboard_before_the_way_begins(bench: StartBench, px4: Px4Peer) -> None:
     """It left OFFBOARD for the hold."""
     b = await bench(px4, settings=settings())
-    await committed(b, wait=AFTER + 0.8, mode=OFFBOARD)
+    await committed(b, mode=OFFBOARD)
     await b.peer.until(lambda: b.peer.mode == 4 << 16 | 3 << 24, "HOLD")
     await b.event("it flies the way home that the planner sent", kind="failsafe")
     await b.peer.until(lambda: b.peer.mode == OFFBOARD, "OFFBOARD again")

@@ -81,7 +81,11 @@ class Context:
     @cached_property
     def homes(self) -> Homeward:
         """The ways home of all that it flies."""
-        return Homeward(self)
+        return Homeward(self.fleet, self.settings, self.world, self.clocks, self._flying, self.say)
+
+    def _flying(self) -> set[str]:
+        """The vehicles of all goals that are being flown."""
+        return {name for run in self.runs.values() for name in run.vehicles}
 
     def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
         """Something happened: in the log, in the status, and so to everybody who looks."""

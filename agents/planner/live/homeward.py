@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,10 +17,14 @@ import numpy as np
 from agents.planner.execute.commit import TAKING
 from agents.planner.execute.track import flown
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
-from agents.planner.live.fleet import FRESH, HeardVehicle
+from agents.planner.live.clocks import Clocks
+from agents.planner.live.fleet import FRESH, Fleet, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.scenes import room_of
-from agents.planner.model.geometry import World, segment_clear, world_of
+from agents.planner.live.settings import PlannerSettings
+from agents.planner.live.world import World
+from agents.planner.model import world as still
+from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.scene import Bounds
 from agents.planner.model.separation import separation
@@ -28,9 +32,8 @@ from agents.planner.returning.finder import DELAYS, LANDS_FROM, Returner, Surrou
 from agents.planner.returning.keeper import ReturnKeeper
 from agents.planner.returning.ways import Pace, Way
 
-if TYPE_CHECKING:
-    from agents.planner.live.context import Context
-
+Say = Callable[..., None]
+"""is told of what happens, as :meth:`~agents.planner.live.context.Context.say`"""
 UNDER = 0.5
 """m below the ceiling that ways home stay"""
 GRAIN = 50.0
@@ -46,18 +49,27 @@ NOT_OURS = ("nobody", "pilot", "order", "target")
 class Homeward:
     """One for all goals of a planner. Lives on the event loop; :meth:`tick` is called a few times a second."""
 
-    def __init__(self, context: Context) -> None:
-        self._context = context
-        self._world: tuple[tuple[Any, ...], World] | None = None
+    def __init__(
+        self,
+        fleet: Fleet,
+        settings: PlannerSettings,
+        world: World,
+        clocks: Clocks,
+        flying: Callable[[], Collection[str]],
+        say: Say,
+    ) -> None:
+        self._fleet, self._settings, self._told = fleet, settings, world
+        self._clocks, self._flying, self._say = clocks, flying, say
+        self._world: tuple[tuple[Any, ...], still.World] | None = None
         """of what stands still, and for what that was made"""
-        self.keeper = ReturnKeeper(context.settings.downwash, self._returners, self._around, self._tell)
+        self.keeper = ReturnKeeper(settings.downwash, self._returners, self._around, self._tell)
 
     def tick(self) -> None:
         """Forget the ways of those who are down, or whom somebody else has: they fly none of them."""
         futures = self.keeper.futures
-        flying = {name for run in self._context.runs.values() for name in run.vehicles}
+        flying = self._flying()
         for name in list(futures.parts):
-            seen = self._context.fleet.seen(name)
+            seen = self._fleet.seen(name)
             if seen is None or seen.age >= FRESH or not self._over(name, seen):
                 continue
             if name in flying:
@@ -73,14 +85,14 @@ class Homeward:
 
     def movers(self, but: Iterable[str], now: float) -> list[MovingObstacle]:
         """The ways home of those who are not heard, and may be on them, from ``now`` on our clock."""
-        unheard = self._context.fleet.hearing().unheard - set(but)
+        unheard = self._fleet.hearing().unheard - set(but)
         shift = np.array([now, 0.0, 0.0, 0.0])
         return [replace(each, motion=each.motion - shift) for each in self.keeper.futures.movers(unheard)]
 
     # What the keeper asks.
 
     def _returners(self) -> Mapping[str, Returner]:
-        fleet, found = self._context.fleet, {}
+        fleet, found = self._fleet, dict[str, Returner]()
         for name in self.keeper.futures.parts:
             seen, after = fleet.seen(name), fleet.bodies.returns_after(name)
             if seen is None or after is None or seen.view.home_ned is None:
@@ -95,9 +107,8 @@ class Homeward:
         return found
 
     def _around(self, names: Sequence[str], lowest: float, spacing: float) -> Surroundings:
-        context = self._context
-        fleet, settings = context.fleet.all(), context.settings
-        room = room_of(names, fleet, context.world.pieces(time.time()), [], set(), settings.downwash)
+        fleet, settings = self._fleet.all(), self._settings
+        room = room_of(names, fleet, self._told.pieces(time.time()), [], set(), settings.downwash)
         views = [seen.view for seen in fleet if seen.view.name in names]
         fences = [(settings.field.fence(view.name).ceiling, view.floor) for view in views]
         ceiling = min((top - down for top, down in fences if top is not None), default=lowest)
@@ -116,16 +127,16 @@ class Homeward:
         def clear(p: Floats, q: Floats, radius: float) -> bool:
             return bool(segment_clear(world, p, q, radius))
 
-        now = context.clocks.clock.now()
+        now = self._clocks.clock.now()
         later = [replace(each, motion=each.motion + np.array([now, 0.0, 0.0, 0.0])) for each in room.movers]
         return Surroundings(clear, later, lowest, ceiling - UNDER, spacing)
 
     def _tell(self, vehicle: str, why: str) -> None:
         if why:
             text = f"{vehicle} has no way home now ({why}): it lands where it rests if the network is lost"
-            self._context.say("home", "warning", text, vehicle=vehicle)
+            self._say("home", "warning", text, vehicle=vehicle)
         else:
-            self._context.say("home", "info", f"{vehicle} has a way home again", vehicle=vehicle)
+            self._say("home", "info", f"{vehicle} has a way home again", vehicle=vehicle)
 
     # At once.
 
@@ -158,7 +169,7 @@ class Homeward:
             motion = flown(way.at(delay).rows)
             if delay > 0.0:
                 motion = np.vstack((np.array([[0.0, *motion[0, 1:]]]), motion))
-            downwash = self._context.settings.downwash
+            downwash = self._settings.downwash
             if all(separation(motion, other, downwash)[0] >= radius + wide for other, wide in others):
                 return motion
         return None

@@ -154,7 +154,7 @@ class History:
         self.network = Network(rng, loss, delay)
         self.conductor = Conductor(self.parts, downwash, self.now)
         self.alive = True
-        self._seqs = {part.id: 0 for part in self.parts}
+        self.seqs = {part.id: 0 for part in self.parts}
         self.places: list[Floats] = []
         self.sends = 0
 
@@ -177,7 +177,7 @@ class History:
 
     def restart_counting(self, name: str) -> None:
         """The lease after the agent's restart has the first one's number."""
-        self._seqs[name] = 0
+        self.seqs[name] = 0
 
     def _report(self, part: Part) -> None:
         craft, now = self.crafts[part.id], self.now
@@ -193,8 +193,8 @@ class History:
 
     def _put(self, send: Send) -> None:
         part, craft = send.part, self.crafts[send.part.id]
-        self._seqs[part.id] += 1
-        seq, deadline = self._seqs[part.id], part.offset.vehicle(send.deadline)
+        self.seqs[part.id] += 1
+        seq, deadline = self.seqs[part.id], part.offset.vehicle(send.deadline)
         points = [
             wire.SegmentPoint(t=part.offset.vehicle(row[0]), pos=tuple(row[1:4]), vel=tuple(row[4:7]))
             for row in send.rows.tolist()

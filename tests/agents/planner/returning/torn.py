@@ -92,11 +92,15 @@ class HomeCraft(Craft):
 
     def alone(self, now: float) -> Motion:
         """What it does from ``now`` on if nothing comes any more, by true time."""
-        times = np.arange(now, max(self.rests, now + 1.0), LOOK)
-        rows = [(t, *self.place(t)) for t in times.tolist()]
-        still = zip(rows, rows[1:], rows[2:], strict=False)
-        kept = [b for a, b, c in still if a[1:] != b[1:] or b[1:] != c[1:]]
-        return np.array([rows[0], *kept, rows[-1]])
+        times = np.array([now, max(self.rests, now + 1.0)])
+        if self.segment is not None:
+            end, lands = self.segment.end - self.clock, self.home is None or self.lands
+            begins, ends = (self.left, self.left) if lands or self.home is None else (self.home.begins, self.home.ends)
+            moving = [np.arange(now, end, LOOK), [end, self.left], np.arange(begins, ends, LOOK)]
+            descent = [ends, ends + super().place(end)[2] / LANDING, ends + 4.0 / LANDING]
+            times = np.concatenate((times, *moving, descent))
+        times = np.unique(np.round(times[times >= now], 6))
+        return np.array([(t, *self.place(t)) for t in times.tolist()])
 
 
 def down(place: tuple[float, float, float], seconds: float) -> tuple[float, float, float]:
@@ -148,8 +152,8 @@ class HomeHistory(History):
 
     def _put(self, send: Send) -> None:
         part, craft = send.part, self.homers[send.part.id]
-        self._seqs[part.id] += 1
-        seq, deadline = self._seqs[part.id], part.offset.vehicle(send.deadline)
+        self.seqs[part.id] += 1
+        seq, deadline = self.seqs[part.id], part.offset.vehicle(send.deadline)
         points = [
             wire.SegmentPoint(t=part.offset.vehicle(row[0]), pos=tuple(row[1:4]), vel=tuple(row[4:7]))
             for row in send.rows.tolist()
