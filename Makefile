@@ -31,7 +31,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock clean FORCE
+.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock dist clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -47,9 +47,10 @@ DEMO := $(firstword $(filter-out -%,$(ARGS)) line)
 NEEDS := $(if $(wildcard deploy/demos/$(DEMO).toml),$(filter-out interpreted,$(shell sed -n 's/^needs = \[\(.*\)\].*/\1/p' \
     deploy/demos/$(DEMO).toml | tr -d '",')),planner vision)
 
+# It ends with make, even where that is killed.
 demo: $(if $(NEEDS),$(NEEDS:%=$(VENV)/.demo-%),$(VENV)/.demo) ## fly a demo fleet: three copters behind three linked routers, or ARGS=swap, ARGS=--list
 	@echo "==> zmav demo $(ARGS)"
-	@$(BIN)/zmav demo $(ARGS)
+	@exec $(BIN)/python -I -S zmav/guard.py $$PPID $(BIN)/zmav demo $(ARGS)
 
 planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain demo needs: for 'zmav swarm planner', 'zmav plan'
 
@@ -110,6 +111,9 @@ lock: ## renew requirements.lock (needs uv)
 	@UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --upgrade --universal --python-version 3.10 --all-extras \
 	    --generate-hashes \
 	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
+
+dist: $(VENV)/.dev ## build wheel and sdist, twice, try the wheel with every Python from 3.10 to 3.13 here, write a bill of materials
+	@$(BIN)/python deploy/dist.py $(ARGS)
 
 clean: ## remove .venv and what the tools left behind
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

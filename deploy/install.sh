@@ -4,6 +4,7 @@
 set -euo pipefail
 
 TREE=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+SELF=${ZMAV_INSTALLER:-$0}  # 'zmav install' where pip has installed it
 OPT=/opt/zmav
 ETC=/etc/zmav
 STATE="/var/lib/zmav /var/lib/zmav-agent"
@@ -17,10 +18,10 @@ MARK="zmav service"     # in the users' comment: those that have it are ours to 
 SETTLE=15               # s that a new service must run on in one process: longer than its watchdog
 
 usage() {
-    cat <<'HELP'
-usage: sudo deploy/install.sh [options]     install, or upgrade to the tree this stands in
-       sudo deploy/install.sh --check       look at what is installed; 1 where something is wrong
-       sudo deploy/install.sh --uninstall   remove all but /etc/zmav and kept files; with --purge these, too
+    cat <<HELP
+usage: sudo $SELF [options]     install, or upgrade to the version that this is
+       sudo $SELF --check       look at what is installed; 1 where something is wrong
+       sudo $SELF --uninstall   remove all but /etc/zmav and kept files; with --purge these, too
 
   --name NAME               the vehicle's name in the fleet (first installation: quad1)
   --fleet NAME              its fleet's (first installation: demo)
@@ -54,7 +55,7 @@ check_bits() {
 }
 
 check_machine() {
-    [ "$(id -u)" = 0 ] || fail "needs root: sudo $0"
+    [ "$(id -u)" = 0 ] || fail "needs root: sudo $SELF"
     [ "$(uname -s)" = Linux ] || fail "this is $(uname -s): a vehicle's computer runs Linux"
     case $(uname -m) in
         x86_64|aarch64) ;;
@@ -190,9 +191,7 @@ build() {
     # Built by the service's user, from a copy: what a build runs is not root's, and leaves nothing behind in the tree.
     work=$(mktemp -d "$OPT/.build-XXXXXX")
     WORK=$work
-    mkdir "$work/deploy"
-    cp -r "$TREE"/{zmav,agents,mesh,ground,pyproject.toml,README.md,LICENSE,requirements.lock} "$work/"
-    cp "$TREE/deploy/needed.py" "$work/deploy/"
+    cp -r "$TREE"/{zmav,agents,mesh,ground,deploy,pyproject.toml,README.md,LICENSE,requirements.lock} "$work/"
     chown -R zmav:zmav "$work"
     # Without word splitting 'a,b' would be one extra.
     # shellcheck disable=SC2086
@@ -370,10 +369,10 @@ look() { # WORDS WHAT-TO-DO COMMAND...
 }
 
 do_check() {
-    [ "$(id -u)" = 0 ] || fail "needs root: sudo $0 --check"
+    [ "$(id -u)" = 0 ] || fail "needs root: sudo $SELF --check"
     local env name credentials unit
     env=$(current); name=$(setting ZMAV_NAME); credentials=$(setting ZMAV_CREDENTIALS)
-    [ -n "$env" ] || fail "zmav is not installed here: sudo $0"
+    [ -n "$env" ] || fail "zmav is not installed here: sudo $SELF"
     look "$env runs" "install again" as zmav "$env/bin/zmav" --version
     look "user zmav" "install again" is_user zmav
     look "user zmav-agent" "install again" is_user zmav-agent

@@ -1,5 +1,5 @@
-"""Write docs/keys.md, docs/cli.md and the orders in docs/credentials.md again, from the registry and from the commands:
-``make docs``.
+"""Write docs/keys.md, docs/cli.md, docs/asyncapi.json and the orders in docs/credentials.md again, from the registry
+and from the commands: ``make docs``.
 
 Nothing of these is typed by hand: channels are :data:`zmav.keys.CHANNELS`, orders :data:`zmav.verbs.VERBS`,
 payloads the Structs of :mod:`zmav.wire` with what stands beside each field, and the command line is click's own tree,
@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import copy
 import inspect
-import itertools
+import json
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from pathlib import Path
 
 import click
 import msgspec
 
-from zmav import errors, keys, verbs, wire
+from docs.compatible import breaks
+from zmav import errors, keys, schemas, verbs, wire
 from zmav.cli import zmav
 from zmav.cli.common import zenoh_options
 from zmav.trust.certificate import Role
@@ -105,18 +107,6 @@ def about(payload: type[msgspec.Struct]) -> Iterator[str]:
         yield from table(("field", "type", "default", "meaning"), rows)
 
 
-def channel_docs() -> dict[str, str]:
-    """What stands below each channel in the registry, by the channel's name."""
-    body = ast.parse(inspect.getsource(keys)).body
-    found = {}
-    for node, doc in itertools.pairwise(body):
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            channel = getattr(keys, node.targets[0].id, None)
-            if isinstance(channel, keys.Channel) and isinstance(doc, ast.Expr) and isinstance(doc.value, ast.Constant):
-                found[channel.name] = str(doc.value.value)
-    return found
-
-
 def number(value: float | None, unit: str) -> str:
     return "" if value is None else f"{value:g} {unit}"
 
@@ -154,7 +144,7 @@ def writers(channel: keys.Channel) -> str:
 
 
 def channel_tables() -> Iterator[str]:
-    channels, docs = keys.CHANNELS.values(), channel_docs()
+    channels, docs = keys.CHANNELS.values(), schemas.channel_docs()
     yield "## Channels\n"
     yield "`pub`: the vehicle publishes. `put`: others write. `query`: others ask. `token`: liveliness.\n"
     rows = (
@@ -164,13 +154,15 @@ def channel_tables() -> Iterator[str]:
     yield from table(("key", "kind", "payload", "meaning"), rows)
     yield "## How each channel travels\n"
     yield (
-        "The class of service, the nominal rate, when a value is stale, whether the recorder keeps it, whether a link "
+        "The payload's version, the class of service, the nominal rate, when a value is stale, whether the recorder "
+        "keeps it, whether a link "
         "repeats what it lost, whether the vehicle asks for a proof of origin where it has credentials, and who may "
         "put or ask.\n"
     )
     rows2 = (
         (
             f"`{c.name}`",
+            str(c.version),
             c.qos.value,
             number(c.rate_hz, "Hz"),
             number(c.stale_after, "s"),
@@ -181,7 +173,7 @@ def channel_tables() -> Iterator[str]:
         )
         for c in channels
     )
-    head = ("channel", "class", "rate", "stale after", "recorded", "repeated", "proof", "who may put or ask")
+    head = ("channel", "version", "class", "rate", "stale after", "recorded", "repeated", "proof", "who may put or ask")
     yield from table(head, rows2)
     yield "## Classes of service\n"
     yield "There are four. Nothing is ever sent with a blocking put, and nothing express.\n"
@@ -325,10 +317,44 @@ def credentials_page() -> str:
     return "\n".join((before + ORDERS, "", *orders_of, *swarm_of, END + rest.split(END)[1]))
 
 
-PAGES = {"keys.md": keys_page, "cli.md": cli_page, "credentials.md": credentials_page}
+def asyncapi_page() -> str:
+    """The whole of docs/asyncapi.json, which is also what a later version is held against."""
+    document = copy.deepcopy(schemas.asyncapi())
+    del document["info"]["x-zmav"]  # a release changes nothing that is said
+    parts = {"channels", "operations", "messages", "schemas"}
+    return "".join(_lines(document, parts)) + "\n"
+
+
+def _lines(value: object, parts: Set[str], name: str = "", indent: str = "") -> Iterator[str]:
+    """JSON whose ``parts``, and what holds them, have a line for each of theirs; anything else is one line."""
+    if not isinstance(value, dict) or not (name in parts or parts & value.keys()):
+        yield json.dumps(value, ensure_ascii=False)
+        return
+    yield "{"
+    for number, (key, inner) in enumerate(value.items()):
+        yield ("," if number else "") + f"\n{indent} {json.dumps(key)}: "
+        yield from _lines(inner, parts if name not in parts else frozenset(), key, indent + " ")
+    yield f"\n{indent}}}"
+
+
+def check_asyncapi() -> None:
+    """End where what an older program would misread has the same version as before."""
+    path = DOCS / "asyncapi.json"
+    found = list(breaks(json.loads(path.read_bytes()), schemas.asyncapi())) if path.exists() else []
+    if found:
+        sys.exit("\n".join([*found, "move the version of these channels (zmav/keys.py) or orders (zmav/verbs.py)"]))
+
+
+PAGES = {
+    "keys.md": keys_page,
+    "cli.md": cli_page,
+    "credentials.md": credentials_page,
+    "asyncapi.json": asyncapi_page,
+}
 
 
 def main() -> None:
+    check_asyncapi()
     for name, page in PAGES.items():
         (DOCS / name).write_text(page(), encoding="utf-8")
         print(f"wrote {DOCS / name}")

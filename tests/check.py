@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from tests.imports import Sources  # noqa: E402
+from tests.imports import CACHE, Sources  # noqa: E402
 
 EVERYWHERE = {"pyproject.toml", "requirements.lock"}
 """after a change of these everything runs"""
@@ -32,22 +32,25 @@ def changed_files(root: Path, base: str = "") -> list[str]:
     return sorted(set(listed.splitlines()))
 
 
-def affected_modules(root: Path, files: Iterable[str]) -> set[str]:
+def affected_modules(root: Path, files: Iterable[str], cache: Path | None = None) -> set[str]:
     """The modules whose import closure holds one of the files.
 
     Of the tests' own only those that changed: whether a test uses what another module offers is asked test by test.
     """
-    files, sources = set(files), Sources(root)
+    files, sources = set(files), Sources(root, cache=cache)
+    changed = {each for path in files if (each := sources.modules.get((root / path).resolve()))}
+    affected = sources.affected(changed)
+    if cache is not None:
+        sources.save()
     if files & EVERYWHERE:
         return set(sources.paths)
-    changed = {each for path in files if (each := sources.modules.get((root / path).resolve()))}
-    return {each for each in sources.affected(changed) if each in changed or not each.startswith("tests.")}
+    return {each for each in affected if each in changed or not each.startswith("tests.")}
 
 
 def main(arguments: list[str]) -> int:
     """The exit status of pytest."""
     files = changed_files(ROOT, os.environ.get("BASE", ""))
-    modules = affected_modules(ROOT, files)
+    modules = affected_modules(ROOT, files, ROOT / CACHE)
     print(
         f"==> pytest: the unit tests, and those of {len(modules)} modules that use {len(files)} changed files",
         flush=True,

@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, settings
 
 from mesh.lab.network import LabError, Network, check_able
 from mesh.lab.scenario import Scenario
-from tests.imports import Sources
+from tests.imports import CACHE, Sources
 from tests.lossy import open_lossy
 from zmav import keys, rundir, wire
 from zmav.onboard import Onboard, OnboardSettings
@@ -31,9 +31,21 @@ from zmav.session import SessionSettings, open_session
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE_S = 30.0  # how long an event may take on a busy machine before the test fails
 NEEDS = {
-    "flight": {"zmav.sim.World", "zmav.sim.world.World"},
+    "flight": {"zmav.sim.World", "zmav.sim.world.World", "agents.hil.sil.sil"},
     "live": {"zmav.session.open_session", "zenoh.open", "zmav.open", "zmav.client.connect"},
-    "process": {"subprocess", "multiprocessing", "asyncio.create_subprocess_exec", "asyncio.create_subprocess_shell"},
+    "process": {
+        "subprocess",
+        "multiprocessing",
+        "asyncio.create_subprocess_exec",
+        "asyncio.create_subprocess_shell",
+        # What starts them for a test.
+        "zmav.children.Children",
+        "agents.controllers.reloading.ControllerReloader",
+        "agents.controllers.worker.Worker",
+        "agents.planner.live.solver.Solver",
+        "ground.view.screen.Screen",
+        "mesh.lab.lab.Lab",
+    },
 }
 """a test that uses one of these, by its fixtures too, is marked so"""
 PLACES = {"flight": ("conformance", "failsafe", "interop"), "process": ("deploy", "interop")}
@@ -257,7 +269,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _mark_and_select(config: pytest.Config, items: list[pytest.Item], file: str | None) -> None:
-    sources = Sources(ROOT, ["tests"])
+    sources = Sources(ROOT, ["tests"], ROOT / CACHE)
     affected = set(Path(file).read_text().split()) if file else None
     kept: list[pytest.Item] = []
     left_out: list[pytest.Item] = []

@@ -8,84 +8,106 @@ of the product is read as a whole. A package that is passed through on the way t
 from __future__ import annotations
 
 import ast
+import contextlib
+import os
 from collections.abc import Iterable, Iterator
-from functools import cached_property
 from pathlib import Path
 
+import msgspec
+
+CACHE = Path(".pytest_cache") / "imports.json"
 PACKAGES = ("zmav", "agents", "mesh", "ground", "deploy", "docs", "tests")
 
 
-class Source:
+class Source(msgspec.Struct):
     """One file: the names that it imports, and what each of its definitions uses."""
 
-    def __init__(self, module: str, path: Path) -> None:
-        self.module, self.path = module, path
-        self.imports: dict[str, str] = {}
-        """the dotted name behind each imported one; imports in functions count, those for types only do not"""
-        self.needed: set[str] = set()
-        """the modules that it imports, or the names in them"""
-        self.named: set[str] = set()
-        """every text that may name a module: ``-m mesh.lab.relay``, ``agents.demo.cli:demo``"""
-        self._tree = ast.parse(path.read_bytes())
-        for node in _at_runtime(self._tree):
-            if isinstance(node, ast.Import):
-                for each in node.names:
-                    self.needed.add(each.name)
-                    first = each.name.partition(".")[0]
-                    self.imports |= {each.asname: each.name} if each.asname else {first: first, each.name: each.name}
-            elif isinstance(node, ast.ImportFrom):
-                base = ".".join(filter(None, (self._package(node.level), node.module)))
-                found = {each.asname or each.name: f"{base}.{each.name}" for each in node.names}
-                self.imports |= found
-                self.needed.update(found.values())
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith(PACKAGES):
-                self.named.add(node.value.partition(":")[0])
+    stamp: tuple[int, int]
+    """when the file changed (ns), and its size"""
+    imports: dict[str, str] = {}
+    """the dotted name behind each imported one; imports in functions count, those for types only do not"""
+    needed: set[str] = set()
+    """the modules that it imports, or the names in them"""
+    named: set[str] = set()
+    """every text that may name a module: ``-m mesh.lab.relay``, ``agents.demo.cli:demo``"""
+    uses: dict[str, set[str]] = {}
+    """the dotted names that each definition uses, as they are written in this file; of a test file only"""
 
-    @cached_property
-    def definitions(self) -> dict[str, list[ast.AST]]:
-        """What gives each name of the module its meaning."""
-        found: dict[str, list[ast.AST]] = {}
-        for node in self._tree.body:
-            names: Iterable[str] = ()
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-                names = (node.name,)
-            elif isinstance(node, ast.Assign | ast.AnnAssign):
-                names = [
-                    each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
-                ]
-            for name in names:
-                found.setdefault(name, []).append(node)
-        return found
 
-    def uses(self, name: str) -> set[str]:
-        """The dotted names that a definition uses, as they are written in this file."""
-        return {used for node in self.definitions.get(name, []) for used in _names(node)}
+def parse(module: str, path: Path, stamp: tuple[int, int]) -> Source:
+    """What a file says."""
+    tree, found = ast.parse(path.read_bytes()), Source(stamp)
+    for node in _at_runtime(tree):
+        if isinstance(node, ast.Import):
+            for each in node.names:
+                found.needed.add(each.name)
+                first = each.name.partition(".")[0]
+                found.imports |= {each.asname: each.name} if each.asname else {first: first, each.name: each.name}
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(filter(None, (_package(module, path, node.level), node.module)))
+            names = {each.asname or each.name: f"{base}.{each.name}" for each in node.names}
+            found.imports |= names
+            found.needed.update(names.values())
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith(PACKAGES):
+            found.named.add(node.value.partition(":")[0])
+    for node in tree.body if module.startswith("tests") else []:
+        for name in _defined(node):
+            found.uses.setdefault(name, set()).update(_names(node))
+    return found
 
-    def _package(self, level: int) -> str:
-        if not level:
-            return ""
-        parts = self.module.split(".")
-        if self.path.name != "__init__.py":
-            parts = parts[:-1]
-        return ".".join(parts[: len(parts) - level + 1])
+
+def _defined(node: ast.stmt) -> list[str]:
+    """The names of the module that it gives a meaning."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [node.name]
+    if isinstance(node, ast.Assign | ast.AnnAssign):
+        return [each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+    return []
+
+
+def _package(module: str, path: Path, level: int) -> str:
+    """The package that an import of so many dots is from."""
+    if not level:
+        return ""
+    parts = module.split(".")
+    if path.name != "__init__.py":
+        parts = parts[:-1]
+    return ".".join(parts[: len(parts) - level + 1])
 
 
 class Sources:
-    """All files of a tree, read as they are asked for."""
+    """All files of a tree, read as they are asked for.
 
-    def __init__(self, root: Path, packages: Iterable[str] = PACKAGES) -> None:
+    ``cache``: a file in which what was read of them is kept from one run to the next (:meth:`save`): to read all takes
+    ten seconds of a core, and each worker of a run needs it.
+    """
+
+    def __init__(self, root: Path, packages: Iterable[str] = PACKAGES, cache: Path | None = None) -> None:
         self.paths = {
             _module(path.relative_to(root)): path for each in packages for path in (root / each).rglob("*.py")
         }
         self.modules = {path.resolve(): module for module, path in self.paths.items()}
+        self._cache = cache
         self._read: dict[str, Source] = {}
+        self._kept = _load(cache)
         self._reached: dict[tuple[str, str], frozenset[str]] = {}
         self._steps: dict[tuple[str, str], tuple[set[str], set[tuple[str, str]]]] = {}
 
     def read(self, module: str) -> Source:
         if module not in self._read:
-            self._read[module] = Source(module, self.paths[module])
+            path = self.paths[module]
+            status = path.stat()
+            kept, stamp = self._kept.get(module), (status.st_mtime_ns, status.st_size)
+            self._read[module] = kept if kept is not None and kept.stamp == stamp else parse(module, path, stamp)
         return self._read[module]
+
+    def save(self) -> None:
+        """Keep what was read; other processes may do so at the same time."""
+        assert self._cache is not None
+        self._cache.parent.mkdir(exist_ok=True)
+        new = self._cache.with_suffix(f".{os.getpid()}")
+        new.write_bytes(msgspec.json.encode(Kept(_own_stamp(), self._read)))
+        new.replace(self._cache)
 
     def split(self, dotted: str) -> tuple[str, str]:
         """The longest module of ours at the start of a dotted name, and the rest; no module: not ours."""
@@ -111,9 +133,9 @@ class Sources:
         """What a definition itself uses, and the helpers, as module and name, whose own uses count too."""
         if (module, name) not in self._steps:
             source, names, helpers = self.read(module), {module}, set[tuple[str, str]]()
-            for used in source.uses(name):
+            for used in source.uses.get(name, ()):
                 first, _, rest = used.partition(".")
-                if first in source.definitions:
+                if first in source.uses:
                     helpers.add((module, first))
                 elif first in source.imports:
                     whole = ".".join(filter(None, (source.imports[first], rest)))
@@ -138,6 +160,27 @@ class Sources:
             found.add(module)
             todo |= users.get(module, set()) - found
         return found
+
+
+class Kept(msgspec.Struct):
+    """What the cache holds."""
+
+    by: tuple[int, int]
+    """the stamp of this file, which read them"""
+    sources: dict[str, Source]
+
+
+def _own_stamp() -> tuple[int, int]:
+    status = Path(__file__).stat()
+    return status.st_mtime_ns, status.st_size
+
+
+def _load(cache: Path | None) -> dict[str, Source]:
+    """What is in the cache; nothing where it is missing, broken, or another version's."""
+    with contextlib.suppress(OSError, msgspec.MsgspecError):
+        kept = msgspec.json.decode(cache.read_bytes(), type=Kept) if cache is not None else None
+        return kept.sources if kept is not None and kept.by == _own_stamp() else {}
+    return {}
 
 
 def _module(path: Path) -> str:

@@ -1,7 +1,7 @@
 """Run pytest: what may run beside other tests, then what may not: ``python tests/run.py -n 3 ...``
 
 Tests marked ``alone`` fly something whose deadlines are the real clock's, such as a controller that has 100 ms for each
-step: they run last, one after another.
+step: they run last, two files at a time where others ran side by side. None of them needs half a core.
 
 What failed beside other tests runs once more, alone. On a busy machine a test that races with time fails now and then.
 It must be mended, so it is named; it says nothing of the code, so it fails no run. Exits as pytest does, and with 0
@@ -23,7 +23,8 @@ ALONE, BY_ITSELF = "--alone", "--by-itself"
 
 
 class Heard:
-    """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, and where to look.
+    """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, where to look, and how
+    many at a time.
 
     ``only`` is added to what ``-m`` asks for.
     """
@@ -33,6 +34,7 @@ class Heard:
         self.names: list[str] = []
         self.skipped = False
         self.places: list[str] = []
+        self.jobs = 0
         self.whole = True
 
     @pytest.hookimpl(tryfirst=True)
@@ -59,6 +61,7 @@ class Heard:
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         self.places = session.config.option.file_or_dir
+        self.jobs = int(session.config.option.numprocesses or 0)
         if session.shouldfail or session.shouldstop:  # -x, or interrupted
             self.whole = False
 
@@ -70,13 +73,14 @@ def main(args: list[str]) -> int:
         status = int(pytest.main(args[1:], plugins=[heard]))
         return status or int(pytest.ExitCode.TESTS_FAILED if heard.skipped else 0)  # a skipped test did not pass
     if args[:1] == [BY_ITSELF]:
-        return int(pytest.main(args[1:], plugins=[Heard("alone")]))
+        return _with_second_run(args[1:], Heard("alone"))
     heard = Heard("not alone")
     first = _with_second_run(args, heard)
     if not heard.whole or first not in (0, pytest.ExitCode.TESTS_FAILED, NONE):
         return first
-    print("\n==> those that run alone, one after another", flush=True)
-    last = _run([BY_ITSELF, *_options(args, heard.places), "-n", "0", *heard.places])
+    few = ["-n", "2", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
+    print(f"\n==> those that run alone, {'two files at a time' if heard.jobs > 1 else 'one after another'}", flush=True)
+    last = _run([BY_ITSELF, *_options(args, heard.places), *few, *heard.places])
     if first == pytest.ExitCode.TESTS_FAILED:
         print("==> FAILED: those above that run beside others", flush=True)
     return last if first == NONE else first or (0 if last == NONE else last)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
+import subprocess
+import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -17,7 +20,7 @@ from zmav import keys, wire
 from zmav.agent import Tunable
 from zmav.cli.agent import command, find, resolve
 from zmav.client import Answer
-from zmav.errors import BadConfig, BadInput, Clash, Refused, TimedOut
+from zmav.errors import BadConfig, BadInput, BadKey, Clash, Refused, TimedOut
 from zmav.verbs import Access, Verb
 
 if TYPE_CHECKING:
@@ -169,7 +172,7 @@ def test_a_file_that_holds_an_agent_is_one(tmp_path: Path) -> None:
     [
         (MINE + MINE.replace("Mine", "Other"), "expected one class"),
         (MINE.replace('    name = "mine"\n', ""), "with a name"),
-        (MINE + "raise OSError('no disk')\n", "OSError: no disk"),
+        (MINE + "raise OSError('no disk')\n", r"mine\.py\", line \d+, in <module>\n.*\nOSError: no disk"),
         (MINE + "def (:\n", "SyntaxError"),
     ],
     ids=["two", "nameless", "raises", "broken"],
@@ -223,3 +226,36 @@ async def ask(desk: Desk, verb: str, args: dict[str, Any]) -> dict[str, Any]:
     if isinstance(answer, zmav.ZmavError):
         raise answer
     return wire.decode(answer.payload, wire.Outcome, "reply").result
+
+
+async def test_a_topic_of_its_own_is_heard(desk: Desk) -> None:
+    async with desk.z.subscribe("quad1/agent/counter/out/wind") as samples:
+        while True:
+            desk.agent.publish("wind", {"north": 1.5, "east": math.nan}, t=5.0)
+            with contextlib.suppress(asyncio.TimeoutError):
+                sample = await asyncio.wait_for(samples.get(), 0.2)
+                break
+    assert wire.decode(sample.payload.to_bytes(), wire.Signals, "out") == wire.Signals(t=5.0, values={"north": 1.5})
+    with pytest.raises(BadKey, match="topic 'Wind Speed' cannot stand in a key"):
+        desk.agent.publish("Wind Speed", {})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("        self.helper()\n\n    def helper(self):\n        return {}['x']\n", "KeyError: 'x'"),
+        ("        await self.vehicle.hold(wrong=1)\n", "TypeError: "),
+    ],
+    ids=["its own", "through the library"],
+)
+def test_a_mistake_is_said_from_its_own_line_on(net: Net, tmp_path: Path, text: str, said: str) -> None:
+    path, (_, endpoint) = tmp_path / "mine.py", net.router()
+    path.write_text(MINE.replace("        await asyncio.Event().wait()\n", text))
+    run = ["-m", "zmav", "agent", "run", str(path), "--vehicle", "quad1", "-e", endpoint]
+    done = subprocess.run([sys.executable, *run], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    (start,) = [i for i, line in enumerate(done.stderr.splitlines()) if line == "zmav: mine failed:"]
+    first, second, *_, last = done.stderr.splitlines()[start + 1 :]
+    assert first == "Traceback (most recent call last):"
+    assert second.endswith(", in run") and str(path) in second
+    assert last.startswith(said)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.check import affected_modules, changed_files
 from tests.conftest import NEEDS, ROOT, marks, reached_by
-from tests.imports import Sources
+from tests.imports import Source, Sources, parse
 
 TREE = {
     "zmav/__init__.py": "from zmav.client import open\n",
@@ -50,6 +50,28 @@ def test_a_test_reaches_what_its_own_helpers_use(tree: Path) -> None:
     assert "zmav.client.open" in sources.reach("tests.test_client", "test_a")
     assert "zmav.client.open" not in sources.reach("tests.test_client", "test_b")
     assert "zmav.started" in sources.reach("tests.test_started", "test_c")
+
+
+def test_what_was_read_is_kept_and_read_again_where_a_file_changed(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache = tree / "kept" / "imports.json"
+    first = affected_modules(tree, ["zmav/geo.py"], cache)
+    parsed = list[str]()
+
+    def count(module: str, path: Path, stamp: tuple[int, int]) -> Source:
+        parsed.append(module)
+        return parse(module, path, stamp)
+
+    monkeypatch.setattr("tests.imports.parse", count)
+    assert affected_modules(tree, ["zmav/geo.py"], cache) == first and parsed == []
+    (tree / "zmav/client.py").write_text("from zmav import geo\n")
+    (tree / "zmav/wire.py").write_text("")
+    affected = affected_modules(tree, ["zmav/geo.py"], cache)
+    assert affected == {"zmav.geo", "zmav.client", "zmav", "zmav.started"}
+    assert sorted(parsed) == ["zmav.client", "zmav.wire"]
+    sources = Sources(tree, cache=cache)
+    assert "zmav.client.open" in sources.reach("tests.test_client", "test_a")
+    cache.write_bytes(b"{")
+    assert affected_modules(tree, ["zmav/geo.py"], cache) == affected, "a broken one is as none"
 
 
 def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:

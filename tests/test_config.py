@@ -22,6 +22,7 @@ alt_amsl = 60.0
 hold_after = 0.4
 land_after = 20
 action = "land"
+return = "together"
 
 [geofence]
 polygon = [[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]]
@@ -78,7 +79,7 @@ def test_a_vehicle_s_own_table_takes_the_place_of_the_fleet_s(path: Path) -> Non
     fleet = load_fleet(path)
     one, two = fleet.vehicle("quad1"), fleet.vehicle("quad2")
     assert one.failsafe == Failsafe(hold_after=0.5, land_after="never", action="rtl")
-    assert two.failsafe == Failsafe(hold_after=0.4, land_after=20.0, action="land")
+    assert two.failsafe == Failsafe(hold_after=0.4, land_after=20.0, action="land", returns="together")
     assert one.geofence == two.geofence == fleet.geofence
     assert fleet.geofence.polygon == [(52.75, -1.25), (52.76, -1.25), (52.76, -1.24)]
     assert one.limits == Limits(speed=12.0)
@@ -136,6 +137,8 @@ def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
             "hold_after",
         ),
         ('action = "land"', 'action = "fall"', "failsafe.action", "Invalid enum value 'fall'"),
+        ('return = "together"', 'return = "alone"', "failsafe.return", "Invalid enum value 'alone'"),
+        ("land_after = 20", 'land_after = "never"', "failsafe.return", "land_after"),
         ('action = "land"', "actoin = 1", "failsafe", "unknown field `actoin`"),
         ("[52.75, -1.25], [52.76, -1.25], [52.76, -1.24]", "[52.75, -1.25]", "geofence.polygon", "three corners"),
         ("[52.75, -1.25],", "[152.75, -1.25],", "geofence.polygon", "latitude and longitude"),

@@ -170,6 +170,7 @@ def test_links_repeat_all_but_what_comes_again_soon() -> None:
         "beacon",
         "setpoint",
         "probe",
+        "rtcm",
         "agent_out",
         "camera_frame",
         "frame_report",

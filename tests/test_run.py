@@ -25,6 +25,21 @@ BROKEN = "import nothing_of_that_name"
 GOOD = "def test_good(): pass"
 BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + BAD
 GOOD_BY_ITSELF = BY_ITSELF.replace("assert 0", "pass")
+FLAKY_BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + FLAKY
+MEETS = """
+import time
+from pathlib import Path
+import pytest
+
+@pytest.mark.alone
+def test_meets():
+    here = Path(__file__)
+    here.with_suffix(".mark").touch()
+    end = time.monotonic() + 60.0
+    while len(list(here.parent.glob("*.mark"))) < 2 and time.monotonic() < end:
+        time.sleep(0.02)
+    assert len(list(here.parent.glob("*.mark"))) == 2
+"""
 ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, or skipped, alone too"
 
 
@@ -38,11 +53,13 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
         ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
         ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
-        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed, 1 deselected"], [ONCE_MORE]),
-        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed, 1 deselected"], [AGAIN]),
+        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed, 1 deselected", ONCE_MORE, AGAIN], [FLAKES]),
+        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed, 1 deselected", AGAIN], []),
         ([BAD, GOOD_BY_ITSELF], "", 1, [AGAIN, "1 passed, 1 deselected", "==> FAILED: those above"], [FLAKES]),
         ([GOOD_BY_ITSELF], "", 0, ["1 deselected", "1 passed"], [ONCE_MORE]),
         ([GOOD, GOOD_BY_ITSELF], "-n 1", 0, ["1 passed", "1 passed, 1 deselected"], ["2 passed"]),
+        ([GOOD, MEETS, MEETS], "-n 2", 0, ["1 passed", "two files at a time", "2 passed"], ["3 passed", ONCE_MORE]),
+        ([GOOD, FLAKY_BY_ITSELF, GOOD_BY_ITSELF], "-n 2", 0, ["1 failed, 1 passed", ONCE_MORE, FLAKES], [AGAIN]),
         ([BAD, GOOD_BY_ITSELF], "-x", 1, ["1 failed"], [ONCE_MORE, "run alone", "passed"]),
         ([BAD, GOOD_BY_ITSELF], "-malone", 0, ["2 deselected", "1 passed"], ["failed"]),
         ([GOOD, GOOD_BY_ITSELF], "--no-such-option", 4, ["unrecognized arguments"], ["run alone"]),
@@ -61,6 +78,8 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         "bad-and-alone",
         "only-alone",
         "alone-with-workers",
+        "two-alone",
+        "flaky-alone",
         "cut-short-alone",
         "marked",
         "unknown-option",

@@ -119,6 +119,7 @@ class Agent:
         self._refusals: RateLimit[str] = RateLimit(SELDOM, KINDS)
         self._changed = asyncio.Event()
         self._heart: asyncio.Task[None] | None = None
+        self._topics: dict[str, zenoh.Publisher] = {}
         self.bus = Bus()
         """is told :class:`~zmav.bus.Alive` with each word of its status"""
         table = {**TUNING, **self.verbs}
@@ -188,6 +189,19 @@ class Agent:
         self._events.append(msgspec.to_builtins(event, enc_hook=str))
         say(f"{self.vehicle.name}/{self.name}: " + (text if severity in ("info", "notice") else f"{severity}: {text}"))
         self._changed.set()
+
+    def publish(self, topic: str, values: Mapping[str, float], t: float | None = None) -> None:
+        """Stream numbers by their names on ``agent/{name}/out/{topic}``, as of ``t`` (UTC seconds; None: now), where
+        'zmav echo', 'zmav view' and the recorder find them. Those that are not finite are left out. Raises
+        :class:`~zmav.errors.BadKey` for a topic that cannot be a name. From one thread, any.
+        """
+        if topic not in self._topics:
+            key = keys.AGENT_OUT.key(
+                self.vehicle.fleet, self.vehicle.name, agent=self.name, topic=keys.check_name(topic, "topic")
+            )
+            self._topics[topic] = self.z.session.declare_publisher(key, **keys.AGENT_OUT.publishing())
+        finite = {name: value for name, value in values.items() if math.isfinite(value)}
+        self._topics[topic].put(wire.encode(wire.Signals(t=time.time() if t is None else t, values=finite)))
 
     def _speak(self) -> None:
         detail = {**self._detail, "params": dict(self._values), "events": list(self._events)}
@@ -260,6 +274,8 @@ class Agent:
             self._heart.cancel()
             await asyncio.gather(self._heart, return_exceptions=True)
         self._questions.close()
+        for publisher in self._topics.values():
+            publisher.undeclare()
         await self._orders.close()
         self.status("ended", str(error) if isinstance(error, ZmavError) else "")
         self._speak()

@@ -36,6 +36,7 @@ from zmav.trust.credentials import own_credentials
 from zmav.trust.member import Member, Place
 from zmav.vehicle import Vehicle
 from zmav.vehicle.rates import want_key
+from zmav.vehicle.vehicle import is_meant
 from zmav.waiting import in_thread, within
 
 T = TypeVar("T")
@@ -396,7 +397,7 @@ class Client:
                 return
             if self._believes(key, said, proof, question):
                 answers.append(answer)
-                if _is_meant(answer) if answered else isinstance(answer, Answer) and enough(answer):
+                if is_meant(answer) if answered else isinstance(answer, Answer) and enough(answer):
                     done.set()
 
         handler = direct(on_loop(loop, on_reply), on_loop(loop, done.set))
@@ -465,11 +466,6 @@ class Client:
 def _place(sample: zenoh.Sample) -> Place:
     _, fleet, name, *_ = str(sample.key_expr).split("/")
     return fleet, name
-
-
-def _is_meant(answer: Answer | ZmavError) -> bool:
-    """Where two vehicles have one name, the one that was not meant says so."""
-    return isinstance(answer, Answer) or answer.detail.get("reason") != "other"
 
 
 def _is(place: Place, name: str, fleet: str) -> bool:

@@ -49,6 +49,25 @@ def to_global(origin: Origin, ned: Vector) -> tuple[float, float, float]:
     )
 
 
+def to_ecef(lat_deg: float, lon_deg: float, height: float) -> Vector:
+    """Earth-centred, earth-fixed, m; ``height`` is above the ellipsoid, m."""
+    lat, lon = math.radians(lat_deg), math.radians(lon_deg)
+    radius = _A / math.sqrt(1.0 - _E2 * math.sin(lat) ** 2)
+    level = (radius + height) * math.cos(lat)
+    return level * math.cos(lon), level * math.sin(lon), (radius * (1.0 - _E2) + height) * math.sin(lat)
+
+
+def from_ecef(place: Vector) -> Vector:
+    """Latitude and longitude in degrees, and m above the ellipsoid: the inverse of :func:`to_ecef`."""
+    x, y, z = place
+    level, lat = math.hypot(x, y), math.atan2(z, math.hypot(x, y) * (1.0 - _E2))
+    for _ in range(4):
+        radius = _A / math.sqrt(1.0 - _E2 * math.sin(lat) ** 2)
+        lat = math.atan2(z + _E2 * radius * math.sin(lat), level)
+    height = level * math.cos(lat) + z * math.sin(lat) - _A * math.sqrt(1.0 - _E2 * math.sin(lat) ** 2)
+    return math.degrees(lat), math.degrees(math.atan2(y, x)), height
+
+
 def in_fleet_frame(known: GlobalPosition | Origin, local: Vector, fields: Mapping[str, Any]) -> Vector:
     """Where a GLOBAL_POSITION_INT (``fields``: lat and lon in 1e-7 degrees, alt in mm AMSL) is in the fleet's frame,
     by a near place that is known as WGS84 and there: a vehicle's state has both.

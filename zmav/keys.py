@@ -75,6 +75,8 @@ class Channel:
     roles that may put or ask (of ``do``, :data:`zmav.verbs.VERBS` says it verb by verb, of ``fleet``, :data:`TOPICS`
     topic by topic: see :mod:`zmav.trust.rights`); ``rate_hz`` is nominal; older than ``stale_after`` seconds is stale.
     ``proven``: the vehicle takes it with a proof of origin only, where it has credentials: see :mod:`zmav.trust.proof`.
+    ``version``: of the payload; it moves where an older program would misread a newer one's, or a newer an older one's
+    (one more field with a default is no such change). ``others``: payloads besides, such as what a query carries.
     ``answerers`` are the roles whose answers a member believes, signed by who answers; of other channels any answer is
     taken. ``repeated``: what a link loses is sent again; else nothing waits for it, which is better for what comes
     again soon (docs/qos.md).
@@ -93,6 +95,8 @@ class Channel:
     proven: bool = False
     answerers: tuple[str, ...] = ()
     repeated: bool = True
+    version: int = 1
+    others: tuple[type, ...] = ()
 
     @cached_property
     def template(self) -> str:
@@ -149,17 +153,21 @@ BODY = _asked("body", "body", wire.swarm.BodyReport, answerers=(VEHICLE,))
 """how much room the vehicle needs and what it can do, for planners"""
 BEACON = Channel("beacon", "beacon", wire.swarm.Beacon, rate_hz=1.0, stale_after=1.5, repeated=False)
 """in flight: where the vehicle is about to be, for its neighbours' last resort against a collision"""
+SCHEMA = _asked("schema", "schema/{schema}")
+"""JSON Schema of a payload, by its name as in docs/keys.md; under ``asyncapi`` the whole of this key space"""
 HOST = _asked("host", "host", wire.HostReport)
 """how the host's computer is: versions, disks, memory, load, heat, power, what keeps its clock"""
-PARAMS = _asked("params", "param", wire.ParamTable, answerers=(VEHICLE,))
+PARAMS = _asked("params", "param", wire.ParamTable, answerers=(VEHICLE,), others=(wire.ParamQuery,))
 """the whole parameter set, from the vehicle's cache; unchanged sets cost a line"""
 PARAM = _asked("param", "param/{param}", wire.Param, answerers=(VEHICLE,))
 """one parameter, from the vehicle's cache"""
 MISSION = _asked("mission", "mission/{kind}", wire.Mission, answerers=(VEHICLE,))
 """mission, fence or rally points, from the vehicle's cache"""
+TERRAIN = _asked("terrain", "terrain", wire.TerrainReport, answerers=(VEHICLE,))
+"""what the vehicle knows of the ground, and what its autopilot still wants of it"""
 FILE = _asked("file", "file/{file}", wire.StoredFile)
 """a file or log fetched from the autopilot: what it is"""
-FILE_CHUNK = _asked("file_chunk", "file/{file}/{offset}", qos=Qos.BULK, encoding=RAW)
+FILE_CHUNK = _asked("file_chunk", "file/{file}/{offset}", qos=Qos.BULK, encoding=RAW, others=(wire.FileQuery,))
 """its bytes: ask for offset * with a FileQuery, answered by chunks under their offsets"""
 RATES = _asked("rates", "rates", wire.RateTable)
 """message statistics: what comes, what was asked for, what is shed"""
@@ -167,7 +175,16 @@ WANT = _token("want", "want/{msg}/{hz}/{instance}")
 """liveliness token of a reader who wants a message at a rate in Hz"""
 HOLDER = _token("holder", "holder/{holder}/{instance}", writers=PROGRAMS)
 """liveliness token of who holds a lease: when it goes, the lease ends"""
-LINK = Channel("link", "link/{link}", wire.LinkQuality, writers=HOSTS, rate_hz=1.0, stale_after=5.0, recorded=True)
+LINK = Channel(
+    "link",
+    "link/{link}",
+    wire.LinkQuality,
+    writers=HOSTS,
+    rate_hz=1.0,
+    stale_after=5.0,
+    recorded=True,
+    others=(wire.NeighbourQuality,),
+)
 """quality of one link: the autopilot's, or to a neighbour (a NeighbourQuality); answers queries too"""
 PROBE = Channel("probe", "@probe/{to}/{vehicle}", writers=HOSTS, encoding=RAW, rate_hz=4.0, repeated=False)
 """one router's small probes of another by its id; behind an @, so that nobody's wildcard carries them on"""
@@ -243,14 +260,32 @@ ALIVE = _token("alive", "alive/{role}/{sys}/{autopilot}/{uid}/{instance}")
 """liveliness token of a vehicle, agent or ground node"""
 CERTIFICATE = _asked("certificate", "certificate", encoding=RAW)
 """the vehicle's certificate (DER), by which what it signs is told from what others say of it"""
-BENCH = _asked("bench", "bench/order/{order}", wire.BenchReport, writers=(OPERATOR,), proven=True)
+BENCH = _asked(
+    "bench",
+    "bench/order/{order}",
+    wire.BenchReport,
+    writers=(OPERATOR,),
+    proven=True,
+    others=(wire.BenchOrder, wire.BenchStop),
+)
 """start or stop this host's part in measuring the network"""
-BENCH_REPORT = _asked("bench_report", "bench/report/{run}", wire.BenchReport)
+BENCH_REPORT = _asked("bench_report", "bench/report/{run}", wire.BenchReport, others=(wire.BenchQuery,))
 """what a host has measured in a run"""
 BENCH_PING = _asked("bench_ping", "bench/ping", wire.Pong)
 """answered at once: which host it is, and its clocks"""
 BENCH_FLOW = Channel("bench_flow", "bench/flow/{run}", qos=Qos.BULK, writers=HOSTS, encoding=RAW)
 """the datagrams of a measurement, in the class that is measured"""
+RTCM = _put(
+    "rtcm",
+    "@fleet/rtcm",
+    qos=Qos.REALTIME,
+    writers=(OPERATOR,),
+    encoding=RAW,
+    rate_hz=1.0,
+    stale_after=5.0,
+    repeated=False,
+)
+"""corrections for GNSS receivers, once for the whole fleet: messages of RTCM 3 behind a header (zmav/corrections.py)"""
 FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
 """fleet-wide topics: origin, goal, charge, plan, obstacle, order, roster"""
 SWARM = _asked(
@@ -259,7 +294,7 @@ SWARM = _asked(
 """an order for several vehicles at once, to the planner in charge (the vehicle here is its host)"""
 OBSTACLE = Channel("obstacle", "@obstacle/{name}", wire.swarm.Obstacle, writers=(OPERATOR, PLANNER), recorded=True)
 """something to keep clear of, by anyone who knows of it; said again before its ttl is over"""
-HISTORY = _asked("history", "history/{of}/{what}", wire.History)
+HISTORY = _asked("history", "history/{of}/{what}", wire.History, others=(wire.HistoryQuery,))
 """what a recorder (the vehicle here is its host) knows of another's state, events or messages, now or then"""
 
 CHANNELS: dict[str, Channel] = {c.name: c for c in vars().copy().values() if isinstance(c, Channel)}
@@ -281,6 +316,15 @@ TOPICS: dict[str, tuple[str, ...]] = {
     ROSTER: (ANYONE,),  # anyone who passes it on: only the authority can sign one
 }
 """who may put which of the fleet's topics; others are as the channel says"""
+TOPIC_PAYLOADS: dict[str, type] = {
+    "origin": wire.Origin,
+    "goal": wire.swarm.Book,
+    "charge": wire.swarm.Charge,
+    "plan": wire.swarm.PlanReport,
+    "obstacle": wire.swarm.ObstacleMap,
+    ORDERED: wire.OrderLine,
+}
+"""what they carry; of the roster :mod:`zmav.trust.roster` says it"""
 
 
 def proven(channel: Channel, parts: Mapping[str, str]) -> bool:
@@ -289,8 +333,10 @@ def proven(channel: Channel, parts: Mapping[str, str]) -> bool:
 
 
 def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
-    """It says to every planner where vehicles fly and what is in their way: each listener judges who said it."""
-    return channel is OBSTACLE or (channel is FLEET and parts["topic"] != ROSTER)
+    """It says to every planner where vehicles fly and what is in their way, or to vehicles what their receivers go by:
+    each listener judges who said it.
+    """
+    return channel in (OBSTACLE, RTCM) or (channel is FLEET and parts["topic"] != ROSTER)
 
 
 def check_name(name: str, field: str = "name") -> str:

@@ -34,6 +34,7 @@ from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
 from zmav.services.companion import Companion
+from zmav.services.corrections.corrections import Corrections
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
@@ -54,12 +55,14 @@ from zmav.services.params.params import Params
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, QuestionsDropped
 from zmav.services.rates.rates import Rates
-from zmav.services.status.answers import BodyService, HostService, Messages
+from zmav.services.status.answers import BodyService, HostService, Messages, SchemaService
 from zmav.services.status.events import Events
 from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
+from zmav.services.terrain.requests import TerrainRequests
 from zmav.systemd import state_directory
+from zmav.terrain import Terrain
 from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
@@ -137,7 +140,8 @@ class Onboard:
         self.presence = Presence(companion, instance, gate, signer)
         self.timesync = TimeSync(companion)
         self.messages = Messages(companion, self.timesync)
-        self.body = BodyService(companion, settings.body)
+        self.body = BodyService(companion, settings.body, settings.failsafe)
+        SchemaService(companion)
         self.quality = Quality(companion, self.timesync)
         self.rates = Rates(companion, NEEDS if settings.pilot_switch else {}, self.timesync.clock)
         control = Control(name)
@@ -149,8 +153,11 @@ class Onboard:
         self.event_texts = EventTexts(companion, commander)
         self.state = StateService(companion, instance, signer, self.event_texts.against_arming)
         self.host = HostService(questions, instance, fleet, name, (cache,))
+        told = gate.check_told if gate else anybody
+        self.corrections = Corrections(companion, told, self.state.place)
         self.logs = Logs(companion, ftp, self.files)
-        bounds = Bounds(companion, settings.geofence, settings.limits)
+        self.terrain = TerrainRequests(companion, Terrain(cache / fleet / f"{name}.terrain"), self.rates.need)
+        bounds = Bounds(companion, settings.geofence, settings.limits, self.terrain.terrain)
         counts = SetpointCounts()
         self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
@@ -227,7 +234,8 @@ class Onboard:
             self.forwarder,
             self.missions,
             self.params,
-            *(() if link.recorded else (self.event_texts, self.orders)),  # a recording takes no orders, gives no files
+            # A recording takes no orders, gives no files, and needs no corrections.
+            *(() if link.recorded else (self.event_texts, self.orders, self.terrain, self.corrections)),
             self.preconditions,
             self.rates,
             self.separation,
@@ -287,6 +295,7 @@ class Onboard:
             "ping": _pong,
             **self.files.handlers,
             **self.logs.handlers,
+            **self.terrain.handlers,
             "param_set": self.params.set,
             "param_load": self.params.load,
             "param_refresh": self.params.refresh,
@@ -365,6 +374,7 @@ class Onboard:
         state.clock = self.timesync.info()
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
+        self.corrections.add_to_state(state)
         if self.gate is not None:
             state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
@@ -383,6 +393,7 @@ class Onboard:
                 self.state.publish()
                 if beat % 5 == 0:
                     self.quality.tick()
+                    self.corrections.tick()
                     self._send_heartbeat()
                     self.rates.tick()
             except Exception as e:

@@ -26,6 +26,7 @@ from zmav.trust.credentials import Credentials
 
 DEFAULT_PORT = 7447
 DEFAULT_ROUTER = f"tcp/127.0.0.1:{DEFAULT_PORT}"
+ANY_PORT = "tcp/127.0.0.1:0"
 CONNECT = "ZMAV_CONNECT"
 """environment variable: the routers that clients look for where nothing else is said, between blanks"""
 BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
@@ -40,6 +41,10 @@ RUNTIME = "ZENOH_RUNTIME"
 """environment variable: Zenoh's threads, read once in a process, as its first session is opened"""
 CLIENTS_RUNTIME = "(rx: (handover: app), app: (worker_threads: 2))"
 """a client's one link is read by the thread that waits for it: else each message wakes one that only wakes another"""
+ANOTHER = (
+    f"choose another with -l; or, where that is a router of this computer, join it: -l {ANY_PORT} -e {DEFAULT_ROUTER}"
+)
+"""what one does whose port is taken, by a second 'zmav up' for example"""
 Mode = Literal["client", "peer", "router"]
 
 
@@ -244,7 +249,7 @@ def _unopened(built: zenoh.Config, why: str) -> SessionError:
             f"ground station, 'zmav demo' to look around) or name it with -e. ({why})"
         )
     elif "in use" in why.lower() or "os error 98" in why.lower():
-        text = f"a port of {', '.join(listen)} is in use by another program: choose another with -l. ({why})"
+        text = f"a port of {', '.join(listen)} is in use by another program: {ANOTHER}. ({why})"
     else:
         text = f"cannot open a Zenoh session in {mode} mode: {why}"
     return SessionError(text, endpoints=[*connect, *listen])

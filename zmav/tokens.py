@@ -20,21 +20,26 @@ MOST_FOUND = 10_000
 """tokens that are told of at a time"""
 
 
-def find_tokens(session: zenoh.Session, key: str, timeout: float) -> list[str]:
+def find_tokens(session: zenoh.Session, key: str, timeout: float, complete: bool = False) -> list[str]:
     """The keys of those tokens that ``session`` finds within ``timeout`` seconds. Not from Zenoh's own threads.
+
+    ``complete``: raise TimeoutError where there may be more of them.
 
     With the default channel, which holds 256 replies, a router that knows more would wait in ``get`` for ever: it
     answers itself before anybody can read.
     """
     found: list[str] = []
-    over = threading.Event()
+    over, cut = threading.Event(), threading.Event()
 
     def on_reply(reply: zenoh.Reply) -> None:
         if reply.ok is not None and len(found) < MOST_FOUND:
             found.append(str(reply.ok.key_expr))
+        else:
+            cut.set()  # an error reply: Zenoh's own, as the time was over
 
     session.liveliness().get(key, direct(on_reply, over.set), timeout=timeout)
-    over.wait(timeout + 1.0)
+    if (not over.wait(timeout + 1.0) or cut.is_set()) and complete:
+        raise TimeoutError(f"not all tokens of {key} were found within {timeout:g} s")
     return found
 
 

@@ -44,6 +44,8 @@ class Verb:
     """the roles that may give it, where the vehicle has credentials"""
     grantable: bool = False
     """a fleet file may give it to planners and to a vehicle's own programs: see :class:`zmav.config.Rights`"""
+    version: int = 1
+    """of its arguments: see :class:`zmav.keys.Channel`"""
 
 
 VERBS: dict[str, Verb] = {
@@ -69,6 +71,10 @@ VERBS: dict[str, Verb] = {
         Verb("mission_clear", wire.MissionClear, Access.CHANGE, "clear mission, fence or rally", CONFIGURING, True),
         Verb("mission_start", wire.MissionStart, Access.MOVE, "fly the mission"),
         Verb("mission_current", wire.MissionJump, Access.MOVE, "go on with another item"),
+        Verb(
+            "terrain_put", wire.TerrainPut, Access.CHANGE, "keep pieces of ground for the autopilot", CONFIGURING, True
+        ),
+        Verb("terrain_clear", wire.Order, Access.CHANGE, "forget the pieces of ground", CONFIGURING),
         Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot", LOOKING),
         Verb("file_get", wire.FileGet, Access.READ, "fetch a file of the autopilot"),
         Verb("file_put", wire.FilePut, Access.CHANGE, "write a file of the autopilot", CONFIGURING),

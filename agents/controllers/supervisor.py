@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import time
 from typing import Any, ClassVar
 
@@ -100,15 +99,8 @@ class Supervisor(zmav.Agent):
         """Wait for orders, for ever."""
         loop = asyncio.get_running_loop()
         self.cycles.on_trip = on_loop(loop, self._tripped)
-        out = keys.AGENT_OUT.key(self.vehicle.fleet, self.vehicle.name, agent=self.name, topic="signals")
-        publisher = self.z.session.declare_publisher(out, **keys.AGENT_OUT.publishing())
-
-        def stream(t: float, values: dict[str, float]) -> None:
-            publisher.put(wire.encode(wire.Signals(t=t, values={k: v for k, v in values.items() if math.isfinite(v)})))
-
-        self.cycles.on_signals = stream
+        self.cycles.on_signals = lambda t, values: self.publish("signals", values, t)
         async with contextlib.AsyncExitStack() as stack:
-            stack.callback(publisher.undeclare)
             stack.callback(self.reloader.close)
             await self._load()
             for name, value in self.wished.items():

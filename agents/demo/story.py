@@ -20,6 +20,7 @@ the recording.
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import importlib.util
 import itertools
@@ -33,6 +34,7 @@ import msgspec
 from zmav.config import FleetConfig, load_fleet
 from zmav.config.table import Positive, Table, reading
 from zmav.errors import BadConfig, missing_extra
+from zmav.shared import deploy
 
 GROUND = "ground"
 MODULES = {"interpreted": "ompl", "planner": "numba", "vision": "cv2"}
@@ -133,9 +135,10 @@ class Demo(msgspec.Struct, frozen=True):
 
 
 def folder() -> Path | None:
-    """Where the demo fleets are: in the tree that this runs from. None: it was installed without one."""
-    place = Path(__file__).resolve().parents[2] / "deploy" / "demos"
-    return place if place.is_dir() else None
+    """Where the demo fleets are. None: it was installed without any."""
+    with contextlib.suppress(BadConfig):
+        return deploy() / "demos"
+    return None
 
 
 def demos() -> list[Demo]:

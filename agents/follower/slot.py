@@ -18,13 +18,15 @@ import zenoh
 from zmav import keys
 from zmav.errors import BadKey, Refused
 from zmav.services.link.port import on_loop
-from zmav.tokens import TokenTable
-from zmav.waiting import within
+from zmav.tokens import TokenTable, find_tokens
+from zmav.waiting import in_thread, within
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""
 LEAVES = 2.0
 """s in which the token of who has just left the slot is gone everywhere"""
+MOST_GONE = 64
+"""tokens that are remembered to have gone"""
 Claim = tuple[int, str]
 """when (UTC ms), and which instance"""
 
@@ -53,23 +55,23 @@ class Slot:
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
         self._free = asyncio.Event()
+        self._gone: set[str] = set()
+        """keys of tokens that were said to be gone"""
 
     async def __aenter__(self) -> Slot:
-        wide = keys.SLOT.key(self._fleet, "*", target=self._target, slot=self._slot, since="*", instance="*")
+        wide = self._key("*", ("*", "*"))
         take = on_loop(asyncio.get_running_loop(), self._on_token)
         self._subscriber = self._session.liveliness().declare_subscriber(wide, take, history=True)
         try:
             await asyncio.sleep(SETTLE)
             if self._claims():
+                await self._forget_gone(wide)
+            if self._claims():
                 with contextlib.suppress(asyncio.TimeoutError):
                     await within(LEAVES, self._free.wait())
             if claims := self._claims():
                 raise self._taken(min(claims)[1])
-            since, instance = self._claim
-            own = keys.SLOT.key(
-                self._fleet, self._vehicle, target=self._target, slot=self._slot, since=since, instance=instance
-            )
-            self._token = self._session.liveliness().declare_token(own)
+            self._token = self._session.liveliness().declare_token(self._key(self._vehicle, self._claim))
             await asyncio.sleep(SETTLE)
             if who := self.better:
                 raise self._taken(who)
@@ -93,6 +95,25 @@ class Slot:
                 held.undeclare()
         self._token = self._subscriber = None
 
+    def _key(self, vehicle: str, claim: tuple[int | str, str]) -> str:
+        since, instance = claim
+        return keys.SLOT.key(self._fleet, vehicle, target=self._target, slot=self._slot, since=since, instance=instance)
+
+    async def _forget_gone(self, wide: str) -> None:
+        """Forget the claims that were said to be gone, and are.
+
+        Zenoh hands the history of a session's second subscriber over in a thread of its own, and so may tell of a token
+        when it has told already that the token is gone. Neither that nor its list of those that are there is proof
+        enough alone: a token comes back when a link does, and of two lists asked for at once one may lack some.
+        """
+        doubtful = {
+            key: vehicle for claim, vehicle in self._claims() if (key := self._key(vehicle, claim)) in self._gone
+        }
+        if doubtful:
+            with contextlib.suppress(TimeoutError):
+                for key in doubtful.keys() - set(await in_thread(find_tokens, self._session, wide, LEAVES, True)):
+                    self._others.remove(doubtful[key], key)
+
     def _taken(self, who: str) -> Refused:
         text = f"{who} keeps the place {self._slot} {self._target} already: end that one first"
         return Refused(text, holder=who, target=self._target, slot=self._slot)
@@ -111,6 +132,8 @@ class Slot:
                 self._on_lost(who)
         else:
             self._others.remove(parts["vehicle"], str(sample.key_expr))
+            if len(self._gone) < MOST_GONE:
+                self._gone.add(str(sample.key_expr))
             if not self._claims():
                 self._free.set()
 

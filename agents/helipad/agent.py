@@ -18,13 +18,15 @@ import zenoh
 
 import zmav
 from agents.helipad import Detection, Detector
-from agents.helipad.geolocate import bearing, camera_height, fix
+from agents.helipad.geolocate import bearing, camera_height, fix, pixel
+from agents.helipad.tracks import Place, Told, Tracks
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
 from zmav.errors import BadInput, ZmavError
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose, Poses
 from zmav.vision.reader import Picture, Reader, camera_info
+from zmav.vision.threads import one_thread
 from zmav.waiting import together, within
 
 ASK_AGAIN = 1.0
@@ -39,6 +41,8 @@ so many in which something was found for other pads than that one
 """
 SIZES, APART = 4, 0.5
 """of pictures for which there are detectors; heights of the symbol within which two sights are one"""
+STALE = 1.0
+"""s for which what carries the pad is carried on with its velocity"""
 ATTITUDE_HZ, POSITION_HZ = 30.0, 10.0
 """at which the autopilot is asked for them"""
 RECENT = 50
@@ -76,6 +80,7 @@ class Helipad(zmav.Agent):
         self._detectors: dict[tuple[int, int], tuple[Detector, Detector, Optics]] = {}
         self._info: wire.CameraInfo | None = None
         self._last: Detection | None = None
+        self._tracks = Tracks(self.settings.symbol_m)
         self._delays: deque[float] = deque(maxlen=RECENT)
         self._took: deque[float] = deque(maxlen=RECENT)
         self._looked = self._seen = 0
@@ -85,6 +90,7 @@ class Helipad(zmav.Agent):
 
     async def run(self) -> None:
         """Until cancelled."""
+        one_thread()
         key = keys.DETECTION.key(self.vehicle.fleet, self.vehicle.name, camera=self.settings.camera)
         self._sights = self.z.session.declare_publisher(key, **keys.DETECTION.publishing())
         try:
@@ -154,15 +160,21 @@ class Helipad(zmav.Agent):
             hint = None
         level = pose is None or optics.gimbal
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
-        found = detector.detect(image, hint, roll, pitch, near=self._last) if self._last is not None else []
-        if not found:  # whether the height is wrong is asked now and then: that search takes several times as long
+        found = detector.sights(image, hint, roll, pitch, near=self._last) if self._last is not None else []
+        if not any(each.sure for each in found):
+            # Whether the height is wrong is asked now and then: that search takes several times as long.
             doubts = hint is None or self._missed % DOUBT == DOUBT - 1
-            found = (doubting if doubts else detector).detect(image, hint, roll, pitch)
+            also = self._wanted(optics, pose, plane, picture.t)
+            found = (doubting if doubts else detector).sights(image, hint, roll, pitch, also=also)
         elif self._looked % DOUBT == 0:
-            found += [each for each in detector.detect(image, hint, roll, pitch) if _another(each, found[0])]
-        self._last = found[0] if found else None
-        self._missed = 0 if found else self._missed + 1
-        told = [self._located(each, optics, pose, plane) for each in found if each.score >= self["score"]]
+            others = detector.sights(image, hint, roll, pitch)
+            found += [each for each in others if _another(each.detection, found[0].detection)]
+        located = [self._located(each.detection, optics, pose, plane) for each in found]
+        carrier = self._carrier(picture.t)
+        places = [_place(each, carrier) for each in located]
+        told = self._tracks.told(picture.t, list(zip(found, places, strict=True)))
+        self._last = told[0].detection if told else None
+        self._missed = 0 if told else self._missed + 1
         took = time.perf_counter() - begun
         own = self.settings
         return wire.Detections(
@@ -174,8 +186,23 @@ class Helipad(zmav.Agent):
             detector=self.name,
             took=took,
             delay=time.time() - picture.t,
-            found=told,
+            found=[_message(each, located) for each in told if each.detection.score >= self["score"]],
         )
+
+    def _wanted(self, optics: Optics, pose: Pose | None, plane: float | None, t: float) -> list[tuple[float, float]]:
+        """Pixels where something doubtful was seen before."""
+        if pose is None or plane is None:
+            return []
+        north, east = self._carrier(t)
+        seen = [pixel(optics, pose, each.north + north, each.east + east, plane) for each in self._tracks.wanted]
+        return [each for each in seen if each is not None]
+
+    def _carrier(self, t: float) -> tuple[float, float]:
+        """North and east (m) of what carries the pad at ``t``; of one that is not heard now, nothing."""
+        state = self.z.vehicle(self.settings.target).last_state if self.settings.target else None
+        if state is None or state.local is None or state.velocity is None or abs(t - state.t) > STALE:
+            return 0.0, 0.0
+        return state.local[0] + (t - state.t) * state.velocity[0], state.local[1] + (t - state.t) * state.velocity[1]
 
     def _detector(self, width: int, height: int) -> tuple[Detector, Detector, Optics]:
         """For pictures of this size, as a camera on a narrow link sends smaller ones: one that believes the height that
@@ -276,6 +303,20 @@ class Helipad(zmav.Agent):
         async with self.vehicle.places(POSITION_HZ, depth=50) as places:
             async for place in places:
                 self.poses.was(place.t, place.pos, place.vel)
+
+
+def _place(there: wire.Detection, carrier: tuple[float, float]) -> Place | None:
+    """For the tracks, by what carries the pad."""
+    if there.pos is None or there.covariance is None or there.yaw is None:
+        return None
+    deviation = math.sqrt(there.covariance[0] + there.covariance[2])
+    return Place(there.pos[0] - carrier[0], there.pos[1] - carrier[1], deviation, there.yaw)
+
+
+def _message(told: Told, located: list[wire.Detection]) -> wire.Detection:
+    return msgspec.structs.replace(
+        located[told.number], score=told.detection.score, pictures=told.pictures, span=told.span
+    )
 
 
 def _another(one: Detection, known: Detection) -> bool:

@@ -8,14 +8,19 @@ judge only what correlates with the symbol.
 from __future__ import annotations
 
 import functools
+import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.helipad import structure
+
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
+NEVER = -30.0
+"""logarithm of the odds"""
 WEIGHTS = Path(__file__).with_name("check.npz")
 
 
@@ -34,21 +39,36 @@ class LearnedCheck:
             return cls([stored[f"weights{i}"] for i in layers], [stored[f"biases{i}"] for i in layers])
 
     def outputs(self, inputs: Image) -> list[Image]:
-        """Of :func:`scaled` patches: what each layer gives, (N, outputs); the last is the logarithm of the odds."""
+        """Of :func:`features`: what each layer gives, (N, outputs); the last is the logarithm of the odds."""
         result: list[Image] = []
         for w, b in zip(self.weights, self.biases, strict=True):
             before = np.maximum(result[-1], 0.0) if result else inputs
             result.append(before @ w + b)
         return result
 
-    def probability(self, patches: Image) -> Array:
-        """(N,): of (N, M) aligned and normalised patches, how likely each is an H, 0 to 1."""
-        logit = self.outputs(scaled(patches))[-1][:, 0].astype(float)
-        result: Array = 1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))
+    def odds(self, patches: Image) -> Array:
+        """(N,): of (N, M) aligned patches, ground at 0 and paint at 1: the logarithm of the odds that each is an H;
+        NEVER where it is not built as one.
+        """
+        learned = self.outputs(features(patches))[-1][:, 0].astype(float)
+        result: Array = np.where(structure.sound(patches), learned, NEVER)
         return result
 
 
-def scaled(patches: Image) -> Image:
-    """Patches with values about 1, none of which stands out so far that it decides alone."""
-    result: Image = np.clip(patches * np.float32(np.sqrt(patches.shape[1])), -3.0, 3.0)
-    return result
+def features(patches: Image) -> Image:
+    """(N, M): of patches, what half a turn and both mirror images leave as it is. An H is its own mirror image either
+    way, so the first quarter, the mean of the four, holds all of it; the magnitudes of the three differences hold what
+    is against that symmetry.
+    """
+    side = math.isqrt(patches.shape[1])
+    half = side // 2
+    values = patches.reshape(-1, side, side)
+    upper, lower = values[:, :half], values[:, : half - 1 : -1]
+    across, along = upper + lower, upper - lower
+    parts = [
+        sign(rows[:, :, :half], rows[:, :, : half - 1 : -1])
+        for rows in (across, along)
+        for sign in (np.add, np.subtract)
+    ]
+    result: Image = np.concatenate([part.reshape(-1, half * half) for part in parts], axis=1) * np.float32(0.25)
+    return np.abs(result, out=result, where=np.arange(side * side) >= half * half)

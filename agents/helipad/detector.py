@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,7 @@ from agents.helipad.search import ASTRAY, KNOWN, UNKNOWN, YELLOW, Effort, Propos
 from zmav.errors import BadInput
 
 Array = NDArray[np.float64]
+Image = NDArray[np.float32]
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 0.5, 13.0
 """where to look when no height is given"""
@@ -34,7 +36,10 @@ TRACK_REACH = 2.0
 """how far from the last place a track looks, in heights of the symbol"""
 TRACK_LEAST_PX = 40.0
 LEAST_CORRELATION = 0.5
-"""with the symbol, below which the learned check is not asked"""
+"""with the symbol, below which the learned check is not believed"""
+DOUBTFUL = -3.0
+"""logarithm of the odds above which something is a sight"""
+MOST_SIGHTS = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +53,28 @@ class Detection:
     scale_px: float
     """the symbol's height as it is seen, pixels"""
     heading: float
-    """where its upright points in the picture: radians clockwise from up, in [0, pi)"""
+    """where its upright points in the picture: radians clockwise from up, in [0, pi). Of a tilted camera that is
+    not the direction on the ground, which :func:`agents.helipad.geolocate.bearing` gives.
+    """
     score: float
     """how sure, 0 to 1; only what is taken for the symbol is given at all"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sight:
+    """What may be a symbol in one frame: where several pictures are looked at together, what is doubtful in each may be
+    sure in all.
+    """
+
+    detection: Detection
+    patch: Image
+    """(M,) upright, ground at 0 and paint at 1"""
+    correlation: float
+    """with the symbol, 0 to 1"""
+    odds: float
+    """logarithm of the odds that the learned check gives"""
+    sure: bool
+    """alone"""
 
 
 class Detector:
@@ -109,6 +133,20 @@ class Detector:
         ``near``: look only about this one of the last frame; an empty list says that it is lost.
         Raises :class:`BadInput` for a frame or a number that is none.
         """
+        return [each.detection for each in self.sights(frame_bgr, height_m, roll, pitch, near) if each.sure]
+
+    def sights(
+        self,
+        frame_bgr: object,
+        height_m: float | None = None,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        near: Detection | None = None,
+        also: Sequence[tuple[float, float]] = (),
+    ) -> list[Sight]:
+        """:meth:`detect`, with what is doubtful, too; for :class:`agents.helipad.tracks.Tracks`. ``also``: pixels
+        about which there may be one, as doubtful ones were there before; of a search at a height, without ``near``.
+        """
         frame = channels.check_frame(frame_bgr)
         height = None if height_m is None else _number("height_m", height_m, 1e-3, 1e5)
         roll = _number("roll", roll, -MOST_TILT, MOST_TILT)
@@ -116,11 +154,12 @@ class Detector:
         if near is not None:
             return self._track(frame, near, height, roll, pitch)
         supposed, effort = (self._heights, UNKNOWN) if height is None else ([height], KNOWN)
-        grey, found = self._in_grey_or_yellow(frame, (0, 0), supposed, roll, pitch, effort)
-        if not found and height is not None and not self._trust_height and (others := self._others(height)):
-            found = self._search(grey, [others[self._lost % len(others)]], roll, pitch, ASTRAY)
+        wanted = np.array([each for each in also if height is not None and np.isfinite(each).all()]).reshape(-1, 2)
+        grey, found = self._in_grey_or_yellow(frame, (0, 0), supposed, roll, pitch, effort, wanted)
+        if not _any_sure(found) and height is not None and not self._trust_height and (others := self._others(height)):
+            found += self._search(grey, [others[self._lost % len(others)]], roll, pitch, ASTRAY)
             self._lost += 1
-        return found
+        return _best(found)
 
     def _others(self, height: float) -> list[float]:
         """The heights to look at when ``height`` is wrong."""
@@ -129,9 +168,7 @@ class Detector:
         steps = range(-ASTRAY_STEPS, ASTRAY_STEPS + 1)
         return [height * ratio**i for i in steps if i and low <= height * ratio**i <= high]
 
-    def _track(
-        self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float
-    ) -> list[Detection]:
+    def _track(self, frame: Picture, near: Detection, height: float | None, roll: float, pitch: float) -> list[Sight]:
         reach = max(TRACK_REACH * near.scale_px, TRACK_LEAST_PX)
         middle = np.array([near.u, near.v])
         if not (np.isfinite(middle).all() and np.isfinite(reach)):
@@ -142,17 +179,24 @@ class Detector:
         if height is None:
             height = self._symbol_m * float(self._k[1, 1]) / max(near.scale_px, 1.0)
         origin = (int(low[0]), int(low[1]))
-        return self._in_grey_or_yellow(part, origin, [height], roll, pitch, KNOWN)[1]
+        return _best(self._in_grey_or_yellow(part, origin, [height], roll, pitch, KNOWN)[1])
 
     def _in_grey_or_yellow(
-        self, part: Picture, origin: tuple[int, int], heights: list[float], roll: float, pitch: float, effort: Effort
-    ) -> tuple[Pyramid, list[Detection]]:
+        self,
+        part: Picture,
+        origin: tuple[int, int],
+        heights: list[float],
+        roll: float,
+        pitch: float,
+        effort: Effort,
+        also: Array | None = None,
+    ) -> tuple[Pyramid, list[Sight]]:
         """What is found in the intensity of a part of the frame, else in its yellow; and that intensity."""
         grey = Pyramid(channels.grey(part), origin)
-        found = self._search(grey, heights, roll, pitch, effort)
-        if not found and (yellow := channels.yellow(part)) is not None:
+        found = self._search(grey, heights, roll, pitch, effort, also)
+        if not _any_sure(found) and (yellow := channels.yellow(part)) is not None:
             paint, (u, v) = yellow
-            found = self._search(
+            found += self._search(
                 Pyramid(paint, (origin[0] + u, origin[1] + v)),
                 heights,
                 roll,
@@ -162,57 +206,83 @@ class Detector:
         return grey, found
 
     def _search(
-        self, picture: Pyramid, heights: list[float], roll: float, pitch: float, effort: Effort
-    ) -> list[Detection]:
-        """What is found at any of ``heights``, each symbol once, best first."""
+        self,
+        picture: Pyramid,
+        heights: list[float],
+        roll: float,
+        pitch: float,
+        effort: Effort,
+        also: Array | None = None,
+    ) -> list[Sight]:
+        """What may be one at any of ``heights``, each place once, best first."""
         found: list[tuple[float, Proposals, int]] = []
         for height in heights:
             view = View(self._k, self._distortion, height / self._symbol_m, roll, pitch)
-            proposals = self._searcher.proposals(picture, view, effort)
-            scores = self._scores(proposals, effort.sure)
-            found += [(float(scores[i]), proposals, int(i)) for i in np.flatnonzero(scores)]
+            proposals = self._searcher.proposals(picture, view, effort, also)
+            odds = self._check.odds(proposals.patches)
+            found += [(float(odds[i]), proposals, int(i)) for i in np.flatnonzero(odds > DOUBTFUL)]
         found.sort(key=lambda each: -each[0])
-        kept: list[Detection] = []
-        for score, proposals, i in found:
-            u, v = proposals.middles[i]
-            if all(math.hypot(u - k.u, v - k.v) > SAME * k.scale_px for k in kept):
-                kept.append(self._measured(picture, proposals, i, score))
+        kept: list[Sight] = []
+        for odds_, proposals, i in found:
+            if len(kept) < MOST_SIGHTS and _apart(proposals.middles[i], kept):
+                correlation = float(np.clip(proposals.correlation[i], 0.0, 1.0))
+                sure = odds_ >= effort.sure and correlation >= LEAST_CORRELATION
+                place = proposals.middles[i : i + 1], proposals.affines[i : i + 1]
+                if sure:
+                    place = self._measured(picture, *place)
+                score = correlation / (1.0 + math.exp(-odds_))
+                kept.append(Sight(_detection(*place, score), proposals.patches[i], correlation, odds_, sure))
         return kept
 
-    def _scores(self, proposals: Proposals, sure: float) -> Array:
-        """(N,): 0 for what is not the symbol, else how sure it is, to 1. ``sure``: the least of the learned check."""
-        if not len(proposals.correlation):
-            return proposals.correlation
-        correlation = np.clip(proposals.correlation, 0.0, 1.0)
-        probability = self._check.probability(proposals.patches)
-        return np.where((correlation >= LEAST_CORRELATION) & (probability >= sure), correlation * probability, 0.0)
-
-    def _measured(self, picture: Pyramid, proposals: Proposals, i: int, score: float) -> Detection:
-        """Aligned once more in a finer picture of its surroundings alone."""
-        middles, affines = proposals.middles[i : i + 1], proposals.affines[i : i + 1]
-        which = proposals.symbols[i : i + 1]
+    def _measured(self, picture: Pyramid, middles: Array, affines: Array) -> tuple[Array, Array]:
+        """One place (1, 2) and its affine map (1, 2, 2), aligned once more in a finer picture of what is about it, in
+        the proportions that fit best.
+        """
         tall = float(np.linalg.norm(affines[0, :, 1]))
         part, low = window(picture.whole, middles[0] - picture.origin, 1.2 * tall + 4.0)
-        if min(part.shape) >= 8:
-            here = Pyramid(part, (int(low[0] + picture.origin[0]), int(low[1] + picture.origin[1])))
-            fine, factors = here.shrunk(REFINE_PX / tall)
-            placed, turned = self._searcher.aligner.align(
-                fine,
-                which,
-                (middles - here.origin + 0.5) * factors - 0.5,
-                affines * factors[:, None],
-                REFINE_STEPS,
-            )
-            moved = (placed + 0.5) / factors - 0.5 + here.origin
-            if float(np.linalg.norm(moved - middles)) < 0.2 * tall:
-                middles, affines = moved, turned / factors[:, None]
-        return Detection(
-            u=float(middles[0, 0]),
-            v=float(middles[0, 1]),
-            scale_px=float(np.linalg.norm(affines[0, :, 1])),
-            heading=float(heading(affines)[0]),
-            score=score,
+        if min(part.shape) < 8:
+            return middles, affines
+        here = Pyramid(part, (int(low[0] + picture.origin[0]), int(low[1] + picture.origin[1])))
+        fine, factors = here.shrunk(REFINE_PX / tall)
+        aligner = self._searcher.aligner
+        each = np.arange(len(aligner.masks))
+        start = (middles - here.origin + 0.5) * factors - 0.5, affines * factors[:, None]
+        placed, turned = aligner.align(
+            fine, each, start[0].repeat(len(each), axis=0), start[1].repeat(len(each), axis=0), REFINE_STEPS
         )
+        best = int(aligner.correlation(aligner.patches(fine, placed, turned))[each, each].argmax())
+        moved = (placed[best : best + 1] + 0.5) / factors - 0.5 + here.origin
+        if float(np.linalg.norm(moved - middles)) >= 0.2 * tall:
+            return middles, affines
+        return moved, turned[best : best + 1] / factors[:, None]
+
+
+def _detection(middles: Array, affines: Array, score: float) -> Detection:
+    return Detection(
+        u=float(middles[0, 0]),
+        v=float(middles[0, 1]),
+        scale_px=float(np.linalg.norm(affines[0, :, 1])),
+        heading=float(heading(affines)[0]),
+        score=score,
+    )
+
+
+def _apart(middle: Array, kept: list[Sight]) -> bool:
+    found = (each.detection for each in kept)
+    return all(math.hypot(middle[0] - each.u, middle[1] - each.v) > SAME * each.scale_px for each in found)
+
+
+def _best(found: list[Sight]) -> list[Sight]:
+    """Of sights in several pictures of one frame, each place once, best first."""
+    kept: list[Sight] = []
+    for each in sorted(found, key=lambda each: (-each.sure, -each.detection.score)):
+        if _apart(np.array([each.detection.u, each.detection.v]), kept):
+            kept.append(each)
+    return kept
+
+
+def _any_sure(found: list[Sight]) -> bool:
+    return any(each.sure for each in found)
 
 
 def _number(field: str, value: object, low: float, high: float) -> float:

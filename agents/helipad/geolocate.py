@@ -61,6 +61,17 @@ def locate(optics: Optics, pose: Pose, pixel: tuple[float, float], plane: float)
     return float(centre[0] + reach * ray[0]), float(centre[1] + reach * ray[1])
 
 
+def pixel(optics: Optics, pose: Pose, north: float, east: float, plane: float) -> tuple[float, float] | None:
+    """Where that place of the plane is seen, (u, v); None where it is not ahead. The inverse of :func:`locate`."""
+    rotation = attitude(optics, pose)
+    centre = np.array(pose.pos) + rotation @ optics.offset
+    ray = optics.mount.T @ rotation.T @ (np.array([north, east, plane]) - centre)
+    if ray[2] < SHALLOW * np.linalg.norm(ray):
+        return None
+    u, v = optics.pixels(ray[None])[0]
+    return float(u), float(v)
+
+
 def fix(
     optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float, plane: float
 ) -> Fix | None:

@@ -23,8 +23,14 @@ FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
 LEAST_MATCH = 0.4
 """correlation of the polar patch"""
+FEW_PX = 64_000
+"""of it, for which a symbol may be smaller in it than where there is time"""
 LARGEST_PX = 400_000
 """of the picture that candidates are sought in: a view toward the horizon is cut"""
+ABOUT = 0.3 * np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+"""heights from where a symbol may be, that are matched where it is told where"""
+ALSO_ALIGNED = 3
+"""of these"""
 ALIGN_STEPS = 4
 SCALES = (0.88, 1.0, 1.14)
 """of the supposed height that the polar match tries; alignment goes somewhat beyond"""
@@ -36,20 +42,22 @@ class Effort(NamedTuple):
 
     coarse_px: float
     """height of a symbol in the picture that they are sought in; the work grows with its square"""
+    least_px: float
+    """the same where the ground that is seen is wide"""
     most: int
     """candidates"""
     aligned: int
     """of them"""
     sure: float
-    """probability that the learned check must give: more, the more is looked at"""
+    """logarithm of the odds that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.5, 120, 8, 0.85)
-YELLOW = Effort(5.5, 60, 8, 0.85)
+KNOWN = Effort(6.5, 5.0, 120, 12, 2.2)
+YELLOW = Effort(6.5, 5.0, 60, 12, 2.2)
 """the same in yellow, which shows little else"""
-UNKNOWN = Effort(6.0, 80, 5, 0.93)
+UNKNOWN = Effort(5.0, 5.0, 60, 6, 4.0)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 40, 8, 0.93)
+ASTRAY = Effort(5.0, 5.0, 40, 8, 4.0)
 """the same where another height was given, and nothing found there"""
 
 
@@ -60,10 +68,8 @@ class Proposals(NamedTuple):
     """(N, 2) pixels of the whole frame"""
     affines: Array
     """(N, 2, 2) from the symbol's axes, in its heights, to pixels"""
-    symbols: NDArray[np.intp]
-    """(N,) which of the proportions"""
     patches: Image
-    """(N, M) upright and normalised"""
+    """(N, M) upright, ground at 0 and paint at 1"""
     correlation: Array
     """(N,)"""
 
@@ -84,10 +90,17 @@ class Searcher:
         self._room = Room()
         self._grid = polar.grid()
 
-    def proposals(self, pyramid: Pyramid, view: View, effort: Effort = KNOWN) -> Proposals:
-        """What in ``pyramid`` may be a symbol on the plane of ``view``."""
+    def proposals(self, pyramid: Pyramid, view: View, effort: Effort = KNOWN, also: Array | None = None) -> Proposals:
+        """What in ``pyramid`` may be a symbol on the plane of ``view``. ``also``: (N, 2) pixels about which one may be,
+        whatever else there is.
+        """
         origin = pyramid.origin
         middles = self._candidates(pyramid, view, effort)
+        count = len(middles)
+        also = np.zeros((0, 2)) if also is None else also[self._seen(pyramid, view, also)]
+        if len(also):
+            about = np.einsum("nij,kj->nki", view.affine(also), ABOUT) + also[:, None]
+            middles = np.vstack([middles, about.reshape(-1, 2)])
         if not len(middles):
             return self._none()
         fine, to_fine = pyramid.shrunk(FINE_PX / view.scale)
@@ -95,8 +108,10 @@ class Searcher:
         middles = (middles - origin + 0.5) * to_fine - 0.5
         patches = polar.normalised(polar.sample(fine, middles, affines, *self._grid), self._bank.weight)
         match, symbols, scales, angles = self._bank.match(patches)
-        best = np.argsort(-match, kind="stable")[: effort.aligned]
+        best = np.argsort(-match[:count], kind="stable")[: effort.aligned]
         best = best[match[best] > LEAST_MATCH]
+        if len(match) > count:
+            best = np.append(best, count + np.argsort(-match[count:], kind="stable")[: len(also) * ALSO_ALIGNED])
         if not len(best):
             return self._none()
         start = affines[best]
@@ -115,7 +130,10 @@ class Searcher:
         corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)]) + pyramid.origin
         if not view.in_front(corners).all():
             return np.zeros((0, 2))
-        corners = view.flat(corners) * scale
+        corners = view.flat(corners)
+        extent = math.sqrt(math.prod(corners.max(axis=0) - corners.min(axis=0)))
+        scale = min(scale, max(effort.least_px, math.sqrt(FEW_PX) / extent))
+        corners *= scale
         low = np.floor(corners.min(axis=0))
         size = np.ceil(corners.max(axis=0)) - low + 1.0
         size *= min(1.0, math.sqrt(LARGEST_PX / (size[0] * size[1])))
@@ -125,28 +143,25 @@ class Searcher:
         found = self._kernels_for(scale).candidates(level, effort.most)
         pixels = np.column_stack([found, np.ones(len(found))]) @ matrix.T
         pixels = pixels[:, :2] / pixels[:, 2:]
-        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array((width, height))), axis=1)
-        return np.asarray(pixels[inside], dtype=float)
+        return np.asarray(pixels[self._seen(pyramid, view, pixels)], dtype=float)
+
+    @staticmethod
+    def _seen(pyramid: Pyramid, view: View, pixels: Array) -> NDArray[np.bool_]:
+        """(N,): which of (N, 2) pixels are in the picture and see the plane."""
+        inside = np.all((pixels >= pyramid.origin) & (pixels < pyramid.origin + np.array(pyramid.size)), axis=1)
+        return np.asarray(inside & view.in_front(pixels), dtype=bool)
 
     def _judged(self, fine: Picture, middles: Array, affines: Array, origin: Array, to_fine: Array) -> Proposals:
         if not len(middles):
             return self._none()
         raw = self.aligner.patches(fine, middles, affines)
-        count = len(middles)
-        scores = np.column_stack(
-            [
-                self.aligner.scores(self.aligner.normalised(raw, which), which)
-                for which in (np.full(count, i) for i in range(len(self.symbols)))
-            ]
-        )
-        symbols = scores.argmax(axis=1)
-        patches = self.aligner.normalised(raw, symbols)
+        correlation = self.aligner.correlation(raw)
+        symbols = correlation.argmax(axis=1)
         return Proposals(
             (middles + 0.5) / to_fine - 0.5 + origin,
             affines / to_fine[:, None],
-            symbols,
-            patches,
-            scores[np.arange(count), symbols],
+            self.aligner.standard(raw, symbols),
+            correlation.max(axis=1),
         )
 
     def _kernels_for(self, scale: float) -> Kernels:
@@ -159,4 +174,4 @@ class Searcher:
     def _none(self) -> Proposals:
         none = np.zeros(0)
         patches = np.zeros((0, len(self.aligner.x)), dtype=np.float32)
-        return Proposals(none.reshape(0, 2), none.reshape(0, 2, 2), np.zeros(0, dtype=np.intp), patches, none)
+        return Proposals(none.reshape(0, 2), none.reshape(0, 2, 2), patches, none)

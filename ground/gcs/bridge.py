@@ -16,6 +16,7 @@ import zmav
 from ground.feed import Feed
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
+from ground.gcs.corrections import Corrections
 from ground.gcs.downlink import Downlink
 from ground.gcs.missions import Missions
 from ground.gcs.options import Endpoint, Options
@@ -78,7 +79,9 @@ class Bridge:
         self.routes = Routes(Options(vehicles=settings.vehicles))
         self.ground = Ground(z, self.loop, self.routes)
         self._by_client = HandlersByClient(self.ground)
-        self._answerers: list[Answerer] = [each(self.ground, self._by_client) for each in (Params, Missions)]
+        self._answerers: list[Answerer] = [
+            each(self.ground, self._by_client) for each in (Params, Missions, Corrections)
+        ]
         self.downlink = Downlink(self.dialect, self.routes, self._answerers)
         standard = GCS if settings.streams else {}
         self.streams = Streams(z.session, self.dialect, z.fleet_name, settings.vehicles, standard)

@@ -21,7 +21,7 @@ from ground.http.gateway import Gateway
 from ground.http.orders import GOALS
 from ground.http.replay import Steer
 from ground.http.setpoints import Point
-from zmav import wire
+from zmav import schemas, wire
 from zmav.verbs import SWARM_VERBS, VERBS, Verb
 
 REF = "#/components/schemas/{name}"
@@ -52,7 +52,7 @@ GROUP = {
     "setpoint": "Setpoints",
     "release": "Setpoints",
     **dict.fromkeys(("vehicles", "stream", "stop", "send", "last"), "Text"),
-    **dict.fromkeys(("", "docs", "openapi.json", "metrics", "report", "static"), "Pages"),
+    **dict.fromkeys(("", "docs", "openapi.json", "asyncapi.json", "metrics", "report", "static"), "Pages"),
     **dict.fromkeys(("tiles", "picture", "replay", "camera"), "Pages"),
 }
 """a path's group, by all of it or by its first part; any other is mavlink2rest's"""
@@ -145,7 +145,11 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         """This description, for programs (OpenAPI 3.1)."""
         return answer(document(request.app.routes))
 
-    return [Route("/openapi.json", openapi, methods=["GET"])]
+    async def asyncapi(request: Request) -> Response:
+        """The key space itself, for programs (AsyncAPI 3.0), with the JSON Schema of every payload."""
+        return answer(schemas.asyncapi())
+
+    return [Route("/openapi.json", openapi, methods=["GET"]), Route("/asyncapi.json", asyncapi, methods=["GET"])]
 
 
 def document(routes: Iterable[BaseRoute]) -> dict[str, Any]:

@@ -25,11 +25,15 @@ if TYPE_CHECKING:
     from ground.record.storage import RecordingSettings
 
 
+RECORDINGS = Path("recordings")
+"""where they go, and are played from, unless somebody says otherwise"""
+
+
 @click.command("record")
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    default=Path("recordings"),
+    default=RECORDINGS,
     show_default=True,
     help="Folder of recordings; each session has a folder in it.",
 )

@@ -17,6 +17,7 @@ from ground.record.decoder import Decoder
 from ground.record.part import Asked, Route
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
+from zmav.services.queries.questions import refuse_parameters
 from zmav.wire.history import MOST
 
 RING = 500
@@ -135,6 +136,7 @@ class Answers:
     def _on_query(self, query: zenoh.Query) -> None:
         """On a thread of Zenoh's."""
         try:
+            refuse_parameters(query)
             wanted = _read_query(query)
             found = [asked for asked in self._history.known() if query.key_expr.intersects(self._key(asked))]
             if len(found) * min(wanted.most, RING) > MOST_ENTRIES:

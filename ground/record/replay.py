@@ -21,7 +21,7 @@ import msgspec
 import zenoh
 
 import zmav
-from ground.record.cli import check_mcap
+from ground.record.cli import RECORDINGS, check_mcap
 from ground.record.sources import Record, Source, Tlogs, open_all, vehicle_of
 from zmav import keys, wire
 from zmav.cli.common import dialect_option, fleet_option, run, zenoh_options
@@ -166,7 +166,7 @@ SETTLE_S = 1.0
 
 
 @click.command("replay")
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[FILE]...")
 @click.option("--as", "--name", "name", help="Another name; for several vehicles with a * for theirs: 'old-*'.")
 @click.option("--speed", default="1", show_default=True, help="Times real time; 'max' as fast as it goes.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
@@ -187,7 +187,7 @@ def command(
     settings: SessionSettings,
 ) -> None:
     """Play recordings into the key space, in step: .tlog files, .mcap files, or a folder: of a session, or of the
-    recorder, whose newest session is played.
+    recorder, whose newest session is played. Without any, that of 'recordings', where 'zmav record' writes.
 
     They are played in a fleet of their own, 'demo-replay' for --fleet demo: no vehicle is in it, and nobody who looks
     at vehicles hears it. Look at it by that name: 'zmav ls --fleet demo-replay', 'zmav gcs --fleet demo-replay'.
@@ -196,7 +196,7 @@ def command(
     key gets again what came on it. What is played takes no orders and no frames.
     """
     fleet = keys.replay_of(keys.check_name(fleet, "fleet"))
-    sources = open_all(files)
+    sources = open_all(files or (RECORDINGS,))
     if any(not isinstance(source, Tlogs) for source in sources):
         check_mcap()
     settings = msgspec.structs.replace(settings, cfg=(*settings.cfg, PATIENT))

@@ -49,7 +49,7 @@ def milliseconds(seconds: float | None) -> str:
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
-NAME, FLEET, MODE, WHY, EVENT = "vehicle", "fleet", "mode", "why", "last event"
+NAME, FLEET, MODE, RTCM, WHY, EVENT = "vehicle", "fleet", "mode", "rtcm", "why", "last event"
 NAME_MOST, MODE_MOST = 16, 12
 """cells; longer names are cut"""
 NARROW_WHY, WIDE_WHY = 20, 24
@@ -146,6 +146,7 @@ COLUMNS = (
     Column("left", 5, 12, lambda v: duration(v.battery_left), right=True),
     Column("gps", 7, 8, _gps),
     Column("acc m", 5, 12, _accuracy, right=True),
+    Column(RTCM, 5, 11, lambda v: duration(v.corrections.age) if v.corrections else "-", right=True),
     Column("age", 5, 1, lambda v: duration(v.age), right=True),
     Column("msg/s", 5, 9, lambda v: number(_link(v, "rate"), 0), right=True),
     Column("loss", 4, 9, lambda v: percent(_link(v, "loss")), right=True),
@@ -162,16 +163,17 @@ REASONS = Column(WHY, NARROW_WHY, 0, why)
 
 def choose(width: int, vehicles: list[VehicleReport]) -> list[Column]:
     """The columns that fit, the reasons last with what is left: never more than ``width`` cells, a space between two.
-    The fleet is one of them where there are several.
+    The fleet is one of them where there are several, the age of corrections where any vehicle gets some.
     """
     longest = {
         NAME: min(max((len(v.name) for v in vehicles), default=0), NAME_MOST),
         MODE: min(max((len(v.mode or "") for v in vehicles), default=0), MODE_MOST),
     }
     one_fleet = len({v.fleet for v in vehicles}) < 2
-    every = [
-        replace(c, width=max(longest.get(c.name, 0), c.width)) for c in COLUMNS if c.name != FLEET or not one_fleet
-    ]
+    left_out = {FLEET} if one_fleet else set()
+    if not any(v.corrections for v in vehicles):
+        left_out.add(RTCM)
+    every = [replace(c, width=max(longest.get(c.name, 0), c.width)) for c in COLUMNS if c.name not in left_out]
     left = width - (WIDE_WHY if width >= 120 else NARROW_WHY)
     shown: set[str] = set()
     for column in sorted(every, key=lambda c: c.rank):

@@ -95,6 +95,7 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     """s, by the autopilot's own estimate"""
     voltage: float | None = None
     gps: wire.Gps | None = None
+    corrections: wire.CorrectionsInfo | None = None
     lease: LeaseReport | None = None
     mover: str = ""
     """who moves it; see :class:`zmav.wire.VehicleState`"""
@@ -136,7 +137,7 @@ def condition(vehicle: VehicleReport) -> str:
 
 SAID = (
     *("sysid", "kind", "autopilot", "firmware", "mode", "status", "armed", "ready"),
-    *("local", "position", "gps", "mover"),
+    *("local", "position", "gps", "corrections", "mover"),
 )
 """what a report has of a vehicle's state as it is"""
 

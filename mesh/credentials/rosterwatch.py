@@ -73,7 +73,7 @@ class RosterWatch:
     async def __aenter__(self) -> RosterWatch:
         loop = asyncio.get_running_loop()
         self._questions = Questions(self._session, Answers(None, None), anybody)
-        self._questions.declare(self._key, lambda query: self._answer(query, loop))
+        self._questions.declare(self._key, lambda query: self._answer(query, loop), parameters=("newer",))
         take = on_loop(loop, self._on_samples)  # a batch at a time: anybody may put them, as fast as he likes
         self._declared = [self._session.info.declare_link_events_listener(on_loop(loop, self._on_link), history=True)]
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)

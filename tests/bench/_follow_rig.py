@@ -120,7 +120,7 @@ class Rig:
             "--endpoint",
             f"udp:127.0.0.1:{mavlink}+1",
             "--camera",
-            "copter1:15",
+            "quad1:15",
             "--pad",
             "rover1",
             "--camera-port",
@@ -129,7 +129,7 @@ class Rig:
             str(self.folder / "scene.toml"),
             *self._options,
         )
-        self.board, self._pictures = local[0], f"http://127.0.0.1:{pictures}/copter1.mjpeg"
+        self.board, self._pictures = local[0], f"http://127.0.0.1:{pictures}/quad1.mjpeg"
 
     def start_agents(self) -> None:
         """Once the vehicles are there: the camera on board; the others there or on the ground."""

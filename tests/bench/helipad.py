@@ -14,12 +14,12 @@ import math
 import time
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from agents.helipad import Detection, Detector
 from tests.agents.helipad.generator import CAMERA, FOCAL_PX, SYMBOL_M, Sample, sample
 from tests.bench._helipad_rivals import MatchTemplate, Naive, Seen, Tags
+from zmav.vision.threads import one_thread
 
 NEAR = 0.3
 """of the symbol's height: a detection within that of the middle counts"""
@@ -152,7 +152,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=20_000_000, help="of the first frame of each set")
     parser.add_argument("--ours", action="store_true", help="only our detector")
     options = parser.parse_args()
-    cv2.setNumThreads(1)
+    one_thread()
     everywhere, with_pad = ours()
     tallies: dict[str, Tally] = {}
     frames = dict.fromkeys([*everywhere, *with_pad, "AprilTag 36h11, OpenCV"], options.frames)

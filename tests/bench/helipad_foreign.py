@@ -1,10 +1,13 @@
 """What the helipad detector takes for a pad that is none, beside what it finds: letters of six typefaces, photographs.
 
     python tests/bench/helipad_foreign.py [--frames 100] [--seed 50000000] [--photographs FOLDER [--apart]]
+                                          [--fonts FOLDER]
 
 Hints with noise, one detector, one thread, CPU time. FOLDER holds sample pictures of packages, such as skimage/data of
 scikit-image 0.17.2's wheel, face and ascent of SciPy 1.5.4's and the two of scikit-learn's; those of ``APART`` (some
-four in ten) are looked at with ``--apart`` alone.
+four in ten) are looked at with ``--apart`` alone. ``--fonts``: TrueType fonts in place of the six typefaces,
+such as those of PyPI's font-roboto, font-source-sans-pro, font-source-serif-pro, font-hanken-grotesk,
+font-caladea and font-manrope.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from agents.helipad import Detector
 from tests.agents.helipad.generator import CAMERA, SIZE, Sample, sample
 from tests.agents.helipad.typefaces import JUDGED, names
 from tests.bench.helipad import CLEAR, CLEAR_FAR, HARD, HARD_FAR, NEAR, Set
+from zmav.vision.threads import one_thread
 
 APART = ("brick", "chelsea", "china", "gravel", "motorcycle_left", "motorcycle_right", "page", "retina", "rocket")
 CLUTTER, HARD_CLUTTER = Set("clutter", "clutter", False, (1.0, 12.0)), Set("hard clutter", "clutter", True, (1.0, 12.0))
@@ -42,9 +46,9 @@ def frames(which: Set, count: int, seed: int) -> Iterator[tuple[Sample, Hints]]:
         yield made, made.hints(np.random.default_rng([seed, number]))
 
 
-def lettered(count: int, seed: int, hard: bool) -> Iterator[tuple[Sample, Hints]]:
+def lettered(count: int, seed: int, hard: bool, faces: tuple[str, ...] = JUDGED) -> Iterator[tuple[Sample, Hints]]:
     """Every glyph in its turn, at heights that leave room for ``PADS``."""
-    order = np.random.default_rng(seed).permutation(names(JUDGED))
+    order = np.random.default_rng(seed).permutation(names(faces))
     for number in range(count):
         some = np.roll(order, -PADS * number)[:PADS].tolist()
         made = sample(seed + number, "lookalike", hard, (2.0, 12.0), pads=PADS, letters=some)
@@ -99,8 +103,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=50_000_000, help="of the first frame of each set")
     parser.add_argument("--photographs", type=Path, help="a folder of pictures without a pad")
     parser.add_argument("--apart", action="store_true", help="only those kept apart")
+    parser.add_argument("--fonts", type=Path, help="a folder of typefaces")
     options = parser.parse_args()
-    cv2.setNumThreads(1)
+    one_thread()
+    faces = JUDGED if options.fonts is None else tuple(map(str, sorted(options.fonts.glob("*.ttf"))))
     figures = Figures(Detector(CAMERA))
     figures.detector.detect(np.zeros((480, 640, 3), dtype=np.uint8), 5.0)  # makes what it keeps
     for which in (CLEAR, CLEAR_FAR, HARD, HARD_FAR):
@@ -110,7 +116,7 @@ def main() -> None:
         false = sum(figures.false(*each) > 0 for each in frames(which, options.frames, options.seed))
         print(f"{which.name}: {false} of {options.frames}")
     for hard in (False, True):
-        made = list(lettered(options.frames, options.seed, hard))
+        made = list(lettered(options.frames, options.seed, hard, faces))
         taken = sum(figures.false(*each) for each in made)
         print(f"letters{', hard' if hard else ''}: {taken} of {sum(len(m.pad_specs) for m, _ in made)}")
     median, late = np.percentile(figures.spent, (50, 99))

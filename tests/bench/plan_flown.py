@@ -25,7 +25,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,10 @@ PATIENCE = 400.0
 """s for one swap, with all its storms"""
 
 
-def scenario(count: int, standby: bool, resort: bool) -> Scenario:
+LOITER = {"action": "loiter"}
+
+
+def scenario(count: int, standby: bool, resort: bool, failsafe: Mapping[str, Any] = LOITER) -> Scenario:
     """Copters on a ring, each hearing the next, every other one the ground, and the rest a standby's van where there is
     one: one or two hops, and two ways.
     """
@@ -80,7 +83,7 @@ def scenario(count: int, standby: bool, resort: bool) -> Scenario:
         "burst": 2.0,
     }
     # A link outlasts the storms: opened again with so much loss, it takes ten seconds to come back from one of two.
-    more = {"failsafe": {"action": "loiter"}, "separation": {"on": resort}, "mesh": {"lease": LINK_LEASE}}
+    more = {"failsafe": dict(failsafe), "separation": {"on": resort}, "mesh": {"lease": LINK_LEASE}}
     return rigs.scenario(name="swap", profile="mesh", hosts=hosts, media=[medium], fleet=more)
 
 
@@ -209,11 +212,14 @@ def planner(lab: Lab, host: str, *more: str) -> subprocess.Popen[bytes]:
 
 @contextlib.asynccontextmanager
 async def fleet(
-    args: argparse.Namespace, standby: bool, trees: Sequence[tuple[float, float]] = TREES
+    args: argparse.Namespace,
+    standby: bool,
+    trees: Sequence[tuple[float, float]] = TREES,
+    failsafe: Mapping[str, Any] = LOITER,
 ) -> AsyncIterator[tuple[Lab, zmav.Client, list[str], Truth]]:
     """All in the air, at their places on the ring."""
     count, loss = args.vehicles, args.loss
-    async with Lab(scenario(count, standby, not args.alone)) as lab:
+    async with Lab(scenario(count, standby, not args.alone, failsafe)) as lab:
         await lab.ready()
         async with rigs.station(lab) as z:
             await rigs.all_heard(z, lab, 180.0)

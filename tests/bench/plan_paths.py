@@ -17,6 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Path
 from agents.planner.model.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene
@@ -105,7 +106,7 @@ def sides_of(world: World) -> dict[str, Way]:
     static = StaticMap(world)
 
     def connect(start: Floats, goal: Floats) -> Path | None:
-        way = sampled.find(world, start, goal, RADIUS, 1.0)
+        way = sampled.find(world, start, goal, RADIUS, Deadline.after(1.0))
         return None if way is None else shorten.shorten(world, way, RADIUS, RATES, SWEEPS)
 
     return {

@@ -26,7 +26,7 @@ from tests.agents.planner.checker import check
 from tests.agents.planner.generate import CLASSES, as_json
 
 SIZES = {
-    "swap_circle": (8, 16, 32, 64, 128),
+    "swap_circle": (8, 16, 32, 64, 128, 200, 400),
     "swap_sphere": (8, 32, 128),
     "swap_field": (16, 64, 128, 256),
     "shuffle": (16, 64, 128),
@@ -39,6 +39,7 @@ SIZES = {
     "gate": (8, 16, 40),
     "gate_opposing": (8, 16, 40),
     "gates": (8, 20),
+    "windows": (6, 8, 12, 16, 24, 40),
     "tunnel": (8, 16),
     "city": (10, 20, 50, 100),
     "fence": (10, 40),

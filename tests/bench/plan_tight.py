@@ -11,6 +11,7 @@ import time
 import click
 import numpy as np
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.problem import problem_of
 from agents.planner.model.separation import all_pairs
 from agents.planner.model.staticmap import StaticMap
@@ -38,7 +39,7 @@ def found(name: str, n: int, seed: int, seconds: float) -> tuple[float, float] |
     problem, static = problem_of(scene), StaticMap(world_of(scene))
     paths = static.paths_for(problem)
     begun = time.process_time()
-    motions = find(problem, static.world, paths, seconds, np.random.default_rng(seed))
+    motions = find(problem, static.world, paths, Deadline.after(seconds), np.random.default_rng(seed))
     spent = time.process_time() - begun
     if motions is None:
         return None

@@ -204,6 +204,8 @@ def main() -> None:
     one, bare_p50 = (statistics.median(medians[name]) for name in ("zmav, 1 router", "bare Zenoh hop"))
     three = statistics.median(medians["zmav, 3 routers"])
     print(f"p50: zmav / bare Zenoh hop ×{one / bare_p50:.2f}, 3 routers / 1 router ×{three / one:.2f}")
+    if not args.cuts:
+        return
     for kind, what in (("cut", "network cut"), ("killed", "holder killed")):
         print(f"{what:14} to hold {spread([c for c, _ in cuts[kind]], 's')} (min / median / max of {args.cuts})")
         print(f"{'':14} last setpoint to hold {spread([s for _, s in cuts[kind]], 's')}")

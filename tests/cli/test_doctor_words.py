@@ -158,6 +158,18 @@ def test_an_agent_that_speaks_and_two_of_one_name(speaker: Speaker) -> None:
     assert found["names"]["found"] == "2 of the role planner are named demo/ground"
 
 
+def test_ground_that_an_autopilot_asks_for() -> None:
+    whole = wire.TerrainReport(pieces=["S36E149-38-09"], missing=[], faults={}, answered=9, pending=0, loaded=504)
+    wanting = msgspec.structs.replace(whole, missing=["S36E149-38-10"], pending=40)
+    torn = msgspec.structs.replace(whole, pieces=[], faults={"S36E149-38-09": "no square"})
+    none = wire.TerrainReport(pieces=[], missing=[], faults={}, answered=0)
+    told = {"a": whole, "b": wanting, "c": torn, "d": none, "e": None}
+    lines = list(vehicles.check_terrain(Survey(terrain=told)))
+    assert [(line.who, line.level) for line in lines] == [("a", Level.OK), ("b", Level.ADVICE), ("c", Level.RED)]
+    assert "S36E149-38-10" in lines[1].found
+    assert "no square" in lines[2].found
+
+
 @pytest.mark.parametrize("state", ["failed", "Error", "lost", "aborted"])
 def test_an_agent_that_failed(state: str) -> None:
     """As bad as for 'zmav top', and more so than one that only says nothing."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -295,3 +296,31 @@ def test_a_frame_of_another_dialect_is_read_with_it(vehicle: Vehicle) -> None:
         vehicle.zmav("send", "quad1", "NO_SUCH_MESSAGE")
     (line,) = vehicle.zmav("echo", "quad1/HEARTBEAT", "-n", "1", "--json", "--dialect", "common").lines
     assert line["message"]["fields"]["autopilot"] == "MAV_AUTOPILOT_ARDUPILOTMEGA"
+
+
+# echo of what nobody publishes
+
+
+def test_echo_of_nobody_says_who_is_there(vehicle: Vehicle) -> None:
+    for key in ("quad9", "quad9/ATTITUDE", "x*/event"):
+        error = vehicle.zmav.fails("echo", key).error
+        assert isinstance(error, NoSuchVehicle)
+        assert "present: quad1" in str(error)
+
+
+def test_echo_of_a_message_that_there_is_not_says_which_there_are(vehicle: Vehicle) -> None:
+    for key in ("quad1/ATITUDE", "quad*/ATITUDE"):
+        error = vehicle.zmav.fails("echo", key).error
+        assert isinstance(error, BadMessage)
+        assert "did you mean ATTITUDE" in str(error)
+
+
+def test_echo_waits_for_what_may_come_and_says_what_does(vehicle: Vehicle, start: StartProcess) -> None:
+    for key, words in (
+        ("quad1/HIL_GPS", "quad1's autopilot sends ATTITUDE, "),
+        ("ground/agent/x/status", "yet; Ctrl-C"),
+    ):
+        echo = start("echo", key, "-e", vehicle.endpoint)
+        assert "nothing comes on zmav/demo/" in echo.expect(words)
+        assert echo.stop(signal.SIGINT) == 130
+        assert echo.stdout == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,18 @@ def test_how_far_a_long_order_is_is_said_meanwhile(vehicle: Vehicle, monkeypatch
     assert re.match(r"quad1: takeoff: at \d+\.\d m\n", told.err)
     assert told.out.startswith("quad1: takeoff done")
     assert do("do", "quad1", "land", "--json").err == "", "a script is told the end alone"
+
+
+def test_an_order_that_is_interrupted_says_that_the_vehicle_goes_on(vehicle: Vehicle, start: StartProcess) -> None:
+    do = vehicle.zmav
+    do("do", "quad1", "arm")
+    do("do", "quad1", "takeoff", "alt_rel=5")
+    goto = start("goto", "quad?", "--to", "0,900,5", "-e", vehicle.endpoint)
+    goto.expect("m to go")
+    assert goto.stop(signal.SIGINT) == 130
+    assert "only the waiting has ended: quad1 goes on with goto. To stop there: zmav do 'quad?' hold" in goto.err
+    vehicle.until(lambda s: bool(s.velocity and s.velocity[1] > 2.0))
+    do("do", "quad1", "land")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,10 @@ import pytest
 
 from tests.cli.conftest import Here
 from zmav.cli.sim.talk import clock_words
+from zmav.cli.sim.up import is_open
 from zmav.mavlink import Splitter, decode, load_dialect
 from zmav.mavlink.dialect import Dialect
+from zmav.process import free_port
 from zmav.sim import VehicleStatus, WorldStatus
 
 if TYPE_CHECKING:
@@ -42,7 +45,7 @@ def sysids_heard(url: str, dialect: Dialect) -> set[int]:
 
 def test_sim_says_where_each_vehicle_is_and_ends_cleanly(start: StartProcess) -> None:
     sim = start("sim", "--copters", "2", "--endpoint", "tcp:0", "--speed", "4", "--wind", "1@180,gusty")
-    urls = [sim.expect(f"copter{i} (system id {i}): ").rpartition(" ")[2] for i in (1, 2)]
+    urls = [sim.expect(f"quad{i} (system id {i}): ").rpartition(" ")[2] for i in (1, 2)]
     assert all(re.fullmatch(r"tcp:127\.0\.0\.1:\d+", url) for url in urls)
     dialect = load_dialect()
     assert [sysids_heard(url, dialect) for url in urls] == [{1}, {2}]
@@ -68,6 +71,32 @@ def test_sim_says_what_cannot_be(start: StartProcess, here: type[Here]) -> None:
         assert sim.wait() == 1
         assert f"127.0.0.1:{number} is in use by another program" in sim.stderr
     assert "expected ardupilot, tcp, tcp:[HOST:]PORT" in str(here().fails("sim", "--endpoint", "serial:0").error)
+
+
+def test_sim_up_brings_any_mix_into_the_key_space(
+    start: StartProcess, here: type[Here], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    monkeypatch.setenv("ZMAV_CONNECT", endpoint)
+    sim = start("sim", "--copters", "1", "--rovers", "1", "--planes", "1", "--up", "--endpoint", "tcp:0")
+    assert endpoint in sim.expect("beside each starts 'zmav up'")
+    sim.expect("look: zmav ls, zmav top, zmav echo quad1, zmav http")
+    expected = [("plane1", "plane", 3), ("quad1", "copter", 1), ("rover1", "rover", 2)]
+    deadline = time.monotonic() + PATIENCE_S
+    rows: list[dict[str, Any]] = []
+    while not (len(rows) == 3 and all(row["local"] for row in rows)):
+        assert time.monotonic() < deadline, rows
+        rows = here()("ls", "--json", "--wait", "1").lines if is_open(endpoint) else []
+    assert [(row["name"], row["kind"], row["sysid"]) for row in rows] == expected
+    joined = start("sim", "--up", "--endpoint", "tcp:0")  # its quad1 is another one: a clash, which is said elsewhere
+    assert endpoint in joined.expect("which was there")
+    assert joined.stop(signal.SIGINT) == 0
+    children = subprocess.run(["pgrep", "-P", str(sim.popen.pid)], capture_output=True, text=True).stdout.split()
+    assert len(children) == 4  # three and the router
+    os.kill(int(children[-1]), signal.SIGKILL)
+    assert sim.wait() == 1
+    assert "but should run to the end" in sim.stderr
+    assert not [pid for pid in children if Path(f"/proc/{pid}/cmdline").exists()]
 
 
 # ---- words to a running simulator
@@ -113,8 +142,8 @@ def test_the_clock_is_told_from_outside(sim: Sim) -> None:
 def test_the_status_is_a_table_and_json(sim: Sim) -> None:
     vehicles = sim.status()["vehicles"]
     assert [(v["name"], v["sysid"], v["kind"], v["autopilot"]) for v in vehicles] == [
-        ("copter1", 1, "copter", "arducopter"),
-        ("copter2", 2, "copter", "arducopter"),
+        ("quad1", 1, "copter", "arducopter"),
+        ("quad2", 2, "copter", "arducopter"),
         ("px4-1", 3, "px4", "px4"),
     ]
     table = sim.zmav("sim", "status").out

@@ -80,6 +80,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "docs/gcs.md": (Part("", QUAD),),
     "docs/quickstart.md": (Part("zmav goto", (*QUAD, UP)),),
     "docs/matlab.md": (Part(),),
+    "docs/terrain.md": (Part("", (*QUAD, "mkdir srtm && head -c 2884802 /dev/zero > srtm/S36E149.hgt")),),
 }
 """the pages whose commands are run: of all others each command stands in NOT_RUN"""
 
@@ -93,6 +94,11 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
+        "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
+    ),
+    r"docs/other-languages.md: .*": "beside what serves until it is stopped: tests/ground/test_other_languages.py",
+    r"zmav sim .*--up": "it runs until it is stopped: tests/cli/test_sim.py",
     r"docs/ros2.md: .*": "wants ROS 2, or the SDK: tests/ground/ros2, tests/ground/test_examples.py",
     r"docs/camera.md: zmav http": "it serves until it is stopped: tests/ground/http/test_cameras.py",
     r"docs/planner-goals.md: zmav .*": (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 from typing import Any
 
+import msgspec
 import pytest
 
 from zmav import wire
@@ -68,6 +69,11 @@ def gps(**more: Any) -> wire.VehicleState:
     return state(gps=wire.Gps(**(well | more)))
 
 
+def corrected(fix: str = "RTK_FIXED", **more: Any) -> Facts:
+    well: dict[str, Any] = {"age": 1.2, "source": "gs", "station": 1, "baseline": 900.0, "rate": 600.0}
+    return facts(state=msgspec.structs.replace(gps(fix=fix), corrections=wire.CorrectionsInfo(**(well | more))))
+
+
 CASES: list[tuple[str, Facts, str]] = [
     ("state", facts(presence="stale", age=12.2), "bad: no state for 12s"),
     ("state", facts(presence="gone", age=125.0), "bad: no state for 2m05, and its token is gone"),
@@ -97,6 +103,14 @@ CASES: list[tuple[str, Facts, str]] = [
     ("battery-low", facts(state=state(battery=wire.Battery(remaining=0.15))), "warn: battery 15%"),
     ("gps-weak", facts(state=gps(satellites=5)), "warn: GPS 5 satellites"),
     ("gps-weak", facts(state=gps(hdop=2.6)), "warn: GPS HDOP 2.6"),
+    ("corrections-old", corrected(age=31.0, dropped={"old": 3}), "warn: corrections 31s old (dropped: 3 old)"),
+    (
+        "corrections-old",
+        corrected(age=None, dropped={"ahead": 4, "standby": 2}),
+        "warn: corrections of gs come, and its receiver was given none (dropped: 4 ahead)",
+    ),
+    ("corrections-far", corrected(baseline=31_000.0), "warn: its base is 31 km away"),
+    ("corrections-unused", corrected(fix="3D_FIX"), "warn: corrections come, and its GPS has 3D_FIX"),
     ("position-old", facts(state=state(ages={"position": 5.4})), "warn: position 5.4s old"),
     ("link-loss", facts(link=link(0.05)), "warn: MAVLink loss 5%"),
     ("link-loss", facts(state=state(link_loss=0.1)), "warn: MAVLink loss 10%"),
@@ -133,6 +147,8 @@ WELL: dict[str, Facts] = {
     "a battery that tells no charge": facts(state=state(battery=wire.Battery(voltage=12.0))),
     "a quarter of the battery": facts(state=state(battery=wire.Battery(remaining=0.25))),
     "six satellites": facts(state=gps(satellites=6, hdop=2.5)),
+    "corrections that are used": corrected(),
+    "corrections that are used as floats, and others that are dropped": corrected("RTK_FLOAT", dropped={"standby": 9}),
     "an old position": facts(state=state(ages={"position": 5.0})),
     "a little loss": facts(link=link(0.049)),
     "a lossless link, whatever its last state said": facts(link=link(0.0), state=state(link_loss=0.5)),

@@ -76,7 +76,7 @@ def test_a_stack_flies_and_the_world_shows_it(world: World, client: Client) -> N
     for _ in range(6 * 400):
         pwm[:4] = [round(1000 + 1000 * u) for u in steer(PLUS, state_of(client.step(pwm)), (1.0, 2.0, -4.0), 0.0)]
     shown = world.status().vehicles[0]
-    assert (shown.name, shown.autopilot, shown.airframe, shown.mode) == ("copter1", "ardupilot", "quad", "external")
+    assert (shown.name, shown.autopilot, shown.airframe, shown.mode) == ("quad1", "ardupilot", "quad", "external")
     assert shown.ned_m == pytest.approx((1.0, 2.0, -4.0), abs=1.0)
     assert shown.armed and not shown.landed
     assert shown.height_m == pytest.approx(-shown.ned_m[2])
@@ -152,8 +152,8 @@ def test_what_is_no_packet_is_counted_and_said_once(world: World, client: Client
 
 def test_embedded_vehicles_fly_beside_it_under_their_own_numbers(make_world: MakeWorld) -> None:
     world = make_world(WAITING, VehicleSpec(endpoints=("tcp:0",)), VehicleSpec(stack=Stack(port=0)))
-    assert [vehicle.name for vehicle in world.vehicles] == ["copter2"]
-    assert [(v.name, v.sysid) for v in world.externals.vehicles] == [("copter1", 1), ("copter3", 3)]
+    assert [vehicle.name for vehicle in world.vehicles] == ["quad2"]
+    assert [(v.name, v.sysid) for v in world.externals.vehicles] == [("quad1", 1), ("quad3", 3)]
     assert [v.ned_m[1] for v in world.status().vehicles] == [10.0, 0.0, 20.0]
 
 

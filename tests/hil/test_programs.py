@@ -60,8 +60,8 @@ class TestFlight:
             flown(tree, directory=tmp_path, instance=7), flown(tree, directory=tmp_path, instance=8), home=home
         )
         wait_until(lambda: all(v.ned_m[2] < -4.0 for v in world.status().vehicles))
-        first, second = started(tmp_path / "copter1"), started(tmp_path / "copter2")
-        assert Path(first["cwd"]) == tmp_path / "copter1"
+        first, second = started(tmp_path / "quad1"), started(tmp_path / "quad2")
+        assert Path(first["cwd"]) == tmp_path / "quad1"
         argv = first["argv"]
         assert argv[argv.index("--home") + 1] == "47.0000000,8.0000000,400.00,90"
         assert argv[argv.index("--sysid") + 1] == "1"
@@ -76,14 +76,14 @@ class TestFlight:
     ) -> None:
         peer_params(tree, PEER_RATE=123, FRAME_CLASS=99)
         make_world(flown(tree, directory=tmp_path))
-        log = tmp_path / "copter1/output.log"
+        log = tmp_path / "quad1/output.log"
         wait_until(lambda: b"starts with" in log.read_bytes())
         assert "'PEER_RATE': 123.0, 'FRAME_CLASS': 1.0" in log.read_text()
 
     def test_files_nobody_keeps_are_gone_at_the_end(self, make_world: MakeWorld, tree: Path) -> None:
         world = make_world(flown(tree))
         wait_until(lambda: world.status().vehicles[0].mode == "external")
-        directory = Path(f"/proc/{world.externals.pids()['copter1']}/cwd").readlink()
+        directory = Path(f"/proc/{world.externals.pids()['quad1']}/cwd").readlink()
         assert directory.is_dir()
         world.close()
         assert not directory.exists()
@@ -118,8 +118,8 @@ class TestEnds:
         binary = tree / "build/sitl/bin/arducopter"
         binary.write_text("#!/bin/sh\ntrap '' TERM\necho deaf > ready\nwhile :; do sleep 0.1; done\n")
         world = make_world(flown(tree, directory=tmp_path))
-        wait_until(lambda: (tmp_path / "copter1/ready").exists())
-        pid = world.externals.pids()["copter1"]
+        wait_until(lambda: (tmp_path / "quad1/ready").exists())
+        pid = world.externals.pids()["quad1"]
         world.close()
         assert not alive(pid)
 
@@ -158,9 +158,9 @@ class TestEnds:
         )
         simulator = subprocess.Popen([sys.executable, "-c", code])
         try:
-            file = tmp_path / "copter1/started.json"
+            file = tmp_path / "quad1/started.json"
             wait_until(lambda: file.exists() and file.read_text())
-            pid = started(tmp_path / "copter1")["pid"]
+            pid = started(tmp_path / "quad1")["pid"]
             assert alive(pid)
         finally:
             simulator.send_signal(signal.SIGKILL)
@@ -347,5 +347,5 @@ class TestOptions:
 
 
 def test_a_world_alone_does_not_know_what_flies_a_stack() -> None:
-    with pytest.raises(BadConfig, match="copter1 has a flight stack of its own; expected externals="):
+    with pytest.raises(BadConfig, match="quad1 has a flight stack of its own; expected externals="):
         World([VehicleSpec(stack=Stack(port=0))])

@@ -224,7 +224,7 @@ class TestBattery:
 class TestPosition:
     def test_without_gps_it_lands_in_the_end(self, make_desk: MakeDesk) -> None:
         desk = aloft(make_desk)
-        desk.world.fault("copter1", "gps-loss")
+        desk.world.fault("quad1", "gps-loss")
         desk.world.step(6.8)
         assert desk.last("GPS_RAW_INT")["fix_type"] == 1
         assert desk.last("EKF_STATUS_REPORT")["flags"] == 0x33F
@@ -244,7 +244,7 @@ class TestPosition:
     @pytest.mark.parametrize(("action", "expected"), [(0, GUIDED), (2, ALT_HOLD)])
     def test_what_it_does_is_a_parameter(self, make_desk: MakeDesk, action: int, expected: int) -> None:
         desk = aloft(make_desk, FS_EKF_ACTION=action)
-        desk.world.fault("copter1", "gps-loss")
+        desk.world.fault("quad1", "gps-loss")
         desk.world.step(8.5)
         assert mode(desk) == expected
 
@@ -252,7 +252,7 @@ class TestPosition:
         desk = aloft(make_desk)
         desk.vehicle.copter.pilot.sticks(throttle=0.5)
         assert desk.command(176, 1, ALT_HOLD) == ACCEPTED
-        desk.world.fault("copter1", "gps-loss")
+        desk.world.fault("quad1", "gps-loss")
         desk.world.step(8.5)
         assert mode(desk) == ALT_HOLD
         assert "EKF Failsafe" in desk.texts()

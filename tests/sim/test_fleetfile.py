@@ -92,7 +92,7 @@ def test_everything_it_says(read: Read, tmp_path: Path) -> None:
 
 def test_names_and_ids_of_the_world_are_the_files(read: Read) -> None:
     specs = line_up(gather(read(WHOLE).vehicles, {"copter": 1}), Home(), 10.0)
-    assert [(spec.name, spec.sysid) for spec in specs] == [("quad1", 7), ("ugv", 2), ("copter1", 3)]
+    assert [(spec.name, spec.sysid) for spec in specs] == [("quad1", 7), ("ugv", 2), ("quad2", 3)]
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,8 @@ def lined_up(specs: list[VehicleSpec], yaw_deg: float = 0.0) -> list[VehicleSpec
 def test_kinds_are_counted_each_and_ids_all() -> None:
     specs = lined_up(gather([], MIXED))
     assert [spec.name for spec in specs] == [
-        "copter1",
-        "copter2",
+        "quad1",
+        "quad2",
         "hexa1",
         "rover1",
         "rover2",
@@ -37,14 +37,14 @@ def test_kinds_are_counted_each_and_ids_all() -> None:
 
 
 def test_what_was_given_is_kept_and_gone_around() -> None:
-    specs = [VehicleSpec(sysid=2), VehicleSpec(name="copter1"), VehicleSpec(), VehicleSpec(sysid=1), VehicleSpec()]
+    specs = [VehicleSpec(sysid=2), VehicleSpec(name="quad1"), VehicleSpec(), VehicleSpec(sysid=1), VehicleSpec()]
     found = lined_up(specs)
     assert [(spec.name, spec.sysid) for spec in found] == [
-        ("copter2", 2),
-        ("copter1", 3),
-        ("copter3", 4),
-        ("copter4", 1),
-        ("copter5", 5),
+        ("quad2", 2),
+        ("quad1", 3),
+        ("quad3", 4),
+        ("quad4", 1),
+        ("quad5", 5),
     ]
 
 

@@ -178,7 +178,7 @@ def test_one_that_stops_answering_is_left_out_and_may_come_back(make_desk: MakeD
     assert said == []
     wall[0] += 0.2
     assert lockstep.ready()
-    assert said == ["copter1: no answer for 1 s; lock step goes on without that client"]
+    assert said == ["quad1: no answer for 1 s; lock step goes on without that client"]
     asked = len(answerer.asked)
     assert go(5.0)
     assert len(answerer.asked) - asked <= 6  # once a second
@@ -230,7 +230,7 @@ def test_no_fault_has_the_world_wait_for_answers_that_cannot_come(
         answerer.step()
         if tick == 199:
             assert lockstep.members == 1
-            desk.world.fault("copter1", kind, **parameters)
+            desk.world.fault("quad1", kind, **parameters)
             before = len(answerer.asked)
         if tick == 299:
             assert len(answerer.asked) - before == pytest.approx(asked, abs=2)

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from zmav.errors import BadConfig
+from zmav.sim import World
 from zmav.sim.clock import MOST_BEHIND_S, Pacer
 
 
@@ -100,3 +101,29 @@ def test_another_speed_holds_at_once() -> None:
     for speed in (0.0, -1.0, math.nan, 1e-9, 1e9):
         with pytest.raises(BadConfig, match=r"expected 0\.001 to 1e\+06"):
             wall.pacer.set_speed(speed)
+
+
+def test_what_is_given_up_is_told() -> None:
+    wall, told = Wall(1.0), list[float]()
+    wall.pacer.on_given_up = told.append
+    wall.run(1.0)
+    assert told == []
+    wall.now += 2.0  # the computer slept
+    wall.run(1.0)
+    assert told == [pytest.approx(2.0, abs=0.02)]
+    assert wall.pacer.given_up_s == sum(told)
+
+
+def test_a_world_that_falls_behind_says_so_and_its_receivers_tell_utc() -> None:
+    world, said = World(copters=2, epoch_s=1.8e9), list[str]()
+    world.say = said.append
+    nodes = [vehicle.node for vehicle in world.vehicles]
+    world.step(1.0)
+    for late in (0.4, 0.4, 0.4, 5.0):
+        world.pacer.on_given_up(late)
+    assert [node.unix_us for node in nodes] == [pytest.approx(1.8e15 + 7.2e6, abs=10.0)] * 2
+    (words,) = said  # the next one comes a minute later
+    assert "too slow for the simulation" in words and "1.2 s behind" in words
+    world.set_speed(4.0)  # such a world has a time of its own
+    world.pacer.on_given_up(1.0)
+    assert nodes[0].unix_us == pytest.approx(1.8e15 + 7.2e6, abs=10.0)

@@ -89,12 +89,12 @@ class TestWords:
         with Remote() as sim:
             sim.pause()
             assert sim.status() == world.status()
-            assert (sim.status().speed, sim.status().vehicles[0].name) == (4.0, "copter1")
+            assert (sim.status().speed, sim.status().vehicles[0].name) == (4.0, "quad1")
 
     def test_the_pilots_hands_are_told_by_the_numbers_of_channels(self, start: Any) -> None:
         world = start("one")
         with Remote() as sim:
-            sim.pilot("copter1", None, {7: 1900})
+            sim.pilot("quad1", None, {7: 1900})
         brain = world.vehicles[0].brain
         assert brain.pilot.pwm[6] == 1900
 
@@ -162,7 +162,7 @@ class TestWords:
             ("speed", {"times": "fast"}, "Expected `float`, got `str`"),
             ("speed", {"times": -1.0}, r"expected 0\.001 to"),
             ("speed", {"times": 1e-9}, r"expected 0\.001 to"),
-            ("fault", {"vehicle": "copter1", "kind": "motor", "parameters": {"kind": 1}}, "no parameter 'kind'"),
+            ("fault", {"vehicle": "quad1", "kind": "motor", "parameters": {"kind": 1}}, "no parameter 'kind'"),
             ("pause", {"now": 1}, "unknown field `now`"),
             ("step", {"seconds": 0.0}, "expected 0.01 to 1000000"),
             ("step", {"seconds": -5.0}, "expected 0.01 to 1000000"),

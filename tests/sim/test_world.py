@@ -95,7 +95,7 @@ def test_vehicles_stand_in_a_row_unless_told_otherwise(make_desk: MakeDesk) -> N
     found = [v.status() for v in world.vehicles]
     assert [s.ned_m for s in found] == [(0.0, 0.0, 0.0), (5.0, -3.0, 0.0), (0.0, 14.0, 0.0)]
     assert [s.heading_deg for s in found] == pytest.approx([350.0, 90.0, 350.0])
-    assert [s.name for s in found] == ["copter1", "copter2", "tail"]
+    assert [s.name for s in found] == ["quad1", "quad2", "tail"]
     assert [s.sysid for s in found] == [1, 2, 3]
 
 
@@ -425,9 +425,9 @@ class TestDefects:
         self.until(world, 5.0)
         for _ in range(3):
             assert well.next("HEARTBEAT")
-        assert told == ["copter1: a defect"]
+        assert told == ["quad1: a defect"]
         assert [v.failed for v in world.status().vehicles] == ["RuntimeError('a defect')", None, None]
-        with pytest.raises(TimedOut, match="copter1 has failed"):
+        with pytest.raises(TimedOut, match="quad1 has failed"):
             world.wait_for(lambda: False)
         dead.close()
         well.close()
@@ -449,7 +449,7 @@ class TestDefects:
             client.send("PING", seq=1, target_system=0, target_component=0)
         assert client.command(512, 148) == 0  # it goes on, and so does the link
         assert client.next("HEARTBEAT")
-        assert [(v.name, str(e)) for v, e in world.failures] == [("copter1", "a defect")]  # once
+        assert [(v.name, str(e)) for v, e in world.failures] == [("quad1", "a defect")]  # once
         assert world.status().vehicles[0].failed is None
         client.close()
 

@@ -28,8 +28,10 @@ VERBS = (
     "log",
     "send",
     "signing",
+    "install",
     "doctor",
     "param",
+    "terrain",
 )
 
 
@@ -38,14 +40,26 @@ VERBS = (
     package="zmav.cli",
     files=VERBS,
     points="zmav.verbs",
+    invoke_without_command=True,
+    no_args_is_help=True,
+    subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(package_name="zmav")
-def zmav() -> None:
+@click.option("--version", is_flag=True, help="Show the version and exit; with --json, of all that others rely on.")
+@click.option("--json", "as_json", is_flag=True, hidden=True)
+@click.pass_context
+def zmav(ctx: click.Context, version: bool, as_json: bool) -> None:
     """One key space for a swarm of vehicles: MAVLink over Zenoh.
 
     'zmav demo' flies three simulated copters; 'zmav up' runs beside an autopilot; 'zmav ls' shows who is there.
     """
+    if version:
+        from zmav.cli.version import show  # beside what it has to load
+
+        show(as_json)
+        ctx.exit()
+    if as_json or ctx.invoked_subcommand is None:
+        raise click.UsageError("--json goes with --version here, and else behind a verb")
 
 
 def main() -> None:

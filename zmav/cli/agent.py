@@ -8,9 +8,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import importlib.util
+import inspect
 import re
 import sys
 import time
+import traceback
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
@@ -38,7 +40,7 @@ from zmav.cli.common import (
 )
 from zmav.cli.vehicles import one
 from zmav.config.table import reading
-from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.errors import BadConfig, BadInput, ZmavError, missing_extra
 from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.waiting import within
@@ -77,7 +79,8 @@ def _agent_in(path: Path) -> type[Agent] | None:
     try:
         spec.loader.exec_module(module)
     except Exception as e:
-        raise BadConfig(f"{path}: {type(e).__name__}: {e}", field="name", value=str(path), expected="an agent") from e
+        text = f"{path}:\n{own_lines(e, str(path))}"
+        raise BadConfig(text, field="name", value=str(path), expected="an agent") from e
     found = [
         each
         for each in vars(module).values()
@@ -88,6 +91,14 @@ def _agent_in(path: Path) -> type[Agent] | None:
         text = f"{path} holds {names}; expected one class derived from zmav.Agent, with a name"
         raise BadConfig(text, field="name", value=str(path), expected="one agent")
     return found[0]
+
+
+def own_lines(error: Exception, file: str) -> str:
+    """A traceback from the first line in ``file`` on: what called that is not its author's. All of it where none is."""
+    at = error.__traceback__
+    while at is not None and Path(at.tb_frame.f_code.co_filename).resolve() != Path(file).resolve():
+        at = at.tb_next
+    return "".join(traceback.format_exception(type(error), error, at, chain=at is None)).rstrip()
 
 
 def find(name: str) -> type[Agent]:
@@ -151,6 +162,17 @@ async def _run(
     for name, value in tuned.items():
         if not isinstance(value, (int, float)):
             raise BadInput.wrong(name, value, "a number")
+    try:
+        await _live(kind, vehicle, own, tuned, fleet, settings)
+    except ZmavError:
+        raise
+    except Exception as e:
+        raise ZmavError(f"{kind.name} failed:\n{own_lines(e, inspect.getfile(kind))}") from e
+
+
+async def _live(
+    kind: type[Agent], vehicle: str, own: msgspec.Struct, tuned: dict[str, Any], fleet: str, settings: SessionSettings
+) -> None:
     async with zmav.open(fleet=fleet, settings=settings) as z:
         agent = kind(z, vehicle, own, tuned)
         async with agent:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import click
@@ -12,8 +13,9 @@ from zmav.cli.common import Work, assignments, connected, dump, json_option
 from zmav.cli.progress import Progress
 from zmav.cli.vehicles import matching
 from zmav.client import Client
+from zmav.process import say
 from zmav.swarm import FleetOrder, VehicleProgress
-from zmav.verbs import VERBS
+from zmav.verbs import VERBS, Access
 
 
 @click.command("do")
@@ -32,6 +34,7 @@ def order(vehicles: str, verb: str, arguments: dict[str, Any], as_json: bool) ->
     args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, verb)
 
     async def give(z: Client) -> None:
+        over = set[str]()
         with Progress(verb, quiet=as_json) as progress:
 
             def tell(news: str | VehicleProgress) -> None:
@@ -39,14 +42,30 @@ def order(vehicles: str, verb: str, arguments: dict[str, Any], as_json: bool) ->
                 if isinstance(news, str):
                     click.echo(news, err=True)
                 elif news.status != "running":
+                    over.add(news.vehicle)
                     click.echo(dump(_document(news)) if as_json else _words(news, verb))
 
             targets = await matching(z, vehicles)
-            ended = await FleetOrder(z, targets, verb, args, tell, lambda v: lambda n: progress.tell(v.name, n)).run()
+            order = FleetOrder(z, targets, verb, args, tell, lambda v: lambda n: progress.tell(v.name, n))
+            try:
+                ended = await order.run()
+            except asyncio.CancelledError:
+                progress.clear()
+                if left := [v.name for v in targets if v.name not in over]:
+                    say(_goes_on(vehicles, left, verb))
+                raise
         if any(told.status == "failed" for told in ended):
             raise SystemExit(1)
 
     return give
+
+
+def _goes_on(vehicles: str, names: list[str], verb: str) -> str:
+    """What becomes of an order when the one who waits for it is interrupted: the vehicle has it, and does it."""
+    whom = f"'{vehicles}'" if any(c in vehicles for c in "*?[") else vehicles
+    stop = f". To stop there: zmav do {whom} hold" if VERBS[verb].access in (Access.MOVE, Access.OPEN) else ""
+    goes = "goes" if len(names) == 1 else "go"
+    return f"only the waiting has ended: {', '.join(names)} {goes} on with {verb}{stop}"
 
 
 def _document(told: VehicleProgress) -> dict[str, Any]:

@@ -33,7 +33,7 @@ NAME = re.compile(r"[a-z0-9_][a-z0-9_-]{0,63}\Z")
 """no path, no other unit, no option of systemctl"""
 LOADS = 120.0
 """s that loading it may take, on a slow computer too"""
-UNREADY = "'sudo deploy/install.sh' makes it ready"
+UNREADY = "'sudo deploy/install.sh' of a clone makes it ready, or 'sudo zmav install'"
 
 
 class Installed(Table, frozen=True):

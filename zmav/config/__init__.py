@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from zmav.config.body import BodyConfig, body_of, check_body
 from zmav.config.fleet import (
+    RETURN_LEAD,
     Failsafe,
     FleetConfig,
     Geofence,
@@ -23,6 +24,7 @@ from zmav.config.fleet import (
 from zmav.config.mesh import Address, Host, Profile, Radio
 
 __all__ = [
+    "RETURN_LEAD",
     "Address",
     "BodyConfig",
     "Failsafe",

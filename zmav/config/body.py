@@ -37,6 +37,8 @@ class BodyConfig(Table, frozen=True):
     turn_radius: float | None = None
     sweep_width: Positive | None = None
     endurance: Positive | None = None
+    reserve: float | None = None
+    position_error: float | None = None
 
 
 def check_body(body: BodyConfig, field: str) -> None:
@@ -45,6 +47,8 @@ def check_body(body: BodyConfig, field: str) -> None:
         value = getattr(body, name)
         if value is not None and not (math.isfinite(value) and value >= 0.0):
             raise BadConfig.wrong(f"{field}.{name}", value, "a number, zero or more")
+    if body.reserve is not None and body.reserve >= 1.0:
+        raise BadConfig.wrong(f"{field}.reserve", body.reserve, "a share below 1")
     if body.speed is not None and body.min_speed is not None and body.min_speed > body.speed:
         text = f"{field}.min_speed is {body.min_speed}, more than its speed of {body.speed}"
         raise BadConfig(text, field=f"{field}.min_speed", value=body.min_speed, expected=f"{body.speed} at most")

@@ -11,6 +11,7 @@ alt_amsl = 60.0
 hold_after = 0.5
 land_after = 30.0               # or "never"
 action = "rtl"                  # or "loiter", "land"
+return = "together"             # the planner's way home for everybody first, where it sent one; absent: none
 
 [geofence]                      # nothing is flown beyond it; what is absent is as for a club's field
 radius = 300.0                  # m about the origin (1000); inf: none
@@ -26,6 +27,7 @@ descend = 2.0
 [body]                          # how much room a vehicle needs and what it can do, for planners
 radius = 0.8
 speed = 5.0
+reserve = 0.25                  # share of its battery with which it is to be on the ground again (0.2)
 
 [separation]                    # vehicles move aside for each other by themselves, as a last resort
 on = true
@@ -71,6 +73,8 @@ from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
 
 Action = Literal["loiter", "rtl", "land"]
+RETURN_LEAD = 3.0
+"""s for which the first place of a way home is streamed before it begins, and the mode that follows it asked for"""
 H = TypeVar("H")
 
 
@@ -82,6 +86,13 @@ class Failsafe(Table, frozen=True):
     land_after: Annotated[float, msgspec.Meta(ge=1.0, le=86_400.0)] | Literal["never"] = 30.0
     """then it does ``action``"""
     action: Action = "rtl"
+    returns: Literal["together"] | None = msgspec.field(default=None, name="return")
+    """then, in the place of ``action``, the way home that a planner sent with its last segment, where it has one"""
+
+    @property
+    def returns_after(self) -> float | None:
+        """s after a segment's end at which such a way may begin; None: none is asked for."""
+        return None if self.returns is None or self.land_after == "never" else self.land_after + RETURN_LEAD
 
 
 class Geofence(Table, frozen=True):
@@ -95,6 +106,11 @@ class Geofence(Table, frozen=True):
     """m above home; absent: the ground there, which vehicles that stay on the surface are free of"""
     ceiling: float | None = None
     """m above home; absent: 120"""
+    above_ground: float | None = None
+    """m above the ground, where 'zmav terrain load' has told how high that is: of places, straight ways and segments,
+    not of velocities, landings and climbs. With it, ground that is not known is refused; absent: only what is 10 m deep
+    in the ground is
+    """
 
 
 class Limits(Table, frozen=True):
@@ -334,6 +350,8 @@ def check_failsafe(failsafe: Failsafe, field: str = "failsafe") -> Failsafe:
         raise BadConfig.wrong(
             f"{field}.land_after", failsafe.land_after, f"more than hold_after ({failsafe.hold_after} s)"
         )
+    if failsafe.returns and failsafe.land_after == "never":
+        raise BadConfig.wrong(f"{field}.return", failsafe.returns, 'a land_after that is not "never", which it follows')
     return failsafe
 
 

@@ -28,6 +28,11 @@ CLOCK_OFF = 1.0
 """s between the companion's clock and GPS"""
 LEASE_END_SHOWN, EVENT_SHOWN = 60.0, 30.0
 """s for which the end of a lease and an error are worth saying"""
+CORRECTIONS_OLD = 10.0
+"""s from which a receiver loses what it has fixed"""
+BASELINE = 30_000.0
+"""m to a base up to which receivers with two bands fix"""
+CORRECTED = ("DGPS", "RTK_FLOAT", "RTK_FIXED", "STATIC", "PPP")
 NO_POSITION = {"NO_GPS": "no GPS", "NO_FIX": "GPS has no fix", "2D_FIX": "GPS 2D"}
 LATE = "replayed"
 """why what was signed before the last that came is not believed"""
@@ -155,6 +160,36 @@ def _position_old(f: Facts) -> str | None:
     return f"position {duration(age)} old" if age is not None and age > PART_OLD else None
 
 
+def _corrections_old(f: Facts) -> str | None:
+    found = f.state.corrections if f.state else None
+    if found is None or (found.age is not None and found.age <= CORRECTIONS_OLD):
+        return None
+    if found.age is None:
+        return f"corrections of {found.source} come, and its receiver was given none{_why_dropped(found)}"
+    return f"corrections {duration(found.age)} old{_why_dropped(found)}"
+
+
+def _why_dropped(found: wire.CorrectionsInfo) -> str:
+    words = ", ".join(f"{count} {why}" for why, count in sorted(found.dropped.items()) if why != "standby")
+    return f" (dropped: {words})" if words else ""
+
+
+def _corrections_far(f: Facts) -> str | None:
+    found = f.state.corrections if f.state else None
+    if found is None or found.baseline is None or found.baseline <= BASELINE:
+        return None
+    return f"its base is {found.baseline / 1e3:.0f} km away"
+
+
+def _corrections_unused(f: Facts) -> str | None:
+    """They come, and its receiver makes nothing of them."""
+    found, gps = (f.state.corrections, f.state.gps) if f.state else (None, None)
+    if found is None or gps is None or gps.fix in NO_POSITION or gps.fix in CORRECTED:
+        return None
+    fresh = found.age is not None and found.age <= CORRECTIONS_OLD
+    return f"corrections come, and its GPS has {gps.fix}" if fresh else None
+
+
 # Its links.
 
 
@@ -262,6 +297,19 @@ RULES: tuple[Rule, ...] = (
     Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
     Rule("battery-low", "warn", _battery(BATTERY_EMPTY, BATTERY_LOW), CHARGE),
     Rule("gps-weak", "warn", _gps_weak, SKY),
+    Rule(
+        "corrections-old",
+        "warn",
+        _corrections_old,
+        "look at 'zmav rtk' and the way from it; zmav echo 'HOST/agent/rtk/status'",
+    ),
+    Rule("corrections-far", "warn", _corrections_far, "take a base or a mountpoint nearby: it is another place's"),
+    Rule(
+        "corrections-unused",
+        "warn",
+        _corrections_unused,
+        "can its receiver do RTK, does it see what the base sees, and is the base within 30 km?",
+    ),
     Rule("position-old", "warn", _position_old, "look at its link and at the rate of GLOBAL_POSITION_INT: zmav rate"),
     Rule("link-loss", "warn", _link_loses("warn"), LINE),
     Rule("way", "warn", _way, "zmav mesh graph shows which router says nothing"),

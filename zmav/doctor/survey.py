@@ -67,6 +67,8 @@ class Survey(msgspec.Struct, frozen=True):
     """oldest first"""
     clocks: dict[str, ClockOffset | ZmavError] = {}
     safety: dict[str, dict[Safety, Value | None] | ZmavError] = {}
+    terrain: dict[str, wire.TerrainReport | None] = {}
+    """None where it did not say"""
     trust: Trust | None = None
     neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
     """by (host, neighbour), the newest"""
@@ -99,6 +101,7 @@ async def look(
             "hosts": find_hosts(z),
             "clocks": _of_each(present, _clock_of),
             "safety": _of_each(present, read_safety),
+            "terrain": _of_each(present, _terrain_of),
             "trust": look_at_trust(z, own, [v.name for v in present]),
         }
         found: dict[str, Any] = {}
@@ -230,6 +233,13 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
             return msgspec.json.decode(payload, type=_Versions).versions
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return e
+
+
+async def _terrain_of(vehicle: Vehicle) -> wire.TerrainReport | None:
+    try:
+        return await vehicle.terrain.report()
+    except ZmavError:
+        return None
 
 
 async def _clock_of(vehicle: Vehicle) -> ClockOffset | ZmavError:

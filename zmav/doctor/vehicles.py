@@ -96,6 +96,9 @@ ALARMS: dict[str, Topic] = {
     "gps-fix": topics.READINESS,
     "gps-weak": topics.READINESS,
     "position-old": topics.READINESS,
+    "corrections-old": topics.CORRECTIONS,
+    "corrections-far": topics.CORRECTIONS,
+    "corrections-unused": topics.CORRECTIONS,
     "battery-empty": topics.BATTERY,
     "battery-low": topics.BATTERY,
     "clock": topics.CLOCK,
@@ -138,6 +141,9 @@ def _well(vehicle: Vehicle) -> Iterator[Finding]:
     yield topics.PRESENCE.well(f"{what}, system id {state.sysid}, {armed} in {state.mode}", who)
     gps = f"GPS {state.gps.fix}, {state.gps.satellites} satellites" if state.gps else "no GPS heard"
     yield topics.READINESS.well(f"{'armed' if state.armed else 'ready to arm'}, {gps}", who)
+    if (found := state.corrections) is not None and found.age is not None:
+        far = "" if found.baseline is None else f", base {found.baseline / 1e3:.1f} km away"
+        yield topics.CORRECTIONS.well(f"from {found.source}, {found.age:.1f} s old, {found.rate:.0f} B/s{far}", who)
     if state.battery is not None and state.battery.remaining is not None:
         yield topics.BATTERY.well(f"{state.battery.remaining:.0%} left", who)
 
@@ -189,6 +195,21 @@ def check_safety(seen: Survey) -> Iterator[Finding]:
             yield topics.FAILSAFE.wrong(f"its parameters cannot be read: {values}", "is its link up?", who)
         elif values:
             yield from judge(vehicle, values, who)
+
+
+def check_terrain(seen: Survey) -> Iterator[Finding]:
+    """Nothing of who keeps no ground and is asked for none."""
+    for who, told in seen.terrain.items():
+        if told is None:
+            continue
+        for name, why in told.faults.items():
+            yield topics.TERRAIN.wrong(f"{name} cannot be read: {why}", "load it again: zmav terrain load", who)
+        if told.missing:
+            asked = f"its autopilot asks for ground that is not there: {', '.join(told.missing[:4])}"
+            yield topics.TERRAIN.advise(asked, "zmav terrain load, with a larger --radius", who)
+        elif told.pieces:
+            heights = f"{told.pending} grids pending" if told.pending else "its autopilot waits for nothing"
+            yield topics.TERRAIN.well(f"{len(told.pieces)} pieces of ground, {heights}", who)
 
 
 def check_trust(seen: Survey) -> Iterator[Finding]:
@@ -302,6 +323,7 @@ CHECKS: tuple[Callable[[Survey], Iterator[Finding]], ...] = (
     check_links,
     check_clocks,
     check_safety,
+    check_terrain,
     check_trust,
     check_hosts,
     check_fleet,

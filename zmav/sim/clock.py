@@ -32,6 +32,8 @@ class Pacer:
         """slower than asked for, lately"""
         self.given_up_s = 0.0
         """wall seconds that were lost for good because the machine was too slow, or asleep"""
+        self.on_given_up: Callable[[float], None] = lambda seconds: None
+        """told of some more of them"""
         self._tick_s = tick_s
         self._clock = clock
         self._speed = check_speed(speed)
@@ -84,8 +86,9 @@ class Pacer:
         if math.isinf(self._speed):
             self._due = now
         elif now - self._due > MOST_BEHIND_S:
-            self.given_up_s += now - self._due
-            self._due = now
+            late, self._due = now - self._due, now
+            self.given_up_s += late
+            self.on_given_up(late)
         if now - self._measured >= MEASURED_S:
             self._measure(now)
         if self._ticks_left is not None:

@@ -1,8 +1,9 @@
 """Who stands where on the field, and is called what: names, system ids and starts of all vehicles of a world.
 
-A vehicle without a name is called after its kind and numbered within it: ``copter1``, ``rover1``, ``px4-1``. One
-without a system id has its number among all vehicles, or the next that is free. Multirotors stand in a row going east
-from the world's origin, rovers in another row south of it, and planes on a runway of their own that leads past both.
+A vehicle without a name is called after its kind and numbered within it: ``quad1``, as 'zmav up' calls one that nobody
+named, ``rover1``, ``px4-1``. One without a system id has its number among all vehicles, or the next that is free.
+Multirotors stand in a row going east from the world's origin, rovers in another row south of it, and planes on a runway
+of their own that leads past both.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ KINDS = {
     "plane": VehicleSpec(autopilot=ARDUPLANE),
     "px4": VehicleSpec(autopilot=PX4),
 }
+CALLED = {"copter": "quad"}
+"""of kinds, where not by the kind's own word"""
 MOST_VEHICLES = 255
 ROVERS_SOUTH = 2.0  # of the spacing, between the rows
 RUNWAY_ASIDE, RUNWAY_WIDTH = 6.0, 3.0  # of the spacing: from the rows to the first plane, and between planes
@@ -83,7 +86,8 @@ def _names(specs: Sequence[VehicleSpec]) -> list[str]:
         name, kind = spec.name, kind_of(spec)
         while name is None:
             numbers[kind] += 1
-            each = f"{kind}-{numbers[kind]}" if kind[-1].isdigit() else f"{kind}{numbers[kind]}"
+            word = CALLED.get(kind, kind)
+            each = f"{word}-{numbers[kind]}" if word[-1].isdigit() else f"{word}{numbers[kind]}"
             name = None if each in taken else each
         names.append(name)
     return names

@@ -85,7 +85,7 @@ def usual(spec: VehicleSpec) -> tuple[str, ...]:
 
 
 def kind_of(spec: VehicleSpec) -> str:
-    """What its count on the command line and its name are called by: copter, hexa, rover, plane or px4."""
+    """What its count on the command line is called by: copter, hexa, rover, plane or px4."""
     if spec.autopilot == ARDUCOPTER:
         return "hexa" if airframe_of(spec) == "hexa" else "copter"
     return spec.autopilot.removeprefix("ardu")

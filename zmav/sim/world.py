@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from zmav.errors import BadConfig, BadInput, TimedOut
 from zmav.mavlink import load_dialect
+from zmav.ratelimit import RateLimit
 from zmav.sim.build import Squad, build
 from zmav.sim.camera.cameras import Cameras, SimCamera, actors
 from zmav.sim.camera.scene import Scene
@@ -37,6 +38,8 @@ TICK_HZ, MOST_TICK_HZ = 100, 1000
 TICK_S = 1.0 / TICK_HZ
 DEFAULT_READY_S = 4.0
 REALISTIC_READY_S = 41.4
+BEHIND_SAID_S, SLOW_SAID_S = 1.0, 60.0
+"""s behind real time that are worth a word, and s between two words"""
 MOST = 1e6  # of any option that is a number: beyond it nothing makes sense
 MOST_SEED = 1 << 64
 MOST_EPOCH_S = 1e10  # UTC in the year 2286
@@ -108,6 +111,9 @@ class World:
         self.ticks, self.tick_s = 0, 1.0 / tick_hz
         self._pace, self._steps = tick_hz // TICK_HZ, max(LEAST_PHYSICS_HZ // tick_hz, 1)
         self.pacer = Pacer(self.tick_s, speed)
+        self.pacer.on_given_up = self._fell_behind
+        self._behind_s = 0.0
+        self._slow: RateLimit[None] = RateLimit(SLOW_SAID_S, 1)
         self.environment = Environment(wind, gusts)
         counts = {"copter": copters, "hexa": hexas, "rover": rovers, "plane": planes, "px4": px4}
         specs = line_up(gather(vehicles, counts), self.home, spacing_m)
@@ -306,6 +312,20 @@ class World:
         self.externals.grant(now)
         if self.cameras is not None:
             self.cameras.tick(now)
+
+    def _fell_behind(self, seconds: float) -> None:
+        """The computer is too slow, or slept. Receivers tell UTC all the same: its clock is not at fault."""
+        if self.speed != 1.0 or self.lockstep is not None:
+            return
+        for vehicle in self.vehicles:
+            vehicle.node.late_us += int(seconds * 1e6)
+        self._behind_s += seconds
+        if self._behind_s >= BEHIND_SAID_S and self._slow.take(None) is not None:
+            self.say(
+                f"this computer is too slow for the simulation, or slept: simulated time fell {self._behind_s:.1f} s "
+                "behind. Vehicles fly on, slower than real ones ('zmav sim status' says how much): simulate fewer"
+            )
+            self._behind_s = 0.0
 
     def _fail(self, vehicle: SimVehicle, error: Exception) -> None:
         """Its autopilot does nothing from now on."""

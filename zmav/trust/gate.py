@@ -107,6 +107,8 @@ class Gate(Verifier):
         self._used, self._panics = _Used(), _Used()
         """of panic orders apart: a station's frames, many a second, leave them room"""
         self._using = threading.Lock()
+        self._told: dict[tuple[str, str], float] = {}
+        """by key and member: when the last that it told everybody was signed (UTC seconds)"""
 
     def check(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
         """Who put ``payload`` on ``key``, where that one may; raises :class:`Forbidden` with a ``reason``:
@@ -135,6 +137,28 @@ class Gate(Verifier):
         except Forbidden as e:
             self.counts[str(e.detail["reason"])] += 1
             self.bus.tell(ProofRefused(e))
+            raise
+        return Origin(by.name, by.role, by.fingerprint, found.t)
+
+    def check_told(self, key: str, payload: bytes, attachment: bytes | None) -> Origin:
+        """Who told that to the whole fleet, where that one may; raises :class:`Forbidden` as :meth:`check` does.
+
+        It answers no gate, for it is meant for all of them: its time is of now by our clock, and later than that of
+        the last that was taken of that member there. Who is not known yet introduces itself within a second.
+        """
+        try:
+            channel, parts = keys.match(key)
+            found, by = self.verify(key, payload, attachment)
+            may(by.role, by.name, channel, parts, self._given)
+            with self._using:
+                # Both were of now when they came: one that is farther ahead shows that the clocks were set.
+                if found.t <= self._told.get((key, by.name), 0.0) <= found.t + 2 * WINDOW:
+                    raise Forbidden("it was signed before the last one that came", reason="replayed")
+                self._told[key, by.name] = found.t
+        except Forbidden as e:
+            self.counts[str(e.detail["reason"])] += 1
+            if e.detail["reason"] not in ("unknown", BUSY):
+                self.bus.tell(ProofRefused(e))
             raise
         return Origin(by.name, by.role, by.fingerprint, found.t)
 

@@ -7,6 +7,18 @@ from zmav.vehicle.lease import Lease
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Difference, Params, differences
 from zmav.vehicle.rates import Rates
+from zmav.vehicle.terrain import GroundPieces
 from zmav.vehicle.vehicle import Vehicle
 
-__all__ = ["Difference", "Files", "Lease", "Logs", "Missions", "Params", "Rates", "Vehicle", "differences"]
+__all__ = [
+    "Difference",
+    "Files",
+    "GroundPieces",
+    "Lease",
+    "Logs",
+    "Missions",
+    "Params",
+    "Rates",
+    "Vehicle",
+    "differences",
+]

@@ -114,14 +114,16 @@ class Lease:
         valid: float = 0.5,
         deadline: float | None = None,
         repeated: bool = True,
+        home: wire.WayHome | None = None,
     ) -> None:
         """Commit the vehicle to a trajectory that ends at rest; it flies it by itself, however bad the network gets.
 
         ``valid``: seconds within which it must have arrived there; ``deadline``: the same as UTC seconds by the
         vehicle's own clock. The next segment or setpoint takes its place. ``repeated``: links send again what they
         lose, and later ones wait behind it; without, put it again until the vehicle's state names it.
+        ``home``: what the vehicle flies if nothing comes after it and its fleet file has ``return = "together"``.
         """
-        self._put(valid, deadline, repeated, segment=list(points))
+        self._put(valid, deadline, repeated, segment=list(points), home=home)
 
     def close(self) -> None:
         """Nothing is put any more."""

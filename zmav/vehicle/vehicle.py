@@ -15,12 +15,13 @@ import zenoh
 from zmav import geo, keys, wire
 from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavError
 from zmav.mavlink import MavMessage, decode, describe, parse_frame
-from zmav.services.orders.orders import UNKNOWN
+from zmav.services.orders.orders import OTHER, UNKNOWN
 from zmav.vehicle.files import Files, Logs
 from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
+from zmav.vehicle.terrain import GroundPieces
 from zmav.verbs import GRANTABLE
 
 if TYPE_CHECKING:
@@ -36,6 +37,11 @@ FAST_CLOCK = 20_000.0
 """ppm by which the autopilot's clock may differ: beyond, it is a simulation's and tells no UTC"""
 
 Progress = Callable[[dict[str, Any]], None]
+
+
+def is_meant(answer: Answer | ZmavError) -> bool:
+    """Where two vehicles have one name, the one that was not meant says so."""
+    return not isinstance(answer, ZmavError) or answer.detail.get("reason") != OTHER
 
 
 class Place(NamedTuple):
@@ -67,6 +73,7 @@ class Vehicle:
         self.files = Files(self, client)
         self.logs = Logs(self, self.files)
         self.rates = Rates(self, client)
+        self.terrain = GroundPieces(self)
 
     def __repr__(self) -> str:
         return f"Vehicle({self.name!r})"
@@ -355,7 +362,10 @@ class Vehicle:
                 send = again
                 done, asked = await asyncio.wait(asked, timeout=self.ask_again, return_when=asyncio.FIRST_COMPLETED)
                 answers = [answer for task in done for answer in task.result()]
-                for answer in reversed(answers):  # where two have one name, one may not be meant: the last is
+                # Where two have one name, the last word is that of the one that is meant, whichever came first; the
+                # other's is none as long as the one that is meant may not have been found.
+                meant = [answer for answer in answers if is_meant(answer)]
+                for answer in reversed(meant or (answers if time.monotonic() - start > APPEAR else [])):
                     if again != payload and isinstance(answer, Refused) and answer.detail.get("reason") == UNKNOWN:
                         send = payload  # it was lost on the way
                         continue

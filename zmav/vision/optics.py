@@ -77,6 +77,21 @@ class Optics:
         unit: Array = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return unit
 
+    def pixels(self, rays: Array) -> Array:
+        """(N, 2) pixels of (N, 3) rays in camera axes, which point ahead."""
+        x, y = (rays[:, :2] / rays[:, 2:]).T
+        k1, k2, p1, p2, k3 = self.distortion
+        square = x * x + y * y
+        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+        bent = np.column_stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
+                y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ]
+        )
+        found: Array = bent * self.matrix.diagonal()[:2] + self.matrix[:2, 2]
+        return found
+
     def to_vehicle(self, rays: Array) -> Array:
         """(N, 3) in the vehicle's axes of (N, 3) in the camera's."""
         turned: Array = np.asarray(rays) @ self.mount.T

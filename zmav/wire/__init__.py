@@ -1,9 +1,10 @@
 """Payload types: what travels as JSON under the keys.
 
-Rules of the wire: unknown fields are refused, so that a misspelt one is an error and not a silence. SI units; radians,
-and degrees only where a name ends in ``_deg``; latitude and longitude are WGS84; ``alt_amsl`` is metres above mean sea
-level and ``alt_rel`` metres above home; local vectors are north, east, down (NED) about the fleet's declared origin.
-``t`` is UTC in seconds at the source.
+Rules of the wire: of orders, setpoints, goals and obstacles unknown fields are refused, so that a misspelt one, or one
+of a newer version, is an error and not a silence; of what only says how something is (:class:`Told`) they are left out.
+SI units; radians, and degrees only where a name ends in ``_deg``; latitude and longitude are WGS84; ``alt_amsl`` is
+metres above mean sea level and ``alt_rel`` metres above home; local vectors are north, east, down (NED) about the
+fleet's declared origin. ``t`` is UTC in seconds at the source.
 """
 
 # ruff: noqa: F403 (what its files define, and no list of it beside them)
@@ -24,4 +25,5 @@ from zmav.wire.param import *
 from zmav.wire.rates import *
 from zmav.wire.setpoint import *
 from zmav.wire.state import *
+from zmav.wire.terrain import *
 from zmav.wire.vision import *

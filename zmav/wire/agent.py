@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told
 from zmav.wire.orders import Order
 
 
@@ -13,7 +13,7 @@ class SetTunable(Order, kw_only=True):
     value: float
 
 
-class Signals(Wire, kw_only=True):
+class Signals(Told, kw_only=True):
     """What an agent streams on ``agent/{agent}/out/{topic}``: numbers of one moment by their names."""
 
     t: float
@@ -21,7 +21,7 @@ class Signals(Wire, kw_only=True):
     values: dict[str, float]
 
 
-class TunableInfo(Wire, kw_only=True):
+class TunableInfo(Told, kw_only=True):
     """One parameter of an agent: its value now, and what it may be."""
 
     value: float

@@ -1,4 +1,4 @@
-"""What every payload is made from: strict structs, JSON in and out, errors that name the field."""
+"""What every payload is made from: structs, JSON in and out, errors that name the field."""
 
 from __future__ import annotations
 
@@ -16,10 +16,16 @@ Vector = tuple[float, float, float]
 
 
 class Wire(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
-    """Base of every payload: keyword-only, strict."""
+    """Base of every payload: keyword-only. What asks for something is strict: what it says and nobody here knows would
+    not be done, so all of it is refused.
+    """
 
 
-class ErrorBody(Wire, kw_only=True):
+class Told(Wire, kw_only=True, forbid_unknown_fields=False):
+    """Base of what says how something is. A newer version says more than an older one knows, which leaves that out."""
+
+
+class ErrorBody(Told, kw_only=True):
     """Payload of an error reply: see :mod:`zmav.errors`."""
 
     code: str

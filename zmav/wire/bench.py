@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told, Wire
 
 BenchRole = Literal["send", "receive", "query"]
 BenchQos = Literal["realtime", "must-arrive", "latest-wins", "bulk"]
@@ -51,7 +51,7 @@ class BenchQuery(Wire, kw_only=True):
     """index of the first outage wanted"""
 
 
-class Spread(Wire, kw_only=True):
+class Spread(Told, kw_only=True):
     """Some durations."""
 
     count: int
@@ -62,7 +62,7 @@ class Spread(Wire, kw_only=True):
     max: float
 
 
-class BenchInterval(Wire, kw_only=True):
+class BenchInterval(Told, kw_only=True):
     """What the receiver saw in one second, or in the whole run."""
 
     start: float
@@ -82,7 +82,7 @@ class BenchInterval(Wire, kw_only=True):
         return max(self.expected - self.received, 0)
 
 
-class BenchOutage(Wire, kw_only=True):
+class BenchOutage(Told, kw_only=True):
     """A silence longer than the order's ``gap``."""
 
     start: float
@@ -91,7 +91,7 @@ class BenchOutage(Wire, kw_only=True):
     """datagrams that had not come when it ended; some may have come late"""
 
 
-class BenchClock(Wire, kw_only=True):
+class BenchClock(Told, kw_only=True):
     """The peer's clock less ours, by the exchange of the shortest round trip, as NTP does (RFC 5905, section 8)."""
 
     offset: float
@@ -102,7 +102,7 @@ class BenchClock(Wire, kw_only=True):
     """s between the clocks of the day"""
 
 
-class BenchTrip(Wire, kw_only=True):
+class BenchTrip(Told, kw_only=True):
     """Round trips to one host, by query."""
 
     peer: str
@@ -112,7 +112,7 @@ class BenchTrip(Wire, kw_only=True):
     rtt: Spread | None = None
 
 
-class BenchReport(Wire, kw_only=True):
+class BenchReport(Told, kw_only=True):
     """One host's view of a run, so far or in the end."""
 
     run: str
@@ -135,7 +135,7 @@ class BenchReport(Wire, kw_only=True):
     """of a stream with a guard: before it, and beside it"""
 
 
-class Pong(Wire, kw_only=True):
+class Pong(Told, kw_only=True):
     """``bench/ping``: who answers, with its clocks."""
 
     host: str

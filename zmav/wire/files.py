@@ -9,7 +9,7 @@ network needs. The other way an order (``do/file_put``) has the file in it. Chec
 from __future__ import annotations
 
 from zmav.errors import BadInput
-from zmav.wire.base import Wire
+from zmav.wire.base import Told, Wire
 from zmav.wire.orders import Order
 
 CHUNK = 1100
@@ -20,7 +20,7 @@ MOST_PUT = 1 << 20
 """bytes of a file that an order can have in it"""
 
 
-class FileEntry(Wire, kw_only=True):
+class FileEntry(Told, kw_only=True):
     """One line of a directory."""
 
     name: str
@@ -29,7 +29,7 @@ class FileEntry(Wire, kw_only=True):
     directory: bool = False
 
 
-class LogEntry(Wire, kw_only=True):
+class LogEntry(Told, kw_only=True):
     """One log on the autopilot. ``t``: UTC seconds of its end, None where the autopilot had no clock; ``name``: what to
     call it here.
     """
@@ -80,7 +80,7 @@ class LogErase(Order, kw_only=True):
     """``do/log_erase``: all logs of the autopilot."""
 
 
-class StoredFile(Wire, kw_only=True):
+class StoredFile(Told, kw_only=True):
     """A file on the vehicle's computer; ``file`` is its part of the key.
 
     ``verified``: its checksum is the one the autopilot gave. ``by``: how it came; ``rate`` in bytes/s, and ``resumed``

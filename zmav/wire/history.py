@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told, Wire
 
 MOST = 1000
 """entries in one answer"""
@@ -21,7 +21,7 @@ class HistoryQuery(Wire, kw_only=True):
     """so many at most; None: one, or where ``since`` or ``until`` is given as many as one answer holds"""
 
 
-class HistoryEntry(Wire, kw_only=True):
+class HistoryEntry(Told, kw_only=True):
     key: str
     """on which it came"""
     t: float
@@ -30,7 +30,7 @@ class HistoryEntry(Wire, kw_only=True):
     """the JSON as it came; of a frame the fields, enumerations as numbers"""
 
 
-class History(Wire, kw_only=True):
+class History(Told, kw_only=True):
     """What one recorder knows of one thing, the oldest entry first."""
 
     recorder: str

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told
 
 
-class Disk(Wire, kw_only=True):
+class Disk(Told, kw_only=True):
     """One file system, by a path on it."""
 
     path: str
@@ -15,7 +15,7 @@ class Disk(Wire, kw_only=True):
     read_only: bool = False
 
 
-class HostReport(Wire, kw_only=True):
+class HostReport(Told, kw_only=True):
     """A computer's health; what it does not tell is None."""
 
     t: float

@@ -10,14 +10,14 @@ from typing import Annotated, Literal
 import msgspec
 
 from zmav.errors import BadInput
-from zmav.wire.base import Wire, decode
+from zmav.wire.base import Told, decode
 
 LinkState = Literal["up", "silent", "down"]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Amount = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
-class LinkQuality(Wire, kw_only=True, tag_field="kind", tag="autopilot"):
+class LinkQuality(Told, kw_only=True, tag_field="kind", tag="autopilot"):
     """The link to a vehicle's autopilot, with every counter of its splitter."""
 
     t: float
@@ -57,7 +57,7 @@ class LinkQuality(Wire, kw_only=True, tag_field="kind", tag="autopilot"):
     last_error: str | None = None
 
 
-class NeighbourQuality(Wire, kw_only=True, tag_field="kind", tag="neighbour", omit_defaults=True):
+class NeighbourQuality(Told, kw_only=True, tag_field="kind", tag="neighbour", omit_defaults=True):
     """The link between two routers, as the one that publishes it sees it: ``out`` is from it to ``name``, ``in`` back.
 
     What is not known is left out. Loss is of best-effort messages, which no transport repairs (over TCP and TLS, which

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector, Wire
 
 
 class Order(Wire, kw_only=True):
@@ -15,8 +15,12 @@ class Order(Wire, kw_only=True):
     """
 
     id: str = ""
+    """any text of up to 64 characters, new for each order: sent again with it, the order is not done again, and the
+    answer says how far it is. Without one it comes at the end, for which Zenoh's own timeout may be too short"""
     wait: float = 0.5
+    """s for an answer, of an order with an ``id``: "running" then, where it has not ended"""
     lease: str = ""
+    """the one that is held, by its id"""
     uid: str = ""
     """of the autopilot that is meant, where two vehicles have one name: the other leaves the order alone"""
     given: float = 0.0
@@ -97,7 +101,7 @@ class DropLease(Order, kw_only=True):
     pass
 
 
-class Outcome(Wire, kw_only=True):
+class Outcome(Told, kw_only=True):
     """Reply to ``do/*``."""
 
     verb: str
@@ -107,7 +111,7 @@ class Outcome(Wire, kw_only=True):
     result: dict[str, Any] = {}
 
 
-class OrderLine(Wire, kw_only=True):
+class OrderLine(Told, kw_only=True):
     """``@fleet/order``: an order that was given through a gateway, for the record."""
 
     t: float

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told, Wire
 from zmav.wire.orders import Order
 
 PARAM_TYPES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "UINT64", "INT64", "REAL32", "REAL64")
 """MAV_PARAM_TYPE without its prefix; the first of them is number 1"""
 
 
-class Param(Wire, kw_only=True):
+class Param(Told, kw_only=True):
     """One parameter; ``type`` is one of :data:`PARAM_TYPES`; integers are integers, None is no number (NaN)."""
 
     name: str
@@ -17,7 +17,7 @@ class Param(Wire, kw_only=True):
     type: str
 
 
-class ParamTable(Wire, kw_only=True):
+class ParamTable(Told, kw_only=True):
     """Reply to ``param``: the whole set as the vehicle's cache holds it, in the autopilot's own order: where it is
     complete, a parameter's place in ``params`` is its ``param_index``.
 
@@ -53,7 +53,7 @@ class ParamSet(Order, kw_only=True):
     value: float | int
 
 
-class ParamChanged(Wire, kw_only=True):
+class ParamChanged(Told, kw_only=True):
     """Result of ``do/param_set``."""
 
     name: str
@@ -68,7 +68,7 @@ class ParamLoad(Order, kw_only=True):
     values: dict[str, float | int]
 
 
-class ParamLoaded(Wire, kw_only=True):
+class ParamLoaded(Told, kw_only=True):
     """Result of ``do/param_load``: every name that was given is in one of the three."""
 
     set: list[str] = []

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from zmav.wire.base import Wire
+from zmav.wire.base import Told
 
 
-class MessageRate(Wire, kw_only=True):
+class MessageRate(Told, kw_only=True):
     """One kind of message from one component, heard on the vehicle's link or wanted from its autopilot."""
 
     name: str
@@ -31,7 +31,7 @@ class MessageRate(Wire, kw_only=True):
     """MAV_RESULT without its prefix, where the autopilot does not send it at the rate wanted"""
 
 
-class RateTable(Wire, kw_only=True):
+class RateTable(Told, kw_only=True):
     """Reply to ``rates``."""
 
     t: float

@@ -33,6 +33,17 @@ class SegmentPoint(Wire, kw_only=True):
     yaw: float | None = None
 
 
+class WayHome(Wire, kw_only=True):
+    """What a vehicle does by itself, by its own clock, where nothing comes any more after the segment that this was
+    sent with: it begins where that ends, at rest, and ends at rest above where the vehicle then lands.
+    """
+
+    start: float
+    """UTC seconds by the vehicle's clock; no sooner than ``returns_after`` s (``body``) past the segment's end"""
+    points: list[tuple[float, Vector, Vector]]
+    """s since ``start``, place (m NED about the fleet's origin) and velocity; the first at 0, joined as a segment's"""
+
+
 class Setpoint(Wire, kw_only=True):
     """One point of an outer-loop command stream, or a whole ``segment``.
 
@@ -69,3 +80,5 @@ class Setpoint(Wire, kw_only=True):
     servo: list[int | None] | None = None
     segment: list[SegmentPoint] | None = None
     """at least two points, times increasing, the last one at rest; flown by the vehicle itself until its end"""
+    home: WayHome | None = None
+    """what follows the ``segment`` where nothing else comes, and the fleet file has ``return = "together"``"""

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector, Wire
 from zmav.wire.swarm import SegmentInfo
 
 
-class GlobalPosition(Wire, kw_only=True):
+class GlobalPosition(Told, kw_only=True):
     lat_deg: float
     lon_deg: float
     alt_amsl: float
     alt_rel: float
 
 
-class Attitude(Wire, kw_only=True):
+class Attitude(Told, kw_only=True):
     """Euler angles of body (FRD) against NED, radians."""
 
     roll: float
@@ -23,7 +23,7 @@ class Attitude(Wire, kw_only=True):
     yaw: float
 
 
-class Battery(Wire, kw_only=True):
+class Battery(Told, kw_only=True):
     voltage: float | None = None
     current: float | None = None
     remaining: float | None = None
@@ -32,7 +32,7 @@ class Battery(Wire, kw_only=True):
     """s, by the autopilot's own estimate; of several batteries the least; None: it gives none, as most do"""
 
 
-class Gps(Wire, kw_only=True):
+class Gps(Told, kw_only=True):
     fix: str
     """GPS_FIX_TYPE without its prefix: ``3D_FIX``, ``RTK_FIXED``..."""
     satellites: int | None = None
@@ -41,7 +41,34 @@ class Gps(Wire, kw_only=True):
     """m, the receiver's own estimate of its horizontal error"""
 
 
-class ClockInfo(Wire, kw_only=True):
+class CorrectionsInfo(Told, kw_only=True):
+    """Corrections for the autopilot's GNSS receiver, as its agent hands them on."""
+
+    age: float | None
+    """s since the source had the newest observations that the autopilot was given, by the source's clock; None: it was
+    given none yet"""
+    source: str
+    """who sends them"""
+    station: int | None = None
+    """the reference station's id"""
+    baseline: float | None = None
+    """m from the vehicle to the base; None: the base has not said where it is, or the vehicle does not know"""
+    rate: float = 0.0
+    """bytes a second that the autopilot gets of them"""
+    dropped: dict[str, int] = {}
+    """messages that it did not get, by reason: old, ahead, overtaken, standby, malformed, link, full"""
+
+
+class Estimate(Told, kw_only=True):
+    """How well the autopilot's own filter knows where it is (EKF_STATUS_REPORT, ESTIMATOR_STATUS)."""
+
+    accuracy: float | None = None
+    """m across, one standard deviation, as the filter reckons; None: it does not say"""
+    ratio: float | None = None
+    """how much of what its filter allows its position is off what its sensors say: from 1 on these are refused"""
+
+
+class ClockInfo(Told, kw_only=True):
     """The autopilot's clock against UTC, by TIMESYNC."""
 
     boot_t: float
@@ -54,7 +81,7 @@ class ClockInfo(Wire, kw_only=True):
     """s by which GPS time is ahead of the companion's UTC; None: no GPS time yet"""
 
 
-class LeaseInfo(Wire, kw_only=True):
+class LeaseInfo(Told, kw_only=True):
     """The lease in force."""
 
     holder: str
@@ -70,7 +97,7 @@ class LeaseInfo(Wire, kw_only=True):
 LeaseEnding = Literal["expired", "released", "revoked", "preempted", "gone", "pilot", "failsafe", "clock"]
 
 
-class LeaseEnd(Wire, kw_only=True):
+class LeaseEnd(Told, kw_only=True):
     """How the last lease that ended did: where its holder reads what took the vehicle."""
 
     t: float
@@ -85,7 +112,7 @@ class LeaseEnd(Wire, kw_only=True):
     """who took it, where somebody did"""
 
 
-class VehicleState(Wire, kw_only=True):
+class VehicleState(Told, kw_only=True):
     """What a vehicle is and does, 5 Hz and on change.
 
     A part never heard of is None; ``ages``: seconds since each part came, by the vehicle's clock.
@@ -124,6 +151,9 @@ class VehicleState(Wire, kw_only=True):
     attitude: Attitude | None = None
     battery: Battery | None = None
     gps: Gps | None = None
+    estimate: Estimate | None = None
+    corrections: CorrectionsInfo | None = None
+    """for its GNSS receiver; None: none came within the last ten minutes"""
     link: str = "closed"
     link_loss: float = 0.0
     clock: ClockInfo | None = None
@@ -152,17 +182,17 @@ class VehicleState(Wire, kw_only=True):
 Severity = Literal["emergency", "alert", "critical", "error", "warning", "notice", "info", "debug"]
 
 
-class Event(Wire, kw_only=True):
+class Event(Told, kw_only=True):
     t: float
     kind: str
     """statustext, numbered (an EVENT), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
-    rate, clock, mission, clash, certificate, refused, fault"""
+    rate, clock, mission, clash, certificate, corrections, refused, fault"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}
 
 
-class LastMessage(Wire, kw_only=True):
+class LastMessage(Told, kw_only=True):
     """Reply to ``msg/{MSG}``: the fields with enum names, their units, and the age in seconds."""
 
     name: str
@@ -183,7 +213,7 @@ class LastMessage(Wire, kw_only=True):
     units: dict[str, str]
 
 
-class AgentStatus(Wire, kw_only=True):
+class AgentStatus(Told, kw_only=True):
     t: float
     agent: str
     state: str

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector, Wire
 from zmav.wire.orders import Order
 
 Corner = tuple[float, float]
@@ -36,6 +36,10 @@ class Body(Wire, kw_only=True):
     """m of ground that it sees on one pass"""
     endurance: float = 900.0
     """s of flight left to plan with, full"""
+    reserve: float = 0.2
+    """share of its battery with which it is to be on the ground again"""
+    position_error: float | None = None
+    """m across, one standard deviation, that it may be off where it says; None: by what its autopilot says"""
 
 
 class BodyReport(Wire, kw_only=True):
@@ -46,9 +50,11 @@ class BodyReport(Wire, kw_only=True):
     body: Body
     declared: bool
     """by the fleet file; False: what is usual for the kind"""
+    returns_after: float | None = None
+    """s after its segment's end from which a way home may begin; None: it flies none (``return`` of the fleet file)"""
 
 
-class SegmentInfo(Wire, kw_only=True):
+class SegmentInfo(Told, kw_only=True):
     """The committed trajectory that a vehicle flies, or has flown last under this lease."""
 
     lease: int
@@ -60,9 +66,11 @@ class SegmentInfo(Wire, kw_only=True):
     rests: float
     """from then on it stays where it is"""
     end: float
+    home: float | None = None
+    """when the way home begins that it flies by itself if nothing else comes; None: it has none"""
 
 
-class Beacon(Wire, kw_only=True):
+class Beacon(Told, kw_only=True):
     """What a vehicle in flight tells its neighbours, so that they move aside by themselves: metres and m/s NED."""
 
     t: float
@@ -82,6 +90,8 @@ class GoTo(Wire, kw_only=True, tag_field="kind", tag="goto"):
     vehicles: list[str]
     to: list[Vector]
     labelled: bool = True
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
@@ -101,6 +111,8 @@ class Formation(Wire, kw_only=True, tag_field="kind", tag="formation"):
     """the centre's way to ``at``, kept in shape"""
     labelled: bool = False
     """the first vehicle gets the first place; else the planner assigns them"""
+    tight: bool = False
+    """make no room for what the vehicles' positions may be off"""
 
 
 class Follow(Wire, kw_only=True, tag_field="kind", tag="follow"):
@@ -127,6 +139,8 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     """rad clockwise from north of the lanes; None: the planner's choice"""
     overlap: float = 0.1
     """share of a lane's width seen twice"""
+    lanes: list[list[Vector]] = []
+    """what is left of a search that was dealt out before: each one's way over it (NED), in place of lanes of its own"""
 
 
 class Survey(Search, kw_only=True, tag_field="kind", tag="survey"):
@@ -193,6 +207,8 @@ class GoalEntry(Wire, kw_only=True):
     """s, of the plan being flown"""
     clearance: float | None = None
     """m: the least distance between two vehicles in it, less their radii"""
+    landing: dict[str, float] = {}
+    """while it goes on: share of its battery with which each is reckoned to land if it goes home after it"""
 
 
 # Obstacles.

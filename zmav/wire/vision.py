@@ -6,10 +6,10 @@ the right of the picture, y down in it, z along the optical axis.
 
 from __future__ import annotations
 
-from zmav.wire.base import Vector, Wire
+from zmav.wire.base import Told, Vector
 
 
-class CameraInfo(Wire, kw_only=True):
+class CameraInfo(Told, kw_only=True):
     """What a picture's rays are made of: a pinhole with OpenCV's distortion, and how it is mounted."""
 
     t: float
@@ -38,7 +38,7 @@ class CameraInfo(Wire, kw_only=True):
     """where they come from, in words"""
 
 
-class FrameReport(Wire, kw_only=True):
+class FrameReport(Told, kw_only=True):
     """A reader's word on what comes of a camera's pictures; by it they are made fewer, smaller or better."""
 
     t: float
@@ -56,7 +56,7 @@ class FrameReport(Wire, kw_only=True):
     """B/s that this reader's link has for pictures; None: not known"""
 
 
-class Detection(Wire, kw_only=True):
+class Detection(Told, kw_only=True):
     """A symbol in a picture and, where the vehicle's place and attitude are known, on the ground."""
 
     symbol: str
@@ -79,9 +79,13 @@ class Detection(Wire, kw_only=True):
     """m²: north-north, north-east, east-east"""
     yaw: float | None = None
     """rad from north, modulo pi"""
+    pictures: int = 1
+    """that it rests on: where one alone is doubtful, three or more of the last five"""
+    span: float = 0.0
+    """s from the first of these to this one"""
 
 
-class Detections(Wire, kw_only=True):
+class Detections(Told, kw_only=True):
     """All that was found in one picture; an empty list says that there was nothing."""
 
     t: float

@@ -23,6 +23,7 @@ GROUND, POLYGON = "N,E", "'N,E N,E ...'"
 Make = Callable[[Planner], swarm.Goal]
 
 vehicles_argument = click.argument("vehicles", nargs=-1, required=True)
+tight_option = click.option("--tight", is_flag=True, help="Make no room for what the vehicles' positions may be off.")
 
 
 def ground(text: str) -> swarm.Corner:
@@ -99,8 +100,9 @@ async def _watch(z: zmav.Client, name: str, as_json: bool) -> None:
     "--to", "to", type=places.place, metavar=places.PLACE, multiple=True, help="A place; as many as there are vehicles."
 )
 @click.option("--any", "unlabelled", is_flag=True, help="Anyone who is best placed goes to each.")
+@tight_option
 @goal_options
-def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool) -> Make:
+def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, tight: bool) -> Make:
     """Go to places: 'quad1=30,0,15 quad2=0,20,15', or 'quad* --to 30,0,15 --to 0,20,15 --any'.
 
     Places are metres north and east of the fleet's origin and above it.
@@ -115,7 +117,7 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool) ->
         if len(found) != len(wanted):
             text = f"{len(found)} vehicles ({', '.join(found)}), and {len(wanted)} places"
             raise BadInput(text, field="to", value=len(wanted), expected=f"{len(found)} places")
-        return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled)
+        return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled, tight=tight)
 
     return make
 
@@ -147,7 +149,7 @@ def goal_command(
 formation = goal_command(
     "formation",
     swarm.Formation,
-    "Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 6'.",
+    "Stand in a shape: 'quad* --shape vee --at 50,0,20 --heading 90 --spacing 9'.",
     click.option("--shape", type=click.Choice(get_args(swarm.Shape)), default="line", show_default=True),
     click.option(
         "--at",
@@ -167,11 +169,12 @@ formation = goal_command(
         help="custom: forward, right and up of the centre.",
     ),
     click.option("--in-order", "labelled", is_flag=True, help="The first vehicle gets the first place."),
+    tight_option,
 )
 follow = goal_command(
     "follow",
     swarm.Follow,
-    "Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -5,0,10'.",
+    "Stay beside something that moves until cancelled: 'quad1 --leader rover1 --offset -8,0,10'.",
     click.option("--leader", required=True, help="A vehicle, or an obstacle that moves."),
     several(
         "--offset",

@@ -58,7 +58,7 @@ class Request:
     "--seconds",
     type=click.FloatRange(min=0.0, min_open=True),
     callback=refuse_nan,
-    help="Search so long at most. [default: by N]",
+    help="Of the processor, to search at most; by the clock four times as long. [default: by N]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of what is drawn by lot.")
 @click.option(
@@ -225,7 +225,7 @@ def _make_ready(planes: bool) -> None:
     elif not jit.compiled():
         tell(*jit.progress())
     if not jit.interpreted():
-        warm.warm(planes, tell)
+        warm.begin(planes, tell)
 
 
 def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:

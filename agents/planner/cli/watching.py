@@ -85,37 +85,42 @@ async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> Non
         click.echo(dump(result))
         return
     show_table(("step", "vehicles", "lasts", "clear", ""), map(_step, result["steps"]), right=("lasts", "clear"))
-    if rows := [row for step in result["steps"] for row in _parts(step.get("figures", {}))]:
-        show_table(("vehicle", "flies", "way", "battery", "left", "pictures"), rows, right=("flies", "way", "battery"))
+    parts = [each for step in result["steps"] for each in step.get("figures", {}).items()]
+    pictures = {name: figures.get("pictures") for name, figures in parts}
+    rows = [_battery(name, each, pictures.get(name)) for name, each in result["batteries"].items()]
+    columns = ("vehicle", "flies", "way", "takes", "has", "lands with", "pictures")
+    show_table(columns, rows, right=columns[1:])
+    click.echo(result["positions"]["text"])
     clear = result.get("clearance")
-    words = f"{float(result['makespan']):.1f} s" + (f", {clear:.2f} m clear of each other" if clear is not None else "")
-    click.echo(f"in all: {words}")
+    words = f"about {float(result['seconds']):.0f} s, {float(result['makespan']):.1f} s of them by plans"
+    click.echo(f"in all: {words}" + (f", {clear:.2f} m clear of each other" if clear is not None else ""))
+    if result["refused"]:
+        click.echo(f"refused: {result['refused']}")
 
 
-def _parts(figures: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
-    """A line a vehicle, of a search or a survey."""
-    rows = list[tuple[str, ...]]()
-    for name, each in figures.items():
-        left, pictures = each.get("battery_left"), each.get("pictures")
-        rows.append(
-            (
-                name,
-                f"{each['seconds']:.0f} s",
-                f"{each['metres']:.0f} m",
-                f"{100.0 * each['battery']:.0f} %",
-                "-" if left is None else f"{100.0 * left:.0f} %",
-                "-" if pictures is None else f"{pictures:.0f}",
-            )
-        )
-    return rows
+def _battery(name: str, each: dict[str, Any], pictures: float | None) -> tuple[str, ...]:
+    """A line a vehicle: what it flies, and what that takes of its battery."""
+    return (
+        name,
+        f"{each['seconds']:.0f} s",
+        f"{each['metres']:.0f} m",
+        _percent(each["battery"]),
+        _percent(each["battery_left"]),
+        _percent(each["landing"]),
+        "-" if pictures is None else f"{pictures:.0f}",
+    )
+
+
+def _percent(share: float | None) -> str:
+    return "?" if share is None else f"{100.0 * share:.0f} %"
 
 
 def _step(step: dict[str, Any]) -> tuple[str, ...]:
-    lasts, clear = step.get("makespan"), step.get("clearance")
+    lasts, clear = step.get("seconds"), step.get("clearance")
     return (
         str(step["step"]),
         few(step["vehicles"]),
-        "-" if lasts is None else f"{lasts:.1f} s",
+        f"{lasts:.1f} s" if lasts else "-",
         "-" if clear is None else f"{clear:.2f} m",
         str(step["text"]),
     )

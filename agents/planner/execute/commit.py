@@ -9,12 +9,13 @@ clock.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.planner.execute.following import Following
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track, flown, state_at
 from agents.planner.model.problem import Floats, MovingObstacle
@@ -52,11 +53,19 @@ class Entry:
     last_sent: float = -np.inf
     taken: bool = False
     """the vehicle said that it is on it"""
+    late: float = 0.0
+    """s by which the vehicle is where the points have it later than they say"""
 
     def __post_init__(self) -> None:
         self.samples = flown(self.rows)
+        self.samples[:, 0] += self.late
         low, high = self.samples[:, 1:].min(axis=0), self.samples[:, 1:].max(axis=0)
         self.box: tuple[float, ...] = (*low.tolist(), *high.tolist())
+
+    def delay(self, late: float) -> None:
+        """It is expected to be so late from now on."""
+        self.samples[:, 0] += late - self.late
+        self.late = late
 
     @property
     def stop(self) -> float:
@@ -76,7 +85,7 @@ class Part:
     radius: float
     accel: float
     margin: float
-    """m by which it may be off its trajectory, its clock's error aside"""
+    """m by which it may be off its trajectory, late as it is, its clock's error aside"""
     offset: Offset
     entries: list[Entry] = field(default_factory=list)
     """what it may be flying: the one known, and the one pending"""
@@ -97,10 +106,18 @@ class Part:
     """the moment of the plan that it may not pass: something stands in its way"""
     error: float = 0.0
     """s by which its clock may be other than we think"""
+    late: float = 0.0
+    """s after the time of its points at which it is expected where they have it"""
     instance: str = ""
     """of its agent: another one counts leases and setpoints from zero again"""
+    following: Following = field(default_factory=Following)
+    """how it follows what it is told, as is learnt from what it says"""
     refused: tuple[float, float] = (-np.inf, -np.inf)
     """when it first and last said that it did not take a trajectory, of those that it refused one after another"""
+
+    def follows(self, following: Following) -> None:
+        """As was learnt of it before."""
+        self.following, self.late = following, following.late
 
     @property
     def known(self) -> Entry:
@@ -148,6 +165,16 @@ class Part:
             self.entries.pop()
             return True
         return False
+
+    def first_hit(self, now: float, clear: Callable[[Floats, Floats, float], bool]) -> float | None:
+        """The moment of the plan from which the rest of its way is not clear; None: all of it is."""
+        (s,), _ = self.known.profile.at(np.array([now]))
+        track = self.track
+        first = max(int(np.searchsorted(track.s, s, side="right")) - 1, 0)
+        for k in range(first, len(track.s) - 1):
+            if not clear(track.pos[k], track.pos[k + 1], self.radius):
+                return float(track.s[k])
+        return None
 
     def place_at(self, t: float) -> tuple[Floats, Floats]:
         """Where the known trajectory has it, and its velocity."""

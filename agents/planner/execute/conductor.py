@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
+from agents.planner.execute.homes import Home, Homes
 from agents.planner.execute.track import REST_EVERY, CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats
 from zmav.wire.state import Severity
@@ -55,8 +56,12 @@ STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 """s at rest without a way on, after which a new plan is asked for"""
 REFUSES_AFTER, AT_ONCE = 30.0, 3.0
 """s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
-SLOW = 0.6
-"""pace of the common clock while somebody does not keep up"""
+SLOW, SLOWEST = 0.6, 0.35
+"""paces of the common clock while somebody does not keep up; and who is more than half-way to where all are stopped"""
+LATER = 0.05
+"""s by which a vehicle follows later than was known before that is reckoned with"""
+STOPPED, FARTHER = 3.0, 0.8
+"""times as far off its way as it may be, but for m or for as much again, from which all come to rest"""
 RECOVER = 5.0
 """s of keeping up after which it is the plan's own again"""
 
@@ -68,6 +73,8 @@ class Send(NamedTuple):
     entry: Entry
     rows: Floats
     deadline: float
+    home: Home | None = None
+    """what it does by itself if nothing comes after this"""
 
 
 @dataclass
@@ -105,9 +112,10 @@ class Conductor:
         now: float,
         horizon: float = HORIZON,
         source: Source | None = None,
+        homes: Homes | None = None,
     ) -> None:
         self.parts = list(parts)
-        self._source = source
+        self._source, self._homes = source, homes
         self.reserved = Reserved(self.parts, downwash)
         self.said: list[Saying] = []
         self.blocked: dict[str, str] = {}
@@ -144,6 +152,8 @@ class Conductor:
         if said <= part.said:
             return  # overtaken on the way: a later word is known
         part.said = said
+        if self._homes is not None:
+            self._homes.heard(part, stamp, said)
         if part.lost:
             part.lost = False
             self._say("found", "notice", f"{part.id} is heard again", vehicle=part.id)
@@ -162,21 +172,41 @@ class Conductor:
         elif ends is not None and stamp in part.known.sent:
             part.kept_until = max(part.kept_until, part.offset.ours(ends))
 
+    def delay(self, part: Part, late: float, now: float) -> None:
+        """It follows so late, as is known now: who may then come too near to somebody has all come to rest."""
+        part.late = late
+        for entry in part.entries:
+            entry.delay(late)
+        if not part.active or self.halting:
+            return
+        for entry in part.entries:
+            if other := self.reserved.blocker(part, entry, now - 0.5):
+                self.halt(f"{part.id} follows {late:.1f} s late, too near to {other}", vehicle=part.id, other=other)
+                return
+
     def strayed(self, part: Part, now: float, at: float, place: Floats) -> float:
-        """It was at ``place`` at our time ``at``: m off what it may be flying. Slows the common clock, or halts."""
+        """It was at ``place`` at our time ``at``: m off what it may be flying, late as it is. Slows the common clock,
+        or halts.
+        """
+        if not part.pending or at < part.latest.departs:  # else it may be on the later one
+            part.following.heard(part.place_at, at, place)
+            if self._source is None and abs(part.following.late - part.late) > LATER:
+                self.delay(part, part.following.late, now)
         meant = [np.linalg.norm(place - _place(entry, at)) for entry in part.entries]
         off = float(min(meant))
         self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
-        if off > 3.0 * max(allowed, 0.2):
+        limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
+        if off > limit:
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
         elif off > max(allowed, 0.1):
-            if self.line.pace > SLOW:
+            pace = SLOW if off < 0.5 * (allowed + limit) else SLOWEST
+            if self.line.pace > pace:
                 text = f"{part.id} is {off:.2f} m off its trajectory: the common clock is slowed"
                 self._say("slow", "warning", text, vehicle=part.id, metres=off)
-                self._pace(SLOW, now)
+                self._pace(pace, now)
             self._slow_until = now + RECOVER
         return off
 
@@ -235,6 +265,8 @@ class Conductor:
     def decide(self, now: float, most: int = 1000) -> list[Send]:
         """What is to be put now. ``most``: trajectories that are made in one call; the rest is for the next."""
         self._notice(now)
+        if self._homes is not None:
+            self._homes.begin(self.parts, now)
         sends: list[Send] = []
         stopping = self._paused or bool(self.halting)
         if stopping:
@@ -257,6 +289,8 @@ class Conductor:
             if send is None and not part.pending:
                 send = self._keep(part, now)
             if send is not None:
+                if self._homes is not None:
+                    send = send._replace(home=self._homes.home(part, send.entry, float(send.rows[-1, 0]), now))
                 sends.append(send)
                 most -= 1
         return sends
@@ -265,6 +299,8 @@ class Conductor:
         """It was put, with a ``deadline`` by the vehicle's clock."""
         entry = send.entry
         entry.sent.append(stamp)
+        if self._homes is not None:
+            self._homes.sent(send.part, stamp, deadline)
         entry.deadline, entry.last_sent = max(entry.deadline, deadline), now
         if not any(entry is each for each in send.part.entries):
             send.part.entries.append(entry)
@@ -367,9 +403,14 @@ class Conductor:
         return made
 
     def _keep(self, part: Part, now: float) -> Send | None:
-        """A vehicle at rest is told to stay, before its own failsafe acts: its place is what it holds in any case."""
-        entry = part.known
-        if not part.resting(now) or now - entry.last_sent < KEEP_EVERY or part.kept_until - now > KEEP_LEFT:
+        """A vehicle at rest is told to stay, before its own failsafe acts: its place is what it holds in any case. One
+        whose way home is in the way is told what it flies again, with another.
+        """
+        entry, yields = part.known, self._homes is not None and self._homes.yields(part, now)
+        if yields and not part.resting(now):
+            return Send(part, entry, _from(entry.rows, now), now + 2.0)
+        kept = now - entry.last_sent < KEEP_EVERY or part.kept_until - now > KEEP_LEFT
+        if not part.resting(now) or (kept and not yields):
             return None
         row = entry.rows[-1].copy()
         row[4:] = 0.0
@@ -398,11 +439,13 @@ class Conductor:
         if profile.rest_at - now > LASTING:
             return None
         onto = knots(part.track, profile, d)
-        head = _head(before, d, now)
+        head = _head(before, d, now - part.late)
         joined = abs(float(head[-1, 0]) - d) < SAME
         rows = np.vstack((head, onto[1:] if joined else onto))
-        entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]))
+        entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]), late=part.late)
         blocker = self.reserved.blocker(part, entry, now - 0.5)
+        if blocker is None and self._homes is not None:
+            blocker = self._homes.blocker(part, entry, now)
         if blocker is not None:
             self.blocked[part.id] = blocker
             return None

@@ -13,6 +13,8 @@ import numpy as np
 import zmav
 from agents.planner.execute.commit import Part
 from agents.planner.execute.conductor import Conductor, Phase
+from agents.planner.execute.following import Following
+from agents.planner.execute.homes import Homes
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Track
 from agents.planner.execute.vehicle_command import Clock, VehicleCommand
@@ -24,6 +26,8 @@ from zmav.wire.state import Severity
 
 TICK = 0.1
 """s between two looks at everything"""
+NEWS = 0.5
+"""s in which those that are at their goals say so, and are not told to stay yet"""
 TRACKING = 0.4
 """m by which a vehicle may be off its trajectory: see docs/planner-execution.md"""
 MAX_CLOCK = 0.2
@@ -32,8 +36,9 @@ SLACK = 0.05
 """m of a plan's margin that goes to the difference of its samples and the curve that is flown"""
 NEAR_START = 1.0
 """m that a vehicle may be away from where its motion begins"""
-SETTLE, MISSES = 5.0, 3
-"""s for vehicles to come to their places at the end; how often a new plan is made for those who did not"""
+SETTLE, NEARER, MISSES = 5.0, 0.1, 3
+"""s for vehicles to come to their places at the end, or nearer by so many m; how often a new plan is made for those who
+did not"""
 PATIENCE = 20.0
 """s for which those who are not heard, or were moved aside, are waited for before a new plan is made without them"""
 TAKE_AGAIN = 0.5
@@ -65,8 +70,9 @@ class Flight:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """of those for which it is another one"""
 
-    def near(self, name: str, away: float) -> bool:
-        return away <= self.tolerances.get(name, self.tolerance)
+    def near(self, name: str, away: float, holds: float = 0.0) -> bool:
+        """``holds``: m within which the vehicle is seen to hold any place."""
+        return away <= max(holds, self.tolerances.get(name, self.tolerance))
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,8 @@ class Outcome:
     """m that each was off its trajectory at most"""
     seconds: float = 0.0
     replans: int = 0
+    flown: dict[str, float] = field(default_factory=dict)
+    """the moment of the last plan that each has come to"""
 
 
 def margin_for(speed: float, clock_error: float, tracking: float = TRACKING) -> float:
@@ -106,7 +114,8 @@ class Executor:
     """``async with Executor(z, names) as executor: outcome = await executor.run(flight)``.
 
     Entering takes every vehicle's lease and measures its clock, leaving gives the leases back once all are at rest.
-    ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be.
+    ``clock`` and ``offsets``: what is known of the vehicles' clocks already, and goes on to be; ``followings``: of how
+    they follow what they are told. ``homes`` has a way home ready for each vehicle.
     ``say`` is told what happens, ``replan`` asked for a new plan when this one cannot be ended. Raises
     :class:`~zmav.errors.NotHolder` while another commands a vehicle, after ``taking`` seconds in which each lease was
     asked for again and again; ``waits`` is told why. A pilot is not waited for. Of many, those that do not answer in
@@ -124,9 +133,11 @@ class Executor:
         replan: Replan | None = None,
         clock: Clock | None = None,
         offsets: Mapping[str, Offset] | None = None,
+        followings: Mapping[str, Following] | None = None,
         patience: float = PATIENCE,
         taking: float = 0.0,
         waits: Callable[[str], None] = lambda text: None,
+        homes: Homes | None = None,
     ) -> None:
         self.clock, known = clock or Clock(), offsets or {}
         self._patience, self._hurry = patience, False
@@ -134,7 +145,8 @@ class Executor:
         self.left: dict[str, ZmavError] = {}
         """who did not answer when the leases were taken"""
         self.commands = {name: VehicleCommand(z, name, self.clock, holder, known.get(name)) for name in names}
-        self._say, self._replan, self._tracking = say, replan, tracking
+        self._say, self._replan, self.tracking, self._homes = say, replan, tracking, homes
+        self.followings = {name: (followings or {}).get(name) or Following() for name in self.commands}
         self._stack = contextlib.AsyncExitStack()
         self._conductor: Conductor | None = None
         self._ghosts: list[Part] = []
@@ -180,7 +192,7 @@ class Executor:
         vehicles that it is for, with the greatest speed (m/s) that each has in it (a plan's may be 2 % over the
         vehicle's own). Raises :class:`~zmav.errors.Refused` where a clock is not known well enough for any plan.
         """
-        return max((self._needed(name, speed, self._tracking) for name, speed in speeds.items()), default=0.0)
+        return max((self._needed(name, speed, self.tracking) for name, speed in speeds.items()), default=0.0)
 
     def _needed(self, name: str, speed: float, tracking: float) -> float:
         command = self.commands.get(name)
@@ -246,7 +258,7 @@ class Executor:
         """
         conductor, now, found = self._conductor, self.clock.now(), []
         for part in conductor.parts if conductor else []:
-            moment = _first_hit(part, now, clear)
+            moment = part.first_hit(now, clear)
             if moment is not None and conductor is not None:
                 conductor.hinder(part, moment - 0.5, f"{why} in the way of {part.id}")
                 found.append(part.id)
@@ -269,9 +281,7 @@ class Executor:
                         return self._ended(reason, flight, conductor, begun, replans)
                 again = await self._ask(conductor, reason)
                 if again is None:
-                    return Outcome(
-                        False, reason, self._away(flight), conductor.worst, self.clock.now() - begun, replans
-                    )
+                    return self._ended(reason, flight, conductor, begun, replans)
                 flight, replans = again, replans + 1
         finally:
             await asyncio.shield(self._settle())
@@ -295,7 +305,7 @@ class Executor:
         now, before = self.clock.now(), self._conductor
         led = {part.id: part.known.rows[-1, 1:4] for part in before.parts if part.active} if before else {}
         parts = [self._part(name, flight, now, led) for name in flight.motions]
-        conductor = Conductor(parts, flight.downwash, now)
+        conductor = Conductor(parts, flight.downwash, now, homes=self._homes)
         conductor.reserved.movers, conductor.reserved.ghosts = list(flight.movers), list(self._ghosts)
         if self._paused:
             conductor.pause()
@@ -305,14 +315,14 @@ class Executor:
     def _part(self, name: str, flight: Flight, now: float, led: Mapping[str, Floats]) -> Part:
         """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
-        tracking = self._tracking if flight.tracking is None else flight.tracking
+        tracking = self.tracking if flight.tracking is None else flight.tracking
         needed = self._needed(name, track.speed, tracking)
         command = self.commands[name]
         place, error = led.get(name, command.place if command.rests else None), command.offset.error(now)
         if place is None:
             raise Refused(f"{name} does not say where it rests", vehicle=name)
         away = float(np.linalg.norm(place - track.pos[0]))
-        if away > NEAR_START:
+        if away > max(NEAR_START, self.followings[name].within):
             raise Refused(f"{name} is {away:.1f} m from where its motion begins", vehicle=name, metres=away)
         if needed > flight.margin + 1e-6:
             text = (
@@ -324,6 +334,7 @@ class Executor:
         command.offset.fix()
         part = Part(name, track, flight.radius[name], flight.accel[name], tracking, command.offset)
         part.heard, part.error, part.instance = now, error, command.instance
+        part.follows(self.followings[name])
         return part
 
     # In flight.
@@ -331,7 +342,7 @@ class Executor:
     async def _fly(self, conductor: Conductor) -> str:
         """Until all are at their goals (gives an empty reason), or at rest without a way on."""
         while True:
-            phase = self._look(conductor)
+            phase = self._look(conductor, ends=True)
             if phase == "done":
                 return ""
             if phase == "halted":
@@ -342,13 +353,17 @@ class Executor:
                 return f"{', '.join(lost)} lost" if lost else f"nobody can go on: {waits or 'no way is clear'}"
             await asyncio.sleep(TICK)
 
-    def _look(self, conductor: Conductor) -> Phase:
-        """Hear everybody, and tell whom there is something to tell."""
+    def _look(self, conductor: Conductor, ends: bool = False) -> Phase:
+        """Hear everybody, and tell whom there is something to tell.
+
+        ``ends``: nobody once all are at their goals, for an order that comes next would meet a segment on its way.
+        """
         now = self.clock.now()
         for part in conductor.parts:
             self._hear(conductor, part, now)
-        for send in conductor.decide(now, PER_TICK):
-            done = self.commands[send.part.id].put(send.rows, send.deadline)
+        over = ends and conductor.phase(now) == "done"
+        for send in [] if over else conductor.decide(now, PER_TICK):
+            done = self.commands[send.part.id].put(send.rows, send.deadline, send.home)
             if done is not None:
                 conductor.sent(send, *done, now)
         for saying in conductor.said:
@@ -436,30 +451,38 @@ class Executor:
             return None
         return command.place if command.rests else None
 
+    def _is_there(self, part: Part, flight: Flight, away: float) -> bool:
+        return flight.near(part.id, away, part.following.within) and self.commands[part.id].ended
+
     async def _arrived(self, flight: Flight, conductor: Conductor) -> str:
-        """Wait until they are at their goals by what they say themselves. Who is not, after a while in which it was
-        heard, has left its way, and why the plan is not flown to its end is given; empty: it is.
+        """Wait until they are at their goals by what they say themselves once their trajectories have ended: what is
+        next begins there. Who is not, after a while in which it was heard and came no nearer, has left its way, and why
+        the plan is not flown to its end is given; empty: it is.
         """
-        begun = self.clock.now()
+        begun = ended = self.clock.now()
+        nearest = np.inf
         while True:
             away = self._away(flight)
-            late = [part for part in conductor.parts if not flight.near(part.id, away[part.id])]
+            late = [p for p in conductor.parts if not self._is_there(p, flight, away[p.id])]
             if not late:
                 return ""
-            now = self.clock.now()
+            now, farthest = self.clock.now(), max(away[part.id] for part in late)
+            if farthest < nearest - NEARER:
+                nearest, begun = farthest, now
             heard = all(part.heard > begun + SETTLE for part in late)
-            if (heard and now > begun + SETTLE) or now > begun + SETTLE + self._patience:
-                text = f"not at the goal {now - begun:.0f} s after the end"
+            if (heard and now > begun + SETTLE) or now > ended + SETTLE + self._patience:
+                text = f"not at the goal {now - ended:.0f} s after the end"
                 for part in late:
                     part.strays = part.strays or not part.off
                     conductor.gone(part, text, None)
                 return f"{', '.join(f'{part.id} ({away[part.id]:.1f} m)' for part in late)}: {text}"
-            self._look(conductor)
+            self._look(conductor, ends=now < begun + NEWS)
             await asyncio.sleep(TICK)
 
     def _ended(self, reason: str, flight: Flight, conductor: Conductor, begun: float, replans: int) -> Outcome:
         seconds = self.clock.now() - begun
-        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans)
+        flown = {part.id: part.known.stop for part in conductor.parts}
+        return Outcome(not reason, reason, self._away(flight), conductor.worst, seconds, replans, flown)
 
     def _away(self, flight: Flight) -> dict[str, float]:
         found = {}
@@ -480,14 +503,3 @@ class Executor:
             while conductor.phase(self.clock.now()) == "flying":
                 self._look(conductor)
                 await asyncio.sleep(TICK)
-
-
-def _first_hit(part: Part, now: float, clear: Callable[[Floats, Floats, float], bool]) -> float | None:
-    """The moment of the plan from which the rest of its way is not clear; None: all of it is."""
-    (s,), _ = part.known.profile.at(np.array([now]))
-    track = part.track
-    first = max(int(np.searchsorted(track.s, s, side="right")) - 1, 0)
-    for k in range(first, len(track.s) - 1):
-        if not clear(track.pos[k], track.pos[k + 1], part.radius):
-            return float(track.s[k])
-    return None

@@ -11,6 +11,7 @@ import numpy as np
 
 import zmav
 from agents.planner.execute.commit import Stamp
+from agents.planner.execute.homes import Home
 from agents.planner.execute.offset import Offset
 from agents.planner.live.frames import enu, ned
 from agents.planner.model.problem import Floats
@@ -108,7 +109,15 @@ class VehicleCommand:
         state = self.vehicle.last_state
         if state is None or state.velocity is None or float(np.linalg.norm(state.velocity)) > RESTING:
             return False
-        return state.segment is None or state.segment.rests <= state.t
+        if state.mover == "failsafe":
+            return False  # on its way home by itself, of which a moment's rest at a corner is part
+        return self.ended
+
+    @property
+    def ended(self) -> bool:
+        """By what it said last it is on no segment that moves it on."""
+        state = self.vehicle.last_state
+        return state is not None and (state.segment is None or state.segment.rests <= state.t)
 
     @property
     def ours(self) -> bool:
@@ -130,8 +139,9 @@ class VehicleCommand:
 
     # What it is told.
 
-    def put(self, rows: Floats, deadline: float) -> tuple[Stamp, float] | None:
+    def put(self, rows: Floats, deadline: float, home: Home | None = None) -> tuple[Stamp, float] | None:
         """Put a segment of rows t, place, velocity (ENU, our time), to be taken by ``deadline`` (our time).
+        ``home``: what the vehicle flies if nothing comes after it.
 
         Gives its stamp and its deadline by the vehicle's clock; None where we do not have the lease just now.
         """
@@ -141,7 +151,7 @@ class VehicleCommand:
         points = [_point(row, self.offset, self.heading) for row in rows.tolist()]
         until = self.offset.vehicle(deadline)
         try:
-            lease.segment(points, deadline=until, repeated=False)
+            lease.segment(points, deadline=until, repeated=False, home=home and way_home(home, self.offset))
         except NotHolder:
             self._lost(lease)
             return None
@@ -211,6 +221,12 @@ async def ask_time(z: zmav.Client, name: str, clock: Clock, offset: Offset) -> N
         with contextlib.suppress(BadInput, KeyError, TypeError, ValueError):
             outcome = wire.decode(answer.payload, wire.Outcome, "reply to do/ping")
             offset.answered(asked, float(outcome.result["t"]), came)
+
+
+def way_home(home: Home, offset: Offset) -> wire.WayHome:
+    """By the vehicle's clock, NED."""
+    points = [(round(t - home.begins, 3), ned((x, y, z)), ned((u, v, w))) for t, x, y, z, u, v, w in home.rows.tolist()]
+    return wire.WayHome(start=round(offset.vehicle(home.begins), 4), points=points)
 
 
 def _point(row: Sequence[float], offset: Offset, heading: float | None) -> wire.SegmentPoint:

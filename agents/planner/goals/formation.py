@@ -25,16 +25,18 @@ SHORT = 0.05
 """m: less is no way"""
 
 
-def places(goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwash: float) -> Floats:
+def places(
+    goal: wire.swarm.Formation, bodies: Sequence[wire.swarm.Body], downwash: float, rooms: Sequence[float] = ()
+) -> Floats:
     """(N, 3) ENU: the shape's places about ``goal.at``, the first one its leader's.
 
-    Raises :class:`BadInput` for numbers that are none, points that do not match the vehicles, and places nearer to
-    each other than the vehicles may be.
+    ``rooms``: m of each radius that are for what its position may be off. Raises :class:`BadInput` for numbers that are
+    none, points that do not match the vehicles, and places nearer to each other than the vehicles may be.
     """
     offsets = offsets_of(goal, len(bodies))
     field = "points" if goal.shape == "custom" else "spacing"
     radii = [body.radius for body in bodies]
-    check_apart(goal.vehicles, offsets, radii, downwash, labelled=goal.labelled, field=field)
+    check_apart(goal.vehicles, offsets, radii, downwash, labelled=goal.labelled, field=field, rooms=rooms)
     return placed(offsets, np.array(frames.enu(goal.at)), frames.course_of(goal.heading))
 
 
@@ -127,10 +129,12 @@ def check_apart(
     labelled: bool,
     what: str = "formation",
     field: str = "spacing",
+    rooms: Sequence[float] = (),
 ) -> None:
     """Raise :class:`BadInput` for places nearer than the vehicles may be, naming the worst pair.
 
     Labelled, the first vehicle has the first place; else any two may be neighbours, so the widest two must fit.
+    ``rooms``: m of each radius that are for what the vehicle's position may be off.
     """
     if len(points) < 2:
         return
@@ -151,9 +155,15 @@ def check_apart(
         f"two places of the {what}, {whose}, are {apart[one, other]:.2f} m apart "
         f"(with the downwash factor {downwash:g}); these vehicles need {need[one, other]:.2f} m"
     )
+    if rooms and (room := _of_two(rooms, one, other, labelled)) > 0.0:
+        text += f", {room:.2f} m of them for what their positions may be off (--tight makes no room for that)"
     raise BadInput(
         text, field=field, value=round(float(apart[one, other]), 3), expected=f"{need[one, other]:.2f} m or more"
     )
+
+
+def _of_two(rooms: Sequence[float], one: int, other: int, labelled: bool) -> float:
+    return rooms[one] + rooms[other] if labelled else sum(sorted(rooms)[-2:])
 
 
 def formation(
@@ -166,7 +176,7 @@ def formation(
     """
     slots.check_hovering(views, "formation")
     slots.check_flying(views, "formation")
-    final = places(goal, [view.body for view in views], downwash)
+    final = places(goal, [view.body for view in views], downwash, slots.rooms_of(views))
     names, text = tuple(view.name for view in views), f"{goal.shape} of {len(views)}"
     if goal.via:
         return _in_shape(goal, views, downwash, static, text)
@@ -186,7 +196,8 @@ def _in_shape(
     first = placed(offsets, waypoints[0], courses[0])
     order = slots.choose(views, first)
     slotted = offsets[order]
-    check_apart(names, slotted, [view.body.radius for view in views], downwash, labelled=True)
+    radii, rooms = [view.body.radius for view in views], slots.rooms_of(views)
+    check_apart(names, slotted, radii, downwash, labelled=True, rooms=rooms)
     up = PlanTo(names, slots.at_own_height(views, first[order]), True, f"forming a {text}")
     last = slots.at_own_height(views, placed(slotted, waypoints[-1], courses[1]))
     down = PlanTo(names, last, True, f"{text} to its end, not in shape")

@@ -124,5 +124,6 @@ def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) 
         places = slots.at_own_height(standing, places[slots.choose(standing, places)])
     radii = [view.body.radius for view in standing]
     settled = goal.labelled or not all(view.flies for view in standing)
-    check_apart(names, places, radii, downwash, labelled=settled, what="goal", field="to")
+    rooms = slots.rooms_of(standing)
+    check_apart(names, places, radii, downwash, labelled=settled, what="goal", field="to", rooms=rooms)
     return [*steps, PlanTo(names, places, settled, f"going to {len(places)} place{'s' * (len(places) > 1)}")]

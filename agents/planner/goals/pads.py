@@ -43,7 +43,8 @@ def keep_of(a: VehicleView, b: VehicleView) -> float:
 def stacked(views: Sequence[VehicleView], places: Sequence[Vector], downwash: float) -> list[float]:
     """Metres to lift each of the places (NED), so that one too near another over the ground is above or below.
 
-    The lowest stays; heights grow by what the downwash metric asks for.
+    The lowest stays; heights grow by what the downwash metric asks for. What places may be off across is no reason to
+    be higher than two need that are right above each other.
     """
     lifts = [0.0] * len(views)
     done: list[int] = []
@@ -52,7 +53,8 @@ def stacked(views: Sequence[VehicleView], places: Sequence[Vector], downwash: fl
         for j in sorted(done, key=lambda k: lifts[k] - places[k][2]):
             flat, keep = math.dist(places[i][:2], places[j][:2]), keep_of(views[i], views[j])
             if flat < keep:
-                gap = downwash * math.sqrt(keep * keep - flat * flat)
+                across = views[i].room + views[j].room
+                gap = downwash * math.sqrt((keep - across) ** 2 - max(0.0, flat - across) ** 2)
                 other = lifts[j] - places[j][2]
                 if abs(height - other) < gap:
                     height = other + gap

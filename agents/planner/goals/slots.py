@@ -35,6 +35,11 @@ def radii_of(views: Sequence[VehicleView]) -> Floats:
     return np.array([view.body.radius for view in views], dtype=np.float64)
 
 
+def rooms_of(views: Sequence[VehicleView]) -> list[float]:
+    """m of each one's radius that are for what its position may be off."""
+    return [view.room for view in views]
+
+
 def check_flying(views: Sequence[VehicleView], what: str) -> None:
     """Raise :class:`Refused` naming those that must fly for it and stand on the ground."""
     grounded = [view.name for view in views if view.flies and not view.airborne]

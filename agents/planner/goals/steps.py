@@ -37,6 +37,8 @@ class VehicleView:
     ground: float | None = None
     """m down, of the ground at its home, which it says all the time"""
     armed: bool = False
+    room: float = 0.0
+    """m, of the body's radius, that are there because it may be elsewhere than it says, across"""
 
     @property
     def flies(self) -> bool:

@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from agents.planner.goals import slots, timing
 from agents.planner.goals.curves import lengths_of
-from agents.planner.goals.dealing import Ground, Part, Sweeper
+from agents.planner.goals.dealing import Ground, Part, Sweeper, seconds_of
 from agents.planner.goals.search import Split, ground, split
 from agents.planner.goals.steps import Fly, Pictures, PlanTo, Step, VehicleView
 from agents.planner.live import frames
@@ -19,7 +20,7 @@ from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.model.scene import Scene
 from agents.planner.model.separation import separation
 from zmav import wire
-from zmav.errors import Unsupported
+from zmav.errors import BadInput, Unsupported
 
 MOST_STOPS = 200
 """places one after another, in which lanes are flown where they cannot be flown on one clock"""
@@ -46,8 +47,24 @@ def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) 
     heights = (min(s.height for s in sweepers), max(s.height for s in sweepers))
     polygon = [(float(east), float(north)) for north, east in goal.polygon]
     area = ground(polygon, scene, heights, max(s.radius for s in sweepers))
+    if goal.lanes:
+        return _steps(goal, _handed_on(goal, sweepers), area, scene, views)
     course = None if goal.angle is None else frames.course_of(goal.angle)
     return _steps(goal, split(area, sweepers, goal.overlap, course), area, scene, views)
+
+
+def _handed_on(goal: wire.swarm.Search, sweepers: Sequence[Sweeper]) -> Split:
+    """The ways that were left of a search, as they are told; who has them flies them at its own height."""
+    if len(goal.lanes) != len(sweepers) or any(len(way) < 2 for way in goal.lanes):
+        text = f"{len(goal.lanes)} ways over what is left for {len(sweepers)} vehicles, of two points or more each"
+        raise BadInput(text, field="lanes", value=len(goal.lanes), expected=f"{len(sweepers)} ways")
+    parts = []
+    for sweeper, way in zip(sweepers, goal.lanes, strict=True):
+        path = frames.enu_array(np.array(way, dtype=np.float64))
+        path[:, 2] = sweeper.height
+        parts.append(Part(sweeper, shapely.Polygon(), path, seconds_of(path, sweeper)))
+    longest = max(part.seconds for part in parts)
+    return Split(tuple(parts), 0.0, f"what is left of it in {longest:.0f} s")
 
 
 def kind_of(goal: wire.swarm.Search) -> str:

@@ -30,7 +30,7 @@ from zmav.waiting import within
 from zmav.wire import swarm
 
 TICK = 0.2
-HOMES_EVERY = 0.5
+HOMES_EVERY, BATTERIES_EVERY = 0.5, 1.0
 """s between two questions for homes"""
 MAPS = 8
 """maps of planners that are kept: one that dies may come again before its standby takes over"""
@@ -69,7 +69,7 @@ class Agent:
         """of the world, when what is flown was last looked at"""
         self._namesake = ""
         """the instance of another planner of our name"""
-        self._looked = self._asked = 0.0
+        self._looked = self._asked = self._batteries = 0.0
         self._homes = 0
         """how often somebody was asked for its home"""
         context.fence()
@@ -168,6 +168,7 @@ class Agent:
         self.context.clocks.hear()
         if name := self.context.clocks.due(now):
             self.context.later(self.context.clocks.ask(name))
+        self.context.homes.tick()
         self.context.world.expire(now)
         if self.context.world.revision != self._revision and now - self._looked > LEAST:
             self._revision, self._looked = self.context.world.revision, now
@@ -179,6 +180,10 @@ class Agent:
                 self.take_charge()
             return
         self._end_runs()
+        if now - self._batteries > BATTERIES_EVERY:
+            self._batteries = now
+            for run in self.runs.values():
+                run.look_at_batteries()
         if self.context.solver.ready:
             self._begin_runs()
         else:

@@ -48,6 +48,8 @@ def check_goal(goal: swarm.Goal) -> None:
         listed = getattr(goal, field, None)
         if isinstance(listed, list):
             _at_most(listed, MOST_POINTS, f"goal.{field}")
+    if isinstance(goal, swarm.Search):
+        _at_most([point for way in goal.lanes for point in way], MOST_POINTS, "goal.lanes")
     check_numbers(goal, "goal")
     _check_sizes(goal)
 

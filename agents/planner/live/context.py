@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import msgspec
@@ -14,6 +15,7 @@ import msgspec
 import zmav
 from agents.planner.live.clocks import Clocks
 from agents.planner.live.fleet import Fleet
+from agents.planner.live.homeward import Homeward
 from agents.planner.live.leadership.election import LeaderElection
 from agents.planner.live.ledger import GoalBook
 from agents.planner.live.reserved import ReservedAirspace
@@ -75,6 +77,15 @@ class Context:
     asking: set[asyncio.Task[None]] = field(default_factory=set)
     loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
     _told: RateLimit[str] = field(default_factory=lambda: RateLimit(SELDOM, KINDS))
+
+    @cached_property
+    def homes(self) -> Homeward:
+        """The ways home of all that it flies."""
+        return Homeward(self.fleet, self.settings, self.world, self.clocks, self._flying, self.say)
+
+    def _flying(self) -> set[str]:
+        """The vehicles of all goals that are being flown."""
+        return {name for run in self.runs.values() for name in run.vehicles}
 
     def say(self, kind: str, severity: wire.Severity, text: str, **detail: Any) -> None:
         """Something happened: in the log, in the status, and so to everybody who looks."""

@@ -7,9 +7,14 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import msgspec
+import numpy as np
 
 import zmav
+from agents.planner.execute.following import Following
 from agents.planner.goals.steps import GROUND, FleetView, VehicleView
+from agents.planner.live.accuracy import Accuracies
+from agents.planner.live.energy import Energy, Need, left_of
+from agents.planner.live.tally import Tally
 from zmav import geo, keys, wire
 from zmav.config import body_of
 from zmav.errors import BadInput, ZmavError
@@ -35,12 +40,17 @@ class Bodies:
     def __init__(self, z: zmav.Client) -> None:
         self._z = z
         self._known: dict[str, wire.swarm.Body] = {}
+        self._returns: dict[str, float | None] = {}
         self._next: dict[str, float] = {}
 
     def of(self, name: str, kind: str | None) -> wire.swarm.Body:
         """What it said, or what is usual for its kind."""
         known = self._known.get(name)
         return known if known is not None else body_of(kind)
+
+    def returns_after(self, name: str) -> float | None:
+        """s after its segment's end from which it would fly a way home by itself; None: it does not."""
+        return self._returns.get(name)
 
     def due(self, names: list[str]) -> list[str]:
         """Those that should be asked now."""
@@ -58,18 +68,20 @@ class Bodies:
             if isinstance(answer, ZmavError):
                 continue
             try:
-                body = wire.decode(answer.payload, wire.swarm.BodyReport, f"body of {name}").body
+                told = wire.decode(answer.payload, wire.swarm.BodyReport, f"body of {name}")
             except BadInput:
                 continue
-            if _sensible(body):
-                self._known[name] = body
+            if _sensible(told.body):
+                self._known[name], self._returns[name] = told.body, told.returns_after
                 self._next[name] = time.monotonic() + BODY_AGAIN
 
 
 def _sensible(body: wire.swarm.Body) -> bool:
     """Numbers that a plan can be made with."""
     positive = (body.radius, body.speed, body.accel, body.climb, body.descend, body.sweep_width, body.endurance)
-    others = (body.min_speed, body.turn_radius)
+    others = (body.min_speed, body.turn_radius, body.position_error or 0.0)
+    if not 0.0 <= body.reserve < 1.0:
+        return False
     return all(0.0 < value < 1e6 for value in positive) and all(0.0 <= value < 1e6 for value in others)
 
 
@@ -125,8 +137,9 @@ class Fleet:
 
     def __init__(self, z: zmav.Client, downwash: float = 1.5) -> None:
         self._z, self.downwash = z, downwash
-        self.bodies = Bodies(z)
+        self.bodies, self.accuracies, self.energy = Bodies(z), Accuracies(), Energy()
         self._homes: dict[str, Vector] = {}
+        self._followings: dict[str, Following] = {}
         self.last: dict[str, tuple[wire.VehicleState, float]] = {}
 
     def watch(self) -> None:
@@ -136,10 +149,15 @@ class Fleet:
             if state is None or age is None or state.local is None:
                 continue
             self.last[vehicle.name] = (state, time.monotonic() - age)
+            declared = self.bodies.of(vehicle.name, state.kind).position_error
+            self.accuracies.heard(vehicle.name, state, declared, time.monotonic())
+            flies = _flies(state, state.kind or "copter")
+            self.energy.heard(vehicle.name, state, np.array(state.local), flies)
             if state.landed or not state.armed:
                 self._homes[vehicle.name] = state.local
         now = time.monotonic()
         self.last = {name: (s, at) for name, (s, at) in self.last.items() if now - at < FORGOTTEN}
+        self.accuracies.settle(self.last)
 
     @property
     def names(self) -> list[str]:
@@ -152,17 +170,21 @@ class Fleet:
         return [v.name for v in self._z.fleet() if v.name not in known and v.age is not None and v.age < FRESH]
 
     def seen(self, name: str) -> HeardVehicle | None:
-        """As last heard, however old; None: never, or without a place."""
+        """As last heard, however old; None: never, or without a place. Its radius has room for what its place may be
+        off.
+        """
         found = self.last.get(name)
         if found is None or found[0].local is None:
             return None
         state, at = found
         assert state.local is not None
         kind = state.kind or "copter"
+        body, room = self.bodies.of(name, state.kind), self.accuracies.room(name)
         view = VehicleView(
             name=name,
             kind=kind,
-            body=self.bodies.of(name, state.kind),
+            body=msgspec.structs.replace(body, radius=body.radius + room),
+            room=room,
             pos_ned=state.local,
             vel_ned=state.velocity or (0.0, 0.0, 0.0),
             airborne=_flies(state, kind),
@@ -172,11 +194,22 @@ class Fleet:
         )
         return HeardVehicle(view, time.monotonic() - at, state)
 
+    def followings_of(self, names: Iterable[str]) -> dict[str, Following]:
+        """How these follow what they are told, as far as that was seen; it goes on to be."""
+        found = {}
+        for name in names:
+            seen = self.last.get(name)
+            found[name] = self._followings.setdefault(name, Following(seen[0].autopilot if seen else None))
+        return found
+
     def battery_of(self, name: str) -> float | None:
         """The share that is left in it; None: not known."""
-        seen = self.seen(name)
-        battery = seen.state.battery if seen is not None else None
-        return battery.remaining if battery is not None else None
+        found = self.last.get(name)
+        return None if found is None else left_of(found[0])
+
+    def needs(self, tally: Tally, view: FleetView) -> dict[str, Need]:
+        """What a goal that comes to that takes from each one's battery."""
+        return self.energy.needs(tally, view, {name: self.battery_of(name) for name in tally.parts})
 
     @property
     def homeless(self) -> list[str]:
@@ -201,18 +234,23 @@ class Fleet:
     def all(self) -> list[HeardVehicle]:
         return [seen for name in self.names if (seen := self.seen(name)) is not None]
 
-    def view(self, margin: float = 0.0, also: Collection[str] = ()) -> FleetView:
+    def view(self, margin: float = 0.0, also: Collection[str] = (), tight: Collection[str] = ()) -> FleetView:
         """Those that were heard in the last :data:`KNOWN` seconds, and ``also`` these, with radii that are larger by
-        ``margin``.
+        ``margin``; those of ``tight`` without room for what their places may be off.
         """
         heard = [seen.view for seen in self.all() if seen.age < KNOWN or seen.view.name in also]
-        bodies = [msgspec.structs.replace(view.body, radius=view.body.radius + margin) for view in heard]
-        return FleetView({view.name: replace(view, body=body) for view, body in zip(heard, bodies, strict=True)})
+        return FleetView({view.name: _widened(view, margin, view.name in tight) for view in heard})
 
     def hearing(self) -> Hearing:
         airborne = frozenset(seen.view.name for seen in self.all() if seen.view.airborne)
         heard = frozenset(seen.view.name for seen in self.all() if seen.age < TORN)
         return Hearing(airborne, heard)
+
+
+def _widened(view: VehicleView, margin: float, tight: bool) -> VehicleView:
+    less = view.room if tight else 0.0
+    body = msgspec.structs.replace(view.body, radius=view.body.radius + margin - less)
+    return replace(view, body=body, room=view.room - less)
 
 
 def _flies(state: wire.VehicleState, kind: str) -> bool:

@@ -27,6 +27,7 @@ class Solve:
     scene: Scene
     movers: tuple[MovingObstacle, ...] = ()
     seconds: float = 10.0
+    """of the processor; by the clock it may take :data:`agents.planner.model.deadline.WALL` times as long"""
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ import msgspec
 
 import zmav
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.executor import SLACK, Executor, Flight, Trouble
+from agents.planner.execute.executor import MAX_CLOCK, SLACK, Executor, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.publisher import StatusPublisher
@@ -27,6 +28,8 @@ from zmav.wire import Vector, swarm
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
+WIDEST = 1.2
+"""m that a vehicle may be off its way at most, however badly it is seen to hold it"""
 CLOCKS = 0.02
 """s by which clocks may differ from what is measured, of the margin that is reckoned with"""
 ROOM, MOST_MARGIN = 0.5, 1.5
@@ -38,6 +41,8 @@ CLOCK_PATIENCE = 60.0
 """s for the clocks to be known well enough"""
 WHEELED = 1.0
 """m from its goal at which a rover has arrived: it cannot move sideways"""
+WORSE = 0.4
+"""m, and half of what it was: by so much more a vehicle's position may be off in flight before there is a new plan"""
 TAKE = 60.0
 """s that leases of another, which is gone, may still be in force: a segment lasts so long"""
 Again = Callable[[Trouble], Awaitable["Planned | None"]]
@@ -70,6 +75,8 @@ class Landed:
     why: str = ""
     missing: list[str] = field(default_factory=list)
     """who does not fly it any more"""
+    flown: dict[str, float] = field(default_factory=dict)
+    """the moment of the plan that each has come to"""
 
 
 class LeasedVehicles:
@@ -84,6 +91,8 @@ class LeasedVehicles:
         self._planned: Planned | None = None
         self._share, self._words = (0.0, 1.0), ""
         self._torn = False
+        self._errors: dict[str, float] = {}
+        """m that each one's position was taken to be off when what is flown was planned"""
         self._gone: list[str] = []
 
     async def __aenter__(self) -> LeasedVehicles:
@@ -97,8 +106,10 @@ class LeasedVehicles:
             replan=self._replan,
             clock=run.context.clocks.clock,
             offsets=run.context.clocks.of(run.vehicles),
+            followings=run.context.fleet.followings_of(run.vehicles),
             taking=TAKE,
             waits=lambda why: run.text(f"waits for a lease: {why}"),
+            homes=run.context.homes.keeper,
         )
         self.executor = await self._stack.enter_async_context(executor)
         return self
@@ -158,6 +169,7 @@ class LeasedVehicles:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
         executor, fleet = self.executor, self._run.context.fleet
         assert executor is not None
+        executor.tracking = self.tracking
         seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
         return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
@@ -180,7 +192,7 @@ class LeasedVehicles:
         finally:
             watching.cancel()
             self._planned = None
-        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)))
+        return Landed(outcome.done, outcome.reason, sorted(set(self._gone)), outcome.flown)
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
@@ -226,8 +238,23 @@ class LeasedVehicles:
 
     @property
     def tracking(self) -> float:
-        """How far a vehicle may be off its way for the margin that we plan with."""
-        return min(self._run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        """How far a vehicle may be off its way for the margin that we plan with: as the settings say, or as the one
+        does that holds its way worst, as far as the clocks leave room for it in the greatest margin.
+        """
+        run = self._run
+        least = min(run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
+        known = run.context.fleet.followings_of(run.vehicles).values()
+        widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - self._clocks())
+        return max(least, min(widest, max((each.within for each in known), default=0.0)))
+
+    def _clocks(self) -> float:
+        """m that clocks ask for at full speed, as well as they are known now."""
+        worst = 0.0
+        for name, command in self.commands.items() if self.executor is not None else ():
+            if (seen := self._run.context.fleet.seen(name)) is not None:
+                error = min(command.offset.error(self.now), MAX_CLOCK)
+                worst = max(worst, 1.02 * seen.view.body.speed * error)
+        return worst
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -235,6 +262,7 @@ class LeasedVehicles:
         assert executor is not None
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
+        self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
         run.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
         return Flight(
@@ -245,7 +273,7 @@ class LeasedVehicles:
             margin=planned.margin,
             tracking=max(self.tracking / TIGHT, tracking),
             movers=self.movers(executor.clock.now()),
-            tolerance=max(Flight.tolerance, run.context.settings.tracking),
+            tolerance=max(Flight.tolerance, run.context.settings.tracking, self.tracking),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 
@@ -295,7 +323,18 @@ class LeasedVehicles:
                 if run.goes:
                     executor.resume()
             self._torn = torn
+            self._look_at_positions(executor)
             executor.avoid(self.movers(executor.clock.now()))
+
+    def _look_at_positions(self, executor: Executor) -> None:
+        """Who knows much less well where it is than when the plan was made has too little room in it."""
+        if executor.phase != "flying" or tight_of(self._run.entry.goal):
+            return
+        for name, before in self._errors.items():
+            error = self._run.context.fleet.accuracies.error(name)
+            if error > before + max(WORSE, 0.5 * before):
+                executor.halt(f"{name} knows its position to ±{error:.1f} m, not to ±{before:.1f} m any more")
+                return
 
     def _say(self, kind: str, severity: wire.Severity, text: str, detail: dict[str, Any]) -> None:
         run = self._run

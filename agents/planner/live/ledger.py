@@ -74,7 +74,7 @@ class GoalBook:
         """It is over; one that has ended before stays as it ended."""
         if entry.state in ENDED:
             return
-        entry.state, entry.text = state, text
+        entry.state, entry.text, entry.landing = state, text, {}
         if state == "done":
             entry.progress = 1.0
         ended = [each for each in self.goals if each.state in ENDED]

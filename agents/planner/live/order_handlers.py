@@ -9,13 +9,16 @@ from typing import Any
 import msgspec
 
 from agents.planner.goals.steps import FleetView
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.checks import FARTHEST, MOST_BYTES, check_goal, check_obstacle
 from agents.planner.live.context import Context
+from agents.planner.live.energy import warning_of
 from agents.planner.live.field import check_field
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.plan import Planner
-from agents.planner.live.preview import preview
+from agents.planner.live.preview import positions, preview
 from agents.planner.live.solver import Solver
+from agents.planner.live.tally import Tally
 from agents.planner.model.errors import PlanError
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused
@@ -119,10 +122,16 @@ class OrderHandlers:
         self._previews += 1
         try:
             planner = Planner(self._context, "preview", await self._preview_solver())
-            told = await preview(planner, args.goal, check_known(self._context, args.goal))
+            view = check_known(self._context, args.goal)
+            fleet, tally = self._context.fleet, Tally(args.goal.vehicles, view)
+            told = await preview(planner, args.goal, view, tally)
+            told["positions"] = positions(view.pick(args.goal.vehicles), fleet.accuracies)
+            needs = fleet.needs(tally, view)
+            told["batteries"] = {name: need.figures() for name, need in needs.items()}
+            told["refused"] = warning_of(args.goal, needs, self._context.settings.unknown_batteries)
             for figures in (step.get("figures", {}) for step in told["steps"]):
                 for name, numbers in figures.items():
-                    numbers["battery_left"] = self._context.fleet.battery_of(name)
+                    numbers["battery_left"] = fleet.battery_of(name)
             return told
         finally:
             self._previews -= 1
@@ -197,7 +206,7 @@ class OrderHandlers:
 def check_known(context: Context, goal: swarm.Goal) -> FleetView:
     """Raises :class:`BadInput` for vehicles that are not heard, and for places that are not in the field."""
     context.fleet.watch()
-    view = context.fleet.view(context.settings.margin)
+    view = context.fleet.view(context.settings.margin, tight=tight_of(goal))
     silent = [name for name in goal.vehicles if name not in view.vehicles and name in context.fleet.silent()]
     if silent:
         text = f"{', '.join(silent)}: heard, but with no place in the fleet's frame: start 'zmav up' with --origin"

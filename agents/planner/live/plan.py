@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.planner.goals.formation import offsets_of
-from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
+from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step, VehicleView
 from agents.planner.goals.sweeping import sweepers_of
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
@@ -63,7 +63,9 @@ class Planner:
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
         pieces = context.world.pieces(time.time())
-        return room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        room = room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        lost = context.homes.movers(vehicles, context.clocks.clock.now())
+        return replace(room, movers=(*room.movers, *lost))
 
     async def resolve(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
         """What the goal comes down to; raises the typed error of one that cannot be."""
@@ -116,35 +118,47 @@ class Planner:
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float) -> Planned:
         room = self.room(step.vehicles)
-        scene = scene_of(view.pick(step.vehicles), step.places, step.labelled, room)
+        views = view.pick(step.vehicles)
+        scene = scene_of(views, step.places, step.labelled, room)
         seconds = self._context.settings.plan_seconds
         plan, judged = await self._solver.do(jobs.Solve(scene, room.movers, seconds))
         if plan.error is not None:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
-        return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin), margin)
+        return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin, views), margin)
 
-    async def check(self, step: Fly, view: FleetView) -> tuple[Planned | None, str]:
-        """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not."""
+    async def check(self, step: Fly, view: FleetView, margins: Margins = ()) -> tuple[Planned | None, str]:
+        """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not. With
+        the most of ``margins`` with which it does, and the settings' own at least.
+        """
+        own, why = self._context.settings.margin, ""
+        for margin in sorted({own, *(each for each, share in margins if share == 1.0 and each > own)}, reverse=True):
+            radii = {name: each.body.radius + margin - own for name, each in view.vehicles.items()}
+            planned, why = await self._check(step, resized(view, radii), margin)
+            if planned is not None:
+                return planned, ""
+        self._context.say("plan", "info", f"{self._goal}: not as prepared: {why}", goal=self._goal)
+        return None, why
+
+    async def _check(self, step: Fly, view: FleetView, margin: float) -> tuple[Planned | None, str]:
         motions, names = step.motions, tuple(step.motions)
         room = self.room(names)
         trajectories = {name: samples_of(motion) for name, motion in motions.items()}
         places = _array([trajectories[name][-1][1:] for name in names])
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
-        scene = scene_of(moved(view, starts).pick(names), places, True, room, corners)
+        views = moved(view, starts).pick(names)
+        scene = scene_of(views, places, True, room, corners)
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
-            self._context.say("plan", "info", f"{self._goal}: not as prepared: {judged.faults[0]}", goal=self._goal)
             return None, judged.faults[0]
-        margin = self._context.settings.margin
-        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin), margin), ""
+        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin, views), margin), ""
 
 
-def _wider(clearance: float | None, margin: float) -> float | None:
-    """Between the vehicles themselves: what was planned for is larger."""
-    return None if clearance is None else clearance + 2.0 * margin
+def _wider(clearance: float | None, margin: float, views: Sequence[VehicleView]) -> float | None:
+    """Between the vehicles themselves, where they say that they are: what was planned for is larger."""
+    return None if clearance is None else clearance + 2.0 * margin + sum(sorted(view.room for view in views)[:2])
 
 
 def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:

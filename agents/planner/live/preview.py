@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step
+from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step, VehicleView
+from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.frames import ned
-from agents.planner.live.plan import Planned, Planner
+from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
+from agents.planner.live.tally import Tally
 from zmav.errors import Refused
 from zmav.wire import Vector, swarm
 
 
-async def preview(planner: Planner, goal: swarm.Goal, view: FleetView) -> dict[str, Any]:
-    """Steps with their makespan, clearance and tracks (NED); raises the typed error of what cannot be."""
+async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Tally) -> dict[str, Any]:
+    """Steps with their makespan, clearance and tracks (NED), and the ``seconds`` that each takes with what is around
+    it; raises the typed error of what cannot be. ``tally`` counts it all.
+    """
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
         planned, view = await _step(planner, step, view)
         row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
+        motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
+        row["seconds"] = round(tally.add(step, motions), 1)
         if planned is not None:
             tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
             row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
@@ -28,6 +35,7 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView) -> dict[s
     clearances = [row["clearance"] for row in steps if row.get("clearance") is not None]
     return {
         "makespan": sum(row.get("makespan", 0.0) for row in steps),
+        "seconds": round(tally.seconds, 1),
         "clearance": min(clearances, default=None),
         "steps": steps,
     }
@@ -66,3 +74,18 @@ def _after(step: Orders, view: FleetView) -> FleetView:
         else:
             view = moved(view, {order.vehicle: (north, east, floor)}, airborne=False)
     return view
+
+
+def positions(views: Sequence[VehicleView], known: Accuracies) -> dict[str, Any]:
+    """How well these know where they are (m, one standard deviation), by what that is told, and how far apart any two
+    are kept for it.
+    """
+    errors = {view.name: known.error(view.name) for view in views}
+    by = {view.name: known.word(view.name) for view in views}
+    apart = sum(sorted(view.body.radius for view in views)[-2:]) if len(views) > 1 else None
+    least, most = min(errors.values()), max(errors.values())
+    span = f"±{most:g} m" if most - least < 0.01 else f"±{least:g} to ±{most:g} m"
+    text = f"positions {span} ({', '.join(sorted(set(by.values())))})"
+    tight = most > 0.0 and not any(view.room for view in views)
+    text += f": {apart:.1f} m apart" if apart is not None else ""
+    return {"errors": errors, "by": by, "apart": apart, "text": text + (", and no room made for that" if tight else "")}

@@ -23,6 +23,7 @@ from agents.planner.goals.steps import (
     for_the_rest,
     without,
 )
+from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
 from agents.planner.live.fleet import FRESH
@@ -32,12 +33,13 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
+from agents.planner.live.relief import check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
-from agents.planner.model.problem import MovingObstacle
+from agents.planner.model.problem import Motion, MovingObstacle
 from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
@@ -70,6 +72,12 @@ class Run:
         """it follows its leader just now"""
         self.stopping = ""
         """why it is to end; empty: it goes on"""
+        self.low = ""
+        """who runs low, for which it is to end"""
+        self._begun = False
+        """its vehicles may fly it by what is left in their batteries"""
+        self._lanes = dict[str, Motion]()
+        """what is left of a search, by vehicle"""
         self.failure: ZmavError | None = None
         """why there was no other plan"""
         self._goes = asyncio.Event()
@@ -98,6 +106,13 @@ class Run:
             self.flying.stop(self.stopping)
         else:
             self._task.cancel()
+
+    def look_at_batteries(self) -> None:
+        """Who would land with less than its reserve goes home: everybody comes to rest first."""
+        low, why = low_of(self.context, self.entry.goal, self.vehicles)
+        if low and self._begun and not self.stopping:
+            self.low = low
+            self.stop(why)
 
     def pause(self) -> None:
         self._goes.clear()
@@ -159,6 +174,8 @@ class Run:
         finally:
             self._leave_room()
             self.publisher.plan_over(entry.id)
+        if self.low and self.context.charge.in_charge and self.entry.state not in ENDED:
+            relieve(self.context, entry, self.low, self.stopping, self._lanes)
         if self.stopping == "closed":
             return
         word = "failed: " if entry.state == "failed" else ""
@@ -170,8 +187,14 @@ class Run:
         self._state("planning", "waits until its vehicles rest")
         lost = await self._settled(patient=True)
         await self._goes.wait()
-        steps = await self.planner.resolve(self.entry.goal, self._view(lost=lost))
+        view = self._view(lost=lost)
+        steps = await self.planner.resolve(self.entry.goal, view)
+        if isinstance(self.entry.goal, swarm.Return):
+            steps = self.context.homes.at_once(steps, view)
         self._go_without(lost)
+        check_batteries(self.context, self.entry, self.vehicles, steps, self._view())
+        self._begun = True
+        self._lanes = next((dict(step.motions) for step in steps if isinstance(step, Fly)), {})
         async with LeasedVehicles(self) as leased:
             if silent := leased.left:
                 self._go_without(silent)
@@ -270,9 +293,14 @@ class Run:
             return await self._fly_motions(leased, step, share)
 
     async def _fly_motions(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
-        planned, why = await self.planner.check(step, self._view())
+        await self._settled(step.vehicles)  # who has just come there may still swing
+        planned, why = await self.planner.check(step, self._view(), await leased.margins())
         if planned is not None:
-            landed = await self._flown(leased, planned, step.text, share)
+            try:
+                landed = await self._flown(leased, planned, step.text, share)
+                self._lanes = {name: left_over(step.motions[name], at) for name, at in landed.flown.items()}
+            except Refused as e:  # nobody has moved: a clock is not known well enough, or somebody drifted
+                landed = Landed(False, e.message)
             self.check_stopped()
             if landed.arrived:
                 return []
@@ -398,7 +426,7 @@ class Run:
         """
         fleet, margin = self.context.fleet, self.context.settings.margin
         fleet.watch()
-        view = fleet.view(margin, also=lost)
+        view = fleet.view(margin, also=lost, tight=tight_of(self.entry.goal))
         missing = [name for name in names or self.vehicles if name not in view.vehicles]
         if missing:
             raise Stale(f"not heard any more: {', '.join(missing)}", vehicles=missing)
@@ -447,6 +475,8 @@ class Run:
             return f"{name}: {seen.state.pilot}"
         if not seen.view.hovers:
             return ""
+        if seen.state.mover == "failsafe":
+            return f"{name} flies home by itself"
         speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
         return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
 

@@ -40,7 +40,9 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     patience: float = PATIENCE
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
-    """s that the solver may take"""
+    """s of the processor that the solver may take for a plan"""
+    unknown_batteries: bool = False
+    """vehicles may fly goals of whose batteries it is not known what is left in them"""
     field: FleetField = FleetField(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
     geofence: swarm.Geofence | None = None

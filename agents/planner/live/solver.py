@@ -12,6 +12,7 @@ from typing import Any, TypeVar, overload
 
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
+from agents.planner.model.deadline import WALL
 from agents.planner.model.errors import PlanError
 from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError, from_code
@@ -95,7 +96,7 @@ class Solver:
 
         Who stops waiting for it does not end it: loading the process again would take longer than most jobs do.
         """
-        seconds = job.seconds if isinstance(job, jobs.Solve) else OTHER_JOBS
+        seconds = WALL * job.seconds if isinstance(job, jobs.Solve) else OTHER_JOBS
         work = asyncio.ensure_future(self._work(job, seconds))
         work.add_done_callback(_look)
         return await asyncio.shield(work)

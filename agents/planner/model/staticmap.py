@@ -6,8 +6,6 @@ and then on ever finer lattices.
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.planner.model import geometry
+from agents.planner.model.deadline import NEVER, Deadline
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import COPTER, ROVER, Floats, Path, Problem
 from agents.planner.model.world import World
@@ -31,7 +30,7 @@ FIRST_LOOK, MOST_LOOKS = 20_000, 200_000
 FINEST = 0.5
 """radii between the lines of the finest lattice: where all of that was looked at, there is no way"""
 PATIENCE = 2.0
-"""s for a vehicle whose way is not found at once"""
+"""s of the processor for a vehicle whose way is not found at once"""
 THOROUGH = 4.0
 """s more for all vehicles of a problem for which no way was found in that time"""
 WEIGHT = 1.1
@@ -86,13 +85,14 @@ class StaticMap:
         kind: int = COPTER,
         rates: Sequence[float] = UNHURRIED,
         room: float = 0.0,
-        patience: float = PATIENCE,
+        until: Deadline | None = None,
     ) -> Path | None:
         """A way from ``start`` to ``goal``, (3,) each, that is among the quickest; None: none was found.
 
         Every point of it keeps ``radius`` from every obstacle and is inside bounds and fence; ``room`` m more where a
         way with that is found at once and hardly takes longer. ``rates``: m/s in any direction, upwards, downwards. A
-        rover stays at its start's height. ``patience``: s, more or less, if no way is found at once.
+        rover stays at its start's height. ``until``: when to give up, more or less,
+        if no way is found at once; without it after :data:`PATIENCE`.
         """
         world, speeds = self.world, np.array(rates, dtype=np.float64)
         direct = np.array([start, goal], dtype=np.float64)
@@ -103,53 +103,57 @@ class StaticMap:
             room = 0.0  # it is room between obstacles
         if geometry.segment_clear(world, direct[0], direct[1], radius + room):
             return direct
-        roomy = None if room == 0.0 else self._path(direct, radius + room, speeds, height, 0.0)
+        roomy = None if room == 0.0 else self._path(direct, radius + room, speeds, height, None)
         straight = geometry.segment_clear(world, direct[0], direct[1], radius)
         if roomy is not None:
             takes = shorten.travel_time(roomy, speeds)
             if takes <= AROUND * shorten.travel_time(direct, speeds):
                 return roomy
-            near = direct if straight else self._path(direct, radius, speeds, height, 0.0)
+            near = direct if straight else self._path(direct, radius, speeds, height, None)
             return roomy if near is None or takes <= AROUND * shorten.travel_time(near, speeds) else near
-        return direct if straight else self._path(direct, radius, speeds, height, patience)
+        return direct if straight else self._path(direct, radius, speeds, height, until or Deadline.after(PATIENCE))
 
-    def paths_for(self, problem: Problem, room: float = 0.0, until: float = math.inf) -> list[Path]:
-        """A way for each vehicle, in order; all is given up at ``until``, of :func:`time.monotonic`.
+    def paths_for(self, problem: Problem, room: float = 0.0, until: Deadline = NEVER) -> list[Path]:
+        """A way for each vehicle, in order; all is given up at ``until``.
 
         Raises :class:`PlanError`, ``unreachable``, with all vehicles for which none was found in some seconds;
         ``timeout``, with all that have none, where there was no time for that.
         """
-        paths = self._ways(problem, room, [None] * len(problem), min(PATIENCE, until - time.monotonic()))
+        paths = self._ways(problem, room, [None] * len(problem), PATIENCE, until)
         if any(path is None for path in paths):  # the time was short for many, or for a busy machine
-            paths = self._ways(problem, room, paths, min(THOROUGH, until - time.monotonic()))
+            paths = self._ways(problem, room, paths, THOROUGH, until)
         names = [problem.ids[i] for i, path in enumerate(paths) if path is None]
-        if names and time.monotonic() > until:
+        if names and until.over:
             raise PlanError("timeout", names, f"no way to the goal of {', '.join(names)} was found in time")
         if names:
             raise PlanError("unreachable", names, f"there is no way to the goal of {', '.join(names)}")
         return [path for path in paths if path is not None]
 
-    def _ways(self, problem: Problem, room: float, known: list[Path | None], patience: float) -> list[Path | None]:
+    def _ways(
+        self, problem: Problem, room: float, known: list[Path | None], patience: float, until: Deadline
+    ) -> list[Path | None]:
         """Those of ``known`` that are None looked for, for ``patience`` s and a tenth more for each."""
         rates, paths = np.stack((problem.vmax, problem.climb, problem.descend), axis=1), list(known)
         for i in [i for i, path in enumerate(known) if path is None]:
-            begun = time.monotonic()
+            together = until.within(patience)
             ends = problem.start[i], problem.goal[i], float(problem.radius[i]), int(problem.kind[i])
-            paths[i] = self.path(*ends, rates[i].tolist(), room, max(0.1, patience))
+            paths[i] = self.path(*ends, rates[i].tolist(), room, until.within(max(0.1, patience)))
             if paths[i] is None:  # what makes one search long makes the next one long
-                patience -= time.monotonic() - begun
+                patience = together.left()
         return paths
 
-    def _path(self, ends: Floats, radius: float, rates: Floats, height: float | None, patience: float) -> Path | None:
+    def _path(
+        self, ends: Floats, radius: float, rates: Floats, height: float | None, until: Deadline | None
+    ) -> Path | None:
         """A search that ends soon, or else samples, which come through slots that no line of a lattice lies in, and
-        longer searches, on finer lattices; what is found is shortened.
+        longer searches, on finer lattices; what is found is shortened. ``until`` None: the first of these only.
         """
-        world, start, goal, end = self.world, ends[0], ends[1], time.monotonic() + patience
+        world, start, goal = self.world, ends[0], ends[1]
         path, done = self._layer(0, radius, height).search(world, start, goal, rates, 1, FIRST_LOOK)
-        if path is None and patience > 0.0 and height is None:
-            path = sampled.find(world, start, goal, radius, patience / 4.0)
+        if path is None and until is not None and not until.over and height is None:
+            path = sampled.find(world, start, goal, radius, until.within(until.left() / 4.0))
         level = 1 if done else 0
-        while path is None and patience > 0.0 and time.monotonic() < end:
+        while path is None and until is not None and not until.over:
             layer = self._layer(level, radius, height)
             path, done = layer.search(world, start, goal, rates, 2, MOST_LOOKS)
             level, more = level + 1, 8 if height is None else 4

@@ -129,6 +129,14 @@ def compiling(part: str, wait: bool = True) -> Iterator[bool]:
             done.touch()
 
 
+def wait_for(part: str) -> None:
+    """Wait while another process compiles a part: that costs this one no processor time."""
+    kept = None if interpreted() else folder()
+    if kept is not None and not (kept / f"{part}.done").exists():
+        with _locked(kept / f"{part}.lock"):
+            pass
+
+
 def complete() -> None:
     """All parts are there."""
     if kept := folder():

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agents.planner.model import verify
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.errors import Code, PlanError
 from agents.planner.model.geometry import World, away, world_of
 from agents.planner.model.plans import Plan
@@ -25,17 +26,20 @@ from agents.planner.model.problem import (
 from agents.planner.model.scene import Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
+from agents.planner.solve import jit
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
 from agents.planner.solve.refine.flyable import FACTORS, Refined, refine, refine_paths, squeeze
 from agents.planner.solve.refine.knots import durations
 from agents.planner.solve.spacetime import deconflict
+from agents.planner.solve.spacetime.turns import in_turn
 
 TOLERATED = 0.006  # m; the format lets 1 cm pass
 LONG = 1.1  # times what the ways take; a plan that takes longer is worth making shorter
 ROOM = 0.1  # radii; with so much more between obstacles, ways can be bent and their corners cut
+SHARES = 8  # of a margin
+EFFORT, EFFORT_FOR = 3.0, 30.0  # s to find something shorter than a queue, and as much again for so many vehicles
 CROWDED = 0.5  # share of all; when so many are in each other's way, it is a narrow place that they must pass in turn
-Try = Callable[[], Refined]
 
 
 def solve(
@@ -49,16 +53,16 @@ def solve(
 ) -> Plan:
     """A verified plan of a scene.
 
-    ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: how long
-    it may search (None: a minute, and half a second for each vehicle); call :func:`agents.planner.solve.warm.warm`
-    before, as compiling takes a minute of them. ``margin``: m that two vehicles keep on top of their radii, and half
-    of it to obstacles, as far as starts and goals leave room for it. The same seed gives the same plan unless time runs
-    out.
+    ``static``: what is known of the scene's obstacles from before. ``movers`` are kept clear of. ``seconds``: of this
+    thread's processor time that it may search (None: a minute, and half a second for each vehicle), and
+    :data:`~agents.planner.model.deadline.WALL` times as long by the clock; call
+    :func:`agents.planner.solve.warm.warm` before, as compiling takes half a minute of them. ``margin``: m that two
+    vehicles keep on top of their radii, and half of it to obstacles, as far as starts and goals leave room for it. The
+    same seed gives the same plan unless time runs out.
     Raises :class:`PlanError`.
     """
     least = 60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds
-    begun = time.monotonic()
-    return Pipeline(scene, static, tuple(movers), begun, begun + least, seed, margin).run()
+    return Pipeline(scene, static, tuple(movers), time.monotonic(), least, Deadline.after(least), seed, margin).run()
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,9 @@ class Pipeline:
     static: StaticMap | None
     movers: tuple[MovingObstacle, ...]
     begun: float
-    deadline: float
+    """of :func:`time.monotonic`"""
+    seconds: float
+    deadline: Deadline
     seed: int
     margin: float
 
@@ -78,7 +84,6 @@ class Pipeline:
         static = self.static or StaticMap(world_of(self.scene))
         world = static.world
         problem, planes, others, paths = self.dealt(static)
-        problem = fitted(problem, world, self.margin)
         stuck: list[str] = list(problem.ids)
         for motions in self.candidates(problem, world, planes, others, paths):
             if isinstance(motions, list):
@@ -90,14 +95,18 @@ class Pipeline:
                 stuck = report.culprits()
             else:
                 stuck = [problem.ids[i] for i in others[motions]] or stuck
-            if time.monotonic() > self.deadline:
+            if self.deadline.over:
                 break
-        spent = time.monotonic() - self.begun
-        text = f"no plan was found in {spent:.1f} s that keeps {', '.join(stuck[:5])} apart from all else"
+        busy, spent = self.seconds - (self.deadline.processor - time.thread_time()), time.monotonic() - self.begun
+        text = f"no plan was found in {busy:.1f} s of the processor ({spent:.1f} s by the clock)"
+        text += f" that keeps {', '.join(stuck[:5])} apart from all else"
         raise PlanError("timeout", stuck, f"{text}; allow more time, or more room")
 
     def dealt(self, static: StaticMap) -> tuple[Problem, Ints, Ints, list[Path]]:
-        """Goals and ways for all, and who is a plane and who not; goals that can be chosen go to who can get there."""
+        """Goals and ways for all, and who is a plane and who not; goals that can be chosen go to who can get there.
+
+        Radii have the margin in them: the ways are those of what is flown in the end.
+        """
         count = len(self.scene.vehicles)
         never = np.zeros((count, count), dtype=np.bool_)
         while True:
@@ -106,6 +115,7 @@ class Pipeline:
             planes = np.flatnonzero(problem.kind == PLANE)
             others = np.flatnonzero(problem.kind != PLANE)
             clear_of_movers(problem)
+            problem = fitted(problem, static.world, self.margin)
             room = ROOM * float(problem.radius[others].min(initial=np.inf))
             try:
                 paths = static.paths_for(part(problem, others), room, self.deadline) if len(others) else []
@@ -114,7 +124,10 @@ class Pipeline:
                 known = never.sum()
                 for i in (problem.ids.index(name) for name in e.ids if chosen is not None):
                     never[i, (chosen or [])[i]] = True
-                if e.kind != "unreachable" or never.sum() == known or time.monotonic() > self.deadline:
+                if e.kind != "unreachable" or never.sum() == known or self.deadline.over:
+                    if e.kind == "unreachable" and self.margin > 0.0:
+                        text = f"{e.message} with {self.margin / 2:g} m more than its radius; allow less margin"
+                        raise PlanError(e.kind, e.ids, text) from None
                     raise
 
     def candidates(
@@ -131,8 +144,7 @@ class Pipeline:
                 for i, motion in zip(planes, fixed, strict=True)
             )
             rest = replace(part(problem, others), movers=problem.movers + aside)
-            for attempt in self.tries(rest, world, paths, rng, turn):
-                found = attempt() if len(others) else Refined([])
+            for found in self.tries(rest, world, paths, rng, turn):
                 if found.motions is None:
                     yield found.stuck
                     continue
@@ -140,13 +152,16 @@ class Pipeline:
                 for i, motion in zip([*planes, *others], [*fixed, *found.motions], strict=True):
                     motions[i] = motion
                 yield motions
-            if time.monotonic() > self.deadline:
+            if self.deadline.over:
                 return
 
     def tries(
         self, problem: Problem, world: World, paths: list[Path], rng: np.random.Generator, turn: int
-    ) -> Iterator[Try]:
+    ) -> Iterator[Refined]:
         """What is tried for all but the planes, from quick to thorough."""
+        if not len(problem):
+            yield Refined([])
+            return
         seed = self.seed + 1000 * turn
         least = float(durations(problem, paths).max(initial=0.0))
 
@@ -155,20 +170,37 @@ class Pipeline:
                 return found
             return squeeze(problem, world, found, FACTORS[0] * least, self.deadline)
 
-        def direct(more: int, factors: tuple[float, ...], deadline: float, hopeless: float = 1.0) -> Refined:
+        def direct(more: int, factors: tuple[float, ...], deadline: Deadline, hopeless: float = 1.0) -> Refined:
             return shorter(refine_paths(problem, world, paths, deadline, seed + more, factors, hopeless))
 
-        def discrete() -> Refined:
-            left = self.deadline - time.monotonic()
-            motions = deconflict.find(problem, world, paths, left / 2, rng)
-            if motions is None:
-                return Refined(None)
-            return shorter(refine(problem, world, motions, self.deadline))
+        def alone(i: int, around: World, path: Path) -> Motion | None:
+            single = replace(part(problem, np.array([i])), movers=())
+            found = refine_paths(single, around, [path], self.deadline, seed).motions
+            return None if found is None else found[0]
 
-        soon = time.monotonic() + (self.deadline - time.monotonic()) / 2.0
-        yield lambda: direct(0, FACTORS[:2], soon, CROWDED)
-        yield discrete
-        yield lambda: direct(500, FACTORS[2:], self.deadline)
+        def queued() -> Refined:
+            motions = in_turn(problem, self.scene, world, paths, alone, half(self.deadline), rng)
+            return Refined(motions, seconds=max((float(motion[-1, 0]) for motion in motions or ()), default=0.0))
+
+        def negotiated(until: Deadline) -> Refined:
+            motions = deconflict.find(problem, world, paths, half(until), rng)
+            return Refined(None) if motions is None else shorter(refine(problem, world, motions, until))
+
+        yield direct(0, FACTORS[:2], half(self.deadline), CROWDED)
+        jit.wait_for("discrete")
+        queue = queued()
+        if queue.motions is not None:
+            if queue.seconds > LONG * least:
+                found = negotiated(self.deadline.within(EFFORT * (1.0 + len(problem) / EFFORT_FOR)))
+                if found.motions is not None and found.seconds < queue.seconds:
+                    yield found
+            yield queue
+        yield negotiated(self.deadline)
+        yield direct(500, FACTORS[2:], self.deadline)
+
+
+def half(deadline: Deadline) -> Deadline:
+    return deadline.within(deadline.left() / 2.0)
 
 
 def clear_of_movers(problem: Problem) -> None:
@@ -199,6 +231,8 @@ def part(problem: Problem, who: Ints) -> Problem:
 def fitted(problem: Problem, world: World, margin: float) -> Problem:
     """Radii larger by half the margin, as far as every vehicle's start and goal leave room for it; smaller by some
     millimetres where starts or goals are nearer than they should be, but by less than the tolerance.
+
+    What there is of the margin is had in :data:`SHARES`, for ways are looked for once for each radius that there is.
     """
     spare = np.full(len(problem), margin / 2)
     scale = np.array([1.0, 1.0, 1.0 / problem.downwash])
@@ -216,4 +250,7 @@ def fitted(problem: Problem, world: World, margin: float) -> Problem:
         for place in (problem.start[i], problem.goal[i]):
             wide = problem.radius[i] + margin / 2
             spare[i] = min(spare[i], margin / 2 - away(world, place[0], place[1], place[2], wide, np.empty(3)))
+    if margin > 0.0:
+        share = margin / 2.0 / SHARES
+        spare = np.where(spare > 0.0, np.floor(spare / share + 1e-9) * share, spare)
     return replace(problem, radius=problem.radius + np.maximum(-TOLERATED, spare))

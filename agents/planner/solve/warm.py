@@ -2,24 +2,29 @@
 
 A first plan would otherwise pay for that, part of a second each time and half a minute of a core the first time. The
 kernels are compiled in parts, each by one process: two work side by side where there are two cores, and whoever else
-wants to plan meanwhile takes a share. Run as a program this is the second of them.
+wants to plan meanwhile takes a share. Run as a program this is the second of them. A fleet's planner waits for all
+parts (:func:`warm`), a plan from a file for those that nearly every plan needs (:func:`begin`): the second process goes
+on with the rest.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import ModuleType
+from typing import cast
 
 import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import world_of
 from agents.planner.model.plans import Plan, Sample
 from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
@@ -31,6 +36,7 @@ from agents.planner.solve.pipeline import ROOM, solve
 from agents.planner.solve.planes import plan_planes
 from agents.planner.solve.refine.flyable import refine_paths
 from agents.planner.solve.spacetime import deconflict
+from agents.planner.solve.spacetime.turns import stopping, turns_of
 
 PATIENCE = 600.0
 """s, for a slow machine that compiles"""
@@ -48,46 +54,88 @@ def warm(planes: bool = True, tell: Tell | None = None) -> Plan:
     """
     if not jit.compiled() and jit.folder() is not None:
         with _second(), _told(tell):
-            compile_parts(wait=False)
-            compile_parts(wait=True)
+            compile_parts(PARTS, wait=False)
+            compile_parts(PARTS, wait=True)
         jit.complete()
     copters = example(planes=False)
     plan = solve(copters, seconds=PATIENCE)
     # The discrete search is for scenes that are tighter than any that is small.
     problem, static = problem_of(copters), StaticMap(world_of(copters))
-    deconflict.find(problem, static.world, static.paths_for(problem), PATIENCE, np.random.default_rng(0))
+    deconflict.find(
+        problem, static.world, static.paths_for(problem), Deadline.after(PATIENCE), np.random.default_rng(0)
+    )
     if planes:
         solve(example(planes=True), seconds=PATIENCE)
     return plan
 
 
-def compile_parts(wait: bool) -> None:
+def begin(planes: bool, tell: Tell | None = None) -> None:
+    """Compile and load what a plan from a file needs at first; ``planes``, ``tell``: as in :func:`warm`.
+
+    The rest is compiled in the background, also after this process has ended.
+    """
+    load_numba()
+    if jit.folder() is None:  # what is needed later would be compiled in a plan's own time
+        warm(planes)
+        return
+    if not jit.compiled():
+        needed = [*FIRST, *(["winged"] if planes else [])]
+        many = (os.cpu_count() or 1) > 1
+        with _told(tell):
+            if many:
+                _other()
+            compile_parts(needed, wait=False)
+            compile_parts(needed, wait=True)
+            if not many:
+                _other()
+    solve(example(planes), seconds=PATIENCE)
+
+
+def load_numba() -> None:
+    """Without SciPy's linear algebra, which it would look for: that takes a seventh of a second, and no kernel uses it."""
+    name = "scipy.linalg"
+    if name in sys.modules:
+        return
+    sys.modules[name] = cast(ModuleType, None)  # what cannot be imported is done without
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[name]
+
+
+def compile_parts(names: Iterable[str], wait: bool) -> None:
     """Compile what no other process does; or (``wait``) have all of it compiled, whoever does it."""
-    for name, part in PARTS.items():
+    for name in names:
         with jit.compiling(name, wait) as ours:
             if ours:
-                part()
+                PARTS[name]()
 
 
 @contextlib.contextmanager
 def _second() -> Iterator[None]:
     """A second process that takes its share. What it cannot do is done here."""
-    kept = jit.folder()
-    if kept is None or (os.cpu_count() or 1) < 2:
+    if (os.cpu_count() or 1) < 2:
         yield
         return
-    # Its folders are ours, wherever it is started.
-    where = os.environ | {"NUMBA_CACHE_DIR": str(kept.parent.resolve())}
-    command = [sys.executable, "-m", __spec__.name]
-    nothing = subprocess.DEVNULL
-    other = subprocess.Popen(
-        command, cwd=jit.PACKAGE.parents[1], env=where, stdin=nothing, stdout=nothing, stderr=nothing
-    )
+    other = _other()
     try:
         yield
     finally:
         other.kill()  # it has nothing left to do
         other.wait()
+
+
+def _other() -> subprocess.Popen[bytes]:
+    """A process that compiles what nobody else does until all is compiled, whatever becomes of this one."""
+    kept = jit.folder()
+    assert kept is not None
+    # Its folders are ours, wherever it is started.
+    where = os.environ | {"NUMBA_CACHE_DIR": str(kept.parent.resolve())}
+    command = [sys.executable, "-m", __spec__.name]
+    nothing, root = subprocess.DEVNULL, jit.PACKAGE.parents[1]
+    return subprocess.Popen(
+        command, cwd=root, env=where, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
+    )
 
 
 @contextlib.contextmanager
@@ -123,12 +171,14 @@ def _ways() -> None:
 
 def _refined() -> None:
     problem, static = _known(example(planes=False))
-    refine_paths(problem, static.world, _straight(problem), time.monotonic() + PATIENCE)
+    refine_paths(problem, static.world, _straight(problem), Deadline.after(PATIENCE))
 
 
 def _discrete() -> None:
     problem, static = _known(lane())
-    deconflict.find(problem, static.world, _straight(problem), PATIENCE, np.random.default_rng(0))
+    ways, until = _straight(problem), Deadline.after(PATIENCE)
+    deconflict.find(problem, static.world, ways, until, np.random.default_rng(0))
+    turns_of(problem, [stopping(problem, i, way) for i, way in enumerate(ways)], until)
 
 
 def _judged() -> None:
@@ -137,6 +187,10 @@ def _judged() -> None:
         v.id: np.array([[0.0, *v.start], [60.0, *(v.goal or v.start)]], dtype=np.float64) for v in scene.vehicles
     }
     verify(scene, motions)
+
+
+def _flown() -> None:
+    motions = {v.id: np.array([[0.0, *v.start], [60.0, *(v.goal or v.start)]]) for v in example(planes=False).vehicles}
     flown({name: [tuple(row) for row in motion.tolist()] for name, motion in motions.items()})
 
 
@@ -156,11 +210,13 @@ def _winged() -> None:
 PARTS: Mapping[str, Callable[[], None]] = {
     "ways": _ways,
     "refined": _refined,
-    "discrete": _discrete,
     "judged": _judged,
+    "discrete": _discrete,
     "winged": _winged,
+    "flown": _flown,
     "shaped": _shaped,
 }
+FIRST = ("ways", "refined", "judged")
 
 
 def _known(scene: Scene) -> tuple[Problem, StaticMap]:
@@ -237,4 +293,9 @@ def example(planes: bool) -> Scene:
 
 
 if __name__ == "__main__":
-    compile_parts(wait=False)
+    compile_parts(FIRST, wait=False)
+    with contextlib.suppress(OSError):
+        os.nice(10)  # somebody plans already
+    compile_parts(PARTS, wait=False)
+    compile_parts(PARTS, wait=True)
+    jit.complete()

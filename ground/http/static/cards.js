@@ -4,7 +4,7 @@ import { CameraViews } from "./cameras.js";
 import { byId, make, makeButton, say } from "./dom.js";
 import { armTwice, askArm, askHeight, order } from "./orders.js";
 import { READ_ONLY } from "./settings.js";
-import { accuracy, degrees, shown, span, t } from "./words.js";
+import { accuracy, corrected, degrees, shown, span, t } from "./words.js";
 
 /** @typedef {import("./types.js").State} State */
 
@@ -99,7 +99,7 @@ class Card {
     this.say("alt", shown(s.position && s.position.alt_rel, 1, " m"));
     this.say("speed", shown(v && Math.hypot(v[0], v[1]), 1, " m/s"));
     this.say("heading", shown(s.attitude && degrees(s.attitude.yaw), 0, "°"));
-    this.say("gps", s.gps ? `${s.gps.fix.replace(/_/g, " ")} · ${s.gps.satellites ?? "–"}` : "–");
+    this.say("gps", [s.gps ? `${s.gps.fix.replace(/_/g, " ")} · ${s.gps.satellites ?? "–"}` : "–", corrected(s.corrections)].filter(Boolean).join(" · "));
     this.say("accuracy", accuracy(s.gps) || "–");
     this.say("left", s.battery?.time_left ? span(s.battery.time_left) : "–");
     this.say("loss", shown(s.link_loss === undefined ? null : s.link_loss * 100, 0, " %"));

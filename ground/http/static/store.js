@@ -12,6 +12,7 @@ import { Vehicle } from "./vehicle.js";
  */
 
 const MOST_VEHICLES = 500;
+const MOST_BASES = 8;
 const MOST_EVENTS = 100;
 const SEEN_MS = 3600000; // what was seen before is another day's alarm to a page that was closed meanwhile
 
@@ -29,6 +30,8 @@ export class Store {
     /** @type {import("./types.js").Book | null} */
     this.book = null;
     this.chargeAt = 0;
+    /** @type {Map<string, {state: string, text: string, at: number}>} */
+    this.bases = new Map();
     /** @type {Map<string, import("./types.js").Plan>} what is flown, by goal */
     this.plans = new Map();
     /** @type {Map<string, import("./types.js").Obstacle>} by name */
@@ -57,6 +60,7 @@ export class Store {
     else if (chunks.length === 4 && chunks[3] === "event") this.takeEvent(chunks[2], message.value);
     else if (chunks[2] === "@fleet") this.takeFleet(chunks[3], message.value);
     else if (chunks[2] === "@obstacle") this.takeObstacle(message.value);
+    else if (chunks[3] === "agent" && chunks[4] === "rtk") this.takeBase(chunks[2], message.value);
     else if (chunks[3] === "agent") this.vehicles.get(`${chunks[1]}/${chunks[2]}`)?.takeStatus(chunks[4], message.value);
     else if (chunks[3] === "camera") this.vehicles.get(`${chunks[1]}/${chunks[2]}`)?.takeSights(chunks[4], message.value);
     else if (chunks[3] === "mav" && message.value && message.value.fields) this.takeMessage(this.vehicles.get(`${chunks[1]}/${chunks[2]}`), chunks[7], message.value.fields);
@@ -121,6 +125,17 @@ export class Store {
       for (const goal of this.plans.keys()) if (!this.openGoals.some((entry) => entry.id === goal)) this.plans.delete(goal);
     } else if (topic === "plan" && value.tracks) this.plans.set(value.goal, value);
     else if (topic === "obstacle" && Array.isArray(value.obstacles)) this.obstacles = new Map(value.obstacles.map((/** @type {import("./types.js").Obstacle} */ each) => [each.name, each]));
+  }
+
+  /** A source of corrections, on whichever host. @param {string} host @param {any} status */
+  takeBase(host, status) {
+    if (!status || typeof status.state !== "string" || (!this.bases.has(host) && this.bases.size >= MOST_BASES)) return;
+    this.bases.set(host, { state: status.state, text: String(status.text ?? ""), at: Date.now() });
+  }
+
+  /** Sources of corrections that spoke of late, by host. */
+  get sources() {
+    return [...this.bases].filter(([, base]) => Date.now() - base.at < 5000);
   }
 
   /** @param {any} value */

@@ -21,6 +21,7 @@
  * @property {Vector | null} [velocity]
  * @property {{roll: number, pitch: number, yaw: number} | null} [attitude]
  * @property {{voltage?: number | null, remaining?: number | null, time_left?: number | null} | null} [battery] time_left: s
+ * @property {{age: number | null, source: string, baseline?: number | null} | null} [corrections] age in s, baseline in m
  * @property {{fix: string, satellites?: number | null, hdop?: number | null, h_acc?: number | null} | null} [gps] h_acc: m
  * @property {number} [link_loss]
  * @property {{holder: string} | null} [lease]

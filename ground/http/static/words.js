@@ -42,6 +42,13 @@ export function span(seconds) {
 /** @param {number} m */
 export const metres = (m) => (m >= 10000 ? `${(m / 1000).toFixed(1)} km` : m >= 100 ? `${Math.round(m)} m` : `${m.toFixed(1)} m`);
 
+/** How old the receiver's corrections are, and how far their base; empty where none come. @param {import("./types.js").State["corrections"]} found */
+export function corrected(found) {
+  if (!found) return "";
+  const age = found.age === null ? t("rtcm.none") : t("rtcm.age", { seconds: found.age < 10 ? found.age.toFixed(1) : String(Math.round(found.age)) });
+  return found.baseline === null || found.baseline === undefined ? `${found.source} · ${age}` : `${found.source} · ${age} · ${t("rtcm.far", { km: (found.baseline / 1000).toFixed(1) })}`;
+}
+
 /** What the receiver estimates, else how the satellites stand; empty where it says neither. @param {import("./types.js").State["gps"]} gps */
 export function accuracy(gps) {
   if (!gps) return "";

@@ -52,6 +52,22 @@ async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open) ->
         pass
 
 
+async def test_what_was_left_is_free_at_once_for_who_was_refused(net: Net, client: Open) -> None:
+    """Of many: Zenoh may tell a session's second subscriber of a token after it told that the token is gone."""
+    _, endpoint = net.router()
+    one, two = client(endpoint), client(endpoint)
+
+    async def left_and_taken(target: str) -> None:
+        async with Slot(one, keys.anything, "demo", "quad1", target, "above"):
+            with pytest.raises(Refused):
+                async with Slot(two, keys.anything, "demo", "quad2", target, "above"):
+                    raise AssertionError
+        async with Slot(two, keys.anything, "demo", "quad2", target, "above"):
+            pass
+
+    await asyncio.gather(*(left_and_taken(f"rover{n}") for n in range(60)))
+
+
 async def test_of_two_at_once_one_gets_it(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     sessions = [client(endpoint) for _ in range(3)]

@@ -147,10 +147,10 @@ def sample(
     for _ in range(20 * pads):  # they may not all have room
         if kind == "clutter" or len(specs) == pads:
             break
-        pad = _pad(rng, kind, whole_pad, matrix, letters, fixed)
+        pad = random_pad(rng, kind, whole_pad, matrix, letters, fixed)
         if all(math.hypot(pad.x - o.x, pad.y - o.y) > 3.0 * o.symbol_m for o in specs):
             specs.append(pad)
-    wear = _wear(rng, hard)
+    wear = wear_of(rng, hard)
     frame = render(
         rng,
         matrix,
@@ -163,7 +163,7 @@ def sample(
     return Sample(frame, truths, height_m, roll, pitch, tuple(specs))
 
 
-def _pad(
+def random_pad(
     rng: np.random.Generator,
     kind: str,
     whole_pad: bool,
@@ -208,7 +208,7 @@ def _place(rng: np.random.Generator, matrix: Array, symbol_m: float) -> tuple[fl
 _ROUND = tuple((math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 4.0)
 
 
-def _wear(rng: np.random.Generator, hard: bool) -> Wear:
+def wear_of(rng: np.random.Generator, hard: bool) -> Wear:
     if not hard:
         return Wear(
             gain=rng.uniform(0.85, 1.1),
@@ -233,18 +233,27 @@ def _wear(rng: np.random.Generator, hard: bool) -> Wear:
 
 
 def render(
-    rng: np.random.Generator, matrix: Array, height_m: float, pads: list[Pad], wear: Wear, things: int = 0
+    rng: np.random.Generator,
+    matrix: Array,
+    height_m: float,
+    pads: list[Pad],
+    wear: Wear,
+    things: int = 0,
+    reach: tuple[float, float] | None = None,
+    noise: np.random.Generator | None = None,
 ) -> Frame:
-    """The frame (480, 640, 3) BGR of such ground, pads and things, as the camera gives it."""
+    """The frame (480, 640, 3) BGR of such ground, pads and things, as the camera gives it. ``reach``: how far things
+    lie from the origin, m; else as far as is seen. ``noise``: of the sensor, where ``rng`` is the scene's alone.
+    """
     picture = lay(rng, matrix, height_m / FOCAL_PX, SIZE)
-    reach = (height_m * SIZE[0] / 2.0 / FOCAL_PX, height_m * SIZE[1] / 2.0 / FOCAL_PX)
+    reach = reach or (height_m * SIZE[0] / 2.0 / FOCAL_PX, height_m * SIZE[1] / 2.0 / FOCAL_PX)
     around = [(p.x, p.y, p.symbol_m * max(p.size / 2.0 * 1.5, 0.7)) for p in pads]
     Clutter(rng, picture, matrix, reach).scatter(things, around)
     for pad in pads:
         stamp(
             picture, matrix, (pad.x, pad.y), pad.angle, pad.symbol_m, pad.size + 0.2, surface_of(rng, pad, wear.hidden)
         )
-    return _worn(rng, picture, wear)
+    return _worn(rng, picture, wear, noise or rng)
 
 
 def stamp(
@@ -341,7 +350,7 @@ def _cover(rng: np.random.Generator, hidden: float) -> Callable[[Array, Array], 
     return lambda x, y: (field(x, y) <= limit) & (np.abs(x) <= 0.7) & (np.abs(y) <= 0.7)
 
 
-def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear) -> Frame:
+def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear, sensor: np.random.Generator) -> Frame:
     width, height = SIZE
     across, down = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
     angle = rng.uniform(0.0, 2.0 * math.pi)
@@ -361,7 +370,7 @@ def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear) ->
         smeared = cv2.filter2D(picture, cv2.CV_32F, _smear(wear.motion_px, wear.motion_angle))
         picture = np.asarray(smeared, dtype=np.float32)
     picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2)), dtype=np.float32)
-    noise = rng.standard_normal((height, width, 3), dtype=np.float32)
+    noise = sensor.standard_normal((height, width, 3), dtype=np.float32)
     frame = np.clip(np.rint(picture + wear.noise * noise), 0, 255).astype(np.uint8)
     if wear.jpeg < 100:
         _, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, wear.jpeg])

@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 Bar = tuple[float, float, float, float]
 """of a straight stroke: the two ends of its middle line"""
 
-LOOKALIKES = ("N", "A", "X", "+", "O", "E", "T", "U", "Z", "I", "II", "L", "F")
+LOOKALIKES = ("N", "A", "X", "+", "O", "E", "T", "U", "Z", "I", "II", "L", "F", "M", "W", "K", "Y", "V", "4")
 
 
 def ink(letter: str, x: Array, y: Array, width: float, stroke: float) -> Mask:
@@ -56,6 +56,12 @@ def _bars(letter: str, width: float, stroke: float) -> list[Bar]:
         "II": [left, right],
         "L": [left, foot],
         "F": [left, top, middle],
+        "M": [left, right, (-side, 0.5, 0.0, -0.1), (side, 0.5, 0.0, -0.1)],
+        "W": [left, right, (-side, -0.5, 0.0, 0.1), (side, -0.5, 0.0, 0.1)],
+        "K": [left, (-side, 0.0, side, level), (-side, 0.0, side, -level)],
+        "Y": [(0.0, -0.5, 0.0, 0.0), (-side, level, 0.0, 0.0), (side, level, 0.0, 0.0)],
+        "V": [(-side, 0.5, 0.0, -0.5), (side, 0.5, 0.0, -0.5)],
+        "4": [right, middle, (-side, 0.0, -side, 0.5)],
     }[letter]
 
 

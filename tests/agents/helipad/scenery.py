@@ -205,3 +205,30 @@ class Clutter:
             self._turned((np.reshape(o, (-1, 2)).astype(float) - (60.0, 50.0)) * scale, x, y, angle) for o in outlines
         ]
         self._fill(shapes, self._paint(True))
+
+
+def wall(rng: np.random.Generator, size: tuple[int, int], symbol_px: float) -> Image:
+    """(height, width, 3) of courses of bricks, panes or rungs, turned at random, whose joints, brighter or darker than
+    they are, make many an H about ``symbol_px`` high.
+    """
+    width, height = size
+    joint = max(symbol_px * rng.uniform(0.08, 0.24), 1.0)
+    course = symbol_px * rng.uniform(0.35, 1.1) + joint
+    brick = symbol_px * rng.uniform(0.35, 1.6) + joint
+    angle, lean = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.2, 0.2)
+    across, down = np.arange(width) - width / 2.0, (np.arange(height) - height / 2.0)[:, None]
+    x = math.cos(angle) * across + math.sin(angle) * down
+    y = math.cos(angle + lean) * down - math.sin(angle + lean) * across
+    row = np.floor(y / course)
+    shift = row * brick * rng.choice([0.0, 0.5, 0.5, rng.uniform(0.0, 1.0)])
+    column = np.floor((x + shift) / brick)
+    every = int(rng.integers(1, 4)) if rng.random() < 0.3 else 1  # ladders: only some courses have uprights
+    joints = ((y - row * course < joint) & (row % every == 0)) | (x + shift - column * brick < joint)
+    shade = rng.normal(0.0, rng.uniform(2.0, 14.0), (64, 64))[row.astype(int) % 64, column.astype(int) % 64]
+    low, high = rng.uniform(40.0, 130.0), rng.uniform(110.0, 235.0)
+    face, seam = (low, high) if rng.random() < 0.7 else (high, low)
+    grey = np.where(joints, seam, face + shade) + rng.normal(0.0, rng.uniform(2.0, 9.0), (height, width))
+    blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), rng.uniform(0.4, 1.4))
+    tint = rng.uniform(0.85, 1.0, 3)
+    result: Image = np.clip(np.asarray(blurred)[..., None] * tint, 0.0, 255.0).astype(np.float32)
+    return result

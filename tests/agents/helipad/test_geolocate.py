@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate
+from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate, pixel
 from zmav.sim.arrays import quat_from_euler
 from zmav.sim.camera import CameraSpec
 from zmav.sim.camera.projection import camera_matrix, camera_rotation, quat_matrix
@@ -71,6 +71,7 @@ def test_it_undoes_the_simulators_camera(seed: int) -> None:
     projected, _ = cv2.projectPoints(seen[None], np.zeros(3), np.zeros(3), camera_matrix(spec), np.array(BENT))
     u, v = projected.ravel().tolist()
     assert locate(optics, where, (u, v), -0.4) == pytest.approx(tuple(point[:2]), abs=1e-4)
+    assert pixel(optics, where, float(point[0]), float(point[1]), -0.4) == pytest.approx((u, v), abs=1e-6)
 
 
 def test_how_sure_it_is_grows_with_height_and_turning() -> None:
@@ -116,6 +117,7 @@ def test_nothing_is_said_above_the_horizon() -> None:
     assert locate(optics, pose(), (319.5, 100.0), 0.0) is None
     assert fix(optics, pose(), (319.5, 100.0), 10.0, 0.25, 0.0) is None
     assert locate(optics, pose(), (319.5, 470.0), 0.0) is not None
+    assert pixel(optics, pose(), 0.0, -4.0, 0.0) is None, "behind"
     assert locate(Optics.of(INFO), pose(pos=(0.0, 0.0, 1.0)), (319.5, 239.5), 0.0) is None, "below the plane"
 
 

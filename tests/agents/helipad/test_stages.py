@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from agents.helipad import channels, polar
+from agents.helipad import channels, polar, structure
 from agents.helipad.candidates import Kernels, Room
+from agents.helipad.check import features
 from agents.helipad.geometry import View
-from agents.helipad.refine import Aligner, heading, turned
+from agents.helipad.refine import SIDE, Aligner, heading, turned
 from agents.helipad.templates import Symbol, letter_h
 from tests.agents.helipad.generator import (
     CAMERA,
@@ -25,7 +26,7 @@ from tests.agents.helipad.generator import (
     surface_of,
     truth_of,
 )
-from tests.agents.helipad.letters import ink
+from tests.agents.helipad.letters import LOOKALIKES, ink
 
 BENT = np.array([-0.2, 0.05, 0.001, 0.002, 0.0])
 
@@ -121,6 +122,45 @@ def test_alignment_ends_where_the_symbol_is() -> None:
     assert middles[0] == pytest.approx([31.3, 32.6], abs=0.03)
     assert heading(affines)[0] == pytest.approx(0.6, abs=0.004)
     assert np.linalg.norm(affines[0, :, 1]) == pytest.approx(14.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("width", "stroke"), [(0.58, 0.14), (0.6, 0.15), (0.7, 0.18), (0.82, 0.22)])
+def test_an_h_is_built_as_one_and_few_other_letters_are(width: float, stroke: float) -> None:
+    aligner = Aligner(letter_h())
+    x, y = aligner.x, -aligner.y
+
+    def sound(letter: str, hidden: np.ndarray | bool = False) -> bool:
+        drawn = ink(letter, x, y, width, stroke) & ~np.broadcast_to(hidden, x.shape)
+        return bool(structure.sound(drawn.astype(np.float32)[None])[0])
+
+    assert sound("H")
+    assert sound("H", (x > 0.12) & (y > 0.1)), "a half bar may be hidden"
+    assert not sound("H", x > 0.12), "a whole bar may not"
+    assert not sound("H", (np.abs(x) < 0.2) & (np.abs(y) < 0.15)), "nor the one across"
+    assert [letter for letter in LOOKALIKES if sound(letter)] == ["N", "X", "M", "W", "4"]
+    assert not structure.sound(np.zeros((1, x.size), dtype=np.float32))[0]
+    assert not structure.sound(np.ones((1, x.size), dtype=np.float32))[0]
+
+
+def test_the_learned_check_knows_no_mirror_image_from_another() -> None:
+    rng = np.random.default_rng(5)
+    patches = rng.normal(size=(20, SIDE * SIDE)).astype(np.float32)
+    grids = patches.reshape(-1, SIDE, SIDE)
+    for other in (grids[:, ::-1], grids[:, :, ::-1], grids[:, ::-1, ::-1]):
+        assert features(other.reshape(20, -1)) == pytest.approx(features(patches), abs=1e-6)
+    assert len(features(np.zeros((0, SIDE * SIDE), dtype=np.float32))) == 0
+
+
+def test_a_patch_has_bare_ground_at_0_and_paint_at_1_whatever_the_light() -> None:
+    aligner = Aligner(letter_h())
+    h = letter_h()[1].at(aligner.x, aligner.y)
+    which = np.array([1])
+    for gain, level, slope in ((150.0, 40.0, 0.0), (30.0, 10.0, 12.0)):
+        patch = (gain * h + level + slope * aligner.x).astype(np.float32)[None]
+        patch[0, (aligner.x > 0.1) & (aligner.y > 0.2)] = level  # something hides a corner
+        found = aligner.standard(patch, which)[0]
+        clear = ((aligner.x < 0.0) | (aligner.y < 0.1)) & letter_h()[1].near(aligner.x, aligner.y)
+        assert found[clear] == pytest.approx(h[clear], abs=0.12)
 
 
 def test_the_generator_paints_exactly_what_its_truth_says() -> None:

@@ -1,75 +1,104 @@
-"""Make the weights of the detector's learned check: ``python tests/agents/helipad/train_check.py [FRAMES]``
+"""Make the weights of the detector's learned check: ``python tests/agents/helipad/train_check.py [FRAMES [FOLDER]]``
 
-Renders frames with and without a pad (seeds that no test and no benchmark uses), lets the detector's own stages propose
-places in them, and fits two hidden layers to tell an H from all else. Writes agents/helipad/check.npz. Some minutes
-for 8000 frames.
+Renders frames with pads, with pads of other letters, with clutter and with walls (seeds that no test and no benchmark
+uses), lets the detector's own stages propose places in them, and fits two hidden layers to tell an H from all else that
+is built as one. Writes agents/helipad/check.npz. Ten minutes of processor time for 8000 frames. FOLDER: photographs, as
+tests/bench/helipad_foreign.py takes them; those it keeps apart are not seen.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
+from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.helipad import channels
-from agents.helipad.check import WEIGHTS, LearnedCheck, scaled
+from agents.helipad import channels, structure
+from agents.helipad.check import WEIGHTS, LearnedCheck, features
 from agents.helipad.geometry import View
-from agents.helipad.refine import SIDE, heading
-from agents.helipad.search import Searcher
-from tests.agents.helipad.generator import CAMERA, SYMBOL_M, Sample, sample
+from agents.helipad.refine import heading
+from agents.helipad.search import Effort, Searcher
+from tests.agents.helipad.generator import CAMERA, FOCAL_PX, SIZE, SYMBOL_M, Sample, sample
+from tests.agents.helipad.letters import LOOKALIKES
+from tests.agents.helipad.scenery import wall
+from tests.agents.helipad.typefaces import LEARNED, names
+from tests.bench.helipad_foreign import cuts
 
 Image = NDArray[np.float32]
 
 FIRST_SEED = 10_000_000
+KINDS = ("pads", "pads", "pads", "letters", "clutter", "pads", "wall", "letters", "pads", "letters")
+PADS = 6
+THOROUGH = Effort(6.5, 6.5, 120, 20, 0.0)
+"""more than a search looks at: what it might take for an H"""
 HIDDEN = (96, 32)
-VIEWS = 2
-"""of each frame, with other errors of the hints"""
-EPOCHS = 25
+EPOCHS = 14
 BATCH = 256
-DECAY = np.float32(2e-4)
-NOISE = np.float32(0.3)
-"""standard deviation of what is added to patches of about 1, so that the weights do not learn these by heart"""
+DECAY = np.float32(5e-5)
+NOISE = np.float32(0.1)
+"""standard deviation of what is added to patches, so that the weights do not learn these by heart"""
 NEAR, TURNED = 0.15, math.radians(12.0)
 """an H that is this well placed counts as found"""
 FAR = 0.4
+CUTS = 200
+"""of each photograph"""
+EVERY = 2
+"""of the patches of frames without a letter, one in so many is learned from"""
 
 
-def gather(frames: int) -> tuple[Image, Image]:
+def rendered(number: int, glyphs: list[str]) -> Sample:
+    seed = FIRST_SEED + number
+    rng = np.random.default_rng(seed)
+    kind, hard, whole = KINDS[number % len(KINDS)], bool(rng.random() < 0.7), bool(rng.random() < 0.2)
+    if kind == "wall":
+        height = float(rng.uniform(1.5, 12.0))
+        picture = wall(rng, SIZE, FOCAL_PX * SYMBOL_M / height)
+        return Sample(np.rint(picture).astype(np.uint8), (), height, *rng.uniform(-0.2, 0.2, 2))
+    if kind == "clutter":
+        return sample(seed, kind, hard, (1.0, 12.5))
+    height_range, pads = ((3.0, 12.5), PADS) if rng.random() < 0.8 else ((1.0, 3.0), 1)
+    mix = ["H"] if kind == "pads" else glyphs
+    return sample(seed, "lookalike", hard, height_range, whole_pad=whole, pads=pads, letters=mix)
+
+
+def of_photographs(folder: Path) -> list[Sample]:
+    """Cuts of those that are not kept apart, as seen from heights at random."""
+    rng = np.random.default_rng(FIRST_SEED)
+    return [
+        Sample(cut, (), float(rng.uniform(1.5, 12.0)), *rng.uniform(-0.2, 0.2, 2))
+        for _, cut in cuts(folder, False, FIRST_SEED, CUTS)
+    ]
+
+
+def gather(made_of: Iterator[Sample]) -> tuple[Image, Image]:
     """Patches (N, M) and labels (N,)."""
     searcher = Searcher()
-    patches, labels = [], []
-    for i in range(frames):
-        seed = FIRST_SEED + i
-        rng = np.random.default_rng(seed)
-        kind = ("pad", "pad", "clutter", "lookalike")[i % 4]
-        many = bool(rng.random() < 0.8)
-        made = sample(
-            seed,
-            kind,
-            bool(rng.random() < 0.7),
-            (2.5, 12.5) if many else (1.0, 12.5),
-            whole_pad=bool(rng.random() < 0.25),
-            pads=3 if many else 1,
-        )
-        symbol = float(np.mean([pad.symbol_m for pad in made.pad_specs])) if made.pad_specs else SYMBOL_M
+    patches: list[Image] = []
+    labels: list[float] = []
+    for i, made in enumerate(made_of):
+        rng = np.random.default_rng(FIRST_SEED + i)
         yellow = channels.yellow(made.frame)
         pictures = [(channels.grey(made.frame), (0, 0)), *([] if yellow is None else [yellow])]
-        for picture, origin in pictures * VIEWS:
+        symbol = float(np.mean([pad.symbol_m for pad in made.pad_specs])) if made.pad_specs else SYMBOL_M
+        for picture, origin in pictures:
             height, roll, pitch = made.hints(rng)
             view = View(CAMERA, None, height * rng.uniform(0.9, 1.1) / symbol, roll, pitch)
-            found = searcher.proposals(channels.Pyramid(picture, origin), view)
+            found = searcher.proposals(channels.Pyramid(picture, origin), view, THOROUGH)
             for place, angle, patch in zip(found.middles, heading(found.affines), found.patches, strict=True):
                 label = judged(made, place, float(angle))
-                if label is not None:
-                    patches.append(patch)
+                wanted = made.pad_specs or rng.integers(EVERY) == 0
+                if label is not None and wanted and structure.sound(patch[None])[0]:
+                    patches.append(patch.astype(np.float16))
                     labels.append(label)
         if i % 250 == 249:
             print(f"{i + 1} frames, {len(labels)} patches, {int(sum(labels))} of an H", flush=True)
-    return np.array(patches, dtype=np.float32), np.array(labels, dtype=np.float32)
+    return np.array(patches), np.array(labels, dtype=np.float32)
 
 
 def judged(made: Sample, place: NDArray[np.float64], angle: float) -> float | None:
@@ -92,7 +121,7 @@ def save(net: LearnedCheck) -> None:
 
 
 def fit(patches: Image, labels: Image) -> LearnedCheck:
-    """Adam on the cross entropy; every patch is also seen mirrored, as an H looks the same."""
+    """Adam on the cross entropy."""
     rng = np.random.default_rng(1)
     sizes = (patches.shape[1], *HIDDEN, 1)
     net = LearnedCheck(
@@ -101,16 +130,15 @@ def fit(patches: Image, labels: Image) -> LearnedCheck:
     )
     learned = net.weights + net.biases
     first, second = ([np.zeros_like(w) for w in learned] for _ in range(2))
-    inputs = scaled(patches)
     step = 0
     for epoch in range(EPOCHS):
         rate = 2e-3 * 0.5 * (1.0 + math.cos(math.pi * epoch / EPOCHS))
         order = rng.permutation(len(labels))
         for at in range(0, len(order) - BATCH + 1, BATCH):
             part = order[at : at + BATCH]
-            grid = inputs[part].reshape(-1, SIDE, SIDE)
-            x = grid[:, :: rng.choice([-1, 1]), :: rng.choice([-1, 1])].reshape(len(part), -1)
-            x = x * np.float32(rng.uniform(0.85, 1.15)) + NOISE * rng.standard_normal(x.shape, dtype=np.float32)
+            some = patches[part].astype(np.float32) * np.float32(rng.uniform(0.85, 1.15))
+            some += NOISE * rng.standard_normal(some.shape, dtype=np.float32)
+            x = features(some)
             outputs = net.outputs(x)
             error = (1.0 / (1.0 + np.exp(-np.clip(outputs[-1], -30, 30))) - labels[part, None]) / len(part)
             slopes: list[Image] = []
@@ -131,12 +159,15 @@ def fit(patches: Image, labels: Image) -> LearnedCheck:
 
 def main() -> None:
     cv2.setNumThreads(1)
-    patches, labels = gather(int(sys.argv[1]) if len(sys.argv) > 1 else 8000)
+    glyphs = [*LOOKALIKES * 8, *names(LEARNED)]  # about as many of either
+    frames = int(sys.argv[1]) if len(sys.argv) > 1 else 8000
+    photographs = of_photographs(Path(sys.argv[2])) if len(sys.argv) > 2 else []
+    patches, labels = gather(itertools.chain(photographs, (rendered(i, glyphs) for i in range(frames))))
     held = np.arange(len(labels)) >= 0.85 * len(labels)  # of later frames
     trial = fit(patches[~held], labels[~held])
-    chance = trial.probability(patches[held])
-    for limit in (0.5, 0.7, 0.9):
-        seen = chance >= limit
+    odds = trial.odds(patches[held].astype(np.float32))
+    for limit in (0.0, 1.0, 2.0, 3.0, 4.0):
+        seen = odds >= limit
         hits, false = seen[labels[held] > 0.5].mean(), seen[labels[held] < 0.5].mean()
         print(f"held back, limit {limit}: {hits:.4f} of those of an H, {false:.4f} of the others")
     save(fit(patches, labels))

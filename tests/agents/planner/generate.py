@@ -189,6 +189,20 @@ def gates(n: int, seed: int = 0) -> Scene:
     return gate(n, seed, opposing=True, walls=3)
 
 
+def windows(n: int, seed: int = 0) -> Scene:
+    """Three walls with a window each that one vehicle just passes, and none behind another."""
+    rows = math.ceil(n / 5)
+    obstacles: list[Obstacle] = []
+    for x, aside in ((-12.0, -8.0), (0.0, 8.0), (12.0, -8.0)):
+        obstacles += _wall(x, aside, 10.0, 2.6, 40.0, 24.0)
+    k = np.arange(n)
+    start = np.column_stack((-32.0 - 5.0 * (k // 5), 5.0 * (k % 5) - 10.0, np.full(n, 10.0)))
+    mirror = start * [-1.0, 1.0, 1.0]
+    goal = mirror if seed == 0 else np.random.default_rng(seed).permutation(mirror)
+    long = 40.0 + 5.0 * rows
+    return scene_of("windows", seed, start, goal, room(-long, -40.0, 0.0, long, 40.0, 24.0), "field", obstacles)
+
+
 def tunnel(n: int, seed: int = 0) -> Scene:
     """Two groups change ends of a tunnel in which nobody can pass but in a bay half-way."""
     long, half = 20.0, n // 2
@@ -377,6 +391,7 @@ CLASSES: dict[str, Callable[..., Scene]] = {
     "gate": gate,
     "gate_opposing": gate_opposing,
     "gates": gates,
+    "windows": windows,
     "tunnel": tunnel,
     "city": city,
     "fence": fence,

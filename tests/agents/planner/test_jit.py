@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
 from agents.planner.solve import jit
+from agents.planner.solve import warm as warming
 from agents.planner.solve.warm import warm
 
 KERNELS = sorted(p for p in jit.PACKAGE.rglob("*.py") if "\n@jit\n" in p.read_text() or p.name == "jit.py")
@@ -95,6 +97,36 @@ def test_one_compiles_a_part_and_who_comes_later_finds_it_done(tmp_path: Path, m
     assert jit.compiled()
 
 
+def test_a_plan_from_a_file_waits_for_what_it_needs_and_another_process_does_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled: list[str] = []
+    others: list[None] = []
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    monkeypatch.setattr(warming, "PARTS", {name: lambda n=name: compiled.append(n) for name in warming.PARTS})
+    monkeypatch.setattr(warming, "_other", lambda: others.append(None))
+    monkeypatch.setattr(warming, "solve", lambda *args, **named: None)
+    warming.begin(planes=False)
+    assert compiled == list(warming.FIRST) and len(others) == 1
+    warming.begin(planes=True)
+    assert compiled == [*warming.FIRST, "winged"] and len(others) == 2
+    jit.complete()
+    warming.begin(planes=True)
+    assert len(compiled) == len(warming.FIRST) + 1 and len(others) == 2
+
+
+def test_who_needs_a_part_waits_for_who_compiles_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    jit.wait_for("discrete")  # nobody does
+    waited = threading.Thread(target=jit.wait_for, args=("discrete",))
+    with jit.compiling("discrete") as ours:
+        waited.start()
+        waited.join(0.3)
+        assert ours and waited.is_alive() is not jit.interpreted()
+    waited.join(30.0)
+    assert not waited.is_alive() and (tmp_path / "discrete.done").exists()
+
+
 def test_all_kernels_are_compiled_before_a_first_plan() -> None:
     """None is left for a plan of vehicles in flight to wait for."""
     warm()
@@ -145,6 +177,26 @@ def test_a_kernel_is_compiled_once_for_all_integers_that_others_call_it_with(
         assert jit.interpreted() or len(cast(Any, inner).signatures) == 1
     finally:
         jit.folder.cache_clear()
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))
+def test_no_kernel_uses_linear_algebra(path: Path) -> None:
+    """So that numba is loaded without SciPy's."""
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef) and any(getattr(d, "id", "") == "jit" for d in node.decorator_list):
+            attributes = {inner.attr for inner in ast.walk(node) if isinstance(inner, ast.Attribute)}
+            assert not attributes & {"linalg", "dot", "vdot"}, node.name
+            assert not any(isinstance(inner, ast.MatMult) for inner in ast.walk(node)), node.name
+
+
+def test_numba_is_loaded_without_linear_algebra_and_scipy_has_it_still() -> None:
+    program = (
+        "import sys; from agents.planner.solve import warm; warm.load_numba()\n"
+        "assert 'scipy.linalg' not in sys.modules and 'numba.np.arraymath' in sys.modules\n"
+        "import scipy.linalg, scipy.optimize; warm.load_numba(); print(scipy.linalg.norm([3.0, 4.0]))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["5.0"]
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda p: str(p.relative_to(jit.PACKAGE)))

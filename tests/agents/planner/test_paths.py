@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.planner.model import geometry
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.problem import ROVER, Floats, Path
 from agents.planner.model.scene import Bounds, Box, Fence, Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
@@ -157,9 +158,9 @@ def test_a_lattice_has_a_point_in_every_gap() -> None:
 def test_a_sampled_way_is_clear() -> None:
     there = world(Box(min=(-10, -10, 0), max=(10, 10, 24)))
     start, goal = point(-40, 0, 12), point(40, 0, 12)
-    assert_clear(there, sampled.find(there, start, goal, 1.0, 5.0), start, goal, 1.0)
+    assert_clear(there, sampled.find(there, start, goal, 1.0, Deadline.after(5.0)), start, goal, 1.0)
 
 
 def test_no_sampled_way_is_made_up() -> None:
     there = world(*cell(9, 12))
-    assert sampled.find(there, point(40, 0, 10), point(1, 2, 5), 1.0, 0.1) is None
+    assert sampled.find(there, point(40, 0, 10), point(1, 2, 5), 1.0, Deadline.after(0.1)) is None

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import world_of
 from agents.planner.model.problem import MovingObstacle, Problem, problem_of
 from agents.planner.model.scene import Bounds, Cylinder, Scene, Vehicle
@@ -35,7 +34,7 @@ def circle(n: int, across: float = 40.0, **more: object) -> Scene:
 def bent(scene: Scene, problem: Problem | None = None) -> Refined:
     problem = problem or problem_of(scene)
     ways = [np.array(ends) for ends in zip(problem.start, problem.goal, strict=True)]
-    return refine_paths(problem, world_of(scene), ways, time.monotonic() + 60.0)
+    return refine_paths(problem, world_of(scene), ways, Deadline.after(60.0))
 
 
 def test_a_circle_swaps_within_a_tenth_more_than_the_bound() -> None:
@@ -90,7 +89,7 @@ def test_waits_of_given_motions_are_kept_where_there_is_need_of_them() -> None:
     scene = circle(2, across=20.0)
     one = np.array([[0.0, 10.0, 0.0, 20.0], [3.0, 0.0, 4.0, 20.0], [6.0, -10.0, 0.0, 20.0]])
     two = np.array([[0.0, -10.0, 0.0, 20.0], [8.0, -10.0, 0.0, 20.0], [13.0, 10.0, 0.0, 20.0]])
-    found = refine(problem_of(scene), world_of(scene), [one, two], time.monotonic() + 60.0)
+    found = refine(problem_of(scene), world_of(scene), [one, two], Deadline.after(60.0))
     assert found.motions is not None
     report = verify(scene, {"v0": found.motions[0], "v1": found.motions[1]})
     assert [f for f in report.faults if f.kind == "separation"] == []
@@ -132,14 +131,14 @@ def test_no_longer_try_where_most_are_in_each_others_way(monkeypatch: pytest.Mon
     problem, static = problem_of(scene), StaticMap(world_of(scene))
     real, told = flyable.settle_and_finish, list[float]()
 
-    def counted(swarm: Swarm, deadline: float, slide: float = flyable.SLIDE) -> flyable.Refined:
+    def counted(swarm: Swarm, deadline: Deadline, slide: float = flyable.SLIDE) -> flyable.Refined:
         told.append(swarm.seconds)
         return real(swarm, deadline, slide)
 
     monkeypatch.setattr(flyable, "settle_and_finish", counted)
     for hopeless, tries in ((0.2, 3), (1.0, 6)):
         told.clear()
-        until = time.monotonic() + 600.0
+        until = Deadline.after(600.0)
         ways = static.paths_for(problem)
         found = refine_paths(problem, static.world, ways, until, 0, FACTORS[:2], hopeless)
         assert found.motions is None

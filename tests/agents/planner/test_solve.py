@@ -38,6 +38,7 @@ def faults(scene: Scene, plan: Plan) -> Any:
         ("forest", 12),
         ("gate", 8),
         ("gate_opposing", 8),
+        ("windows", 12),
         ("city", 12),
         ("fence", 8),
         ("mixed", 10),
@@ -48,6 +49,16 @@ def test_every_class_of_scene_is_solved(name: str, n: int) -> None:
     plan = solve(scene, seed=1)
     assert plan.status == "ok"
     assert list(plan.trajectories) == [v.id for v in scene.vehicles]
+    assert not faults(scene, plan)
+
+
+@pytest.mark.parametrize(("name", "n", "seconds"), [("windows", 16, 12.0), ("swap_circle", 200, 6.0)])
+def test_crowds_are_solved_in_seconds(name: str, n: int, seconds: float) -> None:
+    """In a queue through windows; round each other, all in one sense, where all cross in one place."""
+    scene = CLASSES[name](n, 0)
+    used = time.thread_time()
+    plan = solve(scene)
+    assert time.thread_time() - used < seconds
     assert not faults(scene, plan)
 
 
@@ -84,6 +95,47 @@ def test_a_margin_is_kept_in_flight_where_starts_leave_room() -> None:
     assert report.ok
     assert report.clearance >= 0.5 - 1e-3
     assert verify(scene, solve(scene).trajectories).clearance < 0.4
+
+
+def test_ways_are_found_with_the_margin_that_they_are_held_to() -> None:
+    """Through a window, or round the wall where the margin does not fit through the window."""
+    walls: list[Obstacle] = [
+        Box(min=(-1.0, -20.0, 0.0), max=(1.0, -1.2, 20.0)),
+        Box(min=(-1.0, 1.2, 0.0), max=(1.0, 14.0, 20.0)),
+    ]
+    vehicles = [
+        Vehicle(id=f"v{y}{x}", type="copter", start=(x, y, 5.0), goal=(-x, y, 5.0), radius=1.0, vmax=5.0, amax=2.5)
+        for y in (-4.0, 0.0, 4.0)
+        for x in (-10.0, 10.0)
+    ]
+    bounds = Bounds(min=(-30.0, -20.0, 0.0), max=(30.0, 20.0, 20.0))
+    scene = Scene(vehicles=vehicles, obstacles=walls, bounds=bounds)
+    begun = time.thread_time()
+    wide = verify(scene, solve(scene, margin=0.5).motions())
+    assert time.thread_time() - begun < 5.0
+    assert wide.ok and wide.clearance >= 0.5 - 1e-3 and wide.obstacle_clearance >= 0.25 - 1e-3
+    assert verify(scene, solve(scene).motions()).makespan < 0.8 * wide.makespan
+    walls[1] = Box(min=(-1.0, 1.2, 0.0), max=(1.0, 20.0, 20.0))
+    scene.obstacles = walls
+    with pytest.raises(PlanError, match=r"with 0.25 m more than its radius; allow less margin") as caught:
+        solve(scene, margin=0.5)
+    assert caught.value.kind == "unreachable"
+
+
+def test_a_budget_is_of_the_processor_and_has_an_end_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a machine that is busy otherwise a plan gets as much of the processor as on an idle one."""
+    clock, scene = time.monotonic, CLASSES["tunnel"](8, 0)
+    begun = clock()
+    monkeypatch.setattr(time, "monotonic", lambda: begun + 3.0 * (clock() - begun))  # it gets a third of the processor
+    used = time.thread_time()
+    assert solve(scene, seconds=(idle := 30.0)).status == "ok"
+    used = time.thread_time() - used
+    assert used < idle
+    monkeypatch.setattr(time, "monotonic", lambda: begun + 1000.0 * (clock() - begun))  # it gets hardly any
+    used = time.thread_time()
+    with pytest.raises(PlanError, match=r"of the processor \(.* s by the clock\)") as caught:
+        solve(CLASSES["tunnel"](16, 0), seconds=60.0)
+    assert caught.value.kind == "timeout" and time.thread_time() - used < 30.0
 
 
 def test_movers_are_kept_clear_of() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import segment_clear
 from agents.planner.model.problem import Floats, Motion, MovingObstacle, Path, Problem, problem_of
 from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
@@ -149,7 +150,7 @@ def test_a_price_is_the_sum_of_the_weights_of_all_in_the_way() -> None:
 @pytest.mark.parametrize(("kind", "count"), [("gate_opposing", 10), ("tunnel", 6), ("shuffle", 36), ("fence", 8)])
 def test_tight_places_are_passed(kind: str, count: int) -> None:
     problem, world, paths = ready(getattr(generate, kind)(count, 3))
-    judge(problem, world, find(problem, world, paths, 30.0, np.random.default_rng(0)))
+    judge(problem, world, find(problem, world, paths, Deadline.after(30.0), np.random.default_rng(0)))
 
 
 def test_no_finer_lattice_where_the_first_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +163,7 @@ def test_no_finer_lattice_where_the_first_will_do(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(deconflict, "Negotiation", Noted)
     problem, world, paths = ready(generate.gate_opposing(16, 1))
-    motions = find(problem, world, paths, 300.0, np.random.default_rng(0))
+    motions = find(problem, world, paths, Deadline.after(300.0), np.random.default_rng(0))
     assert motions is not None
     assert max(motion[-1, 0] for motion in motions) > 1.3 * max(leg_times(problem, 0, p).sum() for p in paths)
     assert asked == [1.0, 1.0]
@@ -171,7 +172,7 @@ def test_no_finer_lattice_where_the_first_will_do(monkeypatch: pytest.MonkeyPatc
 def test_two_pass_in_a_bay() -> None:
     for kind in ("copter", "rover"):
         problem, world, paths = ready(corridor(bay=True, kind=kind))
-        motions = find(problem, world, paths, 20.0, np.random.default_rng(0))
+        motions = find(problem, world, paths, Deadline.after(20.0), np.random.default_rng(0))
         judge(problem, world, motions)
         assert motions is not None
         assert kind == "copter" or all((motion[:, 3] == 2.0).all() for motion in motions)
@@ -179,7 +180,7 @@ def test_two_pass_in_a_bay() -> None:
 
 def test_two_that_cannot_pass_are_given_up_in_time() -> None:
     problem, world, paths = ready(corridor(bay=False))
-    assert find(problem, world, paths, 0.2, np.random.default_rng(0)) is None
+    assert find(problem, world, paths, Deadline.after(0.2), np.random.default_rng(0)) is None
 
 
 def test_movers_are_kept_clear_of_and_free_the_way_when_they_leave() -> None:
@@ -192,7 +193,7 @@ def test_movers_are_kept_clear_of_and_free_the_way_when_they_leave() -> None:
     on_the_goal = np.array([[0.0, 12.0, 0.0, 5.0], [8.0, 12.0, 1.0, 5.0]])
     movers = [MovingObstacle("a", across, 3.0), MovingObstacle("b", on_the_goal, 1.0, leaves=True)]
     problem, world, paths = ready(scene, movers)
-    motions = find(problem, world, paths, 10.0, np.random.default_rng(0))
+    motions = find(problem, world, paths, Deadline.after(10.0), np.random.default_rng(0))
     assert motions is not None
     times = np.arange(0.0, 8.0, 0.02)
     for mover in movers:
@@ -201,12 +202,12 @@ def test_movers_are_kept_clear_of_and_free_the_way_when_they_leave() -> None:
     assert 8.0 < motions[0][-1, 0] < 12.0
     stays = [MovingObstacle("b", on_the_goal, 1.0)]
     problem, world, paths = ready(scene, stays)
-    assert find(problem, world, paths, 0.2, np.random.default_rng(0)) is None
+    assert find(problem, world, paths, Deadline.after(0.2), np.random.default_rng(0)) is None
 
 
 def test_the_same_seed_gives_the_same_motions() -> None:
     problem, world, paths = ready(generate.shuffle(25, 1))
-    one, two = (find(problem, world, paths, 60.0, np.random.default_rng(5)) for _ in range(2))
+    one, two = (find(problem, world, paths, Deadline.after(60.0), np.random.default_rng(5)) for _ in range(2))
     assert one is not None
     assert two is not None
     assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))

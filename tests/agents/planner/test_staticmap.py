@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
 from agents.planner.model import geometry
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import Floats, Problem, problem_of
 from agents.planner.model.scene import Bounds, Box, Cylinder, NoFly, Obstacle, Scene, Vehicle
@@ -111,7 +110,7 @@ def test_a_way_is_missing_for_certain_or_for_lack_of_time() -> None:
     """Through a window that is too narrow, and through one that is wide enough, but not where anybody looks first."""
     problem, there = problem_of(gapped(1.9)), StaticMap(world_of(gapped(1.9)))
     with pytest.raises(PlanError) as caught:
-        there.paths_for(problem, until=time.monotonic())
+        there.paths_for(problem, until=Deadline.after(0.0))
     assert (caught.value.kind, caught.value.ids) == ("timeout", ["a"])
     with pytest.raises(PlanError) as caught:
         there.paths_for(problem)

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 
+from ground.rtk.ntrip import Chunks, Ended
+from ground.rtk.ublox import UbxCutter
 from mesh.bearer import header
 from mesh.quality import meter
 from tests.fuzz.engine import Target, pure
+from tests.rtcm import base_at, message
+from zmav import corrections
+from zmav.formats.rtcm3 import Cutter, Message, crc24q
+from zmav.mavlink.rtcm import Joiner
 from zmav.vision.assembler import Assembler
 from zmav.vision.chunks import split
 
@@ -54,7 +61,42 @@ def bearers() -> list[bytes]:
     return [header.pack_data(7, 3, True, b"payload"), header.pack_probe(7, 9, 1, echo=False)]
 
 
+def batches(data: bytes) -> None:
+    found = corrections.unpack(data)
+    assert found.pack() == data
+    for each in found.messages:
+        _ = each.number, each.station, each.place, each.observes
+
+
+def packed() -> list[bytes]:
+    messages = tuple(Message(each) for each in (base_at(), message(1077, size=300), message(1230, size=20)))
+    return [corrections.Batch(3, 7, 1, 2, 9, "gs", messages).pack()]
+
+
+def bases(data: bytes) -> None:
+    """What comes from a base or a caster in pieces, and from a station in fragments: a message behind it is found."""
+    last, cutter, joiner, chunks, ubx = message(1087), Cutter(), Joiner(), Chunks(), UbxCutter()
+    step = 1 + len(data) % 97
+    with contextlib.suppress(Ended):
+        for at in range(0, len(data), step):
+            piece = data[at : at + step]
+            assert all(crc24q(found.data) == 0 for found in cutter.feed(piece))
+            ubx.feed(piece)
+            cutter.feed(joiner.add(piece[0], len(piece), piece))
+            chunks.feed(piece)
+    found = cutter.feed(bytes(1100) + last)  # whatever length the last of it claimed
+    assert found
+    assert found[-1].data == last
+
+
+def streams() -> list[bytes]:
+    ubx = bytes.fromhex("b56205010200068a98c1")
+    return [b"$GNGGA*00\r\n" + base_at() + ubx + message(1074) + b"5\r\nhello\r\n", message(1077, size=1023)]
+
+
 TARGETS = (
+    Target("corrections", pure(batches), packed, 3000),
+    Target("bases", pure(bases), streams, 2000),
     Target("chunks", pure(chunks), pictures),
     Target("probe", pure(probe), probes, 3000),
     Target("bearer", pure(bearer), bearers, 3000),

@@ -12,6 +12,7 @@ from rich.cells import cell_len
 from ground.top.cli import Painter
 from ground.top.report import NetworkReport, Report
 from ground.top.screen import Ui, draw
+from zmav import wire
 from zmav.doctor.facts import AgentReport
 
 if TYPE_CHECKING:
@@ -196,3 +197,12 @@ def test_without_colours_words_remain(make: Make, report: MakeReport, monkeypatc
     plain = Painter().paint(lines, 120)
     assert "\x1b[1mSTALE" in plain
     assert not re.search(r"\x1b\[[0-9;]*3[0-7]", plain)
+
+
+def test_the_age_of_corrections_is_shown_where_there_are_some(make: Make, report: MakeReport) -> None:
+    assert "rtcm" not in drawn(Ui(), report(make()), 200)[1]
+    some = wire.CorrectionsInfo(age=2.4, source="gs")
+    _, head, first, second, *_ = drawn(Ui(), report(make("a", corrections=some), make("b")), 200)
+    at = head.index("rtcm") + len("rtcm")
+    assert first[:at].endswith("2.4s")
+    assert second[:at].endswith("-")

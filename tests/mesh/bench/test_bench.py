@@ -30,7 +30,7 @@ from zmav.session import SessionSettings
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.waiting import within
-from zmav.wire.bench import BenchInterval, BenchOrder
+from zmav.wire.bench import BenchInterval, BenchOrder, BenchOutage
 
 SHORT = Stream(seconds=1.0, hz=50.0, size=100, guard=5.0)
 
@@ -284,22 +284,29 @@ async def test_what_is_not_of_the_run_is_left_out(line: Start) -> None:
 
 
 async def test_a_cut_is_an_outage_with_its_losses(line: Start) -> None:
-    """The router in the middle is closed, and another one takes its place."""
+    """The router in the middle is closed, and another one takes its place.
+
+    A receiver that gets no processor for a while sees an outage, too, after which all comes that was sent meanwhile.
+    """
     made, bench = await line("quad1", "middle", "quad2")
     until = asyncio.Event()
     cut = asyncio.Event()
     stream = msgspec.structs.replace(_in("realtime", 60.0), patience=60.0, guard=0.0)
+
+    def on_outage(_: Flow, outage: BenchOutage) -> None:
+        if outage.lost:
+            until.set()
+
     task = asyncio.ensure_future(
-        bench.stream(
-            "quad1", "quad2", stream, until=until, on_interval=lambda *_: cut.set(), on_outage=lambda *_: until.set()
-        )
+        bench.stream("quad1", "quad2", stream, until=until, on_interval=lambda *_: cut.set(), on_outage=on_outage)
     )
     await within(PATIENCE_S, cut.wait())
     await asyncio.to_thread(made.sessions["middle"].close)
-    await asyncio.sleep(0.3)  # longer than the silence that counts
+    await asyncio.sleep(1.0)  # longer than the silence that counts, and than the sender may be without a processor
     await made.add(plan_of("middle2"), made.endpoints["quad1"], made.endpoints["quad2"])
     flow = await task
-    outage = flow.outages[0]
+    assert until.is_set(), f"no outage with losses: {flow.outages}"
+    outage = next(each for each in flow.outages if each.lost)
     assert outage.length > 0.2
     assert outage.lost > 0
     assert flow.total.lost >= outage.lost

@@ -10,6 +10,7 @@ import pytest
 from zmav import keys, wire
 from zmav.config import Failsafe, Geofence, Limits, PilotSwitch
 from zmav.services.authority import watchdog
+from zmav.services.authority.steps import Step
 
 if TYPE_CHECKING:
     from tests.conftest import Net, StartOnboard
@@ -251,7 +252,7 @@ async def test_a_stream_that_never_engaged_ends_without_a_hold(bench: StartBench
     alice = await pilot(b, mode=LOITER)
     alice.put()
     await b.peer.until(lambda: bool(b.peer.commands(SET_MODE)), "GUIDED asked for")
-    await b.peer.until(lambda: b.vehicle.authority.watchdog.step is watchdog.Step.IDLE, "the end of the stream")
+    await b.peer.until(lambda: b.vehicle.authority.watchdog.step is Step.IDLE, "the end of the stream")
     assert b.peer.heard(LOCAL) == []
     assert b.vehicle.setpoints.counts == {"engaging": 1}
 
@@ -326,7 +327,8 @@ async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench
     points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 1.2, pos=(3.0, 0.0, -5.0))]
     alice.put(vel=None, segment=points)
     state = await b.state(lambda s: s["segment"] is not None, "the commitment")
-    assert state["segment"] == {"lease": 1, "seq": alice.seq, "start": t, "rests": t + 1.2, "end": t + 1.2}
+    times = {"start": t, "rests": t + 1.2, "end": t + 1.2, "home": None}
+    assert state["segment"] == {"lease": 1, "seq": alice.seq, **times}
     await b.state(lambda s: s["setpoints"] == {"flown": 1, "held": 1} and s["segment"], "hold at its end")
     told = b.peer.heard(GLOBAL)
     norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in told]

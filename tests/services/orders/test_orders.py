@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from zmav import keys
 from zmav.errors import BadInput, Refused, Stale
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.services.orders import orders
@@ -67,6 +68,17 @@ async def test_wrong_orders_name_the_field(bench: StartBench) -> None:
         assert "expected" in e.value.detail or "value" in e.value.detail
     assert b.peer.commands(ARM) == b.peer.commands(SET_MODE) == []
     assert (await b.ground.do("ping")).status == "done"
+
+
+async def test_a_selectors_parameters_are_refused_but_keep_nobody_from_making_it_safe(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    told = {}
+    for verb in ("takeoff", "ping", "hold"):
+        (reply,) = await b.ground.ask(f"{keys.DO.key('demo', 'quad1', verb=verb)}?alt_rel=5", b"{}")
+        told[verb] = "" if reply.err is None else reply.err.payload.to_string()
+    assert "parameter 'alt_rel' is not read" in told["takeoff"]
+    assert "parameter 'alt_rel' is not read" in told["ping"]
+    assert "parameter" not in told["hold"]
 
 
 async def test_an_order_is_done_once_however_often_it_is_sent(bench: StartBench) -> None:

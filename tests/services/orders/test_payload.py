@@ -265,3 +265,17 @@ async def test_a_camera_that_was_not_seen_to_stop_is_stopped_with_its_lease(benc
     del b.peer.results[TRIGGER]
     await b.ground.do("release", lease=lease)
     await b.peer.until(lambda: triggers(b) == [[5.0, 1.0], [0.0, 0.0], [0.0, 0.0]], "the end of the pictures")
+
+
+async def test_a_camera_is_stopped_when_the_autopilot_answers_again(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    lease = (await b.ground.do("lease", holder="planner")).result["lease"]
+    await b.ground.do("camera_trigger", distance=5.0, lease=lease)
+    b.peer.mute.add(TRIGGER)
+    await b.ground.do("release", lease=lease)
+    await b.event("it is tried again until the autopilot answers", kind="camera")
+    b.peer.mute.clear()
+    heard = len(triggers(b))
+    await b.peer.until(lambda: triggers(b)[heard:] == [[0.0, 0.0]], "the end of the pictures")
+    await b.ground.do("camera_trigger", distance=6.0)
+    assert triggers(b)[heard:] == [[0.0, 0.0], [6.0, 1.0]], "nothing stops what was asked for since"

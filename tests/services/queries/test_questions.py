@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 30.0
 HELD = "zmav/demo/lane/held"
+READ = "zmav/demo/lane/read"
 FLOOD = 4 * questions.MOST
 
 
@@ -267,3 +268,18 @@ async def test_what_only_looks_is_bounded_for_each_who_asks(bench: StartBench) -
     assert b.vehicle.orders.under_way == orders.MOST_LOOKING
     assert (await b.ground.do("hold")).status == "done"
     go.set()
+
+
+async def test_a_selectors_parameters_that_nobody_reads_are_refused(net: Net) -> None:
+    async with lane(net) as (questions, ground):
+        questions.declare(HELD, word(HELD))
+        questions.declare(READ, word(READ), parameters=("newer",))
+        await linked(ground, HELD, READ)
+        (reply,) = await ground.ask(f"{HELD}?to=10")
+        assert reply.err is not None
+        refused = wire.error_from(reply.err.payload.to_bytes())
+        assert isinstance(refused, BadInput)
+        assert "parameter 'to' is not read: give what you want as JSON" in str(refused)
+        for asked in (f"{HELD}?_anyke", f"{READ}?newer=3"):
+            (reply,) = await ground.ask(asked)
+            assert reply.ok is not None

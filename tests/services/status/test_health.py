@@ -38,3 +38,15 @@ async def test_accuracy_is_the_receiver_s_own_estimate(bench: StartBench) -> Non
     await b.state(lambda s: s["gps"]["h_acc"] == 0.014, "millimetres")
     b.peer.send("GPS_RAW_INT", fix_type=1, h_acc=0xFFFFFFFF)
     await b.state(lambda s: s["gps"]["fix"] == "NO_FIX" and s["gps"]["h_acc"] is None, "all ones are no estimate")
+
+
+async def test_the_filter_s_own_estimate_is_told(bench: StartBench) -> None:
+    b = await (await bench()).connected()
+    b.peer.send("EKF_STATUS_REPORT", flags=831, pos_horiz_variance=0.25)
+    told = await b.state(lambda s: s["estimate"], "ArduPilot's ratio, which it calls a variance")
+    assert told["estimate"] == {"accuracy": None, "ratio": 0.25}
+    b.peer.send("ESTIMATOR_STATUS", flags=895, pos_horiz_ratio=0.06, pos_horiz_accuracy=0.29)
+    told = await b.state(lambda s: s["estimate"]["accuracy"], "PX4's metres")
+    assert told["estimate"] == {"accuracy": 0.29, "ratio": 0.06}
+    b.peer.send("ESTIMATOR_STATUS", flags=0, pos_horiz_ratio=float("nan"), pos_horiz_accuracy=float("nan"))
+    await b.state(lambda s: s["estimate"] == {"accuracy": None, "ratio": None}, "what is no number")

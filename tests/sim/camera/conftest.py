@@ -31,7 +31,7 @@ class Studio:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.camera: SimCamera = world.camera("copter1")
+        self.camera: SimCamera = world.camera("quad1")
 
     def take(self, *places: Place, time_s: float = 0.0) -> Frame:
         """A picture with the vehicles at ``places``; those that are not named are far away."""
@@ -64,7 +64,7 @@ def make_studio() -> Iterator[MakeStudio]:
 
     def make(camera: CameraSpec | None = None, *others: VehicleSpec, **options: Any) -> Studio:
         options = {"scene": PLAIN, "epoch_s": 1000.0, **options}
-        first = VehicleSpec(name="copter1", camera=camera or CameraSpec(offset_m=(0.0, 0.0, 0.0)))
+        first = VehicleSpec(name="quad1", camera=camera or CameraSpec(offset_m=(0.0, 0.0, 0.0)))
         world = World([first, *others], **options)
         worlds.append(world)
         return Studio(world)

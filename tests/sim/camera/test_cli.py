@@ -20,7 +20,7 @@ from zmav.errors import BadConfig, BadInput, PortInUse
 def test_pictures_of_a_running_simulator(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text('ground = "asphalt"\n', encoding="utf-8")
-    options = ["--copters", "1", "--rovers", "1", "--pad", "rover1", "--camera", "copter1:30", "--camera-port", "0"]
+    options = ["--copters", "1", "--rovers", "1", "--pad", "rover1", "--camera", "quad1:30", "--camera-port", "0"]
     process = subprocess.Popen(
         [sys.executable, "-m", "zmav", "sim", *options, "--scene", scene, "--endpoint", "tcp:0"],
         stdout=subprocess.PIPE,
@@ -31,7 +31,7 @@ def test_pictures_of_a_running_simulator(tmp_path: Path) -> None:
     try:
         assert process.stdout is not None
         name, _, url = process.stdout.readline().strip().partition(" camera: ")
-        assert name == "copter1"
+        assert name == "quad1"
         with urllib.request.urlopen(url, timeout=60.0) as answer:
             assert answer.readline() == b"--zmav-frame\r\n"
             assert answer.readline() == b"Content-Type: image/jpeg\r\n"
@@ -47,11 +47,11 @@ def test_pictures_of_a_running_simulator(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "value", "error", "named"),
     [
-        ("--camera", "copter1:fast", BadInput, "NAME:RATE"),
+        ("--camera", "quad1:fast", BadInput, "NAME:RATE"),
         ("--camera", ":5", BadInput, "NAME:RATE"),
-        ("--camera", "copter1:1000", BadInput, "100 Hz"),
-        ("--camera", "quad1", BadConfig, "copter1, rover1"),
-        ("--pad", "boat1", BadConfig, "copter1, rover1"),
+        ("--camera", "quad1:1000", BadInput, "100 Hz"),
+        ("--camera", "boat1", BadConfig, "quad1, rover1"),
+        ("--pad", "boat1", BadConfig, "quad1, rover1"),
         ("--scene", "/nowhere/scene.toml", BadConfig, "nowhere"),
     ],
 )
@@ -64,6 +64,6 @@ def test_what_cannot_be(option: str, value: str, error: type[BadInput], named: s
 def test_a_port_for_pictures_that_is_taken() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = str(other.getsockname()[1])
-        result = CliRunner().invoke(zmav, ["sim", "--camera", "copter1", "--camera-port", port, "--endpoint", "tcp:0"])
+        result = CliRunner().invoke(zmav, ["sim", "--camera", "quad1", "--camera-port", port, "--endpoint", "tcp:0"])
     assert isinstance(result.exception, PortInUse)
     assert port in str(result.exception)

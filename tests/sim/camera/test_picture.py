@@ -177,7 +177,7 @@ class TestBlackout:
 
 def test_a_frame_of_a_stepped_world_is_of_its_time_and_place() -> None:
     world = World([VehicleSpec(camera=CameraSpec(), start_ned_m=(3.0, 4.0, 0.0))], epoch_s=500.0, scene=PLAIN)
-    camera = world.camera("copter1")
+    camera = world.camera("quad1")
     world.step(0.5)
     first = camera.frame()
     assert (first.time_s, first.unix_s, first.sequence) == (0.5, 500.5, 0)

@@ -105,13 +105,13 @@ def test_a_scene_that_cannot_be() -> None:
 
 
 def test_cameras_and_pads_by_names() -> None:
-    world = World(copters=2, rovers=1, cameras={"copter2": CameraSpec(width=320)}, pads={"rover1": PadSpec(size_m=0.7)})
-    assert world.camera("copter2").spec.width == 320
+    world = World(copters=2, rovers=1, cameras={"quad2": CameraSpec(width=320)}, pads={"rover1": PadSpec(size_m=0.7)})
+    assert world.camera("quad2").spec.width == 320
     assert [vehicle.spec.pad for vehicle in world.vehicles] == [None, None, PadSpec(size_m=0.7)]
-    with pytest.raises(BadInput, match="copter1 has no camera; these have: copter2"):
-        world.camera("copter1")
+    with pytest.raises(BadInput, match="quad1 has no camera; these have: quad2"):
+        world.camera("quad1")
     world.close()
-    with pytest.raises(BadConfig, match="one of copter1, rover1"):
+    with pytest.raises(BadConfig, match="one of quad1, rover1"):
         World(copters=1, rovers=1, cameras={"quad9": CameraSpec()})
 
 
@@ -128,5 +128,5 @@ def test_a_world_without_cameras() -> None:
     world = World(copters=1)
     assert world.cameras is None
     with pytest.raises(BadInput, match="no vehicle has a camera"):
-        world.camera("copter1")
+        world.camera("quad1")
     world.close()

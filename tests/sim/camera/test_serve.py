@@ -84,9 +84,9 @@ def shape(data: bytes) -> tuple[int, ...]:
 
 
 def test_a_stream(studio: Studio) -> None:
-    stream = studio.get("/copter1.mjpeg")
+    stream = studio.get("/quad1.mjpeg")
     assert stream.getheader("Content-Type") == "multipart/x-mixed-replace; boundary=zmav-frame"
-    feed = studio.server.feeds["copter1"]
+    feed = studio.server.feeds["quad1"]
     times = []
     for _ in range(3):
         rendered = feed.rendered
@@ -104,13 +104,13 @@ def test_a_stream(studio: Studio) -> None:
 def test_each_camera_has_its_own_rate() -> None:
     studio = Studio()
     studio.serve()
-    taken: dict[str, list[float]] = {"copter1": [], "copter2": []}
+    taken: dict[str, list[float]] = {"quad1": [], "quad2": []}
     for name, feed in studio.server.feeds.items():
         feed.offer = lambda poses, name=name: taken[name].append(poses.time_s)  # type: ignore[method-assign,misc]
     studio.world.step(2.0)
     studio.world.close()
-    assert {name: len(times) for name, times in taken.items()} == {"copter1": 40, "copter2": 10}
-    assert np.diff(taken["copter1"]) == pytest.approx(0.05)
+    assert {name: len(times) for name, times in taken.items()} == {"quad1": 40, "quad2": 10}
+    assert np.diff(taken["quad1"]) == pytest.approx(0.05)
 
 
 def test_nobody_watches_nothing_is_rendered(studio: Studio) -> None:
@@ -119,8 +119,8 @@ def test_nobody_watches_nothing_is_rendered(studio: Studio) -> None:
 
 
 def test_a_client_that_leaves_is_forgotten(studio: Studio) -> None:
-    feed = studio.server.feeds["copter1"]
-    streams = [studio.get("/copter1.mjpeg") for _ in range(3)]
+    feed = studio.server.feeds["quad1"]
+    streams = [studio.get("/quad1.mjpeg") for _ in range(3)]
     studio.step_until(lambda: feed.viewers == 3)
     for stream in streams:
         stream.close()
@@ -134,9 +134,9 @@ def test_a_slow_client_gets_the_latest_and_delays_nobody(studio: Studio) -> None
     """It reads nothing at all, until the connection is full; the other one has all it can take."""
     slow = socket.create_connection(("127.0.0.1", studio.port), timeout=PATIENCE_S)
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    slow.sendall(b"GET /copter1.mjpeg HTTP/1.0\r\n\r\n")
-    quick = studio.get("/copter1.mjpeg")
-    feed = studio.server.feeds["copter1"]
+    slow.sendall(b"GET /quad1.mjpeg HTTP/1.0\r\n\r\n")
+    quick = studio.get("/quad1.mjpeg")
+    feed = studio.server.feeds["quad1"]
     studio.step_until(lambda: feed.viewers == 2)
     for _ in range(20):
         rendered = feed.rendered
@@ -148,18 +148,18 @@ def test_a_slow_client_gets_the_latest_and_delays_nobody(studio: Studio) -> None
 
 def test_the_numbers(studio: Studio) -> None:
     studio.world.step(0.3)
-    told = json.loads(studio.get("/copter1.json").read())
-    camera = studio.world.camera("copter1")
+    told = json.loads(studio.get("/quad1.json").read())
+    camera = studio.world.camera("quad1")
     assert told["camera_matrix"] == camera.matrix.tolist()
     assert (told["width"], told["height"]) == (160, 120)
     assert (told["mount_deg"], told["offset_m"], told["gimbal"]) == ([0.0] * 3, [0.0, 0.0, -0.1], False)
 
 
-@pytest.mark.parametrize("path", ["/copter3.mjpeg", "/copter1.png", "/copter1", "/../etc", "/"])
+@pytest.mark.parametrize("path", ["/quad3.mjpeg", "/quad1.png", "/quad1", "/../etc", "/"])
 def test_what_is_not_there(studio: Studio, path: str) -> None:
     answer = studio.get(path)
     assert answer.status == 404
-    assert "/copter1.mjpeg" in answer.read().decode()
+    assert "/quad1.mjpeg" in answer.read().decode()
 
 
 def test_a_port_that_is_taken() -> None:
@@ -187,7 +187,7 @@ def test_closing_the_world_ends_streams_and_threads() -> None:
     before = threading.active_count()
     studio = Studio()
     studio.serve()
-    stream = studio.get("/copter1.mjpeg")
+    stream = studio.get("/quad1.mjpeg")
     studio.world.close()
     assert stream.read() == b""
     with pytest.raises(OSError):
@@ -201,14 +201,14 @@ def test_opencv_opens_it_while_the_world_runs() -> None:
     spec = VehicleSpec(camera=SMALL, endpoints=("tcp:0",))
     with World([spec], scene=PLAIN) as world:
         assert world.cameras is not None
-        capture = cv2.VideoCapture(serve_cameras(world.cameras, 0)["copter1"])
+        capture = cv2.VideoCapture(serve_cameras(world.cameras, 0)["quad1"])
         try:
             assert capture.isOpened()
             for _ in range(3):
                 good, image = capture.read()
                 assert good
                 assert image.shape == (120, 160, 3)
-            frame = world.camera("copter1").frame()  # between two ticks of the world's thread
+            frame = world.camera("quad1").frame()  # between two ticks of the world's thread
             assert frame.time_s > 0.0
         finally:
             capture.release()

@@ -16,7 +16,7 @@ GUIDED, LAND, RTL, STABILIZE = 4, 9, 6, 0
 
 class TestMotor:
     def test_a_quadrotor_without_one_comes_down(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "motor", number=2)
+        aloft.world.fault("quad1", "motor", number=2)
         lean = 0.0
         for _ in range(15):
             aloft.world.step(0.1)
@@ -30,7 +30,7 @@ class TestMotor:
         assert aloft.last("HEARTBEAT")["base_mode"] & 128 == 0
 
     def test_a_weak_one_is_made_up_for(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "motor", number=1, efficiency=0.85)
+        aloft.world.fault("quad1", "motor", number=1, efficiency=0.85)
         aloft.world.step(3.0)
         assert aloft.near(0.0, 0.0, -10.0, within=1.0)
         outputs = aloft.last("SERVO_OUTPUT_RAW")
@@ -42,7 +42,7 @@ class TestMotor:
 
     def test_there_is_no_fifth(self, aloft: Desk) -> None:
         with pytest.raises(BadInput, match="no motor 5; expected 1 to 4") as refused:
-            aloft.world.fault("copter1", "motor", number=5)
+            aloft.world.fault("quad1", "motor", number=5)
         assert refused.value.detail["field"] == "number"
         assert aloft.world.faults() == []
 
@@ -53,7 +53,7 @@ class TestBattery:
         desk = make_desk([VehicleSpec(params=params)])
         desk.take_off(10.0)
         before = desk.last("SYS_STATUS")["voltage_battery"]
-        desk.world.fault("copter1", "battery", left_percent=2.0)
+        desk.world.fault("quad1", "battery", left_percent=2.0)
         desk.world.step(3.0)
         assert desk.last("SYS_STATUS")["voltage_battery"] < 11_000 < before
         assert any(text.startswith("Battery 1 is low") for text in desk.texts())
@@ -61,7 +61,7 @@ class TestBattery:
 
     def test_it_is_mended_by_another_pack(self, aloft: Desk) -> None:
         before = aloft.last("SYS_STATUS")["voltage_battery"]
-        aloft.world.fault("copter1", "battery", left_percent=10.0)
+        aloft.world.fault("quad1", "battery", left_percent=10.0)
         aloft.world.step(1.0)
         assert aloft.last("SYS_STATUS")["voltage_battery"] < before - 500
         aloft.world.clear()
@@ -73,7 +73,7 @@ class TestRadio:
     def test_the_failsafe_follows_and_ends(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
         desk.take_off(10.0)
-        desk.world.fault("copter1", "rc-loss", for_s=3.0)
+        desk.world.fault("quad1", "rc-loss", for_s=3.0)
         desk.world.step(2.0)
         assert "Radio Failsafe" in desk.texts()
         assert desk.last("HEARTBEAT")["custom_mode"] == RTL
@@ -85,14 +85,14 @@ class TestFrozen:
     def test_it_says_and_hears_nothing_and_holds_its_outputs(self, aloft: Desk) -> None:
         outputs = aloft.vehicle.node.seat.outputs()
         uptime = aloft.last("SYSTEM_TIME")["time_boot_ms"]
-        aloft.world.fault("copter1", "frozen")
+        aloft.world.fault("quad1", "frozen")
         aloft.clear()
         aloft.send("COMMAND_LONG", command=176, param1=1, param2=LAND)
         aloft.goto(50.0, 0.0, -10.0)
         aloft.world.step(3.0)
         assert aloft.frames == []
         assert aloft.vehicle.node.seat.outputs() == outputs
-        assert aloft.world.clear("copter1", "frozen") == 1
+        assert aloft.world.clear("quad1", "frozen") == 1
         aloft.world.step(1.0)
         assert aloft.all("HEARTBEAT")
         assert aloft.last("HEARTBEAT")["custom_mode"] == GUIDED
@@ -100,9 +100,9 @@ class TestFrozen:
         assert aloft.vehicle.copter.armed
 
     def test_a_reboot_ends_it(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "frozen")
+        aloft.world.fault("quad1", "frozen")
         aloft.world.step(3.0)
-        aloft.world.fault("copter1", "reboot")
+        aloft.world.fault("quad1", "reboot")
         assert aloft.world.faults() == []
         aloft.world.step(1.0)
         assert aloft.last("SYSTEM_TIME")["time_boot_ms"] < 1100
@@ -116,7 +116,7 @@ class TestReboot:
         last = aloft.frames[-1].seq
         assert last > 5
         aloft.clear()
-        assert [f.kind for f in aloft.world.fault("copter1", "reboot")] == ["reboot"]
+        assert [f.kind for f in aloft.world.fault("quad1", "reboot")] == ["reboot"]
         assert aloft.world.faults() == []
         aloft.world.step(0.1)
         assert [frame.seq for frame in aloft.frames[:3]] == [0, 1, 2]
@@ -153,14 +153,14 @@ class TestLinks:
 
     def test_loss(self, make_desk: MakeDesk) -> None:
         desk = self.streaming(make_desk)
-        desk.world.fault("copter1", "link-loss", percent=30.0, direction="down")
+        desk.world.fault("quad1", "link-loss", percent=30.0, direction="down")
         desk.world.step(10.0)
         assert len(desk.all("ATTITUDE")) == pytest.approx(350, abs=45)
         assert desk.splitter.counters.lost == pytest.approx(150, abs=50)
 
     def test_cut_both_ways_and_back(self, make_desk: MakeDesk) -> None:
         desk = self.streaming(make_desk)
-        desk.world.fault("copter1", "link-cut")
+        desk.world.fault("quad1", "link-cut")
         desk.send("COMMAND_LONG", command=176, param1=1, param2=GUIDED)
         desk.world.step(2.0)
         assert desk.frames == []
@@ -171,7 +171,7 @@ class TestLinks:
     @pytest.mark.parametrize(("direction", "heard", "obeyed"), [("up", True, False), ("down", False, True)])
     def test_one_direction(self, make_desk: MakeDesk, direction: str, heard: bool, obeyed: bool) -> None:
         desk = self.streaming(make_desk)
-        desk.world.fault("copter1", "link-cut", direction=direction)
+        desk.world.fault("quad1", "link-cut", direction=direction)
         desk.send("COMMAND_LONG", command=176, param1=1, param2=GUIDED)
         desk.world.step(1.0)
         assert bool(desk.all("ATTITUDE")) is heard
@@ -179,7 +179,7 @@ class TestLinks:
 
     def test_a_link_that_opens_later_suffers_too(self, make_desk: MakeDesk, another_desk: type[Desk]) -> None:
         desk = self.streaming(make_desk)
-        desk.world.fault("copter1", "link-cut")
+        desk.world.fault("quad1", "link-cut")
         late = another_desk(desk.world, desk.vehicle)
         desk.world.step(2.0)
         assert late.frames == []
@@ -191,7 +191,7 @@ class TestLinks:
         desk = make_desk([VehicleSpec(params={"FS_GCS_ENABLE": 1})])
         desk.take_off(5.0)
         desk.send("HEARTBEAT", type=6, autopilot=8)
-        desk.world.fault("copter1", "link-cut", for_s=8.0)
+        desk.world.fault("quad1", "link-cut", for_s=8.0)
         for _ in range(9):
             desk.send("HEARTBEAT", type=6, autopilot=8)
             desk.world.step(1.0)
@@ -206,7 +206,7 @@ def test_frozen_copter_falls_or_climbs_with_its_last_outputs(aloft: Desk) -> Non
     aloft.fly(0.0, 0.0, -2.0)
     aloft.world.step(0.5)
     outputs = aloft.vehicle.node.seat.outputs()
-    aloft.world.fault("copter1", "frozen", for_s=2.0)
+    aloft.world.fault("quad1", "frozen", for_s=2.0)
     aloft.world.step(1.0)
     assert aloft.vehicle.node.seat.outputs() == outputs
     assert math.isfinite(aloft.vehicle.brain.sense.down)

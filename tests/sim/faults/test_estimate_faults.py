@@ -38,7 +38,7 @@ def watch(desk: Desk, seconds: float, look: Callable[[], Any]) -> list[Any]:
 
 class TestGpsLoss:
     def test_a_short_one_is_flown_through(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "gps-loss", for_s=5.0)
+        aloft.world.fault("quad1", "gps-loss", for_s=5.0)
         aloft.world.step(4.0)
         raw = aloft.last("GPS_RAW_INT")
         assert (raw["fix_type"], raw["satellites_visible"]) == (1, 3)
@@ -50,7 +50,7 @@ class TestGpsLoss:
         assert max(map(abs, off(aloft))) < 0.05
 
     def test_a_long_one_ends_in_a_landing(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "gps-loss")
+        aloft.world.fault("quad1", "gps-loss")
         aloft.world.step(6.9)
         assert ekf(aloft)["flags"] == GOOD
         aloft.world.step(0.4)
@@ -66,7 +66,7 @@ class TestGpsLoss:
         aloft.clear()
         assert aloft.command(176, 1, LOITER) != 0
 
-        assert aloft.world.clear("copter1") == 1
+        assert aloft.world.clear("quad1") == 1
         aloft.world.step(2.0)
         assert [t for t in aloft.texts() if "EKF" in t] == [
             "EKF3 IMU0 is using GPS",
@@ -80,7 +80,7 @@ class TestGpsLoss:
 
 class TestGpsGlitch:
     def test_one_within_the_gate_is_followed(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "gps-glitch", north=3.0)
+        aloft.world.fault("quad1", "gps-glitch", north=3.0)
         largest = max(watch(aloft, 1.0, lambda: ekf(aloft)["pos_horiz_variance"]))
         assert 0.4 < largest < 1.0
         aloft.world.step(8.0)
@@ -89,7 +89,7 @@ class TestGpsGlitch:
         assert aloft.texts() == []
 
     def test_one_beyond_is_rejected_and_forgotten_when_it_ends(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "gps-glitch", north=55.0, for_s=8.0)
+        aloft.world.fault("quad1", "gps-glitch", north=55.0, for_s=8.0)
         aloft.world.step(0.5)
         assert ekf(aloft)["pos_horiz_variance"] == pytest.approx(14.7, abs=0.4)
         aloft.world.step(1.0)
@@ -106,7 +106,7 @@ class TestGpsGlitch:
         assert aloft.texts() == [*words, "Glitch cleared"]
 
     def test_one_that_lasts_makes_the_position_jump(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "gps-glitch", east=-40.0)
+        aloft.world.fault("quad1", "gps-glitch", east=-40.0)
         aloft.world.step(9.5)
         assert off(aloft)[1] == pytest.approx(0.0, abs=0.05)
         places = watch(aloft, 2.0, lambda: (aloft.ned[1], aloft.vehicle.brain.sense.true_east))
@@ -122,7 +122,7 @@ class TestGpsGlitch:
 class TestCompass:
     def test_a_small_error_pulls_the_heading(self, aloft: Desk) -> None:
         before = aloft.last("RAW_IMU")
-        aloft.world.fault("copter1", "compass", degrees=20.0)
+        aloft.world.fault("quad1", "compass", degrees=20.0)
         after = aloft.last("RAW_IMU")
         assert (after["xmag"], after["ymag"]) != (before["xmag"], before["ymag"])
         largest = max(watch(aloft, 1.0, lambda: ekf(aloft)["compass_variance"]))
@@ -131,13 +131,13 @@ class TestCompass:
         true_yaw = _true_yaw(aloft)
         assert abs(aloft.vehicle.brain.sense.yaw) < 0.03  # it believes to point north
         assert true_yaw == pytest.approx(-0.349, abs=0.04)
-        aloft.world.clear("copter1")
+        aloft.world.clear("quad1")
         aloft.world.step(18.0)
         assert _true_yaw(aloft) == pytest.approx(0.0, abs=0.03)
         assert ekf(aloft)["flags"] == GOOD
 
     def test_a_large_one_is_rejected_and_said_in_the_end(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "compass", degrees=120.0)
+        aloft.world.fault("quad1", "compass", degrees=120.0)
         aloft.world.step(9.0)
         assert ekf(aloft)["compass_variance"] > 1.0
         assert aloft.texts() == []
@@ -147,7 +147,7 @@ class TestCompass:
         assert aloft.last("HEARTBEAT")["custom_mode"] == GUIDED  # one doubt alone is no failsafe
 
     def test_flying_with_a_wrong_heading_goes_in_curves(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "compass", degrees=45.0)
+        aloft.world.fault("quad1", "compass", degrees=45.0)
         aloft.world.step(15.0)
         aloft.goto(30.0, 0.0, -10.0)
         seen = watch(aloft, 8.0, lambda: (aloft.ned[1], ekf(aloft)["velocity_variance"]))
@@ -157,7 +157,7 @@ class TestCompass:
     def test_without_a_compass_it_does_not_arm(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
         desk.until(lambda: desk.vehicle.copter.position_ok)
-        desk.world.fault("copter1", "compass", lost=True)
+        desk.world.fault("quad1", "compass", lost=True)
         desk.world.step(1.0)
         assert desk.command(400, 1) != 0
         assert desk.texts()[-1] == "Arm: Compass not healthy"
@@ -169,7 +169,7 @@ class TestCompass:
     def test_nor_with_one_that_lies_until_it_is_believed(self, make_desk: MakeDesk) -> None:
         desk = make_desk()
         desk.until(lambda: desk.vehicle.copter.position_ok)
-        desk.world.fault("copter1", "compass", degrees=40.0)
+        desk.world.fault("quad1", "compass", degrees=40.0)
         desk.world.step(0.5)
         assert desk.command(400, 1) != 0
         assert desk.texts()[-1].startswith("Arm: Check mag field (xy diff:1")
@@ -180,7 +180,7 @@ class TestCompass:
         desk = make_desk()
         desk.until(lambda: desk.vehicle.copter.position_ok)
         assert desk.command(176, 1, GUIDED) == 0
-        desk.world.fault("copter1", "gps-glitch", north=100.0)
+        desk.world.fault("quad1", "gps-glitch", north=100.0)
         desk.world.step(3.0)
         assert desk.command(400, 1) != 0
         assert desk.texts()[-1] == "Arm: GPS glitching"
@@ -194,7 +194,7 @@ def _true_yaw(desk: Desk) -> float:
 class TestOthers:
     def test_a_barometer_takes_the_vehicle_with_it(self, aloft: Desk) -> None:
         pressure = aloft.last("SCALED_PRESSURE")["press_abs"]
-        aloft.world.fault("copter1", "baro", metres=5.0)
+        aloft.world.fault("quad1", "baro", metres=5.0)
         assert aloft.last("SCALED_PRESSURE")["press_abs"] == pytest.approx(pressure - 0.56, abs=0.05)
         assert max(watch(aloft, 1.0, lambda: ekf(aloft)["pos_vert_variance"])) > 0.2
         aloft.world.step(10.0)
@@ -202,7 +202,7 @@ class TestOthers:
         assert aloft.ned[2] == pytest.approx(-10.0, abs=0.2)
 
     def test_without_a_barometer_the_height_is_not_vouched_for(self, aloft: Desk) -> None:
-        aloft.world.fault("copter1", "baro", lost=True)
+        aloft.world.fault("quad1", "baro", lost=True)
         aloft.world.step(9.5)
         assert ekf(aloft)["flags"] == GOOD
         aloft.world.step(1.0)
@@ -210,7 +210,7 @@ class TestOthers:
 
     def test_vibration_and_clipping_show(self, aloft: Desk) -> None:
         calm = aloft.last("VIBRATION")
-        aloft.world.fault("copter1", "imu", vibration=40.0, clipping=50.0)
+        aloft.world.fault("quad1", "imu", vibration=40.0, clipping=50.0)
         aloft.world.step(2.0)
         shaken = aloft.last("VIBRATION")
         assert shaken["vibration_z"] - calm["vibration_z"] == pytest.approx(40.0)
@@ -225,9 +225,9 @@ class TestOthers:
         desk.world.step(4.0)
         height = -desk.vehicle.brain.sense.true_down
         assert desk.last("DISTANCE_SENSOR")["current_distance"] == pytest.approx(100 * (height + 0.12), abs=2)
-        desk.world.fault("copter1", "rangefinder", metres=2.0)
+        desk.world.fault("quad1", "rangefinder", metres=2.0)
         assert desk.last("RANGEFINDER")["distance"] == pytest.approx(height + 2.12, abs=0.02)
-        desk.world.fault("copter1", "rangefinder")
+        desk.world.fault("quad1", "rangefinder")
         assert desk.last("RANGEFINDER")["distance"] == 0.0
 
 
@@ -235,8 +235,8 @@ def test_a_neighbour_notices_nothing(make_desk: MakeDesk, another_desk: type[Des
     desk = make_desk(2)
     second = another_desk(desk.world, desk.world.vehicles[1])
     desk.until(lambda: desk.vehicle.copter.position_ok)
-    desk.world.fault("copter1", "gps-glitch", north=500.0)
-    desk.world.fault("copter1", "compass", degrees=30.0)
+    desk.world.fault("quad1", "gps-glitch", north=500.0)
+    desk.world.fault("quad1", "compass", degrees=30.0)
     desk.world.step(12.0)
     assert off(second) == (0.0, 0.0, 0.0)
     assert second.last("EKF_STATUS_REPORT")["flags"] == GOOD
@@ -247,8 +247,8 @@ def test_two_runs_of_one_seed_are_the_same(make_desk: MakeDesk) -> None:
     def run() -> list[bytes]:
         desk = make_desk(noise="typical", seed=4)
         desk.take_off(2.5)
-        desk.world.fault("copter1", "gps-loss", for_s=4.0)
-        desk.world.fault("copter1", "link-loss", percent=30.0)
+        desk.world.fault("quad1", "gps-loss", for_s=4.0)
+        desk.world.fault("quad1", "link-loss", percent=30.0)
         desk.clear()
         desk.send("COMMAND_LONG", command=511, param1=30.0, param2=1e5)
         desk.world.step(6.0)

@@ -66,10 +66,10 @@ class TestTable:
 class TestWorld:
     def test_faults_are_listed_and_end_by_themselves(self, make_desk: MakeDesk) -> None:
         world = make_desk(2).world
-        world.fault("copter1", "gps-loss", for_s=1.0)
-        world.fault("copter2", "compass", degrees=5)
+        world.fault("quad1", "gps-loss", for_s=1.0)
+        world.fault("quad2", "compass", degrees=5)
         first, second = world.faults()
-        assert (first.vehicle, first.kind, first.until_s) == ("copter1", "gps-loss", 1.0)
+        assert (first.vehicle, first.kind, first.until_s) == ("quad1", "gps-loss", 1.0)
         assert second.parameters == {"degrees": 5.0, "lost": False}
         assert [v.faults for v in world.status().vehicles] == [("gps-loss",), ("compass",)]
         world.step(1.1)
@@ -79,13 +79,13 @@ class TestWorld:
     def test_all_of_them_and_one_in_the_place_of_another(self, make_desk: MakeDesk) -> None:
         world = make_desk(3).world
         assert [each.vehicle for each in world.fault("all", "gps-glitch", north=10.0)] == [
-            "copter1",
-            "copter2",
-            "copter3",
+            "quad1",
+            "quad2",
+            "quad3",
         ]
-        world.fault("copter2", "gps-glitch", north=20.0)
+        world.fault("quad2", "gps-glitch", north=20.0)
         assert world.vehicles[1].node.seat.fix().north == 20.0
-        assert world.clear(kind="gps-glitch", vehicle="copter2") == 1
+        assert world.clear(kind="gps-glitch", vehicle="quad2") == 1
         assert world.vehicles[1].node.seat.fix().north == 0.0
         assert world.clear(kind="motor") == 0
         assert world.clear() == 2
@@ -93,24 +93,24 @@ class TestWorld:
 
     def test_what_cannot_be_is_said(self, make_desk: MakeDesk) -> None:
         world = make_desk().world
-        with pytest.raises(BadInput, match="no vehicle 'quad9'; there are copter1"):
+        with pytest.raises(BadInput, match="no vehicle 'quad9'; there are quad1"):
             world.fault("quad9", "gps-loss")
         with pytest.raises(BadInput, match="expected more than 0"):
-            world.fault("copter1", "gps-loss", for_s=0.0)
+            world.fault("quad1", "gps-loss", for_s=0.0)
         with pytest.raises(BadInput, match="has no camera"):
-            world.fault("copter1", "camera-blackout")
+            world.fault("quad1", "camera-blackout")
         with pytest.raises(BadInput, match="no fault 'x'"):
-            world.clear("copter1", "x")
+            world.clear("quad1", "x")
         assert world.faults() == []
 
     def test_what_one_cannot_have_none_gets_and_what_was_on_stays(self, make_desk: MakeDesk) -> None:
         world = make_desk([VehicleSpec(), VehicleSpec(autopilot="arduplane")]).world
-        world.fault("copter1", "motor", number=4)
+        world.fault("quad1", "motor", number=4)
         with pytest.raises(BadInput, match="plane1 has no motor 2; expected 1 to 1"):
             world.fault("all", "motor", number=2)
-        with pytest.raises(BadInput, match="copter1 has no motor 5"):
-            world.fault("copter1", "motor", number=5)
-        assert [(f.vehicle, f.parameters["number"]) for f in world.faults()] == [("copter1", 4)]
+        with pytest.raises(BadInput, match="quad1 has no motor 5"):
+            world.fault("quad1", "motor", number=5)
+        assert [(f.vehicle, f.parameters["number"]) for f in world.faults()] == [("quad1", 4)]
         assert world.vehicles[0].node.seat.fleet.efficiency[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0]
 
 
@@ -136,29 +136,29 @@ def run(*words: str) -> Any:
 class TestCommandLine:
     def test_from_putting_it_on_to_clearing_it(self, running: World) -> None:
         assert run().output == "no faults\n"
-        put = run("copter2", "gps-glitch", "north=12", "--for", "1000")
+        put = run("quad2", "gps-glitch", "north=12", "--for", "1000")
         assert put.exit_code == 0, put.output
-        assert put.output.startswith("copter2: gps-glitch north=12.0 east=0.0 up=0.0, since ")
+        assert put.output.startswith("quad2: gps-glitch north=12.0 east=0.0 up=0.0, since ")
         (found,) = json.loads(run("--json").output)
-        assert (found["vehicle"], found["parameters"]["north"]) == ("copter2", 12.0)
+        assert (found["vehicle"], found["parameters"]["north"]) == ("quad2", 12.0)
         assert found["until_s"] - found["since_s"] == pytest.approx(1000.0)
-        assert run("copter2", "--clear").output == "1 cleared\n"
+        assert run("quad2", "--clear").output == "1 cleared\n"
         assert run("all", "gps-loss").exit_code == 0
         assert run("--clear").output == "2 cleared\n"
         with Remote() as sim:
             assert sim.faults() == []
-            assert [each.kind for each in sim.fault("copter1", "motor", number=2, for_s=5.0)] == ["motor"]
-            assert sim.clear("copter1", "motor") == 1
+            assert [each.kind for each in sim.fault("quad1", "motor", number=2, for_s=5.0)] == ["motor"]
+            assert sim.clear("quad1", "motor") == 1
 
     @pytest.mark.parametrize(
         ("words", "said"),
         [
-            (["quad7", "gps-loss"], "no vehicle 'quad7'; there are copter1, copter2"),
-            (["copter1", "gps"], "no fault 'gps'"),
-            (["copter1"], "which fault? There are link-cut, "),
-            (["copter1", "motor", "number=9"], "no motor 9; expected 1 to 4"),
-            (["copter1", "gps-loss", "--for", "-1"], "expected more than 0"),
-            (["copter1", "gps-loss", "x=1", "--clear"], "takes no parameters"),
+            (["quad7", "gps-loss"], "no vehicle 'quad7'; there are quad1, quad2"),
+            (["quad1", "gps"], "no fault 'gps'"),
+            (["quad1"], "which fault? There are link-cut, "),
+            (["quad1", "motor", "number=9"], "no motor 9; expected 1 to 4"),
+            (["quad1", "gps-loss", "--for", "-1"], "expected more than 0"),
+            (["quad1", "gps-loss", "x=1", "--clear"], "takes no parameters"),
         ],
     )
     def test_what_is_wrong_is_said(self, running: World, words: list[str], said: str) -> None:

@@ -13,6 +13,7 @@ from zmav.mavlink.frames import Frame, Splitter
 from zmav.sim import VehicleSpec, World
 
 BODY = ("gps-loss", "gps-glitch", "compass", "baro", "rangefinder", "imu", "pitot", "motor", "battery", "rc-loss")
+CORRECTIONS = ("rtcm-loss", "rtcm-jump", "rtcm-foreign")
 GUIDED = 4
 PATIENCE_S = 30.0
 
@@ -23,11 +24,11 @@ def test_every_fault_begins_and_ends_on_every_kind(kind: str) -> None:
     world = World(**count, ready_s=0.5, epoch_s=0.0)  # type: ignore[arg-type]
     (vehicle,) = world.vehicles
     world.step(1.0)
-    for fault in (*BODY, "frozen", "link-loss"):
+    for fault in (*BODY, *CORRECTIONS, "frozen", "link-loss"):
         world.fault(vehicle.name, fault)
         world.step(0.1)
-    assert len(world.faults()) == len(BODY) + 2
-    assert world.clear() == len(BODY) + 2
+    assert len(world.faults()) == len(BODY) + len(CORRECTIONS) + 2
+    assert world.clear() == len(BODY) + len(CORRECTIONS) + 2
     world.fault(vehicle.name, "reboot")
     world.step(5.0)
     assert world.faults() == []
@@ -64,7 +65,7 @@ def test_a_cut_link_over_tcp_is_silent_and_stays_open() -> None:
             frames: list[Frame] = []
             while not frames:
                 frames = splitter.feed(client.recv(4096))
-            world.fault("copter1", "link-cut")
+            world.fault("quad1", "link-cut")
             client.setblocking(False)
             now = world.time_s
             world.wait_for(lambda: world.time_s > now + 1.0)

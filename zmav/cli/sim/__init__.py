@@ -14,8 +14,10 @@ from zmav.cli.sim.talk import fault, pause, pilot, resume, speed, status, step, 
 @click.pass_context
 @run_options
 def command(ctx: click.Context, /, **options: Any) -> None:
-    """Simulate vehicles that speak as real autopilots do: 'zmav sim', then 'zmav up --link tcp:127.0.0.1:5760'; or
-    'zmav sim --px4 1', then 'zmav up --link udpin:127.0.0.1:14540'.
+    """Simulate vehicles that speak as real autopilots do: 'zmav sim --copters 3 --rovers 1 --up', then 'zmav ls'.
+
+    Without --up nothing runs beside them: 'zmav sim', then 'zmav up --link tcp:127.0.0.1:5760'; or 'zmav sim --px4 1',
+    then 'zmav up --link udpin:127.0.0.1:14540'.
 
     With a verb, talk to a simulator that runs: 'zmav sim pause'.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import signal
@@ -15,6 +16,7 @@ import click
 import msgspec
 from rich.console import Console
 
+from zmav.cli.sim.up import companions
 from zmav.errors import BadConfig, BadInput
 from zmav.hil.binaries import ARDUPILOT_PROGRAMS
 from zmav.hil.externals import Externals
@@ -187,6 +189,11 @@ _OPTIONS = (
     click.option("--lockstep", is_flag=True, help="Wait for clients that answer TIMESYNC, as 'zmav up' does."),
     click.option("--seed", type=int, help="Two worlds of one seed are identical.  [default: 0]"),
     click.option(
+        "--up",
+        is_flag=True,
+        help="Start a 'zmav up' beside each, and a router where 'zmav ls' and others look for one.",
+    ),
+    click.option(
         "--control", metavar="PATH", help="The control socket: a path or a name.  [default: called after the process]"
     ),
 )
@@ -199,8 +206,8 @@ def run_options(command: F) -> F:
     return command
 
 
-def run_world(control: str | None, camera_port: int, **options: Any) -> None:
-    """Make the world and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
+def run_world(control: str | None, camera_port: int, up: bool, **options: Any) -> None:
+    """Make the world, with ``up`` in the key space, and run it until SIGTERM, SIGINT or 'zmav sim stop'."""
     path = control_path(control)
     world = make_world(**options)
     before = {each: signal.signal(each, lambda *_: world.stop()) for each in (signal.SIGTERM, signal.SIGINT)}
@@ -215,7 +222,8 @@ def run_world(control: str | None, camera_port: int, **options: Any) -> None:
         world.say = console.print
         world.externals.listen(console.print)
         world.on_failure = lambda vehicle, error: console.print(_obituary(vehicle, error))
-        world.run()
+        with companions(world, options["fleet_file"]) if up else contextlib.nullcontext():
+            world.run()
         if world.failures:
             world.failures.clear()
             sys.exit(1)

@@ -175,7 +175,7 @@ def fault(
     control: str | None,
     as_json: bool,
 ) -> None:
-    """Let something go wrong: 'zmav sim fault copter1 gps-glitch north=30 --for 20'. VEHICLE is a name or 'all'.
+    """Let something go wrong: 'zmav sim fault quad1 gps-glitch north=30 --for 20'. VEHICLE is a name or 'all'.
     Without any, show the faults that are on.
     """
     if clear:

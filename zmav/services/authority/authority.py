@@ -22,11 +22,13 @@ from zmav.services.authority.lease import Leases, severity_of
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot, TakenByPilot
 from zmav.services.authority.setpoints import Setpoints
+from zmav.services.authority.steps import Aside, ModeRequested, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream
-from zmav.services.authority.watchdog import LATE_MODE, Aside, ModeRequested, StreamGivenUp, StreamWatchdog
+from zmav.services.authority.watchdog import LATE_MODE, StreamWatchdog
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
 from zmav.services.orders.command import Commander
+from zmav.services.orders.orders import OTHER
 from zmav.trust.certificate import Role
 from zmav.trust.gate import Origin
 from zmav.trust.proof import WINDOW
@@ -34,8 +36,6 @@ from zmav.verbs import Access, Verb
 
 TOLD = 1.5
 """s in which a mode that was entered is told"""
-OTHER = "other"
-"""the reason of a refusal by who is not meant"""
 MOVING_NOTHING = ("arm", "disarm", "mission_current")
 """orders that end a stream and put nothing in its place: the vehicle holds"""
 HALTING = ("hold", "land", "rtl")

@@ -10,16 +10,20 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import msgspec
+
 from zmav import wire
 from zmav.autopilots import Autopilot, Command, Target
 from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
 from zmav.services.authority import limits as limit
+from zmav.services.authority.clearance import Clearance, Place
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
 from zmav.services.link.reported import fields_of
 from zmav.services.missions.items import Raw
+from zmav.terrain import Ground
 
 FRESH = 2.0
 """s: age up to which a position says where the vehicle is"""
@@ -34,17 +38,18 @@ FORCE = "; an operator's order with force (--force) passes once"
 class Bounds:
     """Each check raises :class:`~zmav.errors.BadInput` whose ``detail["count"]`` names the bound. From any thread.
 
-    ``force`` leaves out what is only usual, never what is declared. Made of a fence that encloses nothing,
-    :class:`~zmav.errors.BadConfig`.
+    ``force`` leaves out what is only usual, never what is declared. The ground bounds places and straight ways, not
+    velocities. Made of a fence that encloses nothing, :class:`~zmav.errors.BadConfig`.
     """
 
-    def __init__(self, companion: Companion, fence: Geofence, limits: Limits) -> None:
+    def __init__(self, companion: Companion, fence: Geofence, limits: Limits, ground: Ground) -> None:
         self._port, self._identity, self._origin = companion.port, companion.identity, companion.origin
         self._fence = fence
         self._declared = limit.Fence(fence, companion.origin, ground=False)
         self._limits, self._usual_limits = limits, usual_limits(limits)
         self._about_home = companion.origin is None and not fence.polygon
         self._usual = None if self._about_home else limit.Fence(usual_fence(fence), companion.origin, ground=True)
+        self._clearance = Clearance(ground, fence.above_ground)
         self._armed = False
 
     def changed(self) -> None:
@@ -71,6 +76,8 @@ class Bounds:
 
         with_place = isinstance(what, Segment) or what.lat_deg is not None
         self._permit(judge, position, force, with_place)
+        if with_place and not flat:
+            self._check_ground(what, position, force, from_here)
 
     def check_height(self, alt_rel: float, *, force: bool) -> None:
         """Straight up to so many metres above home."""
@@ -88,21 +95,71 @@ class Bounds:
     def check_mission(self, plan: Sequence[Raw], *, force: bool) -> None:
         """Every place, height and speed of a mission, before it is begun; names the item."""
         dialect, autopilot = self._port.dialect, self._identity.autopilot
+        before: Place | None = None
         for index, raw in enumerate(plan):
             name, frame = dialect.enum_name("MAV_CMD", raw.command), dialect.enum_name("MAV_FRAME", raw.frame)
             if name is None or frame is None or autopilot is None:
                 continue
             item = Command(name, (*raw.params, raw.x, raw.y, raw.z), frame)
             try:
-                self._check(item, autopilot, force, in_mission=True)
+                before = self._check(item, autopilot, force, in_mission=True, before=before)
             except BadInput as e:
                 raise BadInput(f"item {index}: {e.message}", **e.detail) from None
 
-    def _check(self, command: Command, autopilot: Autopilot, force: bool, *, in_mission: bool) -> None:
+    def _check(
+        self, command: Command, autopilot: Autopilot, force: bool, *, in_mission: bool, before: Place | None = None
+    ) -> Place | None:
+        """Where it leads to, in a mission from where the item ``before`` led to."""
         if command.name == SET_HOME:
             self._check_home(home_by(command, autopilot), force, in_mission)
-        else:
-            self._check_lead(leads_to(command, autopilot, in_mission=in_mission), force, from_here=not in_mission)
+            return before
+        lead = leads_to(command, autopilot, in_mission=in_mission)
+        follows = "TERRAIN" in (command.frame or "")  # the ground on its way there, too
+        if follows and isinstance(lead, Target):
+            lead = self._above_sea(lead)
+        self._check_lead(lead, force, from_here=not in_mission)
+        place = self._place(lead, self._position()) if isinstance(lead, Target) else None
+        if place is not None and before is not None and not follows and not self._flat:
+            self._clearance.check(place, before, self._home_place(), force=force)
+        return place or before
+
+    def _above_sea(self, lead: Target) -> Target:
+        """A place at a height above the ground, which is known here or is left to the autopilot."""
+        if lead.lat_deg is None or lead.lon_deg is None or lead.alt_rel is None:
+            return lead
+        alt = self._clearance.above_sea(lead.lat_deg, lead.lon_deg, lead.alt_rel, self._home_place())
+        return lead if alt is None else msgspec.structs.replace(lead, alt_amsl=alt, alt_rel=None)
+
+    def _check_ground(
+        self, what: Target | Segment, position: Mapping[str, Any] | None, force: bool | None, from_here: bool
+    ) -> None:
+        home = self._home_place()
+        if isinstance(what, Segment):
+            for each in what.places():
+                self._clearance.check(each, None, home, force=force)
+            return
+        here = _place_of(position) if from_here and position is not None else None
+        place = self._place(what, position)
+        if place is not None:
+            self._clearance.check(place, here, home, force=force)
+
+    def _place(self, what: Target, position: Mapping[str, Any] | None) -> Place | None:
+        """Without a height of its own at the present one. None: it has no place, or its height is not known."""
+        alt, home = what.alt_amsl, self._home(position)
+        if alt is None and what.alt_rel is not None and home is not None:
+            alt = home + what.alt_rel
+        elif alt is None and what.alt_rel is None and position is not None:
+            alt = position["alt"] / 1e3
+        return (
+            None
+            if what.lat_deg is None or what.lon_deg is None or alt is None
+            else Place(what.lat_deg, what.lon_deg, alt)
+        )
+
+    def _home_place(self) -> Place | None:
+        """Where the autopilot says that home is."""
+        home = fields_of(self._port, "HOME_POSITION", self._identity.source)
+        return None if home is None else Place(home["latitude"] / 1e7, home["longitude"] / 1e7, home["altitude"] / 1e3)
 
     def _check_home(self, place: Target | None, force: bool, in_mission: bool) -> None:
         """A new home, which a return leads to and heights count from; ``place`` None: where the vehicle is then."""
@@ -183,6 +240,10 @@ def _origin_at(position: Mapping[str, Any]) -> wire.Origin | None:
         return None
     lat, lon, alt = position["lat"] / 1e7, position["lon"] / 1e7, position["alt"] / 1e3
     return wire.Origin(lat_deg=lat, lon_deg=lon, alt_amsl=alt)
+
+
+def _place_of(position: Mapping[str, Any]) -> Place:
+    return Place(position["lat"] / 1e7, position["lon"] / 1e7, position["alt"] / 1e3)
 
 
 def _here(position: Mapping[str, Any] | None) -> limit.Here | None:

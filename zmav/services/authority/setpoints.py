@@ -18,6 +18,7 @@ from zmav.autopilots import Autopilot, Target
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
+from zmav.services.authority.homeward import StoredReturn, read_way_home
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
@@ -154,17 +155,24 @@ class Setpoints:
         if not self._identity.armed:
             raise Refused("it is disarmed: setpoints are followed by an armed vehicle", count="disarmed")
         self._control.check_order()
-        what, first, until = self._resolve(point, time.time(), time.monotonic())
+        utc, now = time.time(), time.monotonic()
+        what, first, until = self._resolve(point, utc, now)
+        home = self._way_home(point, what, utc, now)
         mode = self._identity.mode
         needed = autopilot.guided_for(first) or mode or ""
         self._accept(autopilot, first)
         autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
-        flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until)
+        flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until, home=home)
         engaged = self._watchdog.fly(flown, mode)
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
         if isinstance(what, Segment):
             self._segment = wire.swarm.SegmentInfo(
-                lease=flown.lease, seq=point.seq, start=what.start, rests=what.rests, end=what.end
+                lease=flown.lease,
+                seq=point.seq,
+                start=what.start,
+                rests=what.rests,
+                end=what.end,
+                home=home.way.start if home else None,
             )
             self._port.bus.tell(SegmentAccepted())
         return engaged
@@ -217,6 +225,21 @@ class Setpoints:
             raise BadInput(text, field="segment", value=segment.end, count="late" if lasts <= 0.0 else "early")
         self._bounds.check(segment)
         return segment, segment.at(utc), now + lasts
+
+    def _way_home(self, point: wire.Setpoint, what: Target | Segment, utc: float, now: float) -> StoredReturn | None:
+        """What the vehicle flies if nothing else comes after the segment. One that is not to be flown, or leads where
+        nothing may, leaves the segment as it is: the configured action follows.
+        """
+        after = self._watchdog.failsafe.returns_after
+        if point.home is None or after is None or not isinstance(what, Segment):
+            return None
+        try:
+            home = read_way_home(point.home, what, after, utc, now)
+            self._bounds.check(home.way)
+        except BadInput as e:
+            self._events.emit("setpoint", "warning", f"way home not kept: {e.message}", limit="home", **e.detail)
+            return None
+        return home
 
     def _leave_switch(self, target: Target) -> None:
         """An override of the pilot's switch would take the vehicle from him for good."""

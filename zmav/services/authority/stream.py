@@ -10,7 +10,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from zmav.autopilots import Action, Autopilot, Message, Target
+from zmav.autopilots import Action, Autopilot, Level, Message, Target
+from zmav.services.authority.homeward import StoredReturn
 from zmav.services.authority.trajectory import Segment
 
 SEGMENT_AHEAD = 0.07
@@ -31,6 +32,12 @@ class ActiveStream(NamedTuple):
     """monotonic seconds at which it is stale unless renewed"""
     goes_on: bool = True
     """an action follows its hold; not where its end was meant"""
+    home: StoredReturn | None = None
+    """what the vehicle flies then in the place of that action"""
+
+    @property
+    def level(self) -> Level:
+        return "trajectory" if isinstance(self.what, Segment) else self.what.level
 
 
 def future(flown: ActiveStream) -> Callable[[float], Target]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 import time
+from collections.abc import Iterator
 from itertools import pairwise
 
 from zmav import geo, wire
@@ -17,6 +18,7 @@ from zmav.autopilots import Target
 from zmav.config import Limits
 from zmav.errors import BadInput
 from zmav.rotation import wrap
+from zmav.services.authority.clearance import Place
 from zmav.services.authority.limits import Fence, check_motion
 from zmav.services.authority.targets import MAX_ANGLE, MAX_DISTANCE, MAX_MOTION, number, to_global, vector
 
@@ -91,6 +93,13 @@ class Segment:
         pos, vel, acc, yaw = self.local(t_utc)
         lat, lon, alt = geo.to_global(self.origin, pos)
         return Target(lat, lon, alt, None, vel, acc, yaw)
+
+    def places(self) -> Iterator[Place]:
+        """Where it leads, every second and at both ends; at most some thousand places."""
+        step = max(1.0, (self.end - self.start) / 1000)
+        for i in range(math.ceil((self.end - self.start) / step)):
+            yield Place(*geo.to_global(self.origin, self.local(self.start + i * step)[0]))
+        yield Place(*geo.to_global(self.origin, self.local(self.end)[0]))
 
     def local(self, t_utc: float) -> tuple[wire.Vector, wire.Vector, wire.Vector, float | None]:
         """As :meth:`at`: position, velocity, acceleration (NED about the origin) and yaw."""

@@ -5,24 +5,25 @@ goes stale, reads the autopilot's mode from the adapter's memory, and sends thro
 
 fresh -> kept alive at the autopilot's rate; a committed segment is interpolated until its end
 -> stale for hold_after: hold, repeated until the vehicle shows it
--> stale for land_after: the configured action's mode, or the next safer one that the autopilot takes.
+-> stale for land_after: the way home that came with the segment (:mod:`.homeward`), where that is asked for and can be
+flown; else the configured action's mode, or the next safer one that the autopilot takes.
 """
 
 from __future__ import annotations
 
-import enum
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable
 
 from zmav import wire
-from zmav.autopilots import Autopilot, Command, Level, Message, Target
-from zmav.config import Failsafe
+from zmav.autopilots import Command, Message, Target
+from zmav.config import RETURN_LEAD, Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.services.authority.control import Control, Mover
+from zmav.services.authority.homeward import LATE
 from zmav.services.authority.may_move import SetpointCounts
+from zmav.services.authority.steps import MOVERS, SAFER, Allowed, Aside, ModeRequested, Near, Step, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream, CommandRepeats, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
@@ -44,35 +45,6 @@ SEGMENT_HZ = 10.0
 RETRY_ACTION = 10.0
 ROUND = 1.0
 """s at most between two rounds of the thread: anyone who counts them sees that it lives"""
-SAFER: Mapping[str, tuple[str, ...]] = {"loiter": ("loiter", "land"), "rtl": ("rtl", "land"), "land": ("land",)}
-
-Allowed = Callable[[str | None], bool]
-Near = Callable[[Autopilot, Target, tuple[int, int]], Target]
-Aside = Callable[[Callable[[float], Target]], tuple[Target, str] | None]
-
-
-class Step(enum.Enum):
-    IDLE = "idle"
-    ENGAGING = "engaging"
-    FRESH = "fresh"
-    HOLDING = "holding"
-    ACTING = "acting"
-
-
-MOVERS = {Step.ENGAGING: Mover.STREAM, Step.FRESH: Mover.STREAM, Step.HOLDING: Mover.HOLD, Step.ACTING: Mover.FAILSAFE}
-
-
-class ModeRequested(NamedTuple):
-    """A mode that the watchdog asks the autopilot for. Told from its thread, or from who gives a setpoint."""
-
-    mode: str
-
-
-class StreamGivenUp(NamedTuple):
-    """It acts on a stream that is over for good: nothing more is flown under its lease. Told from its thread."""
-
-    lease: int
-    """its lease's number"""
 
 
 class StreamWatchdog:
@@ -127,7 +99,7 @@ class StreamWatchdog:
         """End; a vehicle that follows a stream is told to hold, for nobody will watch over it any more."""
         with self._changed:
             for _ in range(CLOSING_REPEATS):
-                if self._step in (Step.FRESH, Step.HOLDING) and self._ours():
+                if self._step in (Step.FRESH, Step.HOLDING, Step.RETURNING) and self._ours():
                     self._asked = -math.inf
                     self._say_hold()
                     time.sleep(0.02)
@@ -174,14 +146,15 @@ class StreamWatchdog:
     def future(self) -> Callable[[float], Target] | None:
         """What it flies so many seconds from now; None where nothing is flown."""
         flown = self._flown
-        return None if flown is None or self._step is not Step.FRESH else future(flown)
+        return None if flown is None or self._step not in (Step.FRESH, Step.RETURNING) else future(flown)
 
     @property
     def on_segment(self) -> bool:
         """A segment is what is flown or, at its end, held; not while the vehicle is moved aside from it."""
         flown = self._flown
-        followed = flown is not None and isinstance(flown.what, Segment) and self._dodging is not flown
-        return self._step is not Step.IDLE and followed
+        if flown is None or flown.lease == self._over or self._step is Step.IDLE:
+            return False
+        return isinstance(flown.what, Segment) and self._dodging is not flown
 
     def hold_now(self, why: str, *, goes_on: bool = True, severity: wire.Severity = "warning") -> None:
         """The stream's right to fly has ended: hold at once. ``goes_on``: land_after follows, unless the end of what is
@@ -255,7 +228,7 @@ class StreamWatchdog:
         flown = self._flown
         if flown is None or self._step is Step.IDLE:
             return math.inf
-        if self._step is Step.FRESH:
+        if self._step in (Step.FRESH, Step.RETURNING):
             return min(flown.until, now + self._period(flown))
         if self._step is Step.ENGAGING:
             if now >= flown.until:
@@ -282,6 +255,8 @@ class StreamWatchdog:
             self._engage(flown, now)
         elif self._step is Step.HOLDING:
             self._watch_hold(flown, now)
+        elif self._step is Step.RETURNING:
+            self._return(flown, now)
         else:
             self._act(flown, now)
 
@@ -290,7 +265,7 @@ class StreamWatchdog:
     def _begin_engaging(self, flown: ActiveStream) -> None:
         self._enter(Step.ENGAGING)
         flies = in_the_air(self._port, flown.source) is True
-        self._engages = self._begun + flown.autopilot.engages_after(_level(flown), flies)
+        self._engages = self._begun + flown.autopilot.engages_after(flown.level, flies)
         self._port.bus.tell(
             ModeRequested(flown.mode)
         )  # PX4 goes back to the mode it was last asked for as soon as setpoints come
@@ -347,14 +322,55 @@ class StreamWatchdog:
     def _watch_hold(self, flown: ActiveStream, now: float) -> None:
         """Until it is in the mode and stands still; a few times in any case."""
         after = self.failsafe.land_after
-        if flown.goes_on and after != "never" and now - self._since >= after:
-            self._enter(Step.ACTING)
-            self._tries = list(SAFER[self.failsafe.action])
-            self._over = flown.lease
-            self._port.bus.tell(StreamGivenUp(flown.lease))
-            self._act(flown, now)
+        if flown.goes_on and after != "never" and now - self._since >= after and not self._waits_to_return(flown, now):
+            self._begin_action(self.failsafe.action)
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
+
+    def _waits_to_return(self, flown: ActiveStream, now: float) -> bool:
+        """The way home is to be flown, and its time may be yet to come. One that cannot be is given up for good."""
+        home = flown.home
+        if home is None or now < home.begins - RETURN_LEAD:
+            return home is not None
+        self._flown = flown._replace(home=None)
+        if why := home.missed(now, self._port, flown.source):
+            self._events.emit("failsafe", "error", f"the way home is not flown: {why}")
+            return False
+        self._give_up(flown.lease)
+        self._flown = flown._replace(what=home.way, until=home.ends, home=None)
+        self._enter(Step.RETURNING)
+        text = f"nothing came for {now - self._since:.0f} s: it flies the way home that the planner sent"
+        self._events.emit("failsafe", "critical", text, action="return", seconds=round(home.ends - home.begins, 1))
+        return True
+
+    def _return(self, flown: ActiveStream, now: float) -> None:
+        """Along the way home by its own clock, and down at its end."""
+        assert isinstance(flown.what, Segment)
+        if now >= flown.until:
+            self._begin_action("land")
+        elif self._shown().mode == flown.mode:
+            self._send()
+        elif now - flown.until + flown.what.end - flown.what.start > LATE:
+            self._events.emit("failsafe", "error", f"{flown.mode} did not come for the way home: it is not flown")
+            self._begin_action(self.failsafe.action)
+        else:
+            if flown.autopilot.engage_after > 0.0:
+                self._send()
+            if now >= max(self._asked + ASK_EVERY, self._begun + flown.autopilot.engages_after("trajectory", True)):
+                self._ask(flown.mode, now)
+
+    def _begin_action(self, action: str) -> None:
+        flown = self._flown
+        assert flown is not None
+        self._enter(Step.ACTING)
+        self._tries = list(SAFER[action])
+        self._give_up(flown.lease)
+        self._act(flown, time.monotonic())
+
+    def _give_up(self, lease: int) -> None:
+        if self._over != lease:
+            self._over = lease
+            self._port.bus.tell(StreamGivenUp(lease))
 
     def _holds(self, flown: ActiveStream) -> bool:
         try:
@@ -478,7 +494,3 @@ class StreamWatchdog:
         assert self._flown is not None
         message = action if isinstance(action, Message) else action.message(self._port.dialect)
         return self._port.send(message.name, **message.addressed(*self._flown.source))
-
-
-def _level(flown: ActiveStream) -> Level:
-    return "trajectory" if isinstance(flown.what, Segment) else flown.what.level

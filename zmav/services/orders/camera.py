@@ -9,13 +9,15 @@ from typing import Any
 
 from zmav import wire
 from zmav.autopilots import Command
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, LinkError, Refused, Stale, TimedOut, ZmavError
 from zmav.services.companion import Companion
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Report
 
 DISTANCES = (0.1, 1000.0)
 """m between two pictures"""
+AGAIN = 1.0
+"""s between two tries to stop a camera where the autopilot does not answer"""
 
 
 class TriggeredCamera:
@@ -60,8 +62,11 @@ class TriggeredCamera:
             first = next(iter(kinds))
             text = f"the autopilot has no camera: {first} is 0; set it, and restart the autopilot"
             raise Refused(text, vehicle=self._port.name, param=first)
+        ending = self._ending is not None and self._ending.cancel()
         on, self._latest = bool(args.lease) and args.distance > 0.0, args
-        self._leased = self._leased or on  # one that is not seen to stop is told so once more when the lease ends
+        self._leased = (
+            self._leased or ending or on
+        )  # one that is not seen to stop is told so once more when the lease ends
         await self._do.command(_every(args.distance), report)
         if self._latest is args:
             self._leased = on
@@ -74,12 +79,26 @@ class TriggeredCamera:
             self._ending = asyncio.get_running_loop().create_task(self._end())
 
     async def _end(self) -> None:
-        """Behind one that may be under way: commands of one name wait for each other."""
-        try:
-            await self._do.command(_every(0.0))
-        except ZmavError as e:
-            text = f"the lease has ended, and the camera could not be stopped: {e.message}"
-            self._events.emit("camera", "warning", text)
+        """Behind one that may be under way: commands of one name wait for each other. An autopilot that is silent is
+        told when it is heard again.
+        """
+        warned = False
+        while True:
+            try:
+                await self._do.command(_every(0.0))
+                return
+            except (Stale, TimedOut, LinkError) as e:
+                if not warned:
+                    self._warn(f"{e.message}; it is tried again until the autopilot answers")
+                warned = True
+            except ZmavError as e:
+                self._warn(e.message)
+                return
+            await asyncio.sleep(AGAIN)
+
+    def _warn(self, why: str) -> None:
+        text = f"the lease has ended, and the camera could not be stopped: {why}"
+        self._events.emit("camera", "warning", text)
 
 
 def _every(metres: float) -> Command:

@@ -25,7 +25,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.outcomes import Outcomes
 from zmav.services.queries.proven import Answers, attached
-from zmav.services.queries.questions import Questions, Reply, Steps
+from zmav.services.queries.questions import Questions, Reply, Steps, refuse_parameters
 from zmav.trust.gate import Origin, Prove, anybody
 from zmav.verbs import VERBS, Access, Verb
 from zmav.waiting import in_thread
@@ -45,6 +45,8 @@ MOST_ID = 64
 """characters of an id"""
 UNKNOWN = "unknown"
 """the reason of a refusal to tell what became of an order that has not come"""
+OTHER = "other"
+"""the reason of a refusal by the one of two of one name that is not meant"""
 
 Report = Callable[[dict[str, Any]], None]
 Handler = Callable[[Any, Report], Awaitable[dict[str, Any]]]
@@ -88,8 +90,9 @@ class Operation:
 
     def end(self, task: asyncio.Task[dict[str, Any]]) -> None:
         self.ended = time.monotonic()
-        if not task.cancelled():
-            task.exception()  # looked at, so that asyncio does not complain where nobody asks how it ended
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, ZmavError):
+            logger.error("%s failed by a defect", self.verb, exc_info=error)  # where: who asked is told the words only
 
 
 class Operations:
@@ -244,12 +247,14 @@ class Orders:
             if verb is not None and self._only_looks(verb.name):
                 self._questions.put(lane, query)
                 return
+            urgent = verb is not None and verb.access is Access.OPEN
             try:
+                if not urgent:  # what makes it safe is done, whatever stands beside it
+                    refuse_parameters(query)
                 order = self._proven(query, asked)
             except ZmavError as e:  # said in the lane: who asked may not read
                 self._questions.refuse(refusals, query, e)
                 return
-            urgent = verb is not None and verb.access is Access.OPEN
             line, most = (self._urgent, MOST_URGENT) if urgent else (self._waiting, MOST_WAITING)
             if len(line) < most:  # else it is asked again, as any order is that gets no answer
                 line.append(order)

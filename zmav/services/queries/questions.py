@@ -13,7 +13,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -79,6 +79,8 @@ class Channel:
     """that go on: these give way to nobody"""
     pending: int = 0
     """that something else is to bring the answer to"""
+    parameters: Container[str] = ()
+    """of a selector, that are read"""
 
 
 class QuestionsDropped(NamedTuple):
@@ -107,9 +109,10 @@ class Questions:
         self._credit, self._paid = CREDIT, time.monotonic()
         self._thread: threading.Thread | None = None
 
-    def declare(self, key: str, answer: Answer, admit: Prove | None = None) -> None:
-        """Answer what is asked on ``key``; ``admit`` instead of the lane's own."""
+    def declare(self, key: str, answer: Answer, admit: Prove | None = None, parameters: Container[str] = ()) -> None:
+        """Answer what is asked on ``key``; ``admit``: instead of the lane's own. ``parameters`` are those read."""
         channel = self.channel(answer, admit, signed=bool(keys.answerers(key.replace("*", "x"))))
+        channel.parameters = parameters
         self._intakes.append(
             Intake(self._session.declare_queryable, key, lambda queries: self.put(channel, *queries), MOST)
         )
@@ -127,7 +130,7 @@ class Questions:
     def put(self, channel: Channel, *queries: zenoh.Query) -> None:
         """Have them answered, in their turn."""
         now, dropped = time.monotonic(), list[_Question]()
-        fits = [query for query in queries if self._fits(query)]
+        fits = [query for query in queries if self._fits(query, channel.parameters)]
         with self._news:
             for query in fits:
                 if len(channel.waiting) >= MOST:
@@ -149,16 +152,19 @@ class Questions:
         if oldest is not None:
             _end(oldest)
 
-    def _fits(self, query: zenoh.Query) -> bool:
-        """Too large a question is refused in words, before it waits."""
+    def _fits(self, query: zenoh.Query, parameters: Container[str]) -> bool:
+        """What is too large, or has parameters that nobody reads, is refused in words, before it waits."""
         size = 0 if query.payload is None else len(query.payload)
-        if size <= LARGEST:
-            return True
-        text = f"{size} bytes are too much for a question; at most {LARGEST} are read"
-        with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
-            error = BadInput(text, field="payload", value=size, expected=f"at most {LARGEST} bytes")
-            self._answering.refuse(query, error)
-        return False
+        try:
+            if size > LARGEST:
+                text = f"{size} bytes are too much for a question; at most {LARGEST} are read"
+                raise BadInput(text, field="payload", value=size, expected=f"at most {LARGEST} bytes")
+            refuse_parameters(query, parameters)
+        except BadInput as e:
+            with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
+                self._answering.refuse(query, e)
+            return False
+        return True
 
     @property
     def waiting(self) -> int:
@@ -270,6 +276,18 @@ class Questions:
                 self._news.notify()
                 return
         _end(question)
+
+
+def refuse_parameters(query: zenoh.Query, known: Container[str] = ()) -> None:
+    """Raise :class:`BadInput` for a parameter of the selector (``?name=value``) that nobody reads; those that begin
+    with an underscore are Zenoh's own.
+    """
+    if query.parameters.is_empty():
+        return
+    for name, _, value in (pair.partition("=") for pair in str(query.parameters).split(";")):
+        if name not in known and not name.startswith("_"):
+            text = f"the selector's parameter {name!r} is not read: give what you want as JSON in the query's payload"
+            raise BadInput(text, field=name, value=value, expected="a payload")
 
 
 def _refusing(error: ZmavError) -> Steps:

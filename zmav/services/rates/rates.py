@@ -59,7 +59,7 @@ class Rates:
     def __init__(self, companion: Companion, needs: Mapping[str, float], clock: AutopilotClock) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
-        self._needs, self._clock = needs, clock
+        self._needs, self._clock = dict(needs), clock
         self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
@@ -111,6 +111,15 @@ class Rates:
         self.plan()
 
     # What is wanted.
+
+    def need(self, name: str, hz: float) -> None:
+        """The companion itself reads this from now on; 0: no more."""
+        if self._needs.get(name, 0.0) == hz:
+            return
+        self._needs[name] = hz
+        if not hz:
+            del self._needs[name]
+        self.plan()
 
     def plan(self) -> None:
         """Put together what should flow, and have it asked for."""

@@ -1,5 +1,5 @@
 """What is looked at when somebody asks: ``body`` (the room that a vehicle needs and what it can do), ``host`` (how its
-computer is) and ``msg/{MSG}`` (the last message of a name, decoded).
+computer is), ``msg/{MSG}`` (the last message of a name, decoded) and ``schema/{name}`` (what all of that is).
 """
 
 from __future__ import annotations
@@ -7,10 +7,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.config import BodyConfig, body_of
+from zmav.config import BodyConfig, Failsafe, body_of
 from zmav.errors import BadInput
 from zmav.host import report
 from zmav.mavlink import describe
@@ -69,11 +70,27 @@ class Messages:
         )
 
 
+class SchemaService:
+    """Answers in the lane of questions what its key space is, as programs read it."""
+
+    def __init__(self, companion: Companion) -> None:
+        self._fleet, self._name = companion.port.fleet, companion.port.name
+        companion.questions.declare(keys.SCHEMA.key(self._fleet, self._name, schema="*"), self._answer)
+
+    def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        from zmav import schemas  # seldom asked, and some work to load
+
+        asked = str(query.key_expr).split("/")[-1]
+        name = schemas.ASYNCAPI if "*" in asked else asked
+        document = schemas.asyncapi() if name == schemas.ASYNCAPI else schemas.payload_schema(name)
+        yield Reply(keys.SCHEMA.key(self._fleet, self._name, schema=name), msgspec.json.encode(document))
+
+
 class BodyService:
     """Answers in the lane of questions."""
 
-    def __init__(self, companion: Companion, declared: BodyConfig | None) -> None:
-        self._identity, self._declared = companion.identity, declared
+    def __init__(self, companion: Companion, declared: BodyConfig | None, failsafe: Failsafe) -> None:
+        self._identity, self._declared, self._failsafe = companion.identity, declared, failsafe
         self._key = keys.BODY.key(companion.port.fleet, companion.port.name)
         companion.questions.declare(self._key, self._answer)
 
@@ -83,7 +100,12 @@ class BodyService:
         return body_of(self._identity.kind, self._declared)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
-        told = wire.swarm.BodyReport(kind=self._identity.kind, body=self.body, declared=self._declared is not None)
+        told = wire.swarm.BodyReport(
+            kind=self._identity.kind,
+            body=self.body,
+            declared=self._declared is not None,
+            returns_after=self._failsafe.returns_after,
+        )
         yield Reply(self._key, wire.encode(told))
 
 

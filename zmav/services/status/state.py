@@ -150,13 +150,16 @@ class StateService:
         state.ages = {name: round(age, 3) for name, age in state.ages.items()}
         return state
 
+    def place(self) -> wire.GlobalPosition | None:
+        """Where the vehicle was last; None where it does not know."""
+        position, autopilot = self.last("GLOBAL_POSITION_INT"), self._identity.autopilot
+        return _place(position) if position and autopilot and autopilot.has_position(self.last) else None
+
     def _add_motion(self, state: wire.VehicleState) -> None:
         position = self._heard("GLOBAL_POSITION_INT")
         if position and self._identity.autopilot and self._identity.autopilot.has_position(self.last):
             p, state.ages["position"] = position
-            state.position = wire.GlobalPosition(
-                lat_deg=p["lat"] / 1e7, lon_deg=p["lon"] / 1e7, alt_amsl=p["alt"] / 1e3, alt_rel=p["relative_alt"] / 1e3
-            )
+            state.position = _place(p)
             state.velocity = (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0)
             if self.origin:
                 g = state.position
@@ -187,3 +190,19 @@ class StateService:
                 hdop=None if g["eph"] == 0xFFFF else g["eph"] / 100.0,
                 h_acc=None if g["h_acc"] in (0, 0xFFFFFFFF) else g["h_acc"] / 1e3,
             )
+        if filtered := self._heard("ESTIMATOR_STATUS"):
+            e, state.ages["estimate"] = filtered
+            state.estimate = wire.Estimate(accuracy=_known(e["pos_horiz_accuracy"]), ratio=_known(e["pos_horiz_ratio"]))
+        elif filtered := self._heard("EKF_STATUS_REPORT"):  # ArduPilot calls its ratio a variance
+            e, state.ages["estimate"] = filtered
+            state.estimate = wire.Estimate(ratio=_known(e["pos_horiz_variance"]))
+
+
+def _known(value: float) -> float | None:
+    return round(value, 3) if math.isfinite(value) and value >= 0.0 else None
+
+
+def _place(fields: Mapping[str, Any]) -> wire.GlobalPosition:
+    """Of a GLOBAL_POSITION_INT."""
+    lat, lon, alt, rel = (fields[name] for name in ("lat", "lon", "alt", "relative_alt"))
+    return wire.GlobalPosition(lat_deg=lat / 1e7, lon_deg=lon / 1e7, alt_amsl=alt / 1e3, alt_rel=rel / 1e3)

@@ -1,8 +1,8 @@
 """What can go wrong on command: a fault is put on a vehicle by name, for a time or until it is cleared.
 
-world.fault("copter2", "gps-loss", for_s=10)
-world.fault("copter1", "motor", number=2, efficiency=0.3)
-world.clear("copter1")
+world.fault("quad2", "gps-loss", for_s=10)
+world.fault("quad1", "motor", number=2, efficiency=0.3)
+world.clear("quad1")
 """
 
 from __future__ import annotations

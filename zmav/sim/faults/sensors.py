@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from zmav.sim.faults.base import Fault, Undo, Victim
+from zmav.sim.faults.base import AutopilotFault, Fault, Undo, Victim
 from zmav.sim.sensors.troubles import FINE, Trouble
 
 Metres = Annotated[float, Meta(ge=-100_000.0, le=100_000.0)]
@@ -98,3 +98,51 @@ class PitotLoss(SensorFault, frozen=True):
 
     def trouble(self) -> Trouble:
         return Trouble(pitot_lost=True)
+
+
+class CorrectionsLoss(AutopilotFault, frozen=True):
+    """Corrections stop: the receiver gets none of those that its autopilot is sent."""
+
+    KIND: ClassVar[str] = "rtcm-loss"
+
+    def begin(self, victim: Victim) -> Undo:
+        receiver = victim.vehicle.node.receiver
+        receiver.deaf = True
+
+        def hear() -> None:
+            receiver.deaf = False
+
+        return hear
+
+
+class CorrectionsJump(AutopilotFault, frozen=True):
+    """The base is not where it says: a solution by its corrections is so many metres aside."""
+
+    KIND: ClassVar[str] = "rtcm-jump"
+    north: Metres = 2.0
+    east: Metres = 0.0
+    up: Metres = 0.0
+
+    def begin(self, victim: Victim) -> Undo:
+        receiver = victim.vehicle.node.receiver
+        receiver.jump = (self.north, self.east, -self.up)
+
+        def stand() -> None:
+            receiver.jump = (0.0, 0.0, 0.0)
+
+        return stand
+
+
+class CorrectionsForeign(AutopilotFault, frozen=True):
+    """Corrections are another place's: the receiver sees none of that base's satellites, and cannot use them."""
+
+    KIND: ClassVar[str] = "rtcm-foreign"
+
+    def begin(self, victim: Victim) -> Undo:
+        receiver = victim.vehicle.node.receiver
+        receiver.foreign = True
+
+        def come_home() -> None:
+            receiver.foreign = False
+
+        return come_home

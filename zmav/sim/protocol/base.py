@@ -18,6 +18,7 @@ from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.fleets.base import Seat
 from zmav.sim.protocol.channel import FORCE, Answer, Channel, Command, Outlet, Part, Sender, read_command
+from zmav.sim.protocol.corrections import CorrectedReceiver
 from zmav.sim.protocol.router import Router
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 from zmav.sim.sensors.magnetic import earth_field
@@ -79,6 +80,8 @@ class Node(ABC):
         self.channels: list[Channel] = []
         self.bad_messages = 0
         self._epoch_us = epoch_us
+        self.late_us = 0
+        """by which simulated time fell behind real time: a receiver tells UTC nevertheless"""
         self._router = Router(dialect, stands_in=self.STANDS_IN)
         self._parts: list[Part] = []
         self.hung = False
@@ -95,6 +98,8 @@ class Node(ABC):
         self._reboot_at: float | None = None
         self.on_defect: Callable[[Exception], None] = _raise
         self.timesync_answered: Callable[[Channel, int], None] = lambda channel, question: None
+        self.receiver = CorrectedReceiver(self)
+        self.answer("GPS_RTCM_DATA", self.receiver.take)
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
         self.answer("COMMAND_LONG", self._command)
@@ -156,7 +161,7 @@ class Node(ABC):
     @property
     def unix_us(self) -> int:
         """UTC as the GPS would tell it, microseconds."""
-        return self._epoch_us + int(self.brain.now * 1e6)
+        return self._epoch_us + self.late_us + int(self.brain.now * 1e6)
 
     def name_in(self, command: Command) -> str:
         """The message that a command names by its first parameter; empty for one that there is not."""
@@ -220,6 +225,7 @@ class Node(ABC):
     def restart(self) -> None:
         """Boot the autopilot again: what it had been asked to send is forgotten, and all counting starts again."""
         self.brain.power_on()
+        self.receiver.restart()
         for channel in self.channels:
             channel.restart(self.brain.now)
             self.greet(channel)

@@ -42,7 +42,7 @@ def gps_raw_int(node: Node, fix: GpsFix) -> Fields:
     """The place, the motion and the satellites of a solution; not how good it is."""
     here = node.brain.place((fix.north, fix.east, fix.down))
     return {
-        "fix_type": fix.fix_type,
+        "fix_type": node.receiver.fix_type(fix.fix_type),
         "lat": e7(here.lat_deg),
         "lon": e7(here.lon_deg),
         "alt": round(here.alt_amsl_m * 1000),

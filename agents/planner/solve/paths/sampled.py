@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from ompl import base, geometric, util
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import away, segment_clear
 from agents.planner.model.problem import Floats, Path
 from agents.planner.model.world import World
@@ -18,13 +18,17 @@ from agents.planner.solve.paths.lattice import extent
 
 STEPS = 25
 """of the extent's diagonal in the longest edge"""
+SHORTEST = 0.01
+"""s"""
 
 
-def find(world: World, start: Floats, goal: Floats, radius: float, seconds: float) -> Path | None:
-    """A way from start to goal, (3,) each, that keeps ``radius`` everywhere; None: none was found in ``seconds``.
+def find(world: World, start: Floats, goal: Floats, radius: float, until: Deadline) -> Path | None:
+    """A way from start to goal, (3,) each, that keeps ``radius`` everywhere; None: none was found ``until`` then.
 
-    Wall time. Both ends must be free, or all of the time is spent in vain.
+    Both ends must be free, or all of the time is spent in vain.
     """
+    from ompl import base, geometric, util  # takes long to import and is seldom needed
+
     util.setLogLevel(util.LOG_NONE)
     low, high = extent(world)
     # The world's box shrunk to what the ends span is no use: a way may lead around. Edges are tested, not sampled.
@@ -42,7 +46,8 @@ def find(world: World, start: Floats, goal: Floats, radius: float, seconds: floa
     chosen = geometric.RRTConnect(information)
     chosen.setRange(float(np.linalg.norm(high - low)) / STEPS)
     setup.setPlanner(chosen)
-    setup.solve(seconds)
+    while (left := until.left()) > SHORTEST and not setup.haveExactSolutionPath():
+        setup.solve(left)  # by the clock; what it knows is kept
     if not setup.haveExactSolutionPath():
         return None
     states = setup.getSolutionPath().getStates()
@@ -62,6 +67,8 @@ def _free(world: World, state: Any, radius: float) -> bool:
 
 def _motions(information: Any, world: World, radius: float) -> Any:
     """OMPL's validator of edges; it holds nothing but arrays, for what refers back to OMPL's objects is never freed."""
+    from ompl import base
+
     begin, end = np.empty(3), np.empty(3)
 
     class ExactMotions(base.MotionValidator):  # type: ignore[misc]

@@ -7,12 +7,12 @@ plan.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import World, segment_clear
 from agents.planner.model.problem import ROVER, Floats, Ints, Motion, Path, Problem
 from agents.planner.solve.jit import jit
@@ -86,6 +86,7 @@ FINE_STEP = 0.195  # s; a plan has at least five samples a second
 COARSE_STEP = 0.4
 FACTORS = (1.03, 1.12, 1.25, 1.45, 1.75)
 GUESSES = (Guess(), Guess(side=3.0, up=8.0), Guess(side=5.0, up=16.0))  # radii
+ROUND = 0.1  # radii aside for each vehicle: so many that cross in one place go round it, all in one sense
 CAP = 1.0  # radii
 SQUEEZED = 0.3  # the same for motions whose order is to be kept
 SLIDE = 0.6  # how much two pass beside each other rather than one before the other
@@ -110,12 +111,12 @@ def refine_paths(
     problem: Problem,
     world: World,
     paths: list[Path],
-    deadline: float,
+    deadline: Deadline,
     seed: int = 0,
     factors: tuple[float, ...] = FACTORS,
     hopeless: float = 1.0,
 ) -> Refined:
-    """Motions along ways; ``deadline`` by :func:`time.monotonic`. Tries go from short to long.
+    """Motions along ways. Tries go from short to long.
 
     No longer ones are made when more than this share of all, ``hopeless``, is stuck in the best of those of a length.
     """
@@ -125,7 +126,7 @@ def refine_paths(
     best = Refined(None)
     for factor in factors:
         for swarm in race(problem, world, paths, least * factor, seed):
-            if time.monotonic() > deadline:
+            if deadline.over:
                 return best
             result = settle_and_finish(swarm, deadline)
             if result.motions is not None:
@@ -140,7 +141,9 @@ def refine_paths(
 def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed: int) -> Iterator[Swarm]:
     """First guesses, all stepped a little; those that have come furthest first."""
     field: list[tuple[float, int, Swarm]] = []
-    for m, guess in enumerate(GUESSES):
+    side = ROUND * len(problem)
+    guesses = (*GUESSES, Guess(side=side, up=16.0)) if side > GUESSES[-1].side else GUESSES
+    for m, guess in enumerate(guesses):
         place = bent(problem, world, paths, seconds, coarse_knots(problem, seconds), guess, seed + m)
         swarm = Swarm(problem, world, place, seconds)
         for _ in range(HEAT):
@@ -151,19 +154,19 @@ def race(problem: Problem, world: World, paths: list[Path], seconds: float, seed
         broken = swarm.look(SLIDE).total
         if broken < 0.01 * swarm.length * len(problem):
             yield swarm
-            if m == len(GUESSES) - 1:
+            if m == len(guesses) - 1:
                 break
         else:
             field.append((broken, m, swarm))
     yield from (swarm for _, _, swarm in sorted(field, key=lambda entry: entry[:2]))
 
 
-def refine(problem: Problem, world: World, motions: list[Motion], deadline: float) -> Refined:
+def refine(problem: Problem, world: World, motions: list[Motion], deadline: Deadline) -> Refined:
     """Motions that can be flown near to given ones that keep apart; the order in which they pass is kept."""
     span = max((float(m[-1, 0]) for m in motions), default=0.0)
     best = Refined(None)
     for stretch in (1.0, 1.2, 1.5, 2.0, 3.0):
-        if time.monotonic() > deadline:
+        if deadline.over:
             break
         seconds = span * stretch
         place = knots_of_motions(motions, seconds, coarse_knots(problem, seconds), stretch)
@@ -173,11 +176,11 @@ def refine(problem: Problem, world: World, motions: list[Motion], deadline: floa
     return best
 
 
-def squeeze(problem: Problem, world: World, found: Refined, floor: float, deadline: float) -> Refined:
+def squeeze(problem: Problem, world: World, found: Refined, floor: float, deadline: Deadline) -> Refined:
     """The same in less time, as long as that goes well and it takes more than ``floor`` s."""
     cut = 0.85
     for _ in range(TRIALS):
-        if found.place is None or cut > 0.97 or time.monotonic() > deadline:
+        if found.place is None or cut > 0.97 or deadline.over:
             break
         seconds = max(floor, found.seconds * cut)
         if seconds > 0.98 * found.seconds:
@@ -195,14 +198,14 @@ def coarse_knots(problem: Problem, seconds: float) -> int:
     return max(8, int(np.ceil(seconds / (COARSE_STEP * min(1.0, units(problem)[1])))))
 
 
-def settle_and_finish(swarm: Swarm, deadline: float, slide: float = SLIDE) -> Refined:
+def settle_and_finish(swarm: Swarm, deadline: Deadline, slide: float = SLIDE) -> Refined:
     worst = settle(swarm, deadline, 160, slide)
     if worst.overlap > 0.15 or worst.depth > 0.15:
         return Refined(None, swarm.place.copy(), swarm.seconds, worst.by)
     return finish(swarm, deadline, slide)
 
 
-def settle(swarm: Swarm, deadline: float, steps: int, slide: float) -> Worst:
+def settle(swarm: Swarm, deadline: Deadline, steps: int, slide: float) -> Worst:
     """Step until nothing is broken, with a little more time whenever it does not come to an end."""
     worst = swarm.look(slide)
     broken = np.inf
@@ -210,7 +213,7 @@ def settle(swarm: Swarm, deadline: float, steps: int, slide: float) -> Worst:
         if worst.overlap == 0.0 and worst.depth == 0.0 and worst.pace <= PACE:
             break
         if n % 20 == 19:
-            if time.monotonic() > deadline:
+            if deadline.over:
                 break
             now = float(worst.overlap + worst.depth)
             if n > 60 and now > 0.5 and now > 0.8 * broken:
@@ -222,7 +225,7 @@ def settle(swarm: Swarm, deadline: float, steps: int, slide: float) -> Worst:
     return worst
 
 
-def finish(swarm: Swarm, deadline: float, slide: float) -> Refined:
+def finish(swarm: Swarm, deadline: Deadline, slide: float) -> Refined:
     """Knots as near to each other as samples, then the clock as slow as the limits need."""
     for _ in range(3):
         knots = max(swarm.place.shape[1] - 1, int(np.ceil(swarm.seconds / FINE_STEP)))

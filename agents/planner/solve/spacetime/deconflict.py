@@ -8,11 +8,11 @@ that a group that is stuck looks elsewhere.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from agents.planner.model.deadline import Deadline
 from agents.planner.model.problem import ROVER, Floats, Ints, Motion, Path, Problem
 from agents.planner.model.world import World
 from agents.planner.solve.refine.knots import leg_times
@@ -179,18 +179,18 @@ class Negotiation:
 
     # All of them.
 
-    def start(self, order: Sequence[int], deadline: float) -> None:
+    def start(self, order: Sequence[int], deadline: Deadline) -> None:
         """A first way for everybody, one after another; what cannot be passed is paid for.
 
         When half the time is over, anyone who can wait on its own path does, however long; when it is over twice, the
         rest go straight, anyone who is in the way.
         """
-        begun = time.perf_counter()
+        whole = deadline.left()
         for i in order:
-            now = time.perf_counter()
-            enough = FOREVER if now - begun > deadline - now else int(self.arrival.max())
-            over = now - begun > 2.0 * (deadline - begun)
-            if over or not self.plan(i, LIMIT if now < deadline else 0.0, enough=enough):
+            left = deadline.left()
+            enough = FOREVER if left < whole / 2.0 else int(self.arrival.max())
+            over = left < -whole
+            if over or not self.plan(i, LIMIT if left > 0.0 else 0.0, enough=enough):
                 self._go_straight(i)
             self.file(i)
 
@@ -209,13 +209,13 @@ class Negotiation:
         lay(rows, lattice, roads, self.table.places[i])
         self.arrival[i] = rows[-1, 1]
 
-    def settle(self, deadline: float, rng: np.random.Generator) -> bool:
+    def settle(self, deadline: Deadline, rng: np.random.Generator) -> bool:
         """Plan groups again until nobody is in conflict; False: time is over first."""
         while True:
             clashing = np.flatnonzero(self.conflicts[: len(self.problem)].any(axis=1))
             if not self.conflicts.any():
                 return True
-            if not len(clashing) or time.perf_counter() >= deadline:
+            if not len(clashing) or deadline.over:
                 return False
             self._dearer()
             self.again(self._group(int(rng.choice(clashing)), rng), LIMIT, rng)
@@ -287,15 +287,14 @@ MARGIN = 0.05
 
 
 def find(
-    problem: Problem, world: World, paths: Sequence[Path], seconds: float, rng: np.random.Generator
+    problem: Problem, world: World, paths: Sequence[Path], deadline: Deadline, rng: np.random.Generator
 ) -> list[Motion] | None:
     """Motions for all along straight lines, apart from each other and the movers at every instant; None: none found.
 
     They go at up to 0.8 of the greatest speeds and change velocity at once. ``paths``: everybody's way through the
     world if there were nobody else. The time is used up only as long as there are conflicts.
     """
-    begun = time.perf_counter()
-    deadline = begun + seconds
+    seconds = deadline.left()
     longest = max((leg_times(problem, i, path).sum() for i, path in enumerate(paths)), default=0.0)
     moved = max((float(mover.motion[-1, 0]) for mover in problem.movers), default=0.0)
     length = max(0.0, moved) + 3.0 * longest + 25.0 + 2.0 * len(problem)  # that a table should have room for
@@ -304,18 +303,15 @@ def find(
         if best is not None and fine < 1.0:
             break  # it takes five times as long, and finds no shorter ways where the first lattice has some
         talk = Negotiation(problem, world, paths, margin=MARGIN, seconds=length, fine=fine)
-        now = time.perf_counter()
-        talk.start(order.tolist(), now + (deadline - now) / 2.0)
-        now = time.perf_counter()
-        patience = max(1.0, (deadline - now) / 4.0) if best is None else now - begun
-        if talk.settle(min(deadline, now + patience), rng) and (
-            best is None or talk.arrival.max() < best.arrival.max()
-        ):
+        talk.start(order.tolist(), deadline.within(deadline.left() / 2.0))
+        left = deadline.left()
+        patience = max(1.0, left / 4.0) if best is None else seconds - left
+        if talk.settle(deadline.within(patience), rng) and (best is None or talk.arrival.max() < best.arrival.max()):
             best = talk
-        now = time.perf_counter()
-        if best is not None and (best.arrival.max() <= QUICK * best.alone.max() + 4 or now - begun > seconds / 4.0):
+        spent = seconds - deadline.left()
+        if best is not None and (best.arrival.max() <= QUICK * best.alone.max() + 4 or spent > seconds / 4.0):
             break
-        if now > deadline:
+        if spent > seconds:
             break
     return None if best is None else best.motions()
 

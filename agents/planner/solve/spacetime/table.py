@@ -15,6 +15,8 @@ from agents.planner.solve.jit import jit
 
 SPREAD = 9
 """cells, 3 x 3 at most, that one step of a motion is filed in"""
+MOST_HEADS = 8_000_000
+"""cells times steps: 130 MB; cells are larger where there would be more"""
 GONE = 1e7
 """m: the place of those that left"""
 
@@ -195,6 +197,7 @@ def empty_table(problem: Problem, step: float, steps: int, area: Floats, fastest
     jumps = np.linalg.norm(np.diff(places[len(problem) :, :, :2], axis=1), axis=2)
     travel = max(fastest * step, float(jumps[jumps < GONE / 2].max(initial=0.0)))
     side = travel / 2.0 + float(reach.max()) + 1e-6
+    side = max(side, float(np.sqrt(np.prod(area[2:] - area[:2]) * steps / MOST_HEADS)))
     shape = np.maximum(1, np.ceil((area[2:] - area[:2]) / side)).astype(np.int64)
     table = Table(
         places=places,

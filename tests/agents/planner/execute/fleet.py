@@ -100,14 +100,17 @@ async def airborne(
     *,
     autopilot: str = "arducopter",
     params: Mapping[str, float] = QUICK,
+    weather: Mapping[str, Any] = {},
     **settings: Any,
 ) -> AsyncIterator[Fleet]:
-    """Copters above these places (m north and east); ``params`` are ArduCopter's."""
+    """Copters above these places (m north and east), or on them (``height`` 0); ``params`` are ArduCopter's,
+    ``weather`` the world's: noise, seed, wind, gusts.
+    """
     names = [f"quad{i + 1}" for i in range(len(starts))]
     own = dict(params) if autopilot == "arducopter" else {}
     specs = [VehicleSpec(autopilot=autopilot, start_ned_m=(n, e, 0.0), params=own) for n, e in starts]
     async with contextlib.AsyncExitStack() as stack:
-        world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME))
+        world = stack.enter_context(World(specs, endpoint="tcp:0", speed=6.0, ready_s=0.5, home=HOME, **weather))
         router = stack.enter_context(open_session(ROUTER))
         for name, url in zip(names, world.urls, strict=True):
             crew = Onboard(router, OnboardSettings(link=url, name=name, origin=ORIGIN, **settings))
@@ -122,6 +125,8 @@ async def airborne(
 
 async def _rise(vehicle: zmav.Vehicle, height: float) -> None:
     await vehicle.wait_until(lambda s: bool(s.connected and s.ready), PATIENCE_S)
+    if height <= 0.0:
+        return
     if (vehicle.last_state or wire.VehicleState(t=0, fleet="", name="", instance="")).kind != "rover":
         await vehicle.arm()
         await vehicle.takeoff(height)

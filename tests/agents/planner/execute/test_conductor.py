@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from agents.planner.execute.conductor import Conductor
+from agents.planner.execute.following import Following
 from agents.planner.execute.track import CommonClock
 from agents.planner.model.problem import Motion, MovingObstacle
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
@@ -254,3 +255,45 @@ def test_the_common_clock_goes_on_from_where_it_is() -> None:
     common = CommonClock(10.0, 4.0, 0.5)
     assert common.at(12.0) == 5.0
     assert common.when(5.0) == 12.0
+
+
+# Vehicles that follow late, and lean in the wind.
+
+
+def followed(seed: int, late: list[float], lean: float, margin: float, known: str | None) -> History:
+    motions = crossing(np.random.default_rng(seed), 5, 22.0, 3.9)
+    history = History(
+        motions, np.random.default_rng(seed), loss=0.0, delay=(0.01, 0.05), margin=margin, late=late, lean=lean
+    )
+    for part in history.parts:
+        part.follows(Following(known))
+    history.run(300.0, ended)
+    return history
+
+
+def stops(history: History) -> list[str]:
+    return [said.text for said in history.conductor.said if said.kind == "halt"]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_fleet_that_is_late_as_its_kind_is_flies_a_swap_without_a_stop(seed: int) -> None:
+    history = followed(seed, [0.4, 0.42, 0.45, 0.48, 0.5], 0.3, 0.9, "px4")
+    assert history.conductor.phase(history.now) == "done"
+    assert stops(history) == []
+    assert history.least() > 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_fleet_of_which_some_are_late_stays_apart_where_it_truly_is(seed: int) -> None:
+    history = followed(seed, [0.0, 0.45, 0.1, 0.5, 0.0], 0.1, 0.6, None)
+    assert history.least() > 0.0
+    for part, late in zip(history.parts, [0.0, 0.45, 0.1, 0.5, 0.0], strict=True):
+        assert part.following.late == pytest.approx(late, abs=0.2)
+
+
+def test_a_lateness_that_is_learnt_in_flight_slows_the_clock_before_it_stops_anybody() -> None:
+    history = followed(3, [0.35] * 5, 0.0, 0.6, None)
+    said = [each.kind for each in history.conductor.said]
+    assert history.conductor.phase(history.now) == "done"
+    assert "halt" not in said
+    assert history.least() > 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ class Craft:
         self.refuses = False
         """its fence, its limits or an order of its own let it take nothing"""
         self.instance = "first"
+        self.late, self.lean = 0.0, np.zeros(3)
+        """s after its points' times at which it is there, and m that it is off its way then: as an autopilot follows"""
 
     def take(self, now: float, seq: int, deadline: float, points: list[wire.SegmentPoint]) -> None:
         mine = now + self.clock
@@ -68,6 +70,11 @@ class Craft:
         pieces, t = self.segment.pieces, now + self.clock
         index = min(max(int(np.searchsorted(self.segment.times, t, side="right")) - 1, 0), len(pieces) - 1)
         return pieces[index].at(t)[0]
+
+    def truly(self, now: float) -> tuple[float, float, float]:
+        """Where it is, late and leaning."""
+        x, y, z = (np.array(self.place(now - self.late)) + self.lean).tolist()
+        return x, y, z
 
     def freeze(self, now: float) -> None:
         """It stops where it is: a pilot has it."""
@@ -126,7 +133,12 @@ class History:
         loss: float = 0.3,
         delay: tuple[float, float] = (0.05, 0.2),
         skew: float = 0.02,
+        late: Sequence[float] = (),
+        lean: float = 0.0,
     ) -> None:
+        """``late``: s by which each follows; ``lean``: m, root mean square, that all are off their ways, coming and
+        going within seconds. Where there is one, they say where they are.
+        """
         self.now, self.downwash = 1000.0, downwash
         self.parts = [Part(name, Track(motion), radius, 2.5, margin, Offset()) for name, motion in motions.items()]
         self.crafts = {part.id: Craft(part, float(rng.uniform(-30.0, 30.0))) for part in self.parts}
@@ -136,10 +148,13 @@ class History:
             part.offset.fix()
             part.error = part.offset.error(self.now)
             part.heard, part.instance = self.now, self.crafts[part.id].instance
+        for craft, by in zip(self.crafts.values(), late, strict=False):
+            craft.late = by
+        self._says, self._lean, self._rng = bool(len(late)) or lean > 0.0, lean, rng
         self.network = Network(rng, loss, delay)
         self.conductor = Conductor(self.parts, downwash, self.now)
         self.alive = True
-        self._seqs = {part.id: 0 for part in self.parts}
+        self.seqs = {part.id: 0 for part in self.parts}
         self.places: list[Floats] = []
         self.sends = 0
 
@@ -147,7 +162,10 @@ class History:
         end, step = self.now + seconds, 0
         while self.now < end and not stop(self):
             self.network.run(self.now)
-            self.places.append(np.array([craft.place(self.now) for craft in self.crafts.values()]))
+            for craft in self.crafts.values():  # a wander of 3 s
+                kick = self._rng.normal(0.0, self._lean * math.sqrt(2.0 * STEP / 3.0 / 3.0), 3) if self._lean else 0.0
+                craft.lean = craft.lean * (1.0 - STEP / 3.0) + kick
+            self.places.append(np.array([craft.truly(self.now) for craft in self.crafts.values()]))
             if step % 2 == 0:
                 for part in self.parts:
                     self._report(part)
@@ -159,21 +177,24 @@ class History:
 
     def restart_counting(self, name: str) -> None:
         """The lease after the agent's restart has the first one's number."""
-        self._seqs[name] = 0
+        self.seqs[name] = 0
 
     def _report(self, part: Part) -> None:
-        state = self.crafts[part.id].state(self.now)
+        craft, now = self.crafts[part.id], self.now
+        state, place = craft.state(now), np.array(craft.truly(now))
 
         def deliver(at: float) -> None:
             if self.alive:
                 self.conductor.heard(part, at, state["t"], state["stamp"], state["end"], state["instance"])
+                if self._says and part.known.taken and part.active:
+                    self.conductor.strayed(part, at, part.offset.ours(state["t"]), place)
 
         self.network.send(self.now, part.id, deliver)
 
     def _put(self, send: Send) -> None:
         part, craft = send.part, self.crafts[send.part.id]
-        self._seqs[part.id] += 1
-        seq, deadline = self._seqs[part.id], part.offset.vehicle(send.deadline)
+        self.seqs[part.id] += 1
+        seq, deadline = self.seqs[part.id], part.offset.vehicle(send.deadline)
         points = [
             wire.SegmentPoint(t=part.offset.vehicle(row[0]), pos=tuple(row[1:4]), vel=tuple(row[4:7]))
             for row in send.rows.tolist()

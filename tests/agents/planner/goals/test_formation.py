@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -87,3 +88,12 @@ def test_the_error_of_a_shape_is_what_it_is_bent_by() -> None:
     bent[:2, 2] += 1.0
     errors = crew.shape_error(offsets, np.stack((still, bent)))
     assert errors == pytest.approx([0.0, 0.5], abs=1e-9)
+
+
+def test_a_shape_without_room_for_what_positions_may_be_off_is_refused_and_says_how_much_that_is() -> None:
+    asked, wide = goal(3, "line", spacing=5.0), [msgspec.structs.replace(USUAL["copter"], radius=3.5)] * 3
+    with pytest.raises(BadInput, match=r"need 7\.00 m, 5\.00 m of them for what their positions may be off \(--tight"):
+        formation.places(asked, wide, DOWNWASH, rooms=[2.5] * 3)
+    with pytest.raises(BadInput) as refused:
+        formation.places(asked, wide, DOWNWASH)
+    assert "tight" not in refused.value.message

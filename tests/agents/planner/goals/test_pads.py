@@ -13,7 +13,7 @@ import pytest
 from agents.planner.goals import pads
 from agents.planner.goals.steps import Loiter, Orders, PlanTo, VehicleView
 from agents.planner.live import frames
-from zmav.config import body_of
+from zmav.config import BodyConfig, body_of
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import Vector
 
@@ -166,3 +166,12 @@ def test_a_mixed_fleet_comes_home() -> None:
     assert plan.vehicles == ("c", "r") and orders.vehicles == ("c",)
     with pytest.raises(Refused, match="home of x"):
         pads.home([VehicleView("x", "copter", body_of("copter"), (0.0, 0.0, -5.0), airborne=True)])
+
+
+def test_what_positions_may_be_off_across_makes_nobody_climb_higher_than_above_another() -> None:
+    two = [view("a", (0.0, 0.0, 0.0)), view("b", (0.0, 4.0, 0.0))]
+    unsure = [dataclasses.replace(each, body=body_of("copter", BodyConfig(radius=3.5)), room=2.5) for each in two]
+    lifts = pads.stacked(unsure, [(0.0, 0.0, -10.0), (0.0, 4.0, -10.0)], DOWNWASH)
+    bare = pads.keep_of(*two)
+    assert sorted(lifts) == [0.0, pytest.approx(DOWNWASH * bare)]
+    assert pads.stacked(unsure, [(0.0, 0.0, -10.0), (0.0, 8.5, -10.0)], DOWNWASH) == [0.0, 0.0]

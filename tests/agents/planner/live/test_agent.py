@@ -253,7 +253,7 @@ async def test_clocks_are_learnt_one_after_another_and_the_gone_are_forgotten(fi
 async def test_where_it_is_tight_plans_have_less_margin_and_less_speed(field: Field) -> None:
     """The first margin for which there is a plan is taken."""
     context = field.agent.context
-    planner, view = planning.Planner(context, "test", context.solver), context.fleet.view(0.5)
+    planner, view = planning.Planner(context, "test", context.solver), context.fleet.view(0.5, tight=PLACES)
     n, e, d = view.vehicles["quad2"].pos_ned
     margins = ((0.9, 1.0), (0.5, 1.0), (0.1, 1.0 / 3.0))
 

@@ -25,7 +25,7 @@ from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
 
 MOST_RPM = 10_000.0
-_RTK = 6  # GPS_FIX_TYPE: what SITL's receiver claims
+_RTK, _RTK_M = 6, 0.3  # GPS_FIX_TYPE: what SITL's receiver claims; and the error from which on ours claims less
 _DOWNWARD = 25  # MAV_SENSOR_ROTATION_PITCH_270
 RECEIVED = 8  # channels of the receiver
 # AUTOPILOT_VERSION.capabilities: float and int missions, float parameters, COMMAND_INT, FTP, attitude and
@@ -166,7 +166,7 @@ def gps_raw_int(node: ArduNode) -> Fields:
         return {"time_usec": 0, "eph": 65535, "epv": 65535}
     return {
         **base.gps_raw_int(node, fix),
-        "fix_type": _RTK if fix.fix_type >= 3 else fix.fix_type,
+        "fix_type": node.receiver.fix_type(_RTK if fix.fix_type >= 3 and fix.eph_m <= _RTK_M else fix.fix_type),
         "eph": round(fix.hdop * 100),
         "epv": round(fix.vdop * 100),
         "h_acc": round(fix.eph_m * 1000),

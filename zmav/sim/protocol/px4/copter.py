@@ -149,8 +149,10 @@ def position_target_global_int(node: Px4Node) -> Fields | None:
 
 
 def gps_raw_int(node: Px4Node) -> Fields:
-    quality = {"eph": 70, "epv": 110, "h_acc": 900, "v_acc": 1780, "vel_acc": 400}
-    return {**base.gps_raw_int(node, node.seat.fix()), **quality}
+    fix = node.seat.fix()
+    h_acc = max(900, round(fix.eph_m * 1000))
+    quality = {"eph": 70, "epv": 110, "h_acc": h_acc, "v_acc": 1780, "vel_acc": 400}
+    return {**base.gps_raw_int(node, fix), **quality}
 
 
 def highres_imu(node: Px4Node) -> Fields:

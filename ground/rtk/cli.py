@@ -1,0 +1,104 @@
+"""``zmav rtk``."""
+
+from __future__ import annotations
+
+import asyncio
+
+import click
+
+from ground.rtk.options import Fixed, parse_place, parse_source, parse_survey
+from zmav import keys
+from zmav.cli.common import Work, connected, dump, json_option
+from zmav.client import Client
+from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.process import log, until_stopped
+
+
+@click.command("rtk")
+@click.argument("source")
+@click.option(
+    "--gga", metavar="WHO", help="Tell the caster where this vehicle is, or LAT,LON,ALT: for its virtual base."
+)
+@click.option("--survey", metavar="SECONDS,METRES", help="Have a u-blox receiver survey itself in: '120,1.5'.")
+@click.option(
+    "--at", metavar="LAT,LON,HEIGHT", help="Tell a u-blox receiver where its antenna is; above the ellipsoid."
+)
+@click.option(
+    "--port", type=click.Choice(["USB", "UART1", "UART2"]), help="The receiver's own port.  [default: USB or UART1]"
+)
+@click.option(
+    "--priority",
+    type=click.IntRange(0, 255),
+    default=0,
+    show_default=True,
+    help="Of several sources the highest is in charge.",
+)
+@click.option("--name", help="Name of this host.  [default: the credentials', or ground]")
+@json_option
+@connected
+def command(
+    source: str,
+    gga: str | None,
+    survey: str | None,
+    at: str | None,
+    port: str | None,
+    priority: int,
+    name: str | None,
+    as_json: bool,
+) -> Work:
+    """Send corrections to the GNSS receivers of the whole fleet, each radio crossed once.
+
+    SOURCE is an NTRIP caster (ntrip://USER@HOST:2101/MOUNTPOINT, ntrips:// with TLS; the password from
+    $ZMAV_NTRIP_PASSWORD), a base receiver (/dev/ttyACM0, /dev/ttyUSB0,115200, tcp:HOST:PORT), or a file of RTCM 3.
+    A second source stands by. 'zmav top', the page and 'zmav doctor' show what comes of it at each vehicle.
+    """
+    try:
+        import pygnssutils  # noqa: F401
+        import pyubx2  # noqa: F401
+    except ImportError as e:
+        raise missing_extra("'zmav rtk'", e.name, "rtk") from e
+    from ground.rtk.program import RtkSettings, check
+
+    if survey and at:
+        raise BadInput("--survey or --at, not both", field="at", value=at, expected="one of them")
+    rover: str | Fixed | None = None
+    if gga:
+        rover = parse_place(gga, "gga") if "," in gga else keys.check_name(gga, "gga")
+    settings = RtkSettings(
+        where=parse_source(source),
+        name=name or "",
+        priority=priority,
+        rover=rover,
+        base=parse_survey(survey) if survey else parse_place(at) if at else None,
+        port=port,
+    )
+    check(settings)
+    return lambda z: _serve(z, settings, as_json)
+
+
+async def _serve(z: Client, settings: object, as_json: bool) -> None:
+    import msgspec
+
+    from ground.rtk.program import STATUS_S, Rtk, RtkSettings
+
+    assert isinstance(settings, RtkSettings)
+    own = z.member.credentials.name if z.member is not None else ""
+    if own and settings.name not in ("", own):
+        text = f"by your credentials this host is {own}"
+        raise BadConfig(text, field="name", value=settings.name, expected=own)
+    settings = msgspec.structs.replace(settings, name=keys.check_name(settings.name or own or "ground"))
+    async with Rtk(z, settings, log) as rtk:
+        running = asyncio.ensure_future(rtk.run())
+        stopped = asyncio.ensure_future(until_stopped())
+        try:
+            while not (running.done() or stopped.done()):
+                await asyncio.wait({running, stopped}, timeout=STATUS_S, return_when=asyncio.FIRST_COMPLETED)
+                if as_json:
+                    state, words, detail = rtk.status()
+                    click.echo(dump({"state": state, "text": words, **detail}))
+            if running.done():
+                running.result()
+        finally:
+            running.cancel()
+            stopped.cancel()
+            await asyncio.wait({running, stopped})

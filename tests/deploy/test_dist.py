@@ -1,0 +1,99 @@
+"""The wheel and the sdist: the same bytes twice, all in them that is needed, and a bill of what they are made of."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+import sys
+import zipfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from zmav.cli.install import PACKAGES, lay_out
+from zmav.shared import TREE, deploy
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+def script(name: str) -> ModuleType:
+    """A program of deploy/, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "deploy" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.process
+def test_what_is_built_is_the_same_bytes_twice_and_from_what_an_installation_holds(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="needs the build extra")
+    dist = script("dist")
+    tree = tmp_path / "tree"
+    lay_out(tree)
+    sdist, wheel = dist.build_twice(tree, tmp_path / "scratch")
+    assert (sdist.suffix, wheel.suffix) == (".gz", ".whl")
+    dist.check_contents(wheel)
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "installed")
+        for each in archive.infolist():  # pip sets these, zipfile does not
+            (tmp_path / "installed" / each.filename).chmod(each.external_attr >> 16 & 0o777)
+    (data,) = (tmp_path / "installed").glob("*.data/data/share/zmav")
+    laid = tmp_path / "laid"
+    shutil.copytree(data, laid)
+    for name in PACKAGES:
+        shutil.copytree(tmp_path / "installed" / name, laid / name)
+    (again,) = dist.build(laid, tmp_path / "again", "wheel")
+    dist.same(wheel, again, "built as 'zmav install' does")
+
+
+def test_the_tree_that_an_installation_lays_out_is_all_that_the_installer_wants(tmp_path: Path) -> None:
+    assert (TREE, deploy()) == (ROOT, ROOT / "deploy")
+    installer = lay_out(tmp_path / "tree")
+    assert installer == tmp_path / "tree" / "deploy" / "install.sh"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for source, target in project["tool"]["hatch"]["build"]["targets"]["wheel"]["shared-data"].items():
+        assert target == f"share/zmav/{source}"
+        assert (tmp_path / "tree" / source).exists()
+    assert not list((tmp_path / "tree").rglob("__pycache__"))
+
+
+@pytest.fixture(scope="module")
+def bill() -> dict[str, Any]:
+    sys.path.insert(0, str(ROOT / "deploy"))
+    try:
+        found: dict[str, Any] = script("sbom").bill()
+    finally:
+        sys.path.remove(str(ROOT / "deploy"))
+    return found
+
+
+def test_the_bill_names_every_package_of_the_lock_with_its_hashes(bill: dict[str, Any]) -> None:
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    pinned = [line.split("==")[0] for line in lock.splitlines() if "==" in line and line[0].isalnum()]
+    packages = [each for each in bill["components"] if each["purl"].startswith("pkg:pypi/")]
+    assert sorted(each["name"] for each in packages) == sorted(pinned)
+    assert sum(len(each["hashes"]) for each in packages) == lock.count("sha256:")
+    assert len({each["bom-ref"] for each in bill["components"]}) == len(bill["components"])
+    (zenoh,) = [each for each in packages if each["name"] == "eclipse-zenoh"]
+    assert zenoh["scope"] == "required"
+    assert zenoh["licenses"]
+    assert all(each["properties"][0]["value"] for each in packages), "each is there for the core or an extra"
+
+
+def test_the_bill_names_what_is_vendored_with_its_licence(bill: dict[str, Any]) -> None:
+    vendored = {each["name"]: each for each in bill["components"] if each["purl"].startswith("pkg:npm/")}
+    manifest = json.loads((ROOT / "ground/http/static/vendor/manifest.json").read_bytes())
+    assert set(vendored) == {each["name"] for each in manifest}
+    for each in manifest:
+        assert vendored[each["name"]]["licenses"][0]["license"]["name"] == each["licence"]
+        assert (ROOT / "ground/http/static/vendor" / f"{each['name']}.LICENSE").is_file()

@@ -1,0 +1,192 @@
+"""``zmav terrain``: the ground for vehicles that follow it, and for what is checked against it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import click
+import msgspec
+
+from zmav import wire
+from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.places import numbers
+from zmav.cli.progress import Progress
+from zmav.cli.vehicles import Line, attempt, for_each, matching, show
+from zmav.client import Client
+from zmav.errors import BadInput
+from zmav.formats.tiles import Source, open_source
+from zmav.services.files.store import default_directory
+from zmav.terrain import Piece, names_within, piece_at
+from zmav.vehicle import Vehicle
+
+METRES = 111_320.0
+"""in a degree of latitude"""
+MOST = 4096
+"""pieces at one go: some 100 km by 100 km"""
+
+from_option = click.option(
+    "--from",
+    "source",
+    required=True,
+    metavar="FOLDER|FILE.tif|URL",
+    help="A folder of .hgt tiles, a GeoTIFF, or a URL with {cell} (S36E149) and {band} (S36) in it.",
+)
+
+
+@click.group("terrain")
+def command() -> None:
+    """The ground: how high it is where vehicles fly.
+
+    'zmav terrain load "quad*" --from srtm --radius 3000', 'zmav terrain show "quad*"'.
+    """
+
+
+@command.command("load")
+@click.argument("vehicles")
+@from_option
+@click.option(
+    "--radius",
+    type=click.FloatRange(min=0.0, max=100_000.0),
+    default=8000.0,
+    show_default=True,
+    help="m about each vehicle; an ArduPilot asks for some 6000.",
+)
+@click.option(
+    "--area",
+    metavar="S,W,N,E",
+    help="Degrees, in place of what is about each.",
+)
+@json_option
+@connected
+def load(vehicles: str, source: str, radius: float, area: str | None, as_json: bool) -> Work:
+    """Bring the ground aboard: 'zmav terrain load "quad*" --from dem.tif'.
+
+    Vehicles then answer their own autopilots, whatever the network does. What a vehicle keeps stays after a restart.
+    """
+    heights = open_source(source, default_directory().parent / "tiles")
+    given = None if area is None else _read(heights, *numbers(area, 4, "S,W,N,E in degrees"))
+
+    async def bring(vehicle: Vehicle, tell: Any) -> Line:
+        pieces = _read(heights, *_about(vehicle, radius)) if given is None else given
+        size = await vehicle.terrain.put(pieces, tell)
+        return {"pieces": len(pieces), "bytes": size}
+
+    async def do(z: Client) -> None:
+        found = await matching(z, vehicles)
+        with Progress("terrain", quiet=as_json) as progress:
+
+            async def on_one(vehicle: Vehicle) -> list[Line]:
+                return [await attempt(bring(vehicle, functools.partial(progress.tell, vehicle.name)))]
+
+            lines = await for_each(found, on_one)
+        show(lines, lambda line: _fault(line) or f"{line['pieces']} pieces, {line['bytes']} bytes", as_json)
+
+    return do
+
+
+@command.command("show")
+@click.argument("vehicles")
+@json_option
+@connected
+def show_(vehicles: str, as_json: bool) -> Work:
+    """What vehicles keep of the ground, and what their autopilots say: 'zmav terrain show "quad*"'."""
+
+    async def look(vehicle: Vehicle) -> Line:
+        found: Line = msgspec.to_builtins(await vehicle.terrain.report())
+        return found
+
+    async def do(z: Client) -> None:
+        async def on_one(vehicle: Vehicle) -> list[Line]:
+            return [await attempt(look(vehicle))]
+
+        show(await for_each(await matching(z, vehicles), on_one), lambda line: _fault(line) or _words(line), as_json)
+
+    return do
+
+
+@command.command("clear")
+@click.argument("vehicles")
+@json_option
+@connected
+def clear(vehicles: str, as_json: bool) -> Work:
+    """Have vehicles forget the ground: 'zmav terrain clear quad1'. Their autopilots keep what they were told."""
+
+    async def forget(vehicle: Vehicle) -> Line:
+        return {"cleared": await vehicle.terrain.clear()}
+
+    async def do(z: Client) -> None:
+        async def on_one(vehicle: Vehicle) -> list[Line]:
+            return [await attempt(forget(vehicle))]
+
+        lines = await for_each(await matching(z, vehicles), on_one)
+        show(lines, lambda line: _fault(line) or f"{line['cleared']} pieces cleared", as_json)
+
+    return do
+
+
+@command.command("height")
+@click.option("--at", required=True, metavar="LAT,LON", help="Degrees.")
+@from_option
+@json_option
+def height(at: str, source: str, as_json: bool) -> None:
+    """How high the ground is: 'zmav terrain height --at -35.3632,149.1652 --from srtm'."""
+    lat, lon = numbers(at, 2, "LAT,LON in degrees")
+    name, north, east = piece_at(lat, lon)
+    piece = open_source(source, default_directory().parent / "tiles").piece(name)
+    found = None if piece is None else piece.height(north, east)
+    if as_json:
+        click.echo(dump({"height": found, "piece": name}))
+    else:
+        click.echo("not known" if found is None else f"{found:.1f} m above the sea")
+    if found is None:
+        raise SystemExit(1)
+
+
+def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, float]:
+    """South, west, north, east of what lies so many metres about a vehicle."""
+    place = vehicle.state.position
+    if place is None:
+        text = f"where {vehicle.name} is, is not known: give --area, or wait for its GPS"
+        raise BadInput(text, field="area", value=None, expected="south,west,north,east in degrees")
+    north = radius / METRES
+    east = north / max(math.cos(math.radians(place.lat_deg)), 0.01)
+    return place.lat_deg - north, place.lon_deg - east, place.lat_deg + north, place.lon_deg + east
+
+
+def _read(source: Source, south: float, west: float, north: float, east: float) -> dict[str, Piece]:
+    """The pieces of an area that the source has; raises :class:`BadInput` where it has none, or they are too many."""
+    if not -90.0 <= south <= north < 90.0:
+        raise BadInput.wrong("area", (south, west, north, east), "south,west,north,east in degrees")
+    wanted = []
+    for name in names_within(south, west, north, east):
+        wanted.append(name)
+        if len(wanted) > MOST:
+            raise BadInput.wrong(
+                "area", (south, west, north, east), f"at most {MOST} minutes by minutes: a smaller area"
+            )
+    found = {name: piece for name in wanted if (piece := source.piece(name)) is not None}
+    if not found:
+        text = f"the source has no ground for {wanted[0]} to {wanted[-1]}"
+        raise BadInput(text, field="from", value=wanted[0], expected="heights of that area")
+    return found
+
+
+def _fault(line: Line) -> str:
+    return f"{line['error']}: {line['message']}" if "error" in line else ""
+
+
+def _words(line: Line) -> str:
+    report = msgspec.convert({k: v for k, v in line.items() if k != "vehicle"}, wire.TerrainReport)
+    parts = [f"{len(report.pieces)} pieces"]
+    if report.height is not None:
+        parts.append(f"ground at {report.height:.0f} m, {report.above:.1f} m above it")
+    if report.pending is None:
+        parts.append("its autopilot has said nothing of terrain")
+    else:
+        parts.append(f"autopilot: {report.pending} grids pending, {report.loaded} loaded ({report.age:.0f} s ago)")
+    if report.missing:
+        parts.append(f"asked for and not here: {', '.join(report.missing[:6])}")
+    parts += [f"{name}: {why}" for name, why in report.faults.items()]
+    return "; ".join(parts)
