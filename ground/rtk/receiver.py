@@ -16,6 +16,8 @@ from zmav.waiting import in_thread
 
 SILENCE_S = 10.0
 """s without a message after which it is said that nothing comes"""
+FRESH_S = 3.0
+"""s for which a word on the survey-in holds: one comes each second"""
 AGAIN_S = 10.0
 """s until a receiver that did not take its settings is told again"""
 PORTS = ("USB", "UART1", "UART2")
@@ -66,8 +68,14 @@ class ReceiverSource:
             self.base.feed(data)
         if messages := self._cutter.feed(data):
             self._heard = time.monotonic()
+            if self._surveys(self._heard):
+                return  # nobody has any use for what it observes before it knows where it is
             self._told("streaming", f"from {self._words}")
             self._take(messages)
+
+    def _surveys(self, now: float) -> bool:
+        base = self.base
+        return base is not None and base.progress is not None and base.progress.active and now - base.heard < FRESH_S
 
     def _changed(self, state: LinkState, text: str) -> None:
         if state is LinkState.UP:
@@ -94,7 +102,7 @@ class ReceiverSource:
         while True:
             await asyncio.sleep(1.0)
             now, base = time.monotonic(), self.base
-            if base is not None and base.progress is not None and base.progress.active and now - base.heard < 3.0:
+            if base is not None and base.progress is not None and self._surveys(now):
                 p, since = base.progress, now
                 self._told("survey", f"{p.seconds} s, exact by {p.metres:.2f} m, {p.observations} observations")
             elif self._up.is_set() and now - max(self._heard, since) > SILENCE_S:

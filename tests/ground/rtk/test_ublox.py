@@ -61,9 +61,10 @@ class FakeUblox:
             ticks += mode == 1
             if mode == 1 and ticks < 60:
                 told = {"dur": ticks, "meanAcc": 50_000 - 500 * ticks, "obs": ticks, "valid": 0, "active": 1}
-                writer.write(UBXMessage("NAV", "NAV-SVIN", GET, **told).serialize())
+                writer.write(UBXMessage("NAV", "NAV-SVIN", GET, **told).serialize() + message(1074, seed=ticks))
             elif mode in (1, 2):
-                writer.write(b"$GNGGA,,,*00\r\n" + EPOCH)
+                done = UBXMessage("NAV", "NAV-SVIN", GET, dur=60, obs=60, valid=1, active=0).serialize()
+                writer.write((done if mode == 1 else b"") + b"$GNGGA,,,*00\r\n" + EPOCH)
 
     def close(self) -> None:
         if self._server is not None:
