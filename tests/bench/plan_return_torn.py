@@ -79,10 +79,10 @@ async def runs(args: argparse.Namespace) -> bool:
 async def let_go(desk: Planners, z: zmav.Client, names: list[str]) -> None:
     """The goal is dropped, and nobody is commanded any more."""
     await desk.order("abort", swarm.GoalId())
-    while True:
+    free = 0
+    while free < 20:  # for 10 s: a goal that ends may ask for its leases once more
         states = [z.vehicle(name).last_state for name in names]
-        if all(state is not None and state.lease is None for state in states):
-            return
+        free = free + 1 if all(state is not None and state.lease is None for state in states) else 0
         await asyncio.sleep(0.5)
 
 
