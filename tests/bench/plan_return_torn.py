@@ -48,7 +48,9 @@ async def runs(args: argparse.Namespace) -> bool:
             truth.reset()
             goal = str((await desk.order("submit", _swap(names, rng, run)))["goal"])
             await desk.until(lambda book, goal=goal: any(e.id == goal and e.state == "flying" for e in book.goals))
-            await asyncio.sleep(rng.uniform(1.0, 7.0))
+            while not all(committed(z.vehicle(name)) for name in names):
+                await asyncio.sleep(0.1)  # one that was never sent anything hovers, and misses nobody
+            await asyncio.sleep(rng.uniform(0.0, 5.0))
             if any(e.id == goal and e.state != "flying" for e in (desk.book.goals if desk.book else [])):
                 print(f"  {run + 1:3d}: it was over before the network was torn", flush=True)
                 continue
@@ -74,6 +76,12 @@ async def runs(args: argparse.Namespace) -> bool:
         if not good:
             _logs(lab)
     return good
+
+
+def committed(vehicle: zmav.Vehicle) -> bool:
+    """It says that it is on a segment."""
+    state = vehicle.last_state
+    return state is not None and state.segment is not None
 
 
 async def let_go(desk: Planners, z: zmav.Client, names: list[str]) -> None:
