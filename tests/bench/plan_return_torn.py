@@ -48,7 +48,9 @@ async def runs(args: argparse.Namespace) -> bool:
             truth.reset()
             goal = str((await desk.order("submit", _swap(names, rng, run)))["goal"])
             await desk.until(lambda book, goal=goal: any(e.id == goal and e.state == "flying" for e in book.goals))
-            await asyncio.sleep(rng.uniform(1.0, 7.0))
+            while not all(committed(z.vehicle(name)) for name in names):
+                await asyncio.sleep(0.1)  # one that was never sent anything hovers, and misses nobody
+            await asyncio.sleep(rng.uniform(0.0, 5.0))
             if any(e.id == goal and e.state != "flying" for e in (desk.book.goals if desk.book else [])):
                 print(f"  {run + 1:3d}: it was over before the network was torn", flush=True)
                 continue
@@ -76,13 +78,19 @@ async def runs(args: argparse.Namespace) -> bool:
     return good
 
 
+def committed(vehicle: zmav.Vehicle) -> bool:
+    """It says that it is on a segment."""
+    state = vehicle.last_state
+    return state is not None and state.segment is not None
+
+
 async def let_go(desk: Planners, z: zmav.Client, names: list[str]) -> None:
     """The goal is dropped, and nobody is commanded any more."""
     await desk.order("abort", swarm.GoalId())
-    while True:
+    free = 0
+    while free < 20:  # for 10 s: a goal that ends may ask for its leases once more
         states = [z.vehicle(name).last_state for name in names]
-        if all(state is not None and state.lease is None for state in states):
-            return
+        free = free + 1 if all(state is not None and state.lease is None for state in states) else 0
         await asyncio.sleep(0.5)
 
 

@@ -322,8 +322,11 @@ class StreamWatchdog:
     def _watch_hold(self, flown: ActiveStream, now: float) -> None:
         """Until it is in the mode and stands still; a few times in any case."""
         after = self.failsafe.land_after
-        if flown.goes_on and after != "never" and now - self._since >= after and not self._waits_to_return(flown, now):
+        due = flown.goes_on and after != "never" and now - self._since >= after
+        if due and not self._waits_to_return(flown, now):
             self._begin_action(self.failsafe.action)
+        elif self._step is Step.RETURNING:
+            return
         elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
             self._say_hold()
 

@@ -7,6 +7,8 @@ import contextlib
 import math
 from collections.abc import AsyncIterator
 
+import pytest
+
 import zmav
 from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
@@ -17,8 +19,9 @@ from zmav.config import Failsafe
 from zmav.wire import swarm
 
 PATIENCE_S = 90.0
+pytestmark = pytest.mark.timeout(300)  # 70 s each, of which most is the way home and the landing
 STARTS = [(0.0, 0.0), (0.0, 4.0), (0.0, 8.0)]
-ACROSS = [(30.0, 8.0, -10.0), (30.0, 0.0, -10.0), (24.0, 4.0, -10.0)]
+ACROSS = [(14.0, 8.0, -10.0), (14.0, 0.0, -10.0), (9.0, 4.0, -10.0)]
 SOON = Failsafe(land_after=3.0, action="land", returns="together")
 
 
@@ -65,7 +68,7 @@ async def test_the_planner_dies_and_all_come_home_apart() -> None:
         await submit(me, swarm.GoTo(vehicles=fleet.names, to=ACROSS))
         await until(lambda: stored(fleet, me) == len(fleet.names), "ways home stored", PATIENCE_S)
         async with fleet.watch() as watch:
-            await asyncio.sleep(4.0)
+            await asyncio.sleep(2.5)
             agent.context.z.session.close()  # nothing is sent any more, and nothing is given back
             away = await down(fleet)
         assert watch.moved() > 5.0

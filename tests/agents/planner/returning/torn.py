@@ -96,9 +96,9 @@ class HomeCraft(Craft):
         if self.segment is not None:
             end, lands = self.segment.end - self.clock, self.home is None or self.lands
             begins, ends = (self.left, self.left) if lands or self.home is None else (self.home.begins, self.home.ends)
-            moving = [np.arange(now, end, LOOK), [end, self.left], np.arange(begins, ends, LOOK)]
-            descent = [ends, ends + super().place(end)[2] / LANDING, ends + 4.0 / LANDING]
-            times = np.concatenate((times, *moving, descent))
+            descent = (end, self.left, ends, ends + super().place(end)[2] / LANDING, ends + 4.0 / LANDING)
+            moving = (np.arange(now, end, LOOK), np.arange(begins, ends, LOOK))
+            times = np.concatenate((times, *moving, np.array(descent)))
         times = np.unique(np.round(times[times >= now], 6))
         return np.array([(t, *self.place(t)) for t in times.tolist()])
 
