@@ -92,7 +92,7 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
 
 
 def load_numba() -> None:
-    """Without SciPy's linear algebra, which it would look for: that takes a seventh of a second, and no kernel uses it."""
+    """Without SciPy's linear algebra, which it would load in a seventh of a second, and which no kernel uses."""
     name = "scipy.linalg"
     if name in sys.modules:
         return

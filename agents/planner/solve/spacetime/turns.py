@@ -99,23 +99,23 @@ class Turns:
         """Delays of all, chosen in this order or, where one's way leads past another's place, one near to it."""
         waiting, moved = list(order), 0
         delays = {len(order) + m: 0 for m in range(self.movers)}
-        at_once = 0
-        while at_once < len(waiting):
-            i = waiting[at_once]
+        placed = 0
+        while placed < len(waiting):
+            i = waiting[placed]
             horizon = max((delay + self.steps[j] for j, delay in delays.items()), default=0) + 1
             delay = self.earliest(i, delays, horizon)
             if delay is not None:
                 delays[i] = delay
-                at_once += 1
+                placed += 1
                 continue
-            # Those that must not have gone before: they come after it.
-            late = [n for n, j in enumerate(waiting[:at_once]) if (i, j) in self.bars and self.bars[i, j][-1]]
+            # It must go before some that have gone: it is moved before the first of them.
+            late = [n for n, j in enumerate(waiting[:placed]) if (i, j) in self.bars and self.bars[i, j][-1]]
             moved += 1
             if not late or moved > len(order):
                 return None
-            waiting.insert(late[0], waiting.pop(at_once))
-            at_once = late[0]
-            delays = {j: delay for j, delay in delays.items() if j >= len(order) or j in waiting[:at_once]}
+            waiting.insert(late[0], waiting.pop(placed))
+            placed = late[0]
+            delays = {j: delay for j, delay in delays.items() if j >= len(order) or j in waiting[:placed]}
         return delays
 
     def last(self, delays: dict[int, int]) -> int:
