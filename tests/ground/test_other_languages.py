@@ -21,6 +21,7 @@ from zmav.sim import Remote
 
 pytestmark = [pytest.mark.process, pytest.mark.flight, pytest.mark.slow]
 EXAMPLES = Path(__file__).resolve().parent.parent.parent / "ground" / "examples"
+RUST = Path(os.environ.get("CARGO_TARGET_DIR", EXAMPLES / "rust" / "target")) / "debug" / "fly"
 PATIENCE_S = 60.0
 AT = (6.0, 2.0, -8.0)
 """where each leads the vehicle: m, NED"""
@@ -135,4 +136,13 @@ def test_javascript(field: Field) -> None:
     flown = field.fly(node, *flag, EXAMPLES / "fly.mjs", "quad1", field.gateway)
     check(flown, r"refused \(bad_input\)")
     assert "moved by javascript" in flown.said
+    assert flown.said.endswith("landed\n")
+
+
+def test_rust(field: Field) -> None:
+    if not RUST.is_file():
+        pytest.skip("needs 'cargo build' in ground/examples/rust beforehand: some minutes of a processor")
+    flown = field.fly(RUST, "quad1", "demo", field.router)
+    check(flown, r"refused \(bad_input\)")
+    assert 'moved by "rust"' in flown.said
     assert flown.said.endswith("landed\n")
