@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -44,19 +44,18 @@ def check_batteries(
     context.say("energy", "info", f"{entry.id}: about {tally.seconds:.0f} s; {told(needs)}", goal=entry.id)
 
 
-def low_of(context: Context, goal: swarm.Goal, vehicles: tuple[str, ...]) -> tuple[str, str]:
-    """Who of these would, if it went home now, land with less than its reserve, and that in words; empty: nobody. What
-    brings home anyhow goes on.
+def low_of(context: Context, goal: swarm.Goal, vehicles: Sequence[str]) -> dict[str, str]:
+    """Who of these would, if it went home now, land with less than its reserve, and that in words. What brings home
+    anyhow goes on.
     """
     view = context.fleet.view()
-    names = [name for name in vehicles if name in view.vehicles]
-    if not isinstance(goal, CALLED_BACK):
-        return "", ""
-    for name, need in context.fleet.needs(Tally(names, view), view).items():
-        if need.now is not None and need.short and view.vehicles[name].airborne:
+    names = [name for name in vehicles if name in view.vehicles and view.vehicles[name].airborne]
+    found = dict[str, str]()
+    for name, need in context.fleet.needs(Tally(names, view), view).items() if isinstance(goal, CALLED_BACK) else ():
+        if need.now is not None and need.short:
             has, home = f"{100.0 * need.now:.0f} %", f"{100.0 * need.home:.0f} %"
-            return name, f"{name} runs low: it has {has}, needs {home} for the way home, and is to keep its reserve"
-    return "", ""
+            found[name] = f"{name} runs low: it has {has}, needs {home} for the way home, and is to keep its reserve"
+    return found
 
 
 def left_over(motion: Motion, moment: float) -> Motion:
@@ -77,23 +76,36 @@ def way_of(motion: Motion) -> list[Vector]:
     return [ned((float(x), float(y), float(places[0, 2]))) for x, y in shapely.get_coordinates(line)]
 
 
-def relieve(context: Context, entry: swarm.GoalEntry, low: str, why: str, lanes: Mapping[str, Motion]) -> None:
-    """End the goal of one that runs low: it goes home, and of a search the others go on, with a fresh one in its place
-    where there is one; else one of them takes its part after its own. Call it when all rest.
+def relieve(context: Context, entry: swarm.GoalEntry, known: Mapping[str, str], lanes: Mapping[str, Motion]) -> None:
+    """End the goal of some that run low (``known``, and who does by now): they go home, and of a search the others go
+    on, with fresh ones in their places where there are some; else who is done first takes their parts after its own.
+    Call it when all rest.
     """
     ledger, goal = context.ledger, entry.goal
-    ledger.end(entry, "cancelled", f"{why}: it returns")
-    added = [_add(context, swarm.Return(vehicles=[low]), entry)]
-    if isinstance(goal, swarm.Search) and (ways := _ways(context, goal, low, lanes)):
-        fresh = next((name for name in ways if name not in goal.vehicles), "")
-        if fresh and not _airborne(context, fresh):
-            added.append(_add(context, swarm.TakeOff(vehicles=[fresh], height=_height(context, goal, fresh)), entry))
+    low = {**known, **low_of(context, goal, goal.vehicles)}
+    verb = "return" if len(low) > 1 else "returns"
+    ledger.end(entry, "cancelled", f"{'; '.join(low.values())}: {', '.join(low)} {verb}")
+    added = [_add(context, _home(context, name), entry) for name in low]
+    if isinstance(goal, swarm.Search) and (ways := _ways(context, goal, list(low), lanes)):
+        fresh = [name for name in ways if name not in goal.vehicles]
+        for name in fresh:
+            if not _airborne(context, name):
+                up = swarm.TakeOff(vehicles=[name], height=_height(context, goal, name))
+                added.append(_add(context, up, entry))
         rest = msgspec.structs.replace(goal, vehicles=list(ways), lanes=list(ways.values()))
         added.append(_add(context, rest, entry))
-        who = f"{fresh} takes" if fresh else "the others take"
+        who = f"{', '.join(fresh)} {'take' if fresh[1:] else 'takes'}" if fresh else "the others take"
         entry.text += f", and {who} over ({', '.join(filter(None, added))})"
-    context.say("energy", "warning", f"{entry.id}: {entry.text}", goal=entry.id, vehicle=low)
+    context.say("energy", "warning", f"{entry.id}: {entry.text}", goal=entry.id, vehicles=list(low))
     context.wake()
+
+
+def _home(context: Context, name: str) -> swarm.Goal:
+    """Home; down where it is, where nobody knows its home."""
+    seen = context.fleet.seen(name)
+    if seen is not None and seen.view.home_ned is None:
+        return swarm.Land(vehicles=[name])
+    return swarm.Return(vehicles=[name])
 
 
 def _add(context: Context, goal: swarm.Goal, entry: swarm.GoalEntry) -> str:
@@ -105,26 +117,27 @@ def _add(context: Context, goal: swarm.Goal, entry: swarm.GoalEntry) -> str:
         return ""
 
 
-def _ways(context: Context, goal: swarm.Search, low: str, lanes: Mapping[str, Motion]) -> dict[str, list[Vector]]:
+def _ways(
+    context: Context, goal: swarm.Search, low: Sequence[str], lanes: Mapping[str, Motion]
+) -> dict[str, list[Vector]]:
     """What is left of a search, by who flies it from now on."""
-    found = {name: way for name, motion in lanes.items() if name != low and (way := way_of(motion))}
-    lost = way_of(lanes[low]) if low in lanes else []
-    if not lost:
-        return found
-    if fresh := _fresh(context, goal):
-        return {**found, fresh: lost}
-    others = [name for name in lanes if name != low]
-    if not others:
-        context.say("energy", "warning", f"nobody is there to search on for {low}: its part is left")
-        return found
-    soonest = min(others, key=lambda name: float(lanes[name][-1, 0] - lanes[name][0, 0]))
-    return {**found, soonest: [*found.get(soonest, []), *lost]}
+    found = {name: way for name, motion in lanes.items() if name not in low and (way := way_of(motion))}
+    others = [name for name in lanes if name not in low]
+    soonest = min(others, key=lambda name: float(lanes[name][-1, 0] - lanes[name][0, 0]), default="")
+    for name in (name for name in low if name in lanes):
+        if not (lost := way_of(lanes[name])):
+            continue
+        if taker := _fresh(context, {*goal.vehicles, *found}) or soonest:
+            found[taker] = [*found.get(taker, []), *lost]
+        else:
+            context.say("energy", "warning", f"nobody is there to search on for {name}: its part is left")
+    return found
 
 
-def _fresh(context: Context, goal: swarm.Search) -> str:
-    """Who is in no goal, can fly at once, and has most in its battery; empty: nobody."""
+def _fresh(context: Context, but: Collection[str]) -> str:
+    """Who is in no goal, can fly at once, and has most in its battery; empty: nobody. ``but``: not these."""
     fleet, view = context.fleet, context.fleet.view()
-    busy = {name for entry in context.ledger.open for name in entry.goal.vehicles} | set(goal.vehicles)
+    busy = {name for entry in context.ledger.open for name in entry.goal.vehicles} | set(but)
     left = dict[str, float]()
     for name, each in view.vehicles.items():
         seen, battery = fleet.seen(name), fleet.battery_of(name)

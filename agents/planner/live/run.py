@@ -72,8 +72,8 @@ class Run:
         """it follows its leader just now"""
         self.stopping = ""
         """why it is to end; empty: it goes on"""
-        self.low = ""
-        """who runs low, for which it is to end"""
+        self.low = dict[str, str]()
+        """who runs low, for which it is to end, and why in words"""
         self._begun = False
         """its vehicles may fly it by what is left in their batteries"""
         self._lanes = dict[str, Motion]()
@@ -109,10 +109,9 @@ class Run:
 
     def look_at_batteries(self) -> None:
         """Who would land with less than its reserve goes home: everybody comes to rest first."""
-        low, why = low_of(self.context, self.entry.goal, self.vehicles)
-        if low and self._begun and not self.stopping:
+        if self._begun and not self.stopping and (low := low_of(self.context, self.entry.goal, self.vehicles)):
             self.low = low
-            self.stop(why)
+            self.stop("; ".join(low.values()))
 
     def pause(self) -> None:
         self._goes.clear()
@@ -175,7 +174,7 @@ class Run:
             self._leave_room()
             self.publisher.plan_over(entry.id)
         if self.low and self.context.charge.in_charge and self.entry.state not in ENDED:
-            relieve(self.context, entry, self.low, self.stopping, self._lanes)
+            relieve(self.context, entry, self.low, self._lanes)
         if self.stopping == "closed":
             return
         word = "failed: " if entry.state == "failed" else ""

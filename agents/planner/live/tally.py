@@ -111,6 +111,10 @@ class Tally:
         """Each begins once those before it are done; who is in the air meanwhile waits there."""
         begins, ends = list[float](), list[float]()
         for order in step.orders:
+            if order.vehicle not in self.parts:  # somebody who is lost, and whose landing is an order all the same
+                begins.append(0.0)
+                ends.append(0.0)
+                continue
             view, part = self._view.vehicles[order.vehicle], self.parts[order.vehicle]
             begins.append(max((ends[before] for before in order.after), default=0.0))
             ends.append(begins[-1] + order_seconds(order, view, part))

@@ -9,7 +9,7 @@ import contextlib
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,14 +44,12 @@ class Took:
     """s that its preview said it takes"""
     seconds: float
     """s that it took from the book to its end"""
-    flown: float
-    """s of them from the first vehicle's first move"""
     entry: swarm.GoalEntry
     preview: dict[str, Any] = field(default_factory=dict)
 
     @property
     def ratio(self) -> float:
-        return self.flown / max(self.said, 1e-6)
+        return self.seconds / max(self.said, 1e-6)
 
 
 @dataclass
@@ -124,7 +122,7 @@ async def fly(
             names = fleet.names[crew * size : (crew + 1) * size]
             for what, make in goals.items():
                 doing[crew] = what
-                took.append(await _fly_one(me, planner, fleet, crew, what, make(names, crew * ASIDE)))
+                took.append(await _fly_one(me, planner, crew, what, make(names, crew * ASIDE)))
 
         await together(*(one(crew) for crew in range(crews)))
         watching.cancel()
@@ -138,25 +136,12 @@ async def _hear(agent: Agent, said: dict[float, wire.Event]) -> None:
         await asyncio.sleep(0.2)
 
 
-async def _fly_one(z: zmav.Client, planner: Planner, fleet: Fleet, crew: int, what: str, goal: swarm.Goal) -> Took:
+async def _fly_one(z: zmav.Client, planner: Planner, crew: int, what: str, goal: swarm.Goal) -> Took:
     preview = await planner.order("preview", swarm.Preview(goal=goal))
-    before = fleet.places()
     submitted = time.monotonic()
     name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
-    began = asyncio.create_task(_moved(fleet, goal.vehicles, before))
     entry = await within(LONGEST_S, _ended(z, name))
-    end = time.monotonic()
-    first = began.result() if began.done() else end
-    began.cancel()
-    return Took(crew, what, float(preview["makespan"]), end - submitted, end - first, entry, preview)
-
-
-async def _moved(fleet: Fleet, names: Sequence[str], before: Mapping[str, Any]) -> float:
-    while True:
-        now = fleet.places()
-        if any(math.dist(now[name], before[name]) > 0.3 for name in names):
-            return time.monotonic()
-        await asyncio.sleep(0.05)
+    return Took(crew, what, float(preview["seconds"]), time.monotonic() - submitted, entry, preview)
 
 
 async def _ended(z: zmav.Client, name: str) -> swarm.GoalEntry:
@@ -188,11 +173,11 @@ PROMISED = 2.0 * body_of("copter").radius
 
 
 def show(flown: Flown) -> str:
-    lines = [f"{'goal':12} {'crew':>4} {'said s':>7} {'flown s':>8} {'in all':>7} {'ratio':>6} {'nearest m':>9}"]
+    lines = [f"{'goal':12} {'crew':>4} {'said s':>7} {'took s':>7} {'ratio':>6} {'nearest m':>9}"]
     for each in flown.took:
         near = flown.least.get((each.crew, each.what), math.inf)
         lines.append(
-            f"{each.what:12} {each.crew:4} {each.said:7.1f} {each.flown:8.1f} {each.seconds:7.1f} {each.ratio:6.2f}"
+            f"{each.what:12} {each.crew:4} {each.said:7.1f} {each.seconds:7.1f} {each.ratio:6.2f}"
             f" {near:9.2f}  {each.entry.state}: {each.entry.text}; {each.preview.get('positions', {}).get('text', '')}"
         )
     return "\n".join(lines)

@@ -150,3 +150,10 @@ def test_what_brings_home_or_stops_is_never_refused(goal: swarm.Goal) -> None:
 def test_an_empty_battery_is_refused_the_shortest_way() -> None:
     with pytest.raises(Refused):
         check(GOAL, needs(0.1, 1.0), unknown_allowed=True)
+
+
+def test_the_landing_of_somebody_who_is_lost_is_nobody_s_time() -> None:
+    seen = fleet(view("a", 0.0, 10.0))
+    tally = Tally(["a"], seen)
+    tally.add(Orders((VehicleOrder("gone", "land"), VehicleOrder("a", "land", {}, (0,)))))
+    assert tally.seconds == pytest.approx(landing(10.0, seen.vehicles["a"]))

@@ -87,7 +87,11 @@ async def test_a_searcher_that_runs_low_goes_home_and_a_fresh_one_searches_on(fi
 
     await within(4.0 * PATIENCE_S, over())
     looking.cancel()
-    assert first.state == "cancelled" and "quad2 runs low" in first.text and "quad3 takes over" in first.text, first
+    assert (
+        first.state == "cancelled"
+        and "quad2 runs low" in first.text
+        and "quad2 returns, and quad3 takes over" in first.text
+    ), first
     later = {type(entry.goal).__name__: entry for entry in ledger.goals if entry.id != name}
     assert set(later) == {"Return", "TakeOff", "Search"}, ledger.goals
     assert all(entry.state == "done" for entry in later.values()), ledger.goals
