@@ -23,8 +23,6 @@ FINE_PX = 13.0
 """height of a symbol in the picture that they are looked at in"""
 LEAST_MATCH = 0.4
 """correlation of the polar patch"""
-FEW_PX = 64_000
-"""of it, for which a symbol may be smaller in it than where there is time"""
 LARGEST_PX = 400_000
 """of the picture that candidates are sought in: a view toward the horizon is cut"""
 ABOUT = 0.3 * np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
@@ -42,8 +40,6 @@ class Effort(NamedTuple):
 
     coarse_px: float
     """height of a symbol in the picture that they are sought in; the work grows with its square"""
-    least_px: float
-    """the same where the ground that is seen is wide"""
     most: int
     """candidates"""
     aligned: int
@@ -52,12 +48,12 @@ class Effort(NamedTuple):
     """logarithm of the odds that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.5, 5.0, 120, 12, 2.2)
-YELLOW = Effort(6.5, 5.0, 60, 12, 2.2)
+KNOWN = Effort(6.5, 120, 12, 2.2)
+YELLOW = Effort(5.0, 60, 12, 2.2)
 """the same in yellow, which shows little else"""
-UNKNOWN = Effort(5.0, 5.0, 60, 6, 4.0)
+UNKNOWN = Effort(5.0, 60, 6, 4.0)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 5.0, 40, 8, 4.0)
+ASTRAY = Effort(5.0, 40, 8, 4.0)
 """the same where another height was given, and nothing found there"""
 
 
@@ -130,10 +126,7 @@ class Searcher:
         corners = np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)]) + pyramid.origin
         if not view.in_front(corners).all():
             return np.zeros((0, 2))
-        corners = view.flat(corners)
-        extent = math.sqrt(math.prod(corners.max(axis=0) - corners.min(axis=0)))
-        scale = min(scale, max(effort.least_px, math.sqrt(FEW_PX) / extent))
-        corners *= scale
+        corners = view.flat(corners) * scale
         low = np.floor(corners.min(axis=0))
         size = np.ceil(corners.max(axis=0)) - low + 1.0
         size *= min(1.0, math.sqrt(LARGEST_PX / (size[0] * size[1])))

@@ -35,7 +35,7 @@ Image = NDArray[np.float32]
 FIRST_SEED = 10_000_000
 KINDS = ("pads", "pads", "pads", "letters", "clutter", "pads", "wall", "letters", "pads", "letters")
 PADS = 6
-THOROUGH = Effort(6.5, 6.5, 120, 20, 0.0)
+THOROUGH = Effort(6.5, 120, 20, 0.0)
 """more than a search looks at: what it might take for an H"""
 HIDDEN = (96, 32)
 EPOCHS = 14
