@@ -191,7 +191,8 @@ class Reserved:
 
     def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
         """Who could come too near to ``part`` on ``entry`` from ``since`` on; None: it is clear of everybody."""
-        for other in (*self.parts, *self.ghosts):
+        everybody: list[Part] = [*self.parts, *self.ghosts]
+        for other in everybody:
             if other is part:
                 continue
             need = part.need + other.need - TOUCH

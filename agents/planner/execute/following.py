@@ -12,9 +12,10 @@ import numpy as np
 
 from agents.planner.model.problem import Floats
 
-USUAL = {"px4": (0.45, 0.3)}
-"""s that an autopilot follows late, and m, root mean square, that it is off its way then, before more is known: PX4
-1.16 came 0.4 to 0.5 s late, and in 3 m/s of wind leant away by 0.35 to 0.46 m (docs/planner-execution.md)"""
+USUAL = {"px4": (0.45, 0.3), "rover": (0.0, 0.3)}
+"""s that an autopilot, or a kind of vehicle, follows late, and m, root mean square, that it is off its way then, before
+more is known: PX4 1.16 came 0.4 to 0.5 s late, and in 3 m/s of wind leant away by 0.35 to 0.46 m; rovers leave their
+ways where they turn (docs/planner-execution.md)"""
 LONGEST = 1.0
 """s: one that is later is not believed to follow"""
 MOVING = 0.8
@@ -39,8 +40,8 @@ Way = Callable[[float], tuple[Floats, Floats]]
 class Following:
     """Of one vehicle, from flight to flight."""
 
-    def __init__(self, autopilot: str | None = None) -> None:
-        self.late, spread = USUAL.get(autopilot or "", (0.0, SPREAD))
+    def __init__(self, which: str | None = None) -> None:
+        self.late, spread = USUAL.get(which or "", (0.0, SPREAD))
         """s"""
         self._looks = LOOKS
         self._square, self._seen = spread**2, MOST_LOOKS

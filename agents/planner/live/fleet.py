@@ -198,8 +198,9 @@ class Fleet:
         """How these follow what they are told, as far as that was seen; it goes on to be."""
         found = {}
         for name in names:
-            seen = self.last.get(name)
-            found[name] = self._followings.setdefault(name, Following(seen[0].autopilot if seen else None))
+            state = self.last[name][0] if name in self.last else None
+            which = None if state is None else "rover" if state.kind in GROUND else state.autopilot
+            found[name] = self._followings.setdefault(name, Following(which))
         return found
 
     def battery_of(self, name: str) -> float | None:
