@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -56,12 +57,29 @@ def test_what_was_compiled_is_not_used_after_a_kernel_in_another_file_has_change
     assert said == [["2.0", "0"], ["2.0", "1"], ["3.0", "0"]]
 
 
+@pytest.fixture
+def package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], None]:
+    """Have the sources lie at a place in the test's folder, and no other named."""
+
+    def lie(place: str) -> None:
+        monkeypatch.setattr(jit, "PACKAGE", tmp_path / place)
+        monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+
+    return lie
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Where compiled kernels are kept."""
+    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+    return tmp_path
+
+
 def test_kernels_go_to_the_users_cache_where_the_sources_cannot_have_them_or_nowhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: Callable[[str], None]
 ) -> None:
     (tmp_path / "file").touch()  # in which nobody can make a folder, root neither
-    monkeypatch.setattr(jit, "PACKAGE", tmp_path / "file")
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    package("file")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     found = jit.folder.__wrapped__()
     assert found is not None and found.is_dir() and found.parent == tmp_path / "cache" / "zmav"
@@ -72,9 +90,8 @@ def test_kernels_go_to_the_users_cache_where_the_sources_cannot_have_them_or_now
     assert told is not None and told.parent == tmp_path / "told"
 
 
-def test_few_older_folders_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jit, "PACKAGE", tmp_path)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+def test_few_older_folders_stay(tmp_path: Path, package: Callable[[str], None]) -> None:
+    package(".")
     for k in range(3 * jit.KEPT):
         (tmp_path / "kernel.py").write_text(CALLED.replace("1.0", f"{k}.0"))
         last = jit.folder.__wrapped__()
@@ -82,8 +99,8 @@ def test_few_older_folders_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert last in left and len(left) == 1 + jit.KEPT
 
 
-def test_one_compiles_a_part_and_who_comes_later_finds_it_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+@pytest.mark.usefixtures("kept")
+def test_one_compiles_a_part_and_who_comes_later_finds_it_done() -> None:
     with pytest.raises(KeyboardInterrupt), jit.compiling("ways"):
         raise KeyboardInterrupt
     with jit.compiling("ways") as ours:  # what was broken off is done again
@@ -97,15 +114,14 @@ def test_one_compiles_a_part_and_who_comes_later_finds_it_done(tmp_path: Path, m
     assert jit.compiled()
 
 
+@pytest.mark.usefixtures("kept")
 def test_a_plan_from_a_file_waits_for_what_it_needs_and_another_process_does_the_rest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     compiled: list[str] = []
     others: list[None] = []
-    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
     monkeypatch.setattr(warming, "PARTS", {name: lambda n=name: compiled.append(n) for name in warming.PARTS})
     monkeypatch.setattr(warming, "_other", lambda: others.append(None))
-    monkeypatch.setattr(warming, "solve", lambda *args, **named: None)
     warming.begin(planes=False)
     assert compiled == list(warming.FIRST) and len(others) == 1
     warming.begin(planes=True)
@@ -115,8 +131,7 @@ def test_a_plan_from_a_file_waits_for_what_it_needs_and_another_process_does_the
     assert len(compiled) == len(warming.FIRST) + 1 and len(others) == 2
 
 
-def test_who_needs_a_part_waits_for_who_compiles_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jit, "folder", lambda: tmp_path)
+def test_who_needs_a_part_waits_for_who_compiles_it(kept: Path) -> None:
     jit.wait_for("discrete")  # nobody does
     waited = threading.Thread(target=jit.wait_for, args=("discrete",))
     with jit.compiling("discrete") as ours:
@@ -124,7 +139,7 @@ def test_who_needs_a_part_waits_for_who_compiles_it(tmp_path: Path, monkeypatch:
         waited.join(0.3)
         assert ours and waited.is_alive() is not jit.interpreted()
     waited.join(30.0)
-    assert not waited.is_alive() and (tmp_path / "discrete.done").exists()
+    assert not waited.is_alive() and (kept / "discrete.done").exists()
 
 
 def test_all_kernels_are_compiled_before_a_first_plan() -> None:

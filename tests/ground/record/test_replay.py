@@ -242,9 +242,11 @@ def stage(net: Net) -> Stage:
 
 
 @pytest.fixture(autouse=True)
-def no_signals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Verbs run in threads here, where no signal can be heard: they end by themselves."""
-    monkeypatch.setattr("ground.record.replay.until_stopped", asyncio.Event().wait)
+def ended(monkeypatch: pytest.MonkeyPatch) -> asyncio.Event:
+    """Verbs run in threads here, where no signal can be heard: they end by themselves, or by this."""
+    event = asyncio.Event()
+    monkeypatch.setattr("ground.record.replay.until_stopped", event.wait)
+    return event
 
 
 async def test_all_comes_again_but_what_was_sent_to_vehicles_in_a_fleet_of_its_own(
@@ -339,7 +341,7 @@ def test_a_name_that_cannot_be_is_refused_in_words(name: str, tmp_path: Path) ->
     assert told.value.detail["field"] == "file" and told.value.detail["value"] == str(tmp_path / name)
 
 
-async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path) -> None:
+async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path, ended: asyncio.Event) -> None:
     """... in its fleet's name, its field and its token; and what looks at the fleet says so."""
     said = wire.VehicleState(t=1.0, fleet="demo", name="quad1", instance="a", connected=True, sysid=1, armed=True)
     with Folder(tmp_path) as out:
@@ -348,25 +350,22 @@ async def test_a_state_says_that_it_is_a_recording(stage: Stage, tmp_path: Path)
         for number in range(200):
             storage.put("zmav/demo/quad1/state", wire.encode(said), at=START_US * 1000 + number * 100_000_000)
         storage.close()
-    ended = asyncio.Event()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ground.record.replay.until_stopped", ended.wait)
-        verb = Here("-e", stage.endpoint)
-        replay = asyncio.create_task(asyncio.to_thread(verb, "replay", str(tmp_path), "--loop"))
-        await stage.until(3)
-        state = wire.decode(stage.heard[0][1], wire.VehicleState, "state")
-        assert (state.fleet, state.name, state.replayed) == ("demo-replay", "quad1", True)
-        tokens = [str(reply.ok.key_expr) for reply in stage.router.liveliness().get("zmav/**") if reply.ok]
-        assert [token.split("/")[1:6] for token in tokens] == [["demo-replay", "quad1", "alive", "replay", "1"]]
-        told = await asyncio.to_thread(verb, "ls", "--fleet", "demo-replay")
-        assert "quad1: a recording: it takes no orders" in told.out
-        for fleet in ("demo", "*"):
-            told = await asyncio.to_thread(verb, "ls", "--fleet", fleet, "--wait", "0.5")
-            assert "quad1" not in told.out, "who looks at vehicles sees no recording"
-        told = await asyncio.to_thread(verb, "do", "quad1", "hold", "--fleet", "demo-replay")
-        assert told.out == "quad1: hold left out: it is a recording\n"
-        ended.set()
-        await replay
+    verb = Here("-e", stage.endpoint)
+    replay = asyncio.create_task(asyncio.to_thread(verb, "replay", str(tmp_path), "--loop"))
+    await stage.until(3)
+    state = wire.decode(stage.heard[0][1], wire.VehicleState, "state")
+    assert (state.fleet, state.name, state.replayed) == ("demo-replay", "quad1", True)
+    tokens = [str(reply.ok.key_expr) for reply in stage.router.liveliness().get("zmav/**") if reply.ok]
+    assert [token.split("/")[1:6] for token in tokens] == [["demo-replay", "quad1", "alive", "replay", "1"]]
+    told = await asyncio.to_thread(verb, "ls", "--fleet", "demo-replay")
+    assert "quad1: a recording: it takes no orders" in told.out
+    for fleet in ("demo", "*"):
+        told = await asyncio.to_thread(verb, "ls", "--fleet", fleet, "--wait", "0.5")
+        assert "quad1" not in told.out, "who looks at vehicles sees no recording"
+    told = await asyncio.to_thread(verb, "do", "quad1", "hold", "--fleet", "demo-replay")
+    assert told.out == "quad1: hold left out: it is a recording\n"
+    ended.set()
+    await replay
 
 
 @pytest.mark.parametrize(
