@@ -86,6 +86,19 @@ async def test_corrections_of_another_place_are_told_of(bench: StartBench) -> No
     await b.event("its corrections are another place's", severity="warning")
 
 
+async def test_a_base_far_away_is_told_of_by_who_finds_out_only_then_where_it_is(bench: StartBench) -> None:
+    """As with a receiver that is switched on while 'zmav rtk' runs."""
+    b = await (await bench()).connected()
+    far = batch(base_at(51.5, -0.1, 100.0), satellites())
+    put(b, far)
+    await comes(b, far.messages[-1].data)
+    b.peer.send("GPS_RAW_INT", fix_type=3)
+    b.peer.place = HOME[:2]
+    await b.state(lambda s: bool(s.get("position")), "its position")
+    put(b, batch(base_at(51.5, -0.1, 100.0), satellites()))
+    await b.event("its corrections are another place's", severity="warning")
+
+
 @pytest.mark.parametrize(("off", "reason", "words"), [(-6.0, "old", "s old"), (6.0, "ahead", "ahead of our clock")])
 async def test_what_is_not_of_now_is_dropped(bench: StartBench, off: float, reason: str, words: str) -> None:
     b = await (await bench()).connected()
