@@ -102,7 +102,7 @@ class Publisher:
         self._publisher.undeclare()
 
     def _hear(self, batch: Batch) -> None:
-        """Vehicles drop what is not of now: a source whose clock is wrong is in charge of nobody, and keeps none away."""
+        """Vehicles drop what is not of now: one whose clock is wrong has charge of nobody, and keeps none away."""
         if abs(time.time() - batch.t) <= OLDEST_S:
             self._charge.hear(batch, time.monotonic())
 
