@@ -207,6 +207,7 @@ class Swarm:
             while any(each.status == "running" and each.vehicle not in moving for each in order.told.values()):
                 await asyncio.wait({task}, timeout=LOOK)
                 if task.done():
+                    task.result()  # or what was not seen through were under way
                     break
             words = "; ".join(f"{each.vehicle}: {each.text or 'under way'}" for each in order.told.values())
             if any(each.status == "failed" for each in order.told.values()):
