@@ -9,6 +9,7 @@ import math
 import os
 import re
 import threading
+import time
 from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
@@ -347,10 +348,14 @@ SHAPES = (
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_an_obstacle_there_and_back(shape: Any) -> None:
-    one = swarm.Obstacle(name="a", t=1000.25, what=shape, ttl=2.5)
+    one = swarm.Obstacle(name="a", t=math.floor(time.time()) + 0.25, what=shape, ttl=2.5)
     message = obstacles.told(known(), swarm.ObstacleMap(t=1.0, planner="p", instance="i", obstacles=[one]))
     data = known().encode(message, "zmav_msgs/msg/Obstacles")
     assert obstacles.given(known().decode(data, "zmav_msgs/msg/Obstacles").obstacles) == [one]
+
+
+def stamp(t: float) -> Any:
+    return known().make("builtin_interfaces/msg/Time", sec=int(t), nanosec=0)
 
 
 @pytest.mark.parametrize(
@@ -359,6 +364,8 @@ def test_an_obstacle_there_and_back(shape: Any) -> None:
         ({"shape": 0}, "shape is 0"),
         ({"shape": obstacles.BOX}, "corners is 0"),
         ({"shape": obstacles.BALL, "radius": math.inf}, "radius is inf"),
+        ({"shape": obstacles.BALL, "stamp": stamp(1000.0)}, "the stamp of a is 1000.000; expected UTC"),
+        ({"shape": obstacles.GONE, "stamp": stamp(time.time() + 3600.0)}, "zeros for now"),
         ({"shape": obstacles.BALL, "name": "Q"}, "cannot stand in a key"),
         ({"shape": obstacles.BALL, "velocity": known().make("geometry_msgs/msg/Vector3", x=math.nan)}, "velocity.x"),
     ],
