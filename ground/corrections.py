@@ -16,7 +16,7 @@ import zenoh
 
 import zmav
 from zmav import keys
-from zmav.corrections import MOST, MOST_NAME, PATIENCE_S, Batch, Charge, batches, unpack
+from zmav.corrections import MOST, MOST_NAME, OLDEST_S, PATIENCE_S, Batch, Charge, batches, unpack
 from zmav.errors import BadConfig, BadMessage, Forbidden
 from zmav.formats.rtcm3 import Cutter, Ecef, Message
 from zmav.services.link.port import on_loop
@@ -102,7 +102,9 @@ class Publisher:
         self._publisher.undeclare()
 
     def _hear(self, batch: Batch) -> None:
-        self._charge.hear(batch, time.monotonic())
+        """Vehicles drop what is not of now: one whose clock is wrong has charge of nobody, and keeps none away."""
+        if abs(time.time() - batch.t) <= OLDEST_S:
+            self._charge.hear(batch, time.monotonic())
 
     # From the source.
 

@@ -150,6 +150,8 @@ class Action:
 
     async def _stop(self, goal: Goal, gid: bytes) -> bool:
         """Whether it ends."""
+        if goal.status in ENDED:
+            return False  # meanwhile: what has ended stays as it ended
         before = goal.status
         self._enter(goal, CANCELING)
         try:

@@ -51,10 +51,18 @@ KNOWN_WITHIN = 3.0
 
 
 class VehicleNode:
-    """One vehicle as a node of ROS. Lives on the event loop."""
+    """One vehicle as a node of ROS. Lives on the event loop. ``takes_over``: another has shown it until now."""
 
     def __init__(
-        self, z: Client, ros: Ros, watch: Watch, vehicle: Vehicle, hz: Mapping[str, float], *, may_order: bool
+        self,
+        z: Client,
+        ros: Ros,
+        watch: Watch,
+        vehicle: Vehicle,
+        hz: Mapping[str, float],
+        *,
+        may_order: bool,
+        takes_over: bool,
     ) -> None:
         self.z, self.vehicle, self.watch = z, vehicle, watch
         self.name = graph.ros_name(vehicle.name)
@@ -63,7 +71,7 @@ class VehicleNode:
         self.log = Rosout(self.node)
         self._diagnostics = self.node.publish("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE)
         self._text = self.node.publish("statustext/recv", "mavros_msgs/msg/StatusText", SENSOR)
-        self.steering = Steering(vehicle, watch, self.log, may_order=may_order)
+        self.steering = Steering(vehicle, watch, self.log, may_order=may_order, takes_over=takes_over)
         self.orders = Orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.actions = long_orders(self.node, z.vehicle(vehicle.name), self.steering, self.log)
         self.missions = Missions(z, self.node, watch, z.vehicle(vehicle.name), self.steering, self.log)
@@ -257,16 +265,16 @@ class Face:
                 self._close(name)
         for vehicle in there.values():
             name = graph.ros_name(vehicle.name)
-            known = name in self.vehicles or name in self._closing
+            path = f"/{name}/{NODE}"
+            takes_over, known = path in self._others, name in self.vehicles or name in self._closing
             full = len(self.vehicles) >= MOST or (name not in self._named and len(self._named) >= MOST_NAMES)
             if full and not known:
                 self._leave_out(vehicle.name, "there are too many vehicles")
             elif (named := self._named.setdefault(name, vehicle.name)) != vehicle.name:
                 self._leave_out(vehicle.name, f"in ROS it would be /{name}, as {named} is")
-            elif not known and not self._shown_by_another(f"/{name}/{NODE}", False):
-                self.vehicles[name] = VehicleNode(
-                    self._z, self.ros, self.watch, vehicle, self._hz, may_order=self._may_order
-                )
+            elif not known and not self._shown_by_another(path, False):
+                may = {"may_order": self._may_order, "takes_over": takes_over}
+                self.vehicles[name] = VehicleNode(self._z, self.ros, self.watch, vehicle, self._hz, **may)
 
     def _leave_out(self, name: str, why: str) -> None:
         if name not in self._left_out and len(self._left_out) < MOST_NAMES:

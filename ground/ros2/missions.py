@@ -33,8 +33,8 @@ from zmav.vehicle import Vehicle
 
 logger = logging.getLogger(__name__)
 CURRENT, REACHED = "MISSION_CURRENT", "MISSION_ITEM_REACHED"
-SELDOM = 1.0
-"""s between two times that the plan is fetched"""
+SELDOM, LATER = 1.0, 10.0
+"""s between two times that the plan is fetched, and at most where it could not be: each costs the radio something"""
 INT_FRAMES = {5: 0, 6: 3, 11: 10}
 """of MAV_FRAME, which mean the same as others"""
 DO_JUMP = "MAV_CMD_DO_JUMP"
@@ -147,17 +147,20 @@ class StoredPlan:
         self._telling(wanted)
 
     async def _tell(self) -> None:
+        pause = SELDOM
         while True:
             await self.changed.wait()
             self.changed.clear()
+            pause, before = SELDOM, pause
             try:
                 await self._publish()
             except ZmavError as e:
                 logger.debug("the %s of %s: %s", self._kind, self._vehicle.name, e)
                 self.changed.set()
+                pause = min(2.0 * before, LATER)
             except Exception:
                 logger.exception("the %s of %s was not published", self._kind, self._vehicle.name)
-            await asyncio.sleep(SELDOM)
+            await asyncio.sleep(pause)
 
     async def _publish(self) -> int:
         """How many there are."""

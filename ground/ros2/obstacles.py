@@ -17,6 +17,10 @@ BOX, CYLINDER, NO_FLY, GEOFENCE, BALL, GONE = 1, 2, 3, 4, 5, 6
 """of zmav_msgs/Obstacle"""
 MOST = 2000
 """obstacles of one message"""
+OLDEST, AHEAD = 60.0, 5.0
+"""s by which a stamp may be before and after now: of another clock (a simulation's), what is said of an obstacle later
+would count as overtaken, and a standby planner would have forgotten it when it takes over
+"""
 KIND = "zmav_msgs/msg/Obstacle"
 
 
@@ -59,8 +63,11 @@ def given(said: Any) -> list[swarm.Obstacle]:
 
 def _one(said: Any) -> swarm.Obstacle:
     name, ttl = keys.check_name(said.name, "obstacle"), finite("ttl", said.ttl)
-    stamp = said.stamp.sec + said.stamp.nanosec / 1e9
-    return swarm.Obstacle(name=name, t=stamp or time.time(), what=_shape(said), ttl=ttl or None)
+    now, stamp = time.time(), said.stamp.sec + said.stamp.nanosec / 1e9
+    if stamp and not now - OLDEST < stamp < now + AHEAD:
+        expected = f"UTC within the last {OLDEST:.0f} s, or zeros for now"
+        raise BadInput.wrong("stamp", stamp, expected, f"the stamp of {name} is {stamp:.3f}")
+    return swarm.Obstacle(name=name, t=stamp or now, what=_shape(said), ttl=ttl or None)
 
 
 def _shape(said: Any) -> swarm.Box | swarm.Cylinder | swarm.NoFly | swarm.Geofence | swarm.Ball | None:

@@ -63,20 +63,27 @@ class Holding:
 
 
 class Steering:
-    """Lives on the event loop. ``may_order``: ROS may move the vehicle at all."""
+    """Lives on the event loop. ``may_order``: ROS may move the vehicle at all; ``takes_over``: another 'zmav ros2' has
+    shown it until now, and what streams as we begin streamed to that one.
+    """
 
-    def __init__(self, vehicle: Vehicle, watch: Watch, log: Log, *, may_order: bool) -> None:
+    def __init__(self, vehicle: Vehicle, watch: Watch, log: Log, *, may_order: bool, takes_over: bool = False) -> None:
         self._vehicle, self._watch, self._log, self._may_order = vehicle, watch, log, may_order
+        self._begun = time.monotonic() + (SILENCE if takes_over else 0.0)
+        """what streams before has not paused since it was another's"""
         self._holding: Holding | None = None
         self._barred: dict[bytes | NodeId, float] = {}
         """GIDs and nodes whose lease was taken from them, and when each was last heard: a stream that goes on asks for
         nothing, on another topic of that node neither"""
         self._sequences: dict[bytes, int] = {}
         self._said: RateLimit[str] = RateLimit(SAY_EVERY, SAY_MOST)
+        self._closed = False
         self.dropped = 0
         """setpoints that were not passed on"""
 
     async def close(self) -> None:
+        """From the first on nothing more is flown or given: another 'zmav ros2' may have the vehicle by now."""
+        self._closed = True
         if self._holding is not None:
             await self._end(self._holding)
 
@@ -92,6 +99,9 @@ class Steering:
         """Raise :class:`Refused` where ROS may move nothing."""
         if not self._may_order:
             raise Refused(READ_ONLY, vehicle=self._vehicle.name)
+        if self._closed:
+            text = f"this 'zmav ros2' shows {self._vehicle.name} no longer"
+            raise Refused(text, vehicle=self._vehicle.name)
 
     def token(self, gid: bytes) -> str:
         """The lease under which an order of this GID goes; empty where its node has none."""
@@ -156,7 +166,11 @@ class Steering:
     def _fly(self, said: Attachment, fields: dict[str, Any]) -> None:
         left = self._left(said)
         now = time.monotonic()
-        node = self._watch.node_of(said.gid)
+        node, held = self._watch.node_of(said.gid), self._held()
+        if held is None and now < self._begun and len(self._barred) <= MOST:
+            for who in (said.gid, node):
+                if who is not None:
+                    self._barred.setdefault(who, now)
         barred = {who: self._barred[who] for who in (said.gid, node) if who is not None and who in self._barred}
         if barred:
             self._barred.update(dict.fromkeys(barred, now))
@@ -165,7 +179,6 @@ class Steering:
                 raise NotHolder(text, vehicle=self._vehicle.name)
             for who in barred:
                 del self._barred[who]
-        held = self._held()
         if held is None:
             self._holding = self._start(said.gid, 0, asked=False)
             return

@@ -47,6 +47,7 @@ BOOKLESS = 10.0
 LOOK = 0.1
 """s between two looks at how far an order to all is"""
 ENDED = ("done", "failed", "cancelled")
+LOST = "it may have taken the goal all the same; 'swarm/goals' shows it, and 'swarm/cancel' or 'swarm/abort' drops it"
 
 
 class Swarm:
@@ -170,7 +171,7 @@ class Swarm:
 
     def _submitting(self, make: Make) -> Give:
         async def give(said: Any, gid: bytes) -> dict[str, Any]:
-            told = await order_chief(self._z, "submit", self._submit_of(make, said))
+            told = await submitted(self._z, self._submit_of(make, said))
             goal = str(told.get("goal"))
             return {"goal": goal, "message": f"{goal} is in the book of {told.get('planner')}"}
 
@@ -207,6 +208,7 @@ class Swarm:
             while any(each.status == "running" and each.vehicle not in moving for each in order.told.values()):
                 await asyncio.wait({task}, timeout=LOOK)
                 if task.done():
+                    task.result()  # or what was not seen through were under way
                     break
             words = "; ".join(f"{each.vehicle}: {each.text or 'under way'}" for each in order.told.values())
             if any(each.status == "failed" for each in order.told.values()):
@@ -251,17 +253,27 @@ class SwarmGoal:
         self._goal = ""
         """the planner's name of it"""
         self._known = asyncio.Event()
-        """the planner has answered"""
+        """the planner has answered, or did not in time"""
+        self._silent = False
+        """it did not: it may have the goal all the same"""
 
     async def run(self, feedback: Feedback) -> dict[str, Any]:
         try:
             async with self._z.subscribe(*_reading(self._z, "goal", swarm.Book)) as books:
-                self._goal = str((await order_chief(self._z, "submit", self._submit)).get("goal"))
+                self._goal = await self._give()
                 self._known.set()
                 await self._watch(books.get, feedback)
         finally:
             self._known.set()
         return {"goal": self._goal}
+
+    async def _give(self) -> str:
+        """The planner's name of it."""
+        try:
+            return str((await submitted(self._z, self._submit)).get("goal"))
+        except TimedOut:
+            self._silent = True
+            raise
 
     async def _watch(self, next_book: Callable[[], Any], feedback: Feedback) -> None:
         """Raises how it ended where it is not done. A planner that takes over goes on with the same goals."""
@@ -290,8 +302,18 @@ class SwarmGoal:
     async def stop(self, gid: bytes) -> None:
         """Its vehicles come to rest. A planner that does not answer flies nothing for long either."""
         await self._known.wait()
+        if self._silent:
+            raise Refused(LOST)
         if self._goal:
             await order_chief(self._z, "cancel", swarm.GoalId(goal=self._goal, id=uuid.uuid4().hex))
+
+
+async def submitted(z: Client, submit: swarm.Submit) -> dict[str, Any]:
+    """What the planner in charge says that came of it."""
+    try:
+        return await order_chief(z, "submit", submit)
+    except TimedOut as e:
+        raise TimedOut(f"{e.message}: {LOST}") from e
 
 
 def _reading(z: Client, topic: str, payload: type[W]) -> tuple[str, Callable[[zenoh.Sample], W]]:

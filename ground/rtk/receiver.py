@@ -68,7 +68,7 @@ class ReceiverSource:
             self.base.feed(data)
         if messages := self._cutter.feed(data):
             self._heard = time.monotonic()
-            if self._surveys(self._heard):
+            if self.base is not None and not self.base.ready:
                 return  # nobody has any use for what it observes before it knows where it is
             self._told("streaming", f"from {self._words}")
             self._take(messages)
@@ -82,6 +82,8 @@ class ReceiverSource:
             self._up.set()
         elif state is LinkState.DOWN:
             self._up.clear()
+            if self.base is not None:
+                self.base.told = False
             self._told("lost", text)
 
     async def _configure(self) -> None:
@@ -90,7 +92,7 @@ class ReceiverSource:
             await self._up.wait()
             try:
                 await self.base.configure()
-                while self._up.is_set():
+                while self._up.is_set() and self.base.told:
                     await asyncio.sleep(0.5)
             except ZmavError as e:
                 self._told("refused", f"{e}; again in {AGAIN_S:.0f} s")
@@ -98,13 +100,17 @@ class ReceiverSource:
 
     async def _watch(self) -> None:
         """Say how the survey-in goes, and when nothing comes."""
-        since = time.monotonic()
+        since = told = time.monotonic()
         while True:
             await asyncio.sleep(1.0)
             now, base = time.monotonic(), self.base
+            waits = base is not None and base.told and not base.ready
+            told = told if waits else now
             if base is not None and base.progress is not None and self._surveys(now):
-                p, since = base.progress, now
+                p, since, told = base.progress, now, now
                 self._told("survey", f"{p.seconds} s, exact by {p.metres:.2f} m, {p.observations} observations")
+            elif waits and now - told > SILENCE_S:
+                self._told("silent", f"{self._words} does not say how its survey-in goes (NAV-SVIN): nothing is sent")
             elif self._up.is_set() and now - max(self._heard, since) > SILENCE_S:
                 other = f"{self._cutter.skipped} bytes of something else" if self._cutter.skipped else "nothing at all"
                 self._told("silent", f"no RTCM 3 from {self._words}, {other}: is it set up as a base?")

@@ -82,6 +82,15 @@ class UbloxBase:
         self.progress: Progress | None = None
         self.heard = 0.0
         """monotonic seconds of its last NAV-SVIN"""
+        self.told = False
+        """it has taken its settings"""
+
+    @property
+    def ready(self) -> bool:
+        """It is where it says that it is, as far as it was told: a survey-in is over, by its own word."""
+        if not self.told or not isinstance(self._wanted, Survey):
+            return self.told
+        return self.progress is not None and self.progress.valid and not self.progress.active
 
     def feed(self, data: bytes) -> None:
         for message in self._cutter.feed(data):
@@ -103,8 +112,10 @@ class UbloxBase:
 
     async def configure(self) -> None:
         """Raises :class:`Refused` or :class:`TimedOut`, saying what the receiver did not take."""
+        self.told = False
         for what, settings in self._settings():
             await self._set(what, settings)
+        self.told, self.progress = True, None  # what was said until now is of what it did before
 
     def _settings(self) -> list[tuple[str, list[tuple[str, int]]]]:
         rates = [(f"CFG_MSGOUT_RTCM_3X_TYPE{name}_{self._port}", every) for name, every in MESSAGES.items()]

@@ -6,15 +6,16 @@ import asyncio
 import os
 import threading
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Awaitable, Callable, Iterator
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import zenoh
 
 from ground.ros2 import attachment, graph
-from ground.ros2.actions import ABORTED, CANCELED, SUCCEEDED, TERMINATED, UNKNOWN_GOAL
+from ground.ros2.actions import ABORTED, CANCELED, SUCCEEDED, TERMINATED, UNKNOWN_GOAL, Action
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import Fleet, Peer
 from tests.waiting import wait_until
@@ -193,6 +194,48 @@ def test_a_goal_that_is_nonsense_is_not_accepted(fleet: Fleet, client: Client) -
 
 def test_a_goal_that_nobody_sent_has_no_result(fleet: Fleet, client: Client) -> None:
     assert client.result("goto", "GoTo", os.urandom(16))[0] == 0
+
+
+class Node:
+    """As much of a node as an action needs; it tells nobody."""
+
+    def __init__(self) -> None:
+        self.ros = SimpleNamespace(types=known())
+        self.served: dict[str, Callable[[Any, bytes], Awaitable[Any]]] = {}
+
+    def serve(self, name: str, kind: str, answer: Callable[[Any, bytes], Awaitable[Any]]) -> None:
+        self.served[name.rpartition("/")[2]] = answer
+
+    def publish(self, *_: Any) -> Callable[[Any], None]:
+        return lambda message: None
+
+
+class Done:
+    """Work that is done when it is said to be."""
+
+    def __init__(self) -> None:
+        self.done: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+
+    async def run(self, feedback: Any) -> dict[str, Any]:
+        return await self.done
+
+    async def stop(self, gid: bytes) -> None:
+        raise AssertionError("it has ended")
+
+
+async def test_a_cancel_that_comes_as_the_goal_ends_leaves_it_as_it_ended() -> None:
+    """It was being cancelled for ever, and took one of the action's places."""
+    node, work, types = Node(), Done(), known()
+    action = Action(cast("Any", node), "land", "zmav_msgs/action/Land", lambda goal, gid: work, lambda text: None)
+    sent = types.make("zmav_msgs/action/Land_SendGoal_Request", goal_id=uuid(bytes(range(16))))
+    assert (await node.served["send_goal"](sent, b"")).accepted
+    await asyncio.sleep(0)
+    work.done.set_result({})
+    answer = await node.served["cancel_goal"](types.make(f"{CANCEL}_Request"), b"")
+    assert list(answer.goals_canceling) == []
+    asked = types.make("zmav_msgs/action/Land_GetResult_Request", goal_id=uuid(bytes(range(16))))
+    assert (await node.served["get_result"](asked, b"")).status == SUCCEEDED
+    await action.close()
 
 
 def test_a_later_order_aborts_a_goal(fleet: Fleet, client: Client) -> None:

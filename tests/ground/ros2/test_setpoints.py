@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -17,12 +18,12 @@ import zenoh
 from ground.ros2 import graph
 from ground.ros2.attachment import Attachment
 from ground.ros2.setpoints import pose_fields, velocity
-from ground.ros2.steering import SILENCE
+from ground.ros2.steering import SILENCE, Steering
 from ground.ros2.types import known
 from tests.ground.ros2.conftest import PATIENCE_S, Fleet, Peer
 from tests.waiting import wait_until
 from zmav import wire
-from zmav.errors import NotHolder
+from zmav.errors import NotHolder, Refused
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
 
@@ -223,6 +224,46 @@ def test_a_stream_that_goes_on_does_not_take_again_what_was_taken_from_it(fleet:
     time.sleep(1.2 * SILENCE)
     with stream.running():  # a new request
         wait_until(lambda: state(fleet).mover == "stream")
+
+
+def steered(fleet: Fleet, **more: bool) -> tuple[Steering, Callable[[], None]]:
+    """Another 'zmav ros2', and how it is given one more point of a stream."""
+    gid, numbers = os.urandom(16), itertools.count()
+    other = Steering(fleet.z.vehicle("quad1"), fleet.face.watch, print, may_order=True, **more)
+    here = {"pos": near(fleet)}
+    return other, lambda: other.fly(Attachment(next(numbers), time.time_ns(), gid), here)
+
+
+def test_who_takes_over_flies_a_stream_once_that_has_paused(fleet: Fleet) -> None:
+    async def take_over() -> None:
+        other, fly = steered(fleet, takes_over=True)
+        until = time.monotonic() + 2 * SILENCE
+        while time.monotonic() < until:
+            fly()
+            assert other.holder is None
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(1.2 * SILENCE)
+        fly()
+        assert other.holder is not None
+        await other.close()
+
+    fleet.run(take_over())
+
+
+def test_who_ends_takes_no_lease_any_more(fleet: Fleet) -> None:
+    """Its topics are there until all else has ended."""
+
+    async def end() -> None:
+        other, fly = steered(fleet)
+        fly()
+        assert other.holder is not None
+        await other.close()
+        fly()
+        assert other.holder is None
+        with pytest.raises(Refused, match="shows quad1 no longer"):
+            await other.take(os.urandom(16), 9)
+
+    fleet.run(end())
 
 
 def test_neither_does_its_node_on_another_topic(fleet: Fleet, raw: zenoh.Session) -> None:

@@ -13,8 +13,9 @@ from ground.corrections import BURST, MOST_RATE, Publisher, may_publish
 from tests.ground.rtk.conftest import until
 from tests.rtcm import HOME, base_at, message
 from zmav import geo, keys
-from zmav.corrections import HEADER, MOST_NAME, ROOM
+from zmav.corrections import HEADER, MOST_NAME, ROOM, Batch
 from zmav.errors import BadConfig
+from zmav.formats.rtcm3 import Message
 from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
@@ -126,6 +127,19 @@ async def test_a_higher_priority_takes_over_at_once(fleet: Fleet) -> None:
         await asyncio.sleep(0.1)
         a.feed(message(1077))
         await until(lambda: a.stands_by_for == "b", "the first to stand by")
+
+
+@pytest.mark.parametrize("off", [-6.0, 6.0])
+async def test_one_whose_clock_is_wrong_keeps_nobody_away(fleet: Fleet, off: float) -> None:
+    """Every vehicle drops what it says."""
+    wrong = Batch(9, 1, 1, round((time.time() + off) * 1e6), 0, "wrong", (Message(message(1077, seed=1)),))
+    async with fleet.publisher("a") as a, fleet.client() as z:
+        z.session.put(keys.RTCM.key("demo"), wrong.pack())
+        await until(lambda: bool(fleet.batches), "the wrong one's")
+        await asyncio.sleep(0.2)
+        a.feed(message(1087))
+        await until(lambda: fleet.batches[-1].source == "a", "corrections of now")
+        assert (a.stands_by_for, a.in_charge) == ("", True)
 
 
 async def test_garbage_on_the_key_ends_nothing(fleet: Fleet) -> None:

@@ -135,6 +135,24 @@ async def test_a_receiver_that_refuses_or_is_silent_is_told_of() -> None:
         assert len(fake.taken) == 3
 
 
+@pytest.mark.parametrize("wanted", [Survey(60, 2.0), Fixed(1.0, 2.0, 3.0)])
+async def test_nothing_is_sent_of_one_that_is_not_what_it_was_told_to_be(wanted: Survey | Fixed) -> None:
+    """It is a base already, of another place: what it sends meanwhile would lead vehicles there."""
+    async with started(wanted, refuses="SVIN" if isinstance(wanted, Survey) else "LAT") as (fake, source, told, data):
+        fake.settings["CFG_TMODE_MODE"] = 1
+        await until(lambda: any(state == "refused" for state, _ in told))
+        fake.settings["CFG_TMODE_MODE"] = 2
+        await asyncio.sleep(0.5)
+        assert not data
+        assert source.base is not None
+        source.base.told = True
+        if isinstance(wanted, Survey):
+            await asyncio.sleep(0.5)
+            assert not data, "no word on its survey-in"
+        else:
+            await until(lambda: bool(data))
+
+
 async def test_a_base_on_a_serial_port() -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)

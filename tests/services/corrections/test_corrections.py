@@ -86,6 +86,19 @@ async def test_corrections_of_another_place_are_told_of(bench: StartBench) -> No
     await b.event("its corrections are another place's", severity="warning")
 
 
+async def test_a_base_far_away_is_told_of_by_who_finds_out_only_then_where_it_is(bench: StartBench) -> None:
+    """As with a receiver that is switched on while 'zmav rtk' runs."""
+    b = await (await bench()).connected()
+    far = batch(base_at(51.5, -0.1, 100.0), satellites())
+    put(b, far)
+    await comes(b, far.messages[-1].data)
+    b.peer.send("GPS_RAW_INT", fix_type=3)
+    b.peer.place = HOME[:2]
+    await b.state(lambda s: bool(s.get("position")), "its position")
+    put(b, batch(base_at(51.5, -0.1, 100.0), satellites()))
+    await b.event("its corrections are another place's", severity="warning")
+
+
 @pytest.mark.parametrize(("off", "reason", "words"), [(-6.0, "old", "s old"), (6.0, "ahead", "ahead of our clock")])
 async def test_what_is_not_of_now_is_dropped(bench: StartBench, off: float, reason: str, words: str) -> None:
     b = await (await bench()).connected()
@@ -125,6 +138,18 @@ async def test_garbage_reaches_no_autopilot(bench: StartBench) -> None:
     assert given(b) == message(1097)
     state = await b.state(lambda s: bool(s.get("corrections")), "corrections")
     assert state["corrections"]["dropped"]["malformed"] >= 1
+
+
+async def test_a_flood_waits_for_the_loop_and_not_in_it(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Orders are looked at there, too: of what comes while it is busy only the newest is left."""
+    b = await (await bench()).connected()
+    heard: list[Batch] = []
+    monkeypatch.setattr(b.vehicle.corrections, "_hear", heard.append)
+    flood = [batch(message(1077, seed=i)) for i in range(400)]
+    put(b, *flood)
+    time.sleep(0.5)  # the loop has no time
+    await b.peer.until(lambda: heard and heard[-1].sequence == flood[-1].sequence, "the newest")
+    assert len(heard) <= 3 * 16
 
 
 async def test_a_slow_line_has_room_for_commands(bench: StartBench) -> None:
@@ -199,6 +224,16 @@ class TestOutgoing:
         count = sum(1 for _ in iter(lambda: queue.next(100.0), None))
         assert count <= MOST_WAITING // ROOM
         assert queue.dropped["full"] == 100 - count
+
+    def test_a_flood_of_small_messages_costs_little(self) -> None:
+        queue, small = Outgoing(), [message(1000 + i, size=3) for i in range(200)]
+        began = time.thread_time()
+        for t in range(500):
+            queue.put(batch(*small, t=100.0))
+            if not t:
+                queue.next(100.0)
+        assert time.thread_time() - began < 1.0
+        assert queue.dropped["full"] > 10_000
 
     def test_shares_of_lines(self) -> None:
         lines: tuple[float | None, ...] = (None, 960.0, 5760.0, 92160.0)

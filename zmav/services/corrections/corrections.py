@@ -58,6 +58,8 @@ class Corrections:
         """of whom the newest were taken"""
         self._station: int | None = None
         self._base: Ecef | None = None
+        self._placed = False
+        """it was looked at how far the base is: the vehicle's own place may come long after the base's"""
         self._given_us: int | None = None
         """when the source had the newest observations that the autopilot was given"""
         self._sent: collections.deque[tuple[float, int]] = collections.deque()
@@ -115,7 +117,7 @@ class Corrections:
         before, self._source = self._source, batch
         if before is None or before.instance != batch.instance:
             self._queue.clear()
-            self._base = self._station = None
+            self._base, self._station, self._placed = None, None, False
             if before is not None:
                 text = f"corrections come from {batch.source} now, and no more from {before.source}"
                 self._events.emit("corrections", "notice", text, limit="corrections source")
@@ -137,7 +139,10 @@ class Corrections:
             text = f"the base of {batch.source} moved by {moved:.1f} m: positions that go by it jump as far"
             self._events.emit("corrections", "warning", text, limit="corrections moved", moved=round(moved, 2))
         baseline = self._baseline(self._place())
-        if before is None and baseline is not None and baseline > FAR_M:
+        if self._placed or baseline is None:
+            return
+        self._placed = True
+        if baseline > FAR_M:
             text = f"the base of {batch.source} is {baseline / 1e3:.0f} km away: its corrections are another place's"
             self._events.emit("corrections", "warning", text, limit="corrections far", baseline=round(baseline))
 
