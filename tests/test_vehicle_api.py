@@ -157,7 +157,7 @@ async def test_a_state_that_cannot_be_read_is_left_out(net: Net) -> None:
     session, endpoint = net.router()
     async with zmav.open(connect=[endpoint]) as z:
         await net.linked(session, keys.STATE.key("demo", "quad1"))
-        for bad in (b"", b"\xff", b"{}", b"[" * 100_000, b'{"t":1,"fleet":"demo","name":"quad1","instance":"i","x":1}'):
+        for bad in (b"", b"\xff", b"{}", b"[" * 100_000, b'{"t":1,"fleet":"demo","name":"quad1","instance":1}'):
             session.put(keys.STATE.key("demo", "quad1"), bad)
         Ghost(session, "demo", "quad2").speak()
         await z.wait_for("quad2", timeout=PATIENCE_S)

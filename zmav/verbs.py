@@ -71,9 +71,7 @@ VERBS: dict[str, Verb] = {
         Verb("mission_clear", wire.MissionClear, Access.CHANGE, "clear mission, fence or rally", CONFIGURING, True),
         Verb("mission_start", wire.MissionStart, Access.MOVE, "fly the mission"),
         Verb("mission_current", wire.MissionJump, Access.MOVE, "go on with another item"),
-        Verb(
-            "terrain_put", wire.TerrainPut, Access.CHANGE, "keep pieces of ground for the autopilot", CONFIGURING, True
-        ),
+        Verb("terrain_put", wire.TerrainPut, Access.CHANGE, "keep pieces of ground for the autopilot", CONFIGURING),
         Verb("terrain_clear", wire.Order, Access.CHANGE, "forget the pieces of ground", CONFIGURING),
         Verb("file_list", wire.FilePath, Access.READ, "list a directory of the autopilot", LOOKING),
         Verb("file_get", wire.FileGet, Access.READ, "fetch a file of the autopilot"),

@@ -280,6 +280,7 @@ def test_help_lists_every_verb(here: type[Here]) -> None:
         "record",
         "replay",
         "ros2",
+        "rtk",
         "view",
         "top",
     }

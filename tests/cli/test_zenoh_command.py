@@ -55,7 +55,18 @@ def test_what_can_be_asked(zenoh_cli: Zenoh, decoder: str) -> None:
     assert attitude["fields"].keys() >= {"roll", "pitch", "yaw"}
     kinds = {key.split("/")[3] for key in found}
     assert {"state", "msg", "rates", "link"} <= kinds
-    assert kinds <= {"state", "msg", "rates", "link", "body", "host", "param", "mission", "file"}  # as caches fill
+    assert kinds <= {
+        "state",
+        "msg",
+        "rates",
+        "link",
+        "body",
+        "host",
+        "param",
+        "mission",
+        "file",
+        "terrain",
+    }  # as caches fill
 
 
 def test_an_order_given_with_it(zenoh_cli: Zenoh) -> None:

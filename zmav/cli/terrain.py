@@ -15,7 +15,7 @@ from zmav.cli.places import numbers
 from zmav.cli.progress import Progress
 from zmav.cli.vehicles import Line, attempt, for_each, matching, show
 from zmav.client import Client
-from zmav.errors import BadInput
+from zmav.errors import BadInput, TimedOut
 from zmav.formats.tiles import Source, open_source
 from zmav.services.files.store import default_directory
 from zmav.terrain import Piece, names_within, piece_at
@@ -23,6 +23,8 @@ from zmav.vehicle import Vehicle
 
 METRES = 111_320.0
 """in a degree of latitude"""
+LOCATED = 10.0
+"""s for a vehicle to say where it is"""
 MOST = 4096
 """pieces at one go: some 100 km by 100 km"""
 
@@ -69,7 +71,7 @@ def load(vehicles: str, source: str, radius: float, area: str | None, as_json: b
     given = None if area is None else _read(heights, *numbers(area, 4, "S,W,N,E in degrees"))
 
     async def bring(vehicle: Vehicle, tell: Any) -> Line:
-        pieces = _read(heights, *_about(vehicle, radius)) if given is None else given
+        pieces = _read(heights, *await _about(vehicle, radius)) if given is None else given
         size = await vehicle.terrain.put(pieces, tell)
         return {"pieces": len(pieces), "bytes": size}
 
@@ -144,12 +146,15 @@ def height(at: str, source: str, as_json: bool) -> None:
         raise SystemExit(1)
 
 
-def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, float]:
+async def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, float]:
     """South, west, north, east of what lies so many metres about a vehicle."""
-    place = vehicle.state.position
-    if place is None:
+    try:
+        state = await vehicle.wait_until(lambda heard: heard.position is not None, LOCATED)
+    except TimedOut:
         text = f"where {vehicle.name} is, is not known: give --area, or wait for its GPS"
-        raise BadInput(text, field="area", value=None, expected="south,west,north,east in degrees")
+        raise BadInput(text, field="area", value=None, expected="south,west,north,east in degrees") from None
+    place = state.position
+    assert place is not None
     north = radius / METRES
     east = north / max(math.cos(math.radians(place.lat_deg)), 0.01)
     return place.lat_deg - north, place.lon_deg - east, place.lat_deg + north, place.lon_deg + east

@@ -109,6 +109,8 @@ class Copter:
             keys.PARAM.key(fleet, name, param="*"),
             keys.MISSION.key(fleet, name, kind="*"),
             keys.RATES.key(fleet, name),
+            keys.TERRAIN.key(fleet, name),
+            keys.SCHEMA.key(fleet, name, schema="*"),
             keys.FILE.key(fleet, name, file="*"),
             keys.FILE_CHUNK.key(fleet, name, file="*", offset="*"),
         )

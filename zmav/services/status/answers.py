@@ -78,9 +78,11 @@ class SchemaService:
         companion.questions.declare(keys.SCHEMA.key(self._fleet, self._name, schema="*"), self._answer)
 
     def _answer(self, query: zenoh.Query) -> Iterator[Reply]:
+        *_, kind, asked = str(query.key_expr).split("/")
+        if "*" in asked and kind != "schema":
+            return  # somebody looks around, who wants no document
         from zmav import schemas  # seldom asked, and some work to load
 
-        asked = str(query.key_expr).split("/")[-1]
         name = schemas.ASYNCAPI if "*" in asked else asked
         document = schemas.asyncapi() if name == schemas.ASYNCAPI else schemas.payload_schema(name)
         yield Reply(keys.SCHEMA.key(self._fleet, self._name, schema=name), msgspec.json.encode(document))

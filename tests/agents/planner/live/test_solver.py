@@ -16,6 +16,7 @@ from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live.solver import GRACE, Solver, SolverDied
 from agents.planner.live.worker import SolverProcess
+from agents.planner.model.deadline import WALL
 from agents.planner.model.errors import PlanError
 from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Bounds, Box, NoFly, Scene, Vehicle
@@ -116,7 +117,7 @@ async def test_a_plan_that_is_solved_late_has_its_own_time_to_be_judged(
     monkeypatch.setattr(sys, "executable", str(instead))
     async with Solver(print) as solver:
         await solver.until_ready(PATIENCE_S)
-        late = jobs.Solve(scene((0.0, 30.0, 10.0)), seconds=2.0 - GRACE)
+        late = jobs.Solve(scene((0.0, 30.0, 10.0)), seconds=(2.0 - GRACE) / WALL)
         assert await solver.do(late) == ("plan", "judged")  # type: ignore[comparison-overlap]
 
 
