@@ -140,6 +140,19 @@ async def test_garbage_reaches_no_autopilot(bench: StartBench) -> None:
     assert state["corrections"]["dropped"]["malformed"] >= 1
 
 
+async def test_a_flood_waits_for_the_loop_and_not_in_it(bench: StartBench) -> None:
+    """Orders are looked at there, too: of what comes while it is busy only the newest is left."""
+    b = await (await bench()).connected()
+    old = time.time() - 2 * OLDEST_S
+    for _ in range(300):
+        put(b, batch(message(1077), t=old))
+        time.sleep(0.002)  # the loop has no time
+    put(b, batch(message(1087)))
+    await comes(b, message(1087))
+    state = await b.state(lambda s: bool(s.get("corrections")), "corrections in its state")
+    assert state["corrections"]["dropped"]["old"] <= 3 * 16
+
+
 async def test_a_slow_line_has_room_for_commands(bench: StartBench) -> None:
     """Of 57,600 baud a quarter: a flood of corrections takes 1.4 kB/s, and each fragment waits for the last."""
     b = await (await bench()).connected()
@@ -212,6 +225,16 @@ class TestOutgoing:
         count = sum(1 for _ in iter(lambda: queue.next(100.0), None))
         assert count <= MOST_WAITING // ROOM
         assert queue.dropped["full"] == 100 - count
+
+    def test_a_flood_of_small_messages_costs_little(self) -> None:
+        queue, small = Outgoing(), [message(1000 + i, size=3) for i in range(200)]
+        began = time.thread_time()
+        for t in range(500):
+            queue.put(batch(*small, t=100.0))
+            if not t:
+                queue.next(100.0)
+        assert time.thread_time() - began < 1.0
+        assert queue.dropped["full"] > 10_000
 
     def test_shares_of_lines(self) -> None:
         lines: tuple[float | None, ...] = (None, 960.0, 5760.0, 92160.0)
