@@ -10,6 +10,7 @@ import asyncio
 import collections
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable
 
@@ -30,6 +31,8 @@ from zmav.trust.gate import Prove
 logger = logging.getLogger(__name__)
 MOST_WAITING = 16
 """batches that are looked at in 5 ms, the newest"""
+BUSY_S = 1.0
+"""s for which the intake waits for an event loop that has no time for them: the newest wait in its ring meanwhile"""
 FORGET_S = 600.0
 """s after the last ones from which the state has nothing of corrections any more"""
 MOVED_M = 0.5
@@ -71,16 +74,26 @@ class Corrections:
         """that the autopilot was given"""
 
     def start(self) -> None:
-        hear, self._loop = on_loop(asyncio.get_running_loop(), self._hear), asyncio.get_running_loop()
+        self._loop, room = asyncio.get_running_loop(), threading.Semaphore()
+
+        def looked_at(batch: Batch) -> None:
+            try:
+                self._hear(batch)
+            finally:
+                room.release()
+
+        hear = on_loop(self._loop, looked_at)
         drop = on_loop(self._loop, self._drop)
 
         def take(samples: list[zenoh.Sample]) -> None:
-            """In the intake's thread: what is not proven comes no further."""
+            """In the intake's thread: what is not proven comes no further. One batch at a time waits for the loop."""
             for sample in samples:
                 payload = sample.payload.to_bytes() if len(sample.payload) <= MOST else b""
                 try:
                     self._told(str(sample.key_expr), payload, attached(sample))
-                    hear(unpack(payload))
+                    batch = unpack(payload)
+                    if room.acquire(timeout=BUSY_S):
+                        hear(batch)
                 except Forbidden:
                     continue  # said and counted by the gate
                 except BadMessage as e:

@@ -60,7 +60,7 @@ class Outgoing:
 
     def __init__(self) -> None:
         self._now: collections.deque[Waiting] = collections.deque()
-        self._next: list[Waiting] = []
+        self._next: collections.deque[Waiting] = collections.deque()
         self._t_us = 0
         """of the moment that is being sent"""
         self._sequence = 0
@@ -74,19 +74,17 @@ class Outgoing:
             numbers = {message.number for message in batch.messages}
             keep = [each for each in self._next if each.t_us == batch.t_us or each.message.number not in numbers]
             self.dropped["overtaken"] += len(self._next) - len(keep)
-            self._next = keep + new
-        while sum(len(each.message.data) for each in (*self._now, *self._next)) > MOST_WAITING:
-            if self._now:
-                self._now.popleft()
-            else:
-                self._next.pop(0)
+            self._next = collections.deque(keep + new)
+        size = sum(len(each.message.data) for each in (*self._now, *self._next))
+        while size > MOST_WAITING:
+            size -= len((self._now or self._next).popleft().message.data)
             self.dropped["full"] += 1
 
     def next(self, utc: float) -> Waiting | None:
         """The next message that is still worth its way; None: nothing waits."""
         while self._now or self._next:
             if not self._now:
-                self._now, self._next = collections.deque(self._next), []
+                self._now, self._next = self._next, collections.deque()
                 self._t_us = max(each.t_us for each in self._now)
             found = self._now.popleft()
             if utc - found.t_us / 1e6 <= OLDEST_S:
@@ -98,7 +96,7 @@ class Outgoing:
         """Another source's are not mixed with these."""
         self.dropped["overtaken"] += len(self._now) + len(self._next)
         self._now.clear()
-        self._next = []
+        self._next.clear()
 
     def pieces(self, message: Message) -> Iterator[tuple[int, bytes]]:
         """Flags and bytes of its fragments, under the next sequence."""
