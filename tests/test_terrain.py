@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zmav.errors import BadInput
 from zmav import terrain as ground
+from zmav.errors import BadInput
 from zmav.terrain import KEPT, VOID, Piece, Terrain, corner_of, name_of, names_within, pack, piece_at, unpack
 
 
