@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zmav import terrain as ground
 from zmav.errors import BadInput
 from zmav.terrain import KEPT, VOID, Piece, Terrain, corner_of, name_of, names_within, pack, piece_at, unpack
 
@@ -121,19 +120,20 @@ def test_a_void_is_no_height_that_is_refused() -> None:
         assert unpack("S36E149-38-09", pack(piece)) == piece
 
 
-def test_memory_and_disk_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ground, "KEPT", 2)
-    monkeypatch.setattr(ground, "MOST_STORED", 5)
+def test_memory_and_disk_are_bounded(tmp_path: Path) -> None:
     terrain = Terrain(tmp_path / "ground")
+    terrain.kept, terrain.most = 2, 5
     for east in range(5):
         terrain.put(name_of(0, east), pack(slope()))
-    assert len(terrain._pieces) == 2
+    (tmp_path / "ground" / name_of(0, 0)).rename(tmp_path / "aside")
+    assert terrain.height(0.0, 1e-9) is None, "no longer in memory"
+    (tmp_path / "aside").rename(tmp_path / "ground" / name_of(0, 0))
     with pytest.raises(BadInput, match="zmav terrain clear"):
         terrain.put(name_of(0, 5), pack(slope()))
     terrain.put(name_of(0, 4), pack(slope(base=7)))  # in place of what was there
     assert len(terrain.names()) == 5
-    (tmp_path / "ground" / name_of(0, 0)).write_bytes(b"nonsense")
-    assert terrain.height(0.0, 1e-9) is None
+    (tmp_path / "ground" / name_of(0, 1)).write_bytes(b"nonsense")
+    assert terrain.height(0.0, 1 / 60.0 + 1e-9) is None
     assert terrain.faults
     terrain.clear()
     assert terrain.faults == {}

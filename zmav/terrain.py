@@ -145,6 +145,7 @@ class Terrain:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.faults: dict[str, str] = {}
+        self.kept, self.most = KEPT, MOST_STORED
         self._pieces: collections.OrderedDict[str, Piece | None] = collections.OrderedDict()
         self._lock, self._writing = threading.Lock(), threading.Lock()
 
@@ -168,7 +169,7 @@ class Terrain:
     def _remember(self, name: str, piece: Piece | None) -> None:
         self._pieces.pop(name, None)
         self._pieces[name] = piece
-        if len(self._pieces) > KEPT:
+        if len(self._pieces) > self.kept:
             self._pieces.popitem(last=False)
 
     def put(self, name: str, data: bytes) -> None:
@@ -179,9 +180,9 @@ class Terrain:
         piece = unpack(name, data)
         with self._writing:
             self.folder.mkdir(parents=True, exist_ok=True)
-            if not (self.folder / name).exists() and len(self.names()) >= MOST_STORED:
-                text = f"{name}: {MOST_STORED} pieces are kept already: 'zmav terrain clear' makes room"
-                raise BadInput.wrong("pieces", name, f"at most {MOST_STORED} pieces", text)
+            if not (self.folder / name).exists() and len(self.names()) >= self.most:
+                text = f"{name}: {self.most} pieces are kept already: 'zmav terrain clear' makes room"
+                raise BadInput.wrong("pieces", name, f"at most {self.most} pieces", text)
             part = self.folder / f"{name}.part"
             part.write_bytes(data)
             part.replace(self.folder / name)

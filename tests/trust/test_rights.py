@@ -24,6 +24,8 @@ CONFIGURES = {
     "servo",
     "mission_upload",
     "mission_clear",
+    "terrain_put",
+    "terrain_clear",
 }
 LOOKS = {"ping", "file_list", "log_list"}
 

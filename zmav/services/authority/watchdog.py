@@ -466,9 +466,7 @@ class StreamWatchdog:
         if instead is not None:
             return self._dodge(flown, *instead)
         if self._dodging is flown and isinstance(flown.what, Segment):
-            self._flown = flown._replace(
-                what=Target(vel=(0.0, 0.0, 0.0)), home=None
-            )  # its place on the segment may be taken
+            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)), home=None)  # its place may be taken
             self._hold("moved aside from the segment")
             return True
         self._dodging = None
