@@ -20,7 +20,7 @@ from zmav.rotation import from_euler
 from zmav.services.authority.targets import group_of
 from zmav.vehicle import Vehicle
 
-OWN = ("lease", "seq", "deadline", "frame", "segment")
+OWN = ("lease", "seq", "deadline", "frame", "segment", "home")
 SETTLE = 0.5
 """s after which the vehicle's state counts the last setpoint"""
 
