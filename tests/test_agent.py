@@ -18,7 +18,7 @@ from click.testing import CliRunner
 import zmav
 from zmav import keys, wire
 from zmav.agent import Tunable
-from zmav.cli.agent import command, find, resolve
+from zmav.cli.agent import command, find, own_lines, resolve
 from zmav.client import Answer
 from zmav.errors import BadConfig, BadInput, BadKey, Clash, Refused, TimedOut
 from zmav.verbs import Access, Verb
@@ -182,6 +182,12 @@ def test_a_file_that_holds_no_one_agent_says_why(tmp_path: Path, text: str, why:
     path.write_text(text)
     with pytest.raises(BadConfig, match=why):
         resolve(str(path))
+
+
+def test_a_mistake_without_a_line_of_the_agents_own_is_shown_whole(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="elsewhere") as caught:
+        raise ValueError("elsewhere")
+    assert "test_agent.py" in own_lines(caught.value, str(tmp_path / "mine.py"))
 
 
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:

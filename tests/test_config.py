@@ -145,6 +145,7 @@ def test_a_missing_vehicle_is_told_with_those_there_are(path: Path) -> None:
         ("radius = 300.0", "radius = -1.0", "geofence.radius", "> 0.0"),
         ("radius = 300.0", "radius = nan", "geofence.radius", "not a number (nan)"),
         ("floor = 2.0", "floor = 60.0", "geofence.floor", "less than the ceiling"),
+        ("floor = 2.0", "above_ground = -5.0", "geofence.above_ground", "metres above the ground"),
         ("speed = 12.0", "speed = 0", "limits.speed", "> 0.0"),
         ("speed = 12.0", "accel = inf", "limits.accel", "infinite (inf)"),
         ("channel = 7", "channel = 19", "vehicles.quad1.pilot_switch.channel", "<= 18"),

@@ -82,6 +82,8 @@ def test_a_piece_crosses_the_network_as_it_was() -> None:
         zlib.compress(bytes(1 << 28), 9),  # much from little
         pack(slope(base=9001)),
         pack(slope(base=-700)),
+        pack(Piece(2, array.array("h", [VOID, -600, 0, 0]))),  # what is not known hides nothing
+        pack(Piece(2, array.array("h", [VOID, 9001, 0, 0]))),
     ],
 )
 def test_what_is_no_piece_is_refused(data: bytes, tmp_path: Path) -> None:
@@ -110,6 +112,31 @@ def test_what_is_kept_is_there_after_a_restart(tmp_path: Path) -> None:
     assert terrain.height(0.0, 3 / 60.0 + 1e-9) == pytest.approx(77, abs=1e-4)
     assert terrain.clear() == KEPT + 5
     assert terrain.height(0.0, 3 / 60.0) is None
+
+
+def test_a_void_is_no_height_that_is_refused() -> None:
+    for heights in ([VOID] * 4, [VOID, -500, 9000, 0]):
+        piece = Piece(2, array.array("h", heights))
+        assert unpack("S36E149-38-09", pack(piece)) == piece
+
+
+def test_memory_and_disk_are_bounded(tmp_path: Path) -> None:
+    terrain = Terrain(tmp_path / "ground")
+    terrain.kept, terrain.most = 2, 5
+    for east in range(5):
+        terrain.put(name_of(0, east), pack(slope()))
+    (tmp_path / "ground" / name_of(0, 0)).rename(tmp_path / "aside")
+    assert terrain.height(0.0, 1e-9) is None, "no longer in memory"
+    (tmp_path / "aside").rename(tmp_path / "ground" / name_of(0, 0))
+    with pytest.raises(BadInput, match="zmav terrain clear"):
+        terrain.put(name_of(0, 5), pack(slope()))
+    terrain.put(name_of(0, 4), pack(slope(base=7)))  # in place of what was there
+    assert len(terrain.names()) == 5
+    (tmp_path / "ground" / name_of(0, 1)).write_bytes(b"nonsense")
+    assert terrain.height(0.0, 1 / 60.0 + 1e-9) is None
+    assert terrain.faults
+    terrain.clear()
+    assert terrain.faults == {}
 
 
 def test_no_place_on_earth_has_no_ground(tmp_path: Path) -> None:

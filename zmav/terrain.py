@@ -32,6 +32,8 @@ SIDES = (2, 241)
 NAME = re.compile(r"([NS])(\d\d)([EW])(\d\d\d)-(\d\d)-(\d\d)\Z")
 KEPT = 64
 """pieces that are kept in memory, 0.5 MB at one arc second"""
+MOST_STORED = 16_384
+"""pieces in a folder: 200 km by 200 km, and no full disk"""
 
 
 class Ground(Protocol):
@@ -127,8 +129,9 @@ def unpack(name: str, data: bytes) -> Piece:
     heights = array.array("h", raw)
     if sys.byteorder == "little":
         heights.byteswap()
-    for height in (min(heights), max(heights)):
-        if height != VOID and not LOWEST <= height <= HIGHEST:
+    known = [height for height in heights if height != VOID]
+    for height in (min(known, default=LOWEST), max(known, default=LOWEST)):
+        if not LOWEST <= height <= HIGHEST:
             raise BadInput.wrong(name, height, f"{LOWEST} to {HIGHEST} m", f"{name} has ground at {height} m")
     return Piece(side, heights)
 
@@ -142,8 +145,9 @@ class Terrain:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.faults: dict[str, str] = {}
+        self.kept, self.most = KEPT, MOST_STORED
         self._pieces: collections.OrderedDict[str, Piece | None] = collections.OrderedDict()
-        self._lock = threading.Lock()
+        self._lock, self._writing = threading.Lock(), threading.Lock()
 
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
         if not (abs(lat_deg) < 90.0 and math.isfinite(lon_deg)):
@@ -158,32 +162,44 @@ class Terrain:
             if name in self._pieces:
                 self._pieces.move_to_end(name)
                 return self._pieces[name]
-            self._pieces[name] = piece = self._read(name)
-            if len(self._pieces) > KEPT:
-                self._pieces.popitem(last=False)
+            piece = self._read(name)
+            self._remember(name, piece)
             return piece
 
+    def _remember(self, name: str, piece: Piece | None) -> None:
+        self._pieces.pop(name, None)
+        self._pieces[name] = piece
+        if len(self._pieces) > self.kept:
+            self._pieces.popitem(last=False)
+
     def put(self, name: str, data: bytes) -> None:
-        """Keep a piece, in place of what was there. Raises :class:`BadInput` for what is none, OSError by the disk."""
+        """Keep a piece, in place of what was there. Raises :class:`BadInput` for what is none, and for one more than
+        there is room for; OSError by the disk.
+        """
         corner_of(name)
         piece = unpack(name, data)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        part = self.folder / f"{name}.part"
-        part.write_bytes(data)
-        part.replace(self.folder / name)
-        with self._lock:
-            self.faults.pop(name, None)
-            self._pieces.pop(name, None)
-            self._pieces[name] = piece
+        with self._writing:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if not (self.folder / name).exists() and len(self.names()) >= self.most:
+                text = f"{name}: {self.most} pieces are kept already: 'zmav terrain clear' makes room"
+                raise BadInput.wrong("pieces", name, f"at most {self.most} pieces", text)
+            part = self.folder / f"{name}.part"
+            part.write_bytes(data)
+            part.replace(self.folder / name)
+            with self._lock:
+                self.faults.pop(name, None)
+                self._remember(name, piece)
 
     def clear(self) -> int:
         """Forget all pieces; how many there were."""
-        names = self.names()
-        for name in names:
-            (self.folder / name).unlink(missing_ok=True)
-        with self._lock:
-            self._pieces.clear()
-        return len(names)
+        with self._writing:
+            names = self.names()
+            for name in names:
+                (self.folder / name).unlink(missing_ok=True)
+            with self._lock:
+                self.faults.clear()
+                self._pieces.clear()
+            return len(names)
 
     def names(self) -> list[str]:
         """What is in the folder."""

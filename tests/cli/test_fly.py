@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from typing import TYPE_CHECKING
 
 import pytest
 
+from zmav import wire
+from zmav.cli.fly import OWN
 from zmav.errors import BadInput, Refused
 from zmav.rotation import from_euler
+from zmav.vehicle import Lease
 
 if TYPE_CHECKING:
     from tests.cli.conftest import Here, Vehicle
@@ -77,3 +81,9 @@ def test_a_quaternion_turns_the_nose_where_it_says(roll: float, pitch: float, ya
         (math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch))
     )
     assert 1 - 2 * (x * x + y * y) == pytest.approx(math.cos(roll) * math.cos(pitch))
+
+
+def test_each_field_of_a_setpoint_is_put_or_kept_out() -> None:
+    """One that comes to the wire, and not here, would break each 'zmav fly'."""
+    put = inspect.signature(Lease.setpoint).parameters
+    assert {name for name in wire.Setpoint.__struct_fields__ if name not in OWN} <= set(put)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import shutil
+import signal
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -64,6 +67,26 @@ def test_the_tree_that_an_installation_lays_out_is_all_that_the_installer_wants(
         assert target == f"share/zmav/{source}"
         assert (tmp_path / "tree" / source).exists()
     assert not list((tmp_path / "tree").rglob("__pycache__"))
+
+
+@pytest.mark.process
+def test_an_installation_that_is_interrupted_ends_as_its_script_wants(tmp_path: Path) -> None:
+    """It may be at what must not be left half done; its files stay until then."""
+    (tmp_path / "deploy").mkdir()
+    slow = """trap '' INT; echo begun; sleep 1; test -f "$0" && echo whole"""
+    (tmp_path / "deploy" / "install.sh").write_text(slow, encoding="utf-8")
+    program = (
+        "import shutil; from zmav.cli import install\n"
+        f"install.lay_out = lambda to: shutil.copytree({str(tmp_path / 'deploy')!r}, to / 'deploy') / 'install.sh'\n"
+        "install.command([])"
+    )
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline() == "begun\n"
+        os.killpg(run.pid, signal.SIGINT)
+        assert run.stdout.read() == "whole\n"
+    assert run.returncode == 0
 
 
 @pytest.fixture(scope="module")

@@ -118,6 +118,24 @@ async def test_one_who_is_elsewhere_does_what_is_configured(bench: StartBench) -
     assert max(north(b)) < 0.05
 
 
+async def test_one_who_has_not_said_of_late_where_it_is_does_what_is_configured(bench: StartBench) -> None:
+    b = await bench(settings=settings())
+    await committed(b, wait=AFTER + 3.0)
+    await b.event("the segment has ended")
+    b.peer.place = None  # it says so no more
+    await b.event("the way home is not flown: where it is, is not known", kind="failsafe", severity="error")
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
+
+
+async def test_one_whose_segment_was_cut_short_waits_for_no_way_home(bench: StartBench) -> None:
+    b = await bench(settings=settings())
+    alice, start = await committed(b, wait=AFTER + 8.0)
+    await b.state(lambda s: s["segment"] is not None, "the segment")
+    await b.ground.do("arm", lease=alice.token)  # it is, and holds
+    await b.peer.until(lambda: b.peer.mode == RTL, "RTL")
+    assert time.time() < start - RETURN_LEAD - 4.0
+
+
 async def test_the_next_segment_takes_the_place_of_both(bench: StartBench) -> None:
     """One without a way home leaves none: it would begin elsewhere."""
     b = await bench(settings=settings())

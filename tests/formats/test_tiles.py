@@ -5,6 +5,8 @@ from __future__ import annotations
 import array
 import gzip
 import http.server
+import io
+import socket
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -32,6 +34,17 @@ def tile() -> bytes:
     heights = array.array("h", (height(row, column) for row in range(SIDE) for column in range(SIDE)))
     heights.byteswap()
     return heights.tobytes()
+
+
+def with_password() -> bytes:
+    """An archive that says that it has one."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        archive.writestr("S36E149.hgt", tile())
+    data = bytearray(made.getvalue())
+    data[6] |= 1
+    data[data.rindex(b"PK\x01\x02") + 8] |= 1
+    return bytes(data)
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +80,7 @@ def test_pieces_of_a_tile(tmp_path: Path, packed: dict[str, bytes], ending: str)
         ("S36E149.hgt", b"short", "has 5 bytes"),
         ("S36E149.hgt.gz", b"no gzip", "S36E149.hgt.gz"),
         ("S36E149.hgt.zip", b"no archive", "S36E149.hgt.zip"),
+        ("S36E149.hgt.zip", with_password(), "password"),
         ("S36E149.hgt.gz", gzip.compress(tile(), 1)[:5000], "S36E149.hgt.gz"),
     ],
 )
@@ -136,6 +150,21 @@ def test_what_a_server_sends_is_a_tile_or_is_not_kept(server: tuple[str, list[st
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(TimedOut, match="load the tiles where there is a network"):
         Server(f"http://127.0.0.1:{free_port()}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")
+
+
+def test_what_is_no_web_server(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer() -> None:
+            with listener.accept()[0] as connection:
+                connection.recv(4096)
+                connection.sendall(b"SSH-2.0-no\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(TimedOut, match="SSH-2"):
+            Server(f"http://127.0.0.1:{listener.getsockname()[1]}/{{cell}}.hgt", tmp_path).piece("S36E149-38-09")
+        thread.join()
 
 
 def test_a_geotiff_in_metres_gives_the_heights_of_its_places(tmp_path: Path) -> None:

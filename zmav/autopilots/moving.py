@@ -31,7 +31,7 @@ _TO_A_PLACE = frozenset(
         "NAV_RALLY_POINT",
     )
 )
-_TO_A_LANDING = frozenset(f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_VTOL_LAND", "DO_LAND_START"))
+LANDINGS = frozenset(f"MAV_CMD_{name}" for name in ("NAV_LAND", "NAV_VTOL_LAND", "DO_LAND_START"))
 _TO_A_HEIGHT = frozenset(
     f"MAV_CMD_{name}" for name in ("GUIDED_CHANGE_ALTITUDE", "NAV_CONTINUE_AND_CHANGE_ALT", "CONDITION_CHANGE_ALT")
 )
@@ -70,9 +70,9 @@ def leads_to(command: Command, autopilot: Autopilot, *, in_mission: bool = False
     height = Target(alt_amsl=p[6]) if ignored or frame in _ABOVE_THE_SEA else Target(alt_rel=p[6])
     if command.name in _TO_A_HEIGHT:
         return height
-    if command.name not in _TO_A_PLACE | _TO_A_LANDING:
+    if command.name not in _TO_A_PLACE | LANDINGS:
         return None
-    if math.isnan(p[6]) or command.name in _TO_A_LANDING:
+    if math.isnan(p[6]) or command.name in LANDINGS:
         height = Target()
     place = _place(command, autopilot)
     if place is None:

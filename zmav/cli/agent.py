@@ -94,11 +94,14 @@ def _agent_in(path: Path) -> type[Agent] | None:
 
 
 def own_lines(error: Exception, file: str) -> str:
-    """A traceback from the first line in ``file`` on: what called that is not its author's. All of it where none is."""
+    """A traceback from the first line in ``file`` on: what called that is not its author's. All of it where none is; of
+    what Python cannot read, only where.
+    """
     at = error.__traceback__
     while at is not None and Path(at.tb_frame.f_code.co_filename).resolve() != Path(file).resolve():
         at = at.tb_next
-    return "".join(traceback.format_exception(type(error), error, at, chain=at is None)).rstrip()
+    shown = error.__traceback__ if at is None and not isinstance(error, SyntaxError) else at
+    return "".join(traceback.format_exception(type(error), error, shown, chain=at is None)).rstrip()
 
 
 def find(name: str) -> type[Agent]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -43,5 +44,12 @@ def command(options: tuple[str, ...]) -> None:
     with tempfile.TemporaryDirectory(prefix="zmav-install-") as folder:
         script = lay_out(Path(folder))
         told = {**os.environ, "ZMAV_INSTALLER": "zmav install"}  # what it calls itself
-        done = subprocess.run(["bash", str(script), *options], env=told, check=False)
-    sys.exit(done.returncode)
+        # Ctrl-C and a lost terminal reach the script, which knows when it may end: nobody kills it half switched.
+        heard = [each for each in (signal.SIGINT, signal.SIGHUP) if signal.getsignal(each) is not signal.SIG_IGN]
+        before = {each: signal.signal(each, lambda *_: None) for each in heard}
+        try:
+            done = subprocess.run(["bash", str(script), *options], env=told, check=False)
+        finally:
+            for each, handler in before.items():
+                signal.signal(each, handler)
+    sys.exit(done.returncode if done.returncode >= 0 else 128 - done.returncode)

@@ -33,7 +33,7 @@ reserve = 0.25                  # share of its battery with which it is to be on
 on = true
 
 [rights]                        # orders that are the operators' unless they are given away here
-planner = ["servo"]             # and mission_upload, mission_clear
+planner = ["servo"]             # and mission_upload, mission_clear, terrain_put
 
 [ros2]
 domain = 0                      # routers with credentials let this domain of ROS through, by role; absent: no ROS
@@ -162,7 +162,7 @@ class Separation(Table, frozen=True):
 class Rights(Table, frozen=True):
     """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
 
-    planner: list[Literal["servo", "mission_upload", "mission_clear"]] = []
+    planner: list[Literal["servo", "mission_upload", "mission_clear", "terrain_put"]] = []
     """orders that planners, and programs on board for their own vehicle, may give besides their own"""
 
 
@@ -368,6 +368,8 @@ def check_fence(fence: Geofence | None, origin: wire.Origin | None, field: str) 
         value = getattr(fence, name)
         if value is not None and not (abs(value) <= 100_000.0 or value == _BOUNDLESS[name]):
             raise BadConfig.wrong(f"{field}.{name}", value, "a number of metres")
+    if fence.above_ground is not None and not 0.0 <= fence.above_ground <= 10_000.0:
+        raise BadConfig.wrong(f"{field}.above_ground", fence.above_ground, "metres above the ground")
     if fence.floor is not None and fence.ceiling is not None and fence.floor >= fence.ceiling:
         raise BadConfig.wrong(f"{field}.floor", fence.floor, f"less than the ceiling ({fence.ceiling} m)")
     if fence.radius not in (None, math.inf) and origin is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import array
 import functools
 import gzip
+import http.client
 import math
 import re
 import sys
@@ -113,7 +114,7 @@ class Server:
                 ) from None
             self._absent.add(cell)
             return
-        except (urllib.error.URLError, OSError) as e:
+        except (urllib.error.URLError, http.client.HTTPException, OSError) as e:
             raise TimedOut(f"{url}: {e}; load the tiles where there is a network, and give their folder") from None
         if len(data) > MOST:
             raise BadInput.wrong("from", url, f"a tile of {MOST} bytes at most")
@@ -187,7 +188,7 @@ def _unpacked(path: Path, ending: str) -> bytes:
                 data = stream.read(MOST + 1)
         else:
             data = path.read_bytes()
-    except (OSError, EOFError, zlib.error, zipfile.BadZipFile) as e:
+    except (OSError, EOFError, RuntimeError, zlib.error, zipfile.BadZipFile) as e:  # RuntimeError: it has a password
         raise BadInput(f"{path}: {e}", field="from", value=str(path), expected="a tile that can be read") from None
     if len(data) not in (2 * side * side for side in SIDES):
         what = f"{path} has {len(data)} bytes"

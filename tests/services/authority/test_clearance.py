@@ -140,7 +140,20 @@ async def test_orders_and_streams_keep_off_the_ground(bench: StartBench, tmp_pat
     await alice.counted(ground=2)  # it cuts through the slope behind the ridge
 
 
-WAYPOINT = "MAV_CMD_NAV_WAYPOINT"
+async def test_a_command_without_a_height_is_judged_at_the_present_one(bench: StartBench, tmp_path: Path) -> None:
+    fill(tmp_path)
+    settings = {"cache": str(tmp_path), "origin": ORIGIN, "geofence": Geofence(ceiling=200.0)}
+    b = await (await bench(settings=settings)).connected()
+    lat, lon, _ = place(300, 0, 0)
+    order = {"command": "DO_REPOSITION", "params": {"param5": lat, "param6": lon, "param7": None}}
+    await flying(b)
+    with pytest.raises(BadInput, match="under the ground"):
+        await b.ground.do("command", **order)
+    await flying(b, 110.0)
+    await b.ground.do("command", **order)
+
+
+WAYPOINT, LAND = "MAV_CMD_NAV_WAYPOINT", "MAV_CMD_NAV_LAND"
 ABOVE = "MAV_FRAME_GLOBAL_TERRAIN_ALT"
 
 
@@ -152,6 +165,9 @@ def item(north: float, up: float, frame: str = "MAV_FRAME_GLOBAL_RELATIVE_ALT") 
 @pytest.mark.parametrize(
     ("items", "words"),
     [
+        ([item(100, 120), {**item(100, 0), "command": LAND}], ""),
+        ([item(100, 120), {**item(600, 0), "command": LAND}], ""),  # over the ridge, and down there
+        ([item(100, 30), {**item(600, 0), "command": LAND}], "item 1: pos: .* under the ground"),
         ([item(100, 30), item(600, 30)], "item 1: pos: .* under the ground"),
         ([item(100, 30), item(300, 30)], "item 1: pos: 70.0 m under the ground"),
         ([item(100, 30, ABOVE), item(300, 30, ABOVE), item(600, 30, ABOVE)], ""),

@@ -14,7 +14,7 @@ import msgspec
 
 from zmav import wire
 from zmav.autopilots import Autopilot, Command, Target
-from zmav.autopilots.moving import SET_HOME, Speed, home_by, leads_to
+from zmav.autopilots.moving import LANDINGS, SET_HOME, Speed, home_by, leads_to
 from zmav.config import Geofence, Limits, usual_fence, usual_limits
 from zmav.errors import BadInput
 from zmav.services.authority import limits as limit
@@ -60,8 +60,12 @@ class Bounds:
             self._usual_fence(position)
         self._armed = armed
 
-    def check(self, what: Target | Segment, *, force: bool | None = None, from_here: bool = True) -> None:
-        """A target from here (or from elsewhere), or a whole segment; ``force`` None: there is no such thing for it."""
+    def check(
+        self, what: Target | Segment, *, force: bool | None = None, from_here: bool = True, lands: bool = False
+    ) -> None:
+        """A target from here (or from elsewhere), or a whole segment; ``force`` None: there is no such thing for it.
+        ``lands``: it is for the ground.
+        """
         position = self._position()
         home = self._home(position)
 
@@ -76,7 +80,7 @@ class Bounds:
 
         with_place = isinstance(what, Segment) or what.lat_deg is not None
         self._permit(judge, position, force, with_place)
-        if with_place and not flat:
+        if with_place and not self._flat and not lands and (from_here or not flat):
             self._check_ground(what, position, force, from_here)
 
     def check_height(self, alt_rel: float, *, force: bool) -> None:
@@ -117,8 +121,9 @@ class Bounds:
         follows = "TERRAIN" in (command.frame or "")  # the ground on its way there, too
         if follows and isinstance(lead, Target):
             lead = self._above_sea(lead)
-        self._check_lead(lead, force, from_here=not in_mission)
-        place = self._place(lead, self._position()) if isinstance(lead, Target) else None
+        self._check_lead(lead, force, from_here=not in_mission, lands=command.name in LANDINGS)
+        level = None if before is None else before.alt_amsl
+        place = self._place(lead, self._position(), level) if isinstance(lead, Target) else None
         if place is not None and before is not None and not follows and not self._flat:
             self._clearance.check(place, before, self._home_place(), force=force)
         return place or before
@@ -138,18 +143,21 @@ class Bounds:
             for each in what.places():
                 self._clearance.check(each, None, home, force=force)
             return
-        here = _place_of(position) if from_here and position is not None else None
-        place = self._place(what, position)
+        present = None if position is None else _place_of(position)
+        place = self._place(what, position, None if present is None else present.alt_amsl)
         if place is not None:
-            self._clearance.check(place, here, home, force=force)
+            self._clearance.check(place, present if from_here else None, home, force=force)
+        elif self._fence.above_ground is not None:
+            text = "how high that is, is not known yet, and the fleet file asks for a height above the ground"
+            raise BadInput(text, field="pos", value=None, expected="later", count="ground")
 
-    def _place(self, what: Target, position: Mapping[str, Any] | None) -> Place | None:
-        """Without a height of its own at the present one. None: it has no place, or its height is not known."""
+    def _place(self, what: Target, position: Mapping[str, Any] | None, level: float | None) -> Place | None:
+        """Without a height of its own at ``level``. None: it has no place, or its height is not known."""
         alt, home = what.alt_amsl, self._home(position)
-        if alt is None and what.alt_rel is not None and home is not None:
+        if alt is None and what.alt_rel is None:
+            alt = level
+        elif alt is None and what.alt_rel is not None and home is not None:
             alt = home + what.alt_rel
-        elif alt is None and what.alt_rel is None and position is not None:
-            alt = position["alt"] / 1e3
         return (
             None
             if what.lat_deg is None or what.lon_deg is None or alt is None
@@ -179,11 +187,11 @@ class Bounds:
 
         self._permit(judge, position, force, place is not None)
 
-    def _check_lead(self, lead: Target | Speed | None, force: bool, *, from_here: bool) -> None:
+    def _check_lead(self, lead: Target | Speed | None, force: bool, *, from_here: bool, lands: bool) -> None:
         if isinstance(lead, Speed):
             self.check_speed(lead.limit, lead.value, force=force)
         elif lead is not None and lead.lat_deg is not None:
-            self.check(lead, force=force, from_here=from_here)
+            self.check(lead, force=force, from_here=from_here, lands=lands)
         elif lead is not None and not self._flat:
             self.check_height(limit.height_of(lead, self._home(self._position())), force=force)
 

@@ -169,12 +169,13 @@ class StreamWatchdog:
             if flown.lease == self._over:
                 return
             if self._step is Step.ENGAGING and self._shown().mode != flown.mode:
-                self._flown = flown._replace(until=min(flown.until, time.monotonic()))
+                self._flown = flown._replace(until=min(flown.until, time.monotonic()), home=None)
                 self._wake(time.monotonic())  # nothing flies by it yet
                 return
+            home = flown.home if time.monotonic() >= flown.until else None  # it begins where this was to end
             if self._step in (Step.FRESH, Step.ENGAGING):
                 self._hold(why, severity)
-            self._flown = flown._replace(goes_on=flown.goes_on and goes_on)
+            self._flown = flown._replace(goes_on=flown.goes_on and goes_on, home=home)
             self._dodging = self._flown if self._dodging is flown else self._dodging
             self._wake(self._next(time.monotonic()))
 
@@ -465,7 +466,7 @@ class StreamWatchdog:
         if instead is not None:
             return self._dodge(flown, *instead)
         if self._dodging is flown and isinstance(flown.what, Segment):
-            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)))  # its place on the segment may be taken
+            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)), home=None)  # its place may be taken
             self._hold("moved aside from the segment")
             return True
         self._dodging = None

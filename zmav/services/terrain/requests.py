@@ -100,11 +100,13 @@ class TerrainRequests:
     async def put(self, args: wire.TerrainPut, report: Report) -> dict[str, Any]:
         """Keep pieces. Raises :class:`~zmav.errors.BadInput` for the first that is none; those before it are kept."""
         args.check()
-        for name, data in args.pieces.items():
-            await in_thread(self.terrain.put, name, data)
-            self._missing.pop(name, None)
-        self._ask_for()
-        return {"put": len(args.pieces), "pieces": len(self.terrain.names())}
+        try:
+            for name, data in args.pieces.items():
+                await in_thread(self.terrain.put, name, data)
+                self._missing.pop(name, None)
+        finally:
+            kept = self._ask_for()
+        return {"put": len(args.pieces), "pieces": kept}
 
     async def clear(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Forget all pieces; the autopilot keeps what it was told."""
@@ -112,10 +114,14 @@ class TerrainRequests:
         self._ask_for()
         return {"cleared": cleared}
 
-    def _ask_for(self) -> None:
-        """An ArduPilot asks no more often than it is asked to, and one without pieces here need not."""
+    def _ask_for(self) -> int:
+        """An ArduPilot asks no more often than it is asked to, and one without pieces here need not. How many there
+        are.
+        """
+        kept = len(self.terrain.names())
         for name, hz in NEEDS.items():
-            self._need(name, hz if self.terrain.names() else 0.0)
+            self._need(name, hz if kept else 0.0)
+        return kept
 
     def _on_request(self, frame: Frame) -> None:
         if (frame.sysid, frame.compid) != self._identity.source:
@@ -165,7 +171,7 @@ class TerrainRequests:
         while len(self._missing) > MISSING:
             del self._missing[next(iter(self._missing))]
         text = f"the autopilot asks for ground that is not here ({', '.join(names[:4])}): 'zmav terrain load'"
-        self._events.emit("terrain", "warning", text, pieces=names)
+        self._events.emit("terrain", "warning", text, limit="terrain", pieces=names)
 
     def _position(self) -> Any:
         return fields_of(self._port, "GLOBAL_POSITION_INT", self._identity.source, FRESH)
