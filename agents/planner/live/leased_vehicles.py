@@ -13,7 +13,8 @@ import msgspec
 
 import zmav
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.executor import MAX_CLOCK, SLACK, Executor, Flight, Trouble
+from agents.planner.execute.executor import MAX_CLOCK, Executor
+from agents.planner.execute.flight import SLACK, Flight, Trouble
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.execute.executor import Trouble
+from agents.planner.execute.flight import Trouble
 from agents.planner.execute.vehicle_command import RESTING
 from agents.planner.goals.steps import (
     FleetView,
