@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from agents.planner.execute.commit import Part
-from agents.planner.execute.conductor import standing
 from agents.planner.execute.offset import Offset
+from agents.planner.execute.rows import standing
 from agents.planner.execute.track import Track, flown
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
