@@ -264,6 +264,7 @@ class Conductor:
     def decide(self, now: float, most: int = 1000) -> list[Send]:
         """What is to be put now. ``most``: trajectories that are made in one call; the rest is for the next."""
         self._notice(now)
+        self.reserved.fresh.clear()
         if self._homes is not None:
             self._homes.begin(self.parts, now)
         sends: list[Send] = []
@@ -290,6 +291,7 @@ class Conductor:
             if send is not None:
                 if self._homes is not None:
                     send = send._replace(home=self._homes.home(part, send.entry, float(send.rows[-1, 0]), now))
+                self.reserved.fresh[part.id] = send.entry
                 sends.append(send)
                 most -= 1
         return sends
@@ -301,6 +303,7 @@ class Conductor:
         if self._homes is not None:
             self._homes.sent(send.part, stamp, deadline)
         entry.deadline, entry.last_sent = max(entry.deadline, deadline), now
+        self.reserved.fresh.pop(send.part.id, None)
         if not any(entry is each for each in send.part.entries):
             send.part.entries.append(entry)
             self._moved = now
