@@ -176,6 +176,8 @@ class Conductor:
         part.late = late
         for entry in part.entries:
             entry.delay(late)
+            if self._homes is not None:
+                self._homes.blocker(part, entry, now)  # whose way home that meets now is sent another
         if not part.active or self.halting:
             return
         for entry in part.entries:

@@ -28,7 +28,7 @@ from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.scene import Bounds
 from agents.planner.model.separation import separation
-from agents.planner.returning.finder import DELAYS, LANDS_FROM, Returner, Surroundings
+from agents.planner.returning.finder import DELAYS, LANDS_FROM, TRIED, Returner, Surroundings
 from agents.planner.returning.keeper import ReturnKeeper
 from agents.planner.returning.ways import Pace, Way
 
@@ -70,9 +70,11 @@ class Homeward:
         flying = self._flying()
         for name in list(futures.parts):
             seen = self._fleet.seen(name)
-            if seen is None or seen.age >= FRESH or not self._over(name, seen):
+            if seen is None:  # not heard for so long that it is down by now
+                futures.forget(name)
+            elif seen.age >= FRESH or not self._over(name, seen):
                 continue
-            if name in flying:
+            elif name in flying:
                 futures.stored.pop(name, None)
             else:
                 futures.forget(name)
@@ -111,7 +113,8 @@ class Homeward:
         room = room_of(names, fleet, self._told.pieces(time.time()), [], set(), settings.downwash)
         views = [seen.view for seen in fleet if seen.view.name in names]
         fences = [(settings.field.fence(view.name).ceiling, view.floor) for view in views]
-        ceiling = min((top - down for top, down in fences if top is not None), default=lowest)
+        tops = (top - down for top, down in fences if top is not None and math.isfinite(top))
+        ceiling = min(tops, default=lowest + UNDER + TRIED * spacing)
         if room.pieces.geofence is not None:
             ceiling = min(ceiling, room.pieces.geofence.ceiling)
         points = [enu(place) for view in views for place in (view.pos_ned, view.home_ned or view.pos_ned)]
