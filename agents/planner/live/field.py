@@ -92,9 +92,11 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
             for x, y, z in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
                 yield field, *ned((float(x), float(y), float(z))), views
     elif isinstance(goal, swarm.Search):
-        for view, sweeper in zip(views, sweepers_of(goal, views), strict=True):
+        for k, (view, sweeper) in enumerate(zip(views, sweepers_of(goal, views), strict=True)):
             for i, (north, east) in enumerate(goal.polygon):
                 yield f"goal.polygon[{i}]", north, east, -sweeper.height, [view]
+            for north, east, _ in goal.lanes[k] if k < len(goal.lanes) else ():
+                yield f"goal.lanes[{k}]", north, east, -sweeper.height, [view]
     elif isinstance(goal, swarm.Land):
         for i, (north, east) in enumerate(goal.at):
             yield f"goal.at[{i}]", north, east, None, views
