@@ -31,7 +31,7 @@ from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
-from agents.planner.live.relief import check_batteries, left_over, low_of, relieve
+from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
 from agents.planner.live.resting import COMING, heard, unrest
 from agents.planner.live.scenes import moved
@@ -164,6 +164,8 @@ class Run:
             ledger.end(entry, "failed", f"{e.kind}: {e.message}")
         except ZmavError as e:
             ledger.end(entry, "failed", str(e))
+            if e.detail.get("reason") == "battery" and isinstance(entry.goal, swarm.Search) and entry.goal.lanes:
+                bring_home(self.context, entry)
         except Exception as e:
             ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
         finally:
