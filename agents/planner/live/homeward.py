@@ -22,6 +22,7 @@ from agents.planner.live.fleet import FRESH, Fleet, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.scenes import room_of
 from agents.planner.live.settings import PlannerSettings
+from agents.planner.live.tally import landing
 from agents.planner.live.world import World
 from agents.planner.model import world as still
 from agents.planner.model.geometry import segment_clear, world_of
@@ -104,7 +105,7 @@ class Homeward:
             body = seen.view.body
             pace = Pace(body.speed, body.climb, body.descend, seen.view.accel)
             left = fleet.battery_of(name)
-            lasts = math.inf if left is None else left * body.endurance
+            lasts = math.inf if left is None else left * body.endurance - landing(LANDS_FROM, seen.view)
             found[name] = Returner(enu(seen.view.home_ned), pace, after, lasts)
         return found
 
