@@ -377,6 +377,7 @@ class Run:
         share: tuple[float, float],
         again: Again | None = None,
     ) -> Landed:
+        self.check_stopped()  # it was stopped in between, where nothing was flown that could have come to rest
         self._speak_for(planned)
         self._state("flying", text or "flies")
         self.flying = leased
