@@ -15,6 +15,7 @@ import zmav
 from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.executor import MAX_CLOCK, Executor
 from agents.planner.execute.flight import SLACK, Flight, Trouble
+from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
@@ -127,6 +128,11 @@ class LeasedVehicles:
         """Under our lease."""
         assert self.executor is not None
         return self.executor.commands[name].vehicle
+
+    def following(self, name: str) -> Following:
+        """How it follows what it is told, as far as that was seen."""
+        assert self.executor is not None
+        return self.executor.followings[name]
 
     @property
     def commands(self) -> dict[str, VehicleCommand]:
