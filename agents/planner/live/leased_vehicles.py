@@ -124,6 +124,11 @@ class LeasedVehicles:
         """Who did not answer when the leases were taken: they stay where they rest."""
         return set(self.executor.left) if self.executor is not None else set()
 
+    @property
+    def gone(self) -> set[str]:
+        """Who of those that flew the last plan does not fly it any more."""
+        return set(self._gone)
+
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
         assert self.executor is not None

@@ -271,6 +271,8 @@ class Run:
                 refused += 1
                 if refused == MOST_TRIES:
                     raise
+                missing |= leased.gone
+                self._go_without(missing)
                 self.context.say("replan", "notice", f"{self.entry.id}: planned again: {e.message}", goal=self.entry.id)
                 self._state("planning", f"planned again: {e.message}")
                 await self._settled(rest.vehicles)
@@ -281,6 +283,7 @@ class Run:
             missing |= set(landed.missing)
             if not flown.before:
                 return sorted(missing)
+            self._go_without(missing)  # from now on they are somebody else's, to be kept clear of
             made += 1
             if made > MOST_TRIES:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
