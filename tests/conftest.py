@@ -255,8 +255,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark each test by what it needs, and leave out what ``--affected`` does not ask for.
 
-    Only where one of them is asked for: it takes each worker some seconds of a core, and two where ``make check`` has read
-    the sources beforehand.
+    Only where one of them is asked for: it takes each worker some seconds of a core, and two where ``make check`` has
+    read the sources beforehand.
 
     Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
     """
