@@ -22,7 +22,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from agents.planner.execute.executor import Executor, Flight
+from agents.planner.execute.executor import Executor
+from agents.planner.execute.flight import Flight
 from agents.planner.live.frames import enu
 from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.fleet import airborne

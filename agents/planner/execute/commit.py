@@ -187,6 +187,8 @@ class Reserved:
     def __init__(self, parts: Sequence[Part], downwash: float) -> None:
         self.parts, self.movers, self.ghosts = list(parts), list[MovingObstacle](), list[Part]()
         """ghosts: vehicles of an earlier plan that follow us no more"""
+        self.fresh: dict[str, Entry] = {}
+        """by vehicle: what is about to be sent, and is in nobody's part yet"""
         self._inverse = 1.0 / downwash
 
     def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
@@ -197,7 +199,9 @@ class Reserved:
                 continue
             need = part.need + other.need - TOUCH
             inverse = self._inverse if other.active else 0.0  # it may land or climb: the whole column is taken
-            if any(self._meet(entry, each, need, inverse, since) for each in other.entries):
+            fresh = self.fresh.get(other.id)
+            entries = other.entries if fresh is None else [*other.entries, fresh]
+            if any(self._meet(entry, each, need, inverse, since) for each in entries):
                 return other.id
             if other.place is not None and _near(entry.samples, other.place, need, since):
                 return other.id

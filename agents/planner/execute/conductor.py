@@ -15,7 +15,8 @@ import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
 from agents.planner.execute.homes import Home, Homes
-from agents.planner.execute.track import REST_EVERY, CommonClock, Profile, behind, braked, crept, knots, onward
+from agents.planner.execute.rows import SAME, ahead, head_of, knot, place_of, standing
+from agents.planner.execute.track import CommonClock, Profile, behind, braked, crept, knots, onward
 from agents.planner.model.problem import Floats
 from zmav.wire.state import Severity
 
@@ -23,8 +24,6 @@ START = 2.0
 """s from the first commit until the plan begins: for everybody to hear it"""
 LEAD = 0.8
 """s before a trajectory departs from the one before, at which it is not sent any more for the first time"""
-SAME = 0.01
-"""s within which two points of a trajectory are one: they are rounded on the wire"""
 GUARD = 0.05
 """s between a deadline and the departure"""
 AHEAD = 4.5
@@ -177,6 +176,8 @@ class Conductor:
         part.late = late
         for entry in part.entries:
             entry.delay(late)
+            if self._homes is not None:
+                self._homes.blocker(part, entry, now)  # whose way home that meets now is sent another
         if not part.active or self.halting:
             return
         for entry in part.entries:
@@ -192,7 +193,7 @@ class Conductor:
             part.following.heard(part.place_at, at, place)
             if self._source is None and abs(part.following.late - part.late) > LATER:
                 self.delay(part, part.following.late, now)
-        meant = [np.linalg.norm(place - _place(entry, at)) for entry in part.entries]
+        meant = [np.linalg.norm(place - place_of(entry, at)) for entry in part.entries]
         off = float(min(meant))
         self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error
@@ -265,6 +266,7 @@ class Conductor:
     def decide(self, now: float, most: int = 1000) -> list[Send]:
         """What is to be put now. ``most``: trajectories that are made in one call; the rest is for the next."""
         self._notice(now)
+        self.reserved.fresh.clear()
         if self._homes is not None:
             self._homes.begin(self.parts, now)
         sends: list[Send] = []
@@ -291,6 +293,7 @@ class Conductor:
             if send is not None:
                 if self._homes is not None:
                     send = send._replace(home=self._homes.home(part, send.entry, float(send.rows[-1, 0]), now))
+                self.reserved.fresh[part.id] = send.entry
                 sends.append(send)
                 most -= 1
         return sends
@@ -302,6 +305,7 @@ class Conductor:
         if self._homes is not None:
             self._homes.sent(send.part, stamp, deadline)
         entry.deadline, entry.last_sent = max(entry.deadline, deadline), now
+        self.reserved.fresh.pop(send.part.id, None)
         if not any(entry is each for each in send.part.entries):
             send.part.entries.append(entry)
             self._moved = now
@@ -380,7 +384,7 @@ class Conductor:
             return None
         if now < self._retimed.get(part.id, -np.inf):
             return None
-        d = _knot(entry, now + LEAD)
+        d = knot(entry, now + LEAD)
         (s,), (rate,) = entry.profile.at(np.array([d]))
         if s - self.line.at(d) < AWAY or (s <= 0.0 and rate == 0.0 and d < entry.profile.t[0]):
             return None
@@ -394,7 +398,7 @@ class Conductor:
         entry = part.known
         if now < self._tried.get(part.id, -np.inf) or entry.rest_at < now + 1.5:
             return None
-        d = _knot(entry, now + LEAD)
+        d = knot(entry, now + LEAD)
         profile = braked(entry.profile, d, self._slope)
         if profile.rest_at > entry.rest_at - 1.0:
             return None
@@ -408,7 +412,7 @@ class Conductor:
         """
         entry, yields = part.known, self._homes is not None and self._homes.yields(part, now)
         if yields and not part.resting(now):
-            return Send(part, entry, _from(entry.rows, now), now + 2.0)
+            return Send(part, entry, ahead(entry.rows, now), now + 2.0)
         kept = now - entry.last_sent < KEEP_EVERY or part.kept_until - now > KEEP_LEFT
         if not part.resting(now) or (kept and not yields):
             return None
@@ -425,13 +429,13 @@ class Conductor:
         wait = RESEND if now - part.heard < SILENT else RESEND_SILENT
         if now - entry.last_sent < wait or deadline < now + 0.1:
             return None
-        return Send(part, entry, _from(entry.rows, now), deadline)
+        return Send(part, entry, ahead(entry.rows, now), deadline)
 
     def _departure(self, entry: Entry, now: float) -> float:
         """Where a longer one leaves: at its tail, or in it as soon as can be, or from rest."""
         if entry.tail_at >= now + LEAD:
             return entry.tail_at
-        return _knot(entry, now + LEAD)
+        return knot(entry, now + LEAD)
 
     def _made(self, part: Part, profile: Profile, d: float, now: float, whole: bool) -> Send | None:
         """The trajectory by this profile from ``d`` on, where it is clear of everybody."""
@@ -439,7 +443,7 @@ class Conductor:
         if profile.rest_at - now > LASTING:
             return None
         onto = knots(part.track, profile, d)
-        head = _head(before, d, now - part.late)
+        head = head_of(before, d, now - part.late)
         joined = abs(float(head[-1, 0]) - d) < SAME
         rows = np.vstack((head, onto[1:] if joined else onto))
         entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]), late=part.late)
@@ -449,53 +453,10 @@ class Conductor:
         if blocker is not None:
             self.blocked[part.id] = blocker
             return None
-        return Send(part, entry, _from(entry.rows, now), self._deadline(part, entry, now))
+        return Send(part, entry, ahead(entry.rows, now), self._deadline(part, entry, now))
 
     def _deadline(self, part: Part, entry: Entry, now: float) -> float:
         return min(entry.departs - GUARD - part.error, now + AHEAD)
 
     def _say(self, kind: str, severity: Severity, text: str, **detail: Any) -> None:
         self.said.append(Saying(kind, severity, text, detail))
-
-
-def standing(place: Floats, now: float) -> Entry:
-    """Where it stands when it begins; nothing was sent for that."""
-    row = np.concatenate(([0.0], np.round(place, 5), np.zeros(3)))
-    rows = np.array([row, row])
-    rows[:, 0] = (now - 1.0, now)
-    return Entry(Profile.resting(0.0, now), rows, now, now)
-
-
-def _place(entry: Entry, at: float) -> Floats:
-    k = np.array([at])
-    return np.array([np.interp(k, entry.samples[:, 0], entry.samples[:, axis])[0] for axis in (1, 2, 3)])
-
-
-def _knot(entry: Entry, at: float) -> float:
-    """The first of its points at ``at`` or later; after the last, any time will do."""
-    times = entry.rows[:, 0]
-    later = times[times >= at]
-    return float(later[0]) if len(later) else max(at, float(times[-1]) + 0.1)
-
-
-def _head(before: Entry, d: float, now: float) -> Floats:
-    """The points of what is known up to ``d``, from just before now; where it rests by then, its place."""
-    rows = before.rows
-    if d <= rows[-1, 0]:
-        return _from(rows[rows[:, 0] < d + SAME], now)
-    moving = rows[rows[:, 0] > now - 0.3]
-    rest = rows[-1].copy()
-    rest[4:] = 0.0
-    if not len(moving):
-        times = np.arange(now - 0.3, d - 0.1, REST_EVERY)
-        head = np.array([rest] * (len(times) + 1))
-        head[:, 0] = np.round([*times, d], 6)
-        return head
-    rest[0] = d
-    return np.vstack((_from(rows, now), rest))
-
-
-def _from(rows: Floats, now: float) -> Floats:
-    """Without what lies behind, but for the last point before now."""
-    first = max(int(np.searchsorted(rows[:, 0], now - 0.2)) - 1, 0)
-    return rows[min(first, len(rows) - 2) :]

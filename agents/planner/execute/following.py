@@ -62,6 +62,8 @@ class Following:
         speed = float(np.linalg.norm(velocity))
         if speed > MOVING:
             late = float(np.dot(meant - place, velocity)) / speed**2
+            if not np.isfinite(late):  # of a place that is none: what is learnt is what separation is reckoned by
+                return
             late = self.late + float(np.clip(late - self.late, -SURPRISE, SURPRISE))
             self._looks = min(self._looks + 1, MOST_LOOKS)
             self.late += (float(np.clip(late, 0.0, LONGEST)) - self.late) / self._looks

@@ -40,11 +40,14 @@ def keep_of(a: VehicleView, b: VehicleView) -> float:
     return a.body.radius + b.body.radius + 2.0 * WANDER
 
 
-def stacked(views: Sequence[VehicleView], places: Sequence[Vector], downwash: float) -> list[float]:
+def stacked(
+    views: Sequence[VehicleView], places: Sequence[Vector], downwash: float, planned: bool = False
+) -> list[float]:
     """Metres to lift each of the places (NED), so that one too near another over the ground is above or below.
 
     The lowest stays; heights grow by what the downwash metric asks for. What places may be off across is no reason to
-    be higher than two need that are right above each other.
+    be higher than two need that are right above each other, but where a plan is to end there (``planned``): none is
+    made to goals that are nearer than all the room that it makes.
     """
     lifts = [0.0] * len(views)
     done: list[int] = []
@@ -53,7 +56,7 @@ def stacked(views: Sequence[VehicleView], places: Sequence[Vector], downwash: fl
         for j in sorted(done, key=lambda k: lifts[k] - places[k][2]):
             flat, keep = math.dist(places[i][:2], places[j][:2]), keep_of(views[i], views[j])
             if flat < keep:
-                across = views[i].room + views[j].room
+                across = 0.0 if planned else views[i].room + views[j].room
                 gap = downwash * math.sqrt((keep - across) ** 2 - max(0.0, flat - across) ** 2)
                 other = lifts[j] - places[j][2]
                 if abs(height - other) < gap:
@@ -181,7 +184,7 @@ def down_to(
 ) -> list[Step]:
     """Each to a hover above its spot (NED), and down: of those above each other the lowest first."""
     hover = [_lifted(spot, APPROACH) for spot in spots]
-    lifts = stacked(views, hover, downwash)
+    lifts = stacked(views, hover, downwash, planned=True)
     tops = [_lifted(place, lift) for place, lift in zip(hover, lifts, strict=True)]
     places = [*tops, *(view.home_ned or view.pos_ned for view in driving)]
     plan = PlanTo(_names([*views, *driving]), _enu(places), True, "to the places above where they land")

@@ -22,13 +22,14 @@ from agents.planner.live.fleet import FRESH, Fleet, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.scenes import room_of
 from agents.planner.live.settings import PlannerSettings
+from agents.planner.live.tally import landing
 from agents.planner.live.world import World
 from agents.planner.model import world as still
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, Motion, MovingObstacle
 from agents.planner.model.scene import Bounds
 from agents.planner.model.separation import separation
-from agents.planner.returning.finder import DELAYS, LANDS_FROM, Returner, Surroundings
+from agents.planner.returning.finder import DELAYS, LANDS_FROM, TRIED, Returner, Surroundings
 from agents.planner.returning.keeper import ReturnKeeper
 from agents.planner.returning.ways import Pace, Way
 
@@ -70,9 +71,11 @@ class Homeward:
         flying = self._flying()
         for name in list(futures.parts):
             seen = self._fleet.seen(name)
-            if seen is None or seen.age >= FRESH or not self._over(name, seen):
+            if seen is None:  # not heard for so long that it is down by now
+                futures.forget(name)
+            elif seen.age >= FRESH or not self._over(name, seen):
                 continue
-            if name in flying:
+            elif name in flying:
                 futures.stored.pop(name, None)
             else:
                 futures.forget(name)
@@ -102,7 +105,7 @@ class Homeward:
             body = seen.view.body
             pace = Pace(body.speed, body.climb, body.descend, seen.view.accel)
             left = fleet.battery_of(name)
-            lasts = math.inf if left is None else left * body.endurance
+            lasts = math.inf if left is None else left * body.endurance - landing(LANDS_FROM, seen.view)
             found[name] = Returner(enu(seen.view.home_ned), pace, after, lasts)
         return found
 
@@ -111,7 +114,8 @@ class Homeward:
         room = room_of(names, fleet, self._told.pieces(time.time()), [], set(), settings.downwash)
         views = [seen.view for seen in fleet if seen.view.name in names]
         fences = [(settings.field.fence(view.name).ceiling, view.floor) for view in views]
-        ceiling = min((top - down for top, down in fences if top is not None), default=lowest)
+        tops = (top - down for top, down in fences if top is not None and math.isfinite(top))
+        ceiling = min(tops, default=lowest + UNDER + TRIED * spacing)
         if room.pieces.geofence is not None:
             ceiling = min(ceiling, room.pieces.geofence.ceiling)
         points = [enu(place) for view in views for place in (view.pos_ned, view.home_ned or view.pos_ned)]

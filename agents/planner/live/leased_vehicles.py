@@ -13,7 +13,9 @@ import msgspec
 
 import zmav
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.executor import MAX_CLOCK, SLACK, Executor, Flight, Trouble
+from agents.planner.execute.executor import MAX_CLOCK, Executor
+from agents.planner.execute.flight import SLACK, Flight, Trouble
+from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
@@ -122,10 +124,20 @@ class LeasedVehicles:
         """Who did not answer when the leases were taken: they stay where they rest."""
         return set(self.executor.left) if self.executor is not None else set()
 
+    @property
+    def gone(self) -> set[str]:
+        """Who of those that flew the last plan does not fly it any more."""
+        return set(self._gone)
+
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
         assert self.executor is not None
         return self.executor.commands[name].vehicle
+
+    def following(self, name: str) -> Following:
+        """How it follows what it is told, as far as that was seen."""
+        assert self.executor is not None
+        return self.executor.followings[name]
 
     @property
     def commands(self) -> dict[str, VehicleCommand]:

@@ -100,6 +100,17 @@ def relieve(context: Context, entry: swarm.GoalEntry, known: Mapping[str, str], 
     context.wake()
 
 
+def bring_home(context: Context, entry: swarm.GoalEntry) -> None:
+    """What is left of a search is more than their batteries allow: who hovers for it goes home, and does not wait in
+    nobody's goal until its autopilot has it land.
+    """
+    added = [_add(context, _home(context, name), entry) for name in entry.goal.vehicles if _airborne(context, name)]
+    if added:
+        text = f"{entry.id}: who is in the air for it goes home ({', '.join(filter(None, added))})"
+        context.say("energy", "warning", text, goal=entry.id)
+        context.wake()
+
+
 def _home(context: Context, name: str) -> swarm.Goal:
     """Home; down where it is, where nobody knows its home."""
     seen = context.fleet.seen(name)

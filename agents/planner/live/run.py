@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.execute.executor import Trouble
-from agents.planner.execute.vehicle_command import RESTING
+from agents.planner.execute.flight import Trouble
 from agents.planner.goals.steps import (
     FleetView,
     Fly,
@@ -26,21 +25,20 @@ from agents.planner.goals.steps import (
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
-from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
 from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
-from agents.planner.live.relief import check_batteries, left_over, low_of, relieve
+from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
+from agents.planner.live.resting import COMING, heard, unrest
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
 from agents.planner.model.errors import PlanError
 from agents.planner.model.problem import Motion, MovingObstacle
-from zmav import wire
 from zmav.errors import Refused, Stale, TimedOut, ZmavError
 from zmav.wire import Vector, swarm
 
@@ -54,8 +52,6 @@ SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
 """deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
-COMING = "its next state"
-"""what is waited for of a vehicle that is heard, and has not said anything since a goal began: nothing worth a word"""
 CLOSE = ("starts_overlap", "start_in_obstacle")
 """kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 
@@ -168,6 +164,8 @@ class Run:
             ledger.end(entry, "failed", f"{e.kind}: {e.message}")
         except ZmavError as e:
             ledger.end(entry, "failed", str(e))
+            if e.detail.get("reason") == "battery" and isinstance(entry.goal, swarm.Search) and entry.goal.lanes:
+                bring_home(self.context, entry)
         except Exception as e:
             ledger.end(entry, "failed", f"the planner's own fault: {e!r}")
         finally:
@@ -273,6 +271,8 @@ class Run:
                 refused += 1
                 if refused == MOST_TRIES:
                     raise
+                missing |= leased.gone
+                self._go_without(missing)
                 self.context.say("replan", "notice", f"{self.entry.id}: planned again: {e.message}", goal=self.entry.id)
                 self._state("planning", f"planned again: {e.message}")
                 await self._settled(rest.vehicles)
@@ -283,6 +283,7 @@ class Run:
             missing |= set(landed.missing)
             if not flown.before:
                 return sorted(missing)
+            self._go_without(missing)  # from now on they are somebody else's, to be kept clear of
             made += 1
             if made > MOST_TRIES:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
@@ -379,6 +380,7 @@ class Run:
         share: tuple[float, float],
         again: Again | None = None,
     ) -> Landed:
+        self.check_stopped()  # it was stopped in between, where nothing was flown that could have come to rest
         self._speak_for(planned)
         self._state("flying", text or "flies")
         self.flying = leased
@@ -408,7 +410,7 @@ class Run:
     async def _leave_more(self, name: str, lost: set[str]) -> None:
         """Who is heard to rest flies none of it any more; after a while nobody does."""
         begun = time.monotonic()
-        while time.monotonic() < begun + LASTING and any(self._unrest(vehicle, begun) for vehicle in lost):
+        while time.monotonic() < begun + LASTING and any(unrest(self.context, vehicle, begun) for vehicle in lost):
             await asyncio.sleep(SOON)
         self.context.airspace.drop(name)
 
@@ -443,8 +445,8 @@ class Run:
         """
         begun = time.monotonic()
         deadline = begun + SETTLE
-        while waits := {name: why for name in names or self.vehicles if (why := self._unrest(name, begun))}:
-            waited, silent = time.monotonic() - begun, {name for name in waits if not self._heard(name, begun)}
+        while waits := {name: why for name in names or self.vehicles if (why := unrest(self.context, name, begun))}:
+            waited, silent = time.monotonic() - begun, {name for name in waits if not heard(self.context, name, begun)}
             if patient and waited > LASTING and silent == set(waits) != set(self.vehicles):
                 text = f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: not heard for {waited:.0f} s"
                 self.context.say("lost", "warning", text, goal=self.entry.id)
@@ -458,43 +460,12 @@ class Run:
                 await self.context.z.news(0.5)
         return set()
 
-    def _heard(self, name: str, since: float) -> bool:
-        seen = self.context.fleet.seen(name)
-        return seen is not None and seen.age <= time.monotonic() - since
-
-    def _unrest(self, name: str, since: float) -> str:
-        """Why a vehicle cannot begin yet by what it said ``since`` (monotonic s); empty: it can."""
-        seen, settings = self.context.fleet.seen(name), self.context.settings
-        if seen is None or not self._heard(name, since):
-            return COMING if seen is not None and seen.age < FRESH else f"{name} is not heard"
-        lease = seen.state.lease
-        if lease is not None and lease.holder != settings.name:
-            return f"{name} is commanded by {lease.holder}"
-        if seen.state.pilot:
-            return f"{name}: {seen.state.pilot}"
-        if not seen.view.hovers:
-            return ""
-        if seen.state.mover == "failsafe":
-            return f"{name} flies home by itself"
-        speed = sum(v * v for v in seen.view.vel_ned) ** 0.5
-        return f"{name} still moves" if speed > RESTING or _committed(seen.state) else ""
-
     def place(self, name: str) -> Vector:
         """ENU, as last heard."""
         seen = self.context.fleet.seen(name)
         if seen is None:
             raise Stale(f"{name} is not heard any more", vehicle=name)
         return enu(seen.view.pos_ned)
-
-
-def _committed(state: wire.VehicleState) -> bool:
-    """It flies a segment to its end, under a lease or since that was lost; it may rest on its way and go on."""
-    segment, lease, end = state.segment, state.lease, state.lease_end
-    if segment is None or segment.rests <= state.t:
-        return False
-    if lease is not None:
-        return lease.number == segment.lease
-    return end is not None and end.number == segment.lease and end.reason in ("expired", "gone")
 
 
 def _vector(place: Any) -> Vector:

@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from agents.planner.execute.executor import TRACKING
+from agents.planner.execute.flight import TRACKING
 from agents.planner.live.field import FleetField
 from agents.planner.live.leadership.election import PATIENCE
 from zmav import geo, keys

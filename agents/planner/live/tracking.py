@@ -13,6 +13,7 @@ import numpy as np
 
 from agents.planner.execute.commit import Entry, Part
 from agents.planner.execute.conductor import Conductor, Send
+from agents.planner.execute.rows import ahead
 from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND, VehicleView
@@ -143,6 +144,7 @@ class Tracking:
         margin = self._leased.tracking + body.speed * error
         part = Part(name, Track(np.array([[0.0, *place]])), body.radius, body.accel, margin, command.offset)
         part.heard, part.error, part.instance = now, error, command.instance
+        part.follows(self._leased.following(name))
         return part
 
     def next(self, part: Part, now: float) -> Send | None:
@@ -165,7 +167,7 @@ class Tracking:
             self._due[part.id] = now + 0.3
             return None
         self._run.context.airspace.hold(self._run.entry.id, {part.id: [tube(part.known.samples[::3, 1:], radius), way]})
-        return Send(part, entry, entry.rows, entry.departs - GUARD - part.error)
+        return Send(part, entry, ahead(entry.rows, now), entry.departs - GUARD - part.error)
 
     def told(self, part: Part, now: float) -> None:
         self._due[part.id] = now + EVERY
@@ -189,10 +191,10 @@ class Tracking:
         speeds = np.gradient(places, times, axis=0) if len(times) > 2 else np.zeros_like(places)
         rows = np.column_stack((times[keep], places[keep], speeds[keep]))
         rows[0, 4:], rows[-1, 4:] = vel, 0.0
-        head = head_of(part.known.rows, d, now)
+        head = head_of(part.known.rows, d, now - part.late)
         whole = np.vstack((head, rows))
         rest_at = float(whole[-1, 0])
-        return Entry(Profile.resting(0.0, rest_at), np.round(whole, 6), d, rest_at)
+        return Entry(Profile.resting(0.0, rest_at), np.round(whole, 6), d, rest_at, late=part.late)
 
     # Who is what.
 

@@ -24,6 +24,8 @@ DELAYS = (0.0, 4.0, 9.0, 15.0, 22.0, 30.0, 40.0, 55.0)
 """s after it may that a vehicle sets off, tried one after another"""
 RINGS = 2
 """of landing places around a vehicle's home that are tried where that is not free"""
+LONGEST = 900.0
+"""s that a way home may last: a vehicle keeps no longer one"""
 MOST_LAYERS, TRIED = 24, 6
 """layers there are at most, and those that are tried for one vehicle"""
 MOST_TRIES = 100
@@ -74,10 +76,11 @@ class Finder:
         *,
         others: Sequence[Vector],
         busy: Floats,
+        late: float = 0.0,
     ) -> None:
         self._vehicle, self._one, self._room, self._futures, self._need = vehicle, one, room, futures, need
-        self._others, self._busy = others, busy
-        """homes of the others, which are left to them; (K, 2) ENU where others' plans go on"""
+        self._others, self._busy, self._late = others, busy, late
+        """homes of the others, which are left to them; (K, 2) ENU where others' plans go on; s that it follows late"""
         self.why = ""
         """why there is none"""
 
@@ -89,9 +92,12 @@ class Finder:
         most, tries = now + self._one.lasts, MOST_TRIES
         for pad in self._pads(before):
             for corners in self._corners(place, pad, layer):
-                first = Way(corners, ready, self._one.pace)
+                first = Way(corners, ready, self._one.pace, self._late)
                 if first.ends > most:
                     self.why = f"the battery does not last {first.ends - now:.0f} s"
+                    continue
+                if first.ends - first.begins > LONGEST:
+                    self.why = f"it would take {first.ends - first.begins:.0f} s"
                     continue
                 if not self._stands_clear(corners):
                     continue
@@ -134,7 +140,7 @@ class Finder:
     def _corners(self, place: Floats, pad: Floats, layer: int) -> Iterator[Floats]:
         """Ways over the ground to the pad, in the vehicle's own layer first."""
         room = self._room
-        count = min(MOST_LAYERS, int((room.ceiling - room.lowest) / room.spacing) + 1)
+        count = min(MOST_LAYERS, math.floor((room.ceiling - room.lowest) / room.spacing) + 1)
         end = np.array([pad[0], pad[1], pad[2] + LANDS_FROM])
         for k in range(min(count, TRIED)):
             height = max(room.lowest + ((layer + k) % count) * room.spacing, float(place[2]))

@@ -20,6 +20,8 @@ from agents.planner.returning.ways import SHARE, Way
 
 SAME = 0.01
 """s within which two segments end at once"""
+LATER = 0.05
+"""s by which one follows later, or less late, than its way home was made for, before it is sent another"""
 SLACK = 0.3
 """s later than it must that a way begins: ends are rounded on the wire, and a clock is off by what is known besides"""
 ASKED = 3.0
@@ -99,7 +101,7 @@ class ReturnKeeper:
         last = ways[-1] if ways else None
         wish = self._wishes.get(part.id)
         yields = wish is not None and self._hinders(part, *wish[:2])
-        if last is None or last.entry is not entry or abs(last.ends - ends) > SAME or yields:
+        if last is None or last.entry is not entry or abs(last.ends - ends) > SAME or yields or _other(last, part):
             if yields:
                 self._yielded[part.id] = now
             last = self._made(part, entry, ends, now)
@@ -141,7 +143,7 @@ class ReturnKeeper:
         try:
             others = [each.home for name, each in who.items() if name != part.id]
             room, busy = self._around_all(need), self._busy_for(part.id, now)
-            finder = Finder(part.id, one, room, self.futures, need, others=others, busy=busy)
+            finder = Finder(part.id, one, room, self.futures, need, others=others, busy=busy, late=part.late)
             ready = ends + one.after + part.error + SLACK
             way = finder.find(entry.rows[-1, 1:4], ready, now, self._layer(part.id), before)
         finally:
@@ -199,3 +201,8 @@ class ReturnKeeper:
             top = max(float(part.track.pos[:, 2].max()) for part in parts)
             self._room = self._around(list(self.futures.parts), top + spacing + BELOW, spacing)
         return self._room
+
+
+def _other(stored: StoredWay, part: Part) -> bool:
+    """It follows the way that it has otherwise than was known when that was made."""
+    return stored.way is not None and abs(stored.way.late - part.late) > LATER

@@ -50,10 +50,12 @@ class Way:
     corners: Floats
     begins: float
     pace: Pace
+    late: float = 0.0
+    """s after the times of its points at which the vehicle is where they have it"""
 
     def at(self, begins: float) -> Way:
         """The same at another time."""
-        later = Way(self.corners, begins, self.pace)
+        later = Way(self.corners, begins, self.pace, self.late)
         shift = np.zeros(7)
         shift[0] = begins - self.begins
         later.__dict__["rows"] = self.rows + shift
@@ -77,12 +79,15 @@ class Way:
 
     @property
     def ends(self) -> float:
-        return float(self.rows[-1, 0])
+        """When the vehicle is there, late as it is."""
+        return float(self.rows[-1, 0]) + self.late
 
     @cached_property
     def motion(self) -> Motion:
-        """(T, 4): t, x, y, z, joined by straight lines: what is checked."""
-        return _sampled(self.rows)
+        """(T, 4): t, x, y, z, joined by straight lines: where the vehicle is, late as it is, which is checked."""
+        motion = _sampled(self.rows)
+        motion[:, 0] += self.late
+        return motion
 
     @cached_property
     def boxes(self) -> Floats:

@@ -13,6 +13,7 @@ from agents.planner.execute.conductor import Conductor
 from agents.planner.execute.following import Following
 from agents.planner.execute.track import CommonClock
 from agents.planner.model.problem import Motion, MovingObstacle
+from agents.planner.model.separation import separation
 from tests.agents.planner.execute.virtual import History, carousel, crossing, line, slower
 
 ENDS = ("done", "stuck", "halted")
@@ -122,6 +123,18 @@ def test_one_who_follows_no_more_stops_the_others_apart_from_its_way(seed: int) 
     if craft.taken:
         assert conductor.phase(history.now) == "halted"
         assert "v1" in conductor.halting
+
+
+def test_what_is_told_at_once_is_clear_of_each_other() -> None:
+    """Two who would be at one place at one moment, whatever the verifier said: one look does not send both there."""
+    motions = {
+        "v0": line(np.array([0.0, 0.0, 10.0]), np.array([20.0, 0.0, 10.0])),
+        "v1": line(np.array([10.0, -10.0, 10.0]), np.array([10.0, 10.0, 10.0])),
+    }
+    history = History(motions, np.random.default_rng(0), radius=0.3)
+    one, other = (send.entry.samples for send in history.conductor.decide(history.now))
+    need = sum(part.need for part in history.parts)
+    assert separation(one, other, history.downwash)[0] >= need - 0.01
 
 
 def test_one_who_is_second_by_the_plan_does_not_go_first_however_late_the_first_one_is() -> None:

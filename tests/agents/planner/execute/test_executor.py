@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.planner.execute.executor import Executor, Flight, Trouble
+from agents.planner.execute.executor import Executor
+from agents.planner.execute.flight import Flight, Trouble
 from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.agents.planner.execute.virtual import carousel, crossing

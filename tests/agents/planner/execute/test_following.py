@@ -67,3 +67,12 @@ def test_a_vehicle_that_hovers_says_nothing_of_how_late_it_is() -> None:
         following.heard(lambda at: (np.zeros(3), np.zeros(3)), float(t), np.array([0.3, 0.0, 0.0]))
     assert following.late == USUAL["px4"][0]
     assert following.spread == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_place_that_is_none_teaches_nothing() -> None:
+    following = fly(Following(), 0.3, 0.1, seconds=30.0)
+    late, spread = following.late, following.spread
+    with np.errstate(over="ignore", invalid="ignore"):
+        for place in (np.full(3, np.nan), np.array([1e308, -1e308, 1e308]) * 10.0):
+            following.heard(circle, 30.0, place)
+    assert (following.late, following.spread) == (late, spread)

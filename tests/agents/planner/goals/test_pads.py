@@ -13,6 +13,9 @@ import pytest
 from agents.planner.goals import pads
 from agents.planner.goals.steps import Loiter, Orders, PlanTo, VehicleView
 from agents.planner.live import frames
+from agents.planner.live.scenes import Room, scene_of
+from agents.planner.live.world import World
+from agents.planner.model.validate import validate
 from zmav.config import BodyConfig, body_of
 from zmav.errors import BadInput, Refused, Unsupported
 from zmav.wire import Vector
@@ -175,3 +178,20 @@ def test_what_positions_may_be_off_across_makes_nobody_climb_higher_than_above_a
     bare = pads.keep_of(*two)
     assert sorted(lifts) == [0.0, pytest.approx(DOWNWASH * bare)]
     assert pads.stacked(unsure, [(0.0, 0.0, -10.0), (0.0, 8.5, -10.0)], DOWNWASH) == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("flat", [0.5, 4.0, 7.0])
+def test_a_plan_can_be_made_to_where_those_wait_who_land_beside_each_other(flat: float) -> None:
+    """With receivers of one frequency, whose positions need more room than there is between pads."""
+    unsure = [
+        dataclasses.replace(
+            view(f"v{k}", (40.0, 20.0 * k, -15.0), up=True, home=(0.0, flat * k, 0.0)),
+            body=body_of("copter", BodyConfig(radius=4.1)),
+            room=2.6,
+        )
+        for k in range(3)
+    ]
+    plan, _ = pads.home(unsure, DOWNWASH)
+    assert isinstance(plan, PlanTo)
+    scene = scene_of(unsure, plan.places, True, Room((), (), World().pieces(0.0), DOWNWASH))
+    validate(scene)

@@ -194,6 +194,14 @@ def test_a_vehicle_s_own_fence_counts_for_it_and_the_fleet_s_for_the_others() ->
         held(swarm.Land(vehicles=NAMES, at=[(0.0, 0.0), (0.0, 9.0), (0.0, 70.0)]), own=own)
 
 
+def test_what_is_left_of_a_search_is_held_to_the_fence_too() -> None:
+    polygon = [(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)]
+    inside, beyond = [(0.0, 0.0, -20.0), (40.0, 0.0, -20.0)], [(0.0, 0.0, -20.0), (5000.0, 0.0, -20.0)]
+    held(swarm.Search(vehicles=NAMES[:2], polygon=polygon, height=20.0, lanes=[inside, inside]))
+    with pytest.raises(BadInput, match=r"goal\.lanes\[1\]: for quad2"):
+        held(swarm.Search(vehicles=NAMES[:2], polygon=polygon, height=20.0, lanes=[inside, beyond]))
+
+
 def test_a_fence_s_polygon_counts_when_the_goal_is_given() -> None:
     origin = Origin(lat_deg=50.0, lon_deg=8.0, alt_amsl=100.0)
     square = Geofence(polygon=[(49.999, 7.998), (50.001, 7.998), (50.001, 8.002), (49.999, 8.002)])  # 111 m, 143 m

@@ -120,8 +120,16 @@ async def test_who_could_not_come_back_is_refused_before_it_moves(field: Field) 
         await asyncio.sleep(0.1)
     assert entry.state == "failed" and "reserve of 20 %" in entry.text, entry
     assert math.dist(field.fleet.places()["quad1"], place) < 2.0
-    name = await field.submit(swarm.Return(vehicles=["quad1"]))
-    await field.until(name, lambda entry: entry.state == "done")
+    # What is left of a search is refused likewise, and who hovers for it is not left there.
+    left = [[(12.0, 0.0, -15.0), (42.0, 0.0, -15.0), (42.0, 5.0, -15.0), (12.0, 5.0, -15.0)] * 8]
+    ledger = field.agent.context.ledger
+    name = await field.submit(swarm.Search(vehicles=["quad1"], polygon=POLYGON, height=15.0, lanes=left))
+    while not any(isinstance(each.goal, swarm.Return) and each.state == "done" for each in ledger.goals[-1:]):
+        assert time.monotonic() < begun + 2.0 * PATIENCE_S, ledger.goals
+        await asyncio.sleep(0.1)
+    assert next(each for each in ledger.goals if each.id == name).state == "failed"
+    assert ledger.goals[-1].goal.vehicles == ["quad1"]
+    assert field.me.vehicle("quad1").state.armed is False
 
 
 async def test_what_is_left_of_a_way_begins_where_it_was_left() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from agents.planner.execute.commit import Part
-from agents.planner.execute.conductor import standing
 from agents.planner.execute.offset import Offset
+from agents.planner.execute.rows import standing
 from agents.planner.execute.track import Track, flown
 from agents.planner.model.geometry import segment_clear, world_of
 from agents.planner.model.problem import Floats, MovingObstacle
@@ -106,6 +106,27 @@ def test_it_goes_around_what_stands_up_to_the_sky() -> None:
 def test_where_the_fence_leaves_no_layer_there_is_none() -> None:
     fence = Fence(polygon=[(-9.0, -9.0), (60.0, -9.0), (60.0, 9.0), (-9.0, 9.0)], floor=-1.0, ceiling=14.0)
     assert finder(clear=among(fence=fence)).find(HERE, READY, NOW, 0) is None
+
+
+@pytest.mark.parametrize("ceiling", [15.9, 12.5, 9.0])
+def test_no_layer_is_above_the_ceiling(ceiling: float) -> None:
+    assert finder(ceiling=ceiling).find(HERE, READY, NOW, 0) is None
+    assert finder(ceiling=16.0).find(HERE, READY, NOW, 3).corners[1, 2] == 16.0  # type: ignore[union-attr]
+
+
+def test_a_way_that_no_vehicle_would_keep_is_none() -> None:
+    far = finder()
+    assert far.find(np.array([3700.0, 0.0, 10.0]), READY, NOW, 0) is None
+    assert "it would take 9" in far.why
+
+
+def test_where_one_follows_late_it_is_looked_for_where_it_is() -> None:
+    corners = np.array([HERE, [40.0, 0.0, 16.0], [0.0, 0.0, 16.0], [0.0, 0.0, LANDS_FROM]])
+    punctual, late = Way(corners, READY, PACE), Way(corners, READY, PACE, 0.5)
+    assert np.allclose(late.rows, punctual.rows), "it is told the same"
+    assert np.allclose(late.motion - punctual.motion, [0.5, 0.0, 0.0, 0.0])
+    assert np.allclose(late.at(READY + 9.0).motion - punctual.motion, [9.5, 0.0, 0.0, 0.0])
+    assert late.at(READY + 9.0).ends == pytest.approx(punctual.ends + 9.5)
 
 
 def test_a_battery_that_does_not_last() -> None:

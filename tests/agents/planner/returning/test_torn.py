@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 
+from agents.planner.execute.following import Following
 from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.virtual import carousel, crossing, line, slower
 from tests.agents.planner.returning.torn import AFTER, HomeHistory, Torn
@@ -46,6 +47,21 @@ def test_at_any_moment_all_fly_home_apart(seed: int) -> None:
     assert min(torn.least for torn in found) > 0.0
     assert found[-1].home == len(history.parts)
     assert sum(torn.home for torn in found) > 0.9 * sum(torn.vehicles for torn in found[2:])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_those_that_follow_late_do_so_on_their_ways_home_too(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    history = HomeHistory(plan(seed), rng, loss=0.2, margin=0.25, late=[0.9, 0.0, 0.9, 0.0, 0.9, 0.0])
+    for part in history.parts:
+        following = Following()
+        following.late = history.crafts[part.id].late
+        part.follows(following)
+    found = moments(history, rng)
+    assert min(torn.least for torn in found) > 0.0
+    assert sum(torn.home for torn in found) > 0.8 * sum(torn.vehicles for torn in found[2:])
+    for part in history.parts:
+        assert history.keeper.last[part.id].late == pytest.approx(part.late, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", range(3))

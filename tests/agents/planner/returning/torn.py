@@ -99,8 +99,9 @@ class HomeCraft(Craft):
             descent = (end, self.left, ends, ends + super().place(end)[2] / LANDING, ends + 4.0 / LANDING)
             moving = (np.arange(now, end, LOOK), np.arange(begins, ends, LOOK))
             times = np.concatenate((times, *moving, np.array(descent)))
-        times = np.unique(np.round(times[times >= now], 6))
-        return np.array([(t, *self.place(t)) for t in times.tolist()])
+        times = times + self.late
+        times = np.unique(np.round(np.append(times[times >= now], now), 6))
+        return np.array([(t, *self.truly(t)) for t in times.tolist()])
 
 
 def down(place: tuple[float, float, float], seconds: float) -> tuple[float, float, float]:
