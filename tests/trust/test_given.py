@@ -21,7 +21,6 @@ ORDERS: dict[str, Any] = {
     "mission_clear": wire.MissionClear(kind="fence"),
     "mission_upload": wire.MissionUpload(kind="fence", items=[]),
     "servo": wire.SetServo(output=9, pwm=1500),
-    "terrain_put": wire.TerrainPut(pieces={}),
 }
 
 
@@ -60,7 +59,7 @@ def test_the_doors_are_made_from_the_same_table() -> None:
 
 def test_nothing_else_can_be_given_away(tmp_path: Path) -> None:
     path = tmp_path / "fleet.toml"
-    path.write_text('[rights]\nplanner = ["servo", "mission_upload", "mission_clear", "terrain_put"]\n')
+    path.write_text('[rights]\nplanner = ["servo", "mission_upload", "mission_clear"]\n')
     assert set(load_fleet(path).rights.planner) == GRANTABLE
     path.write_text('[rights]\nplanner = ["param_set"]\n')
     with pytest.raises(BadConfig, match="rights"):

@@ -33,7 +33,7 @@ reserve = 0.25                  # share of its battery with which it is to be on
 on = true
 
 [rights]                        # orders that are the operators' unless they are given away here
-planner = ["servo"]             # and mission_upload, mission_clear, terrain_put
+planner = ["servo"]             # and mission_upload, mission_clear
 
 [ros2]
 domain = 0                      # routers with credentials let this domain of ROS through, by role; absent: no ROS
@@ -162,7 +162,7 @@ class Separation(Table, frozen=True):
 class Rights(Table, frozen=True):
     """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
 
-    planner: list[Literal["servo", "mission_upload", "mission_clear", "terrain_put"]] = []
+    planner: list[Literal["servo", "mission_upload", "mission_clear"]] = []
     """orders that planners, and programs on board for their own vehicle, may give besides their own"""
 
 
