@@ -22,6 +22,7 @@ from agents.planner.goals.steps import (
     for_the_rest,
     without,
 )
+from agents.planner.live import resting
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
@@ -33,7 +34,7 @@ from agents.planner.live.plan import Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
-from agents.planner.live.resting import COMING, heard, unrest
+from agents.planner.live.resting import COMING
 from agents.planner.live.scenes import moved
 from agents.planner.live.solver import SolverDied
 from agents.planner.live.tracking import Blocked, Tracking
@@ -410,7 +411,9 @@ class Run:
     async def _leave_more(self, name: str, lost: set[str]) -> None:
         """Who is heard to rest flies none of it any more; after a while nobody does."""
         begun = time.monotonic()
-        while time.monotonic() < begun + LASTING and any(unrest(self.context, vehicle, begun) for vehicle in lost):
+        while time.monotonic() < begun + LASTING and any(
+            resting.unrest(self.context, vehicle, begun) for vehicle in lost
+        ):
             await asyncio.sleep(SOON)
         self.context.airspace.drop(name)
 
@@ -445,8 +448,13 @@ class Run:
         """
         begun = time.monotonic()
         deadline = begun + SETTLE
-        while waits := {name: why for name in names or self.vehicles if (why := unrest(self.context, name, begun))}:
-            waited, silent = time.monotonic() - begun, {name for name in waits if not heard(self.context, name, begun)}
+        while waits := {
+            name: why for name in names or self.vehicles if (why := resting.unrest(self.context, name, begun))
+        }:
+            waited, silent = (
+                time.monotonic() - begun,
+                {name for name in waits if not resting.heard(self.context, name, begun)},
+            )
             if patient and waited > LASTING and silent == set(waits) != set(self.vehicles):
                 text = f"{self.entry.id}: goes on without {', '.join(sorted(silent))}: not heard for {waited:.0f} s"
                 self.context.say("lost", "warning", text, goal=self.entry.id)

@@ -20,6 +20,7 @@ from agents.planner.cli.asking import Planner, books, find
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
+from agents.planner.live import resting
 from agents.planner.live import run as running
 from agents.planner.live.agent import Agent
 from agents.planner.live.clocks import Clocks
@@ -400,8 +401,8 @@ async def test_a_flood_of_obstacles_leaves_the_log_short_and_none_is_for_ever(fi
 async def test_who_is_not_heard_when_a_goal_begins_is_gone_without(
     field: Field, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = Run._heard
-    monkeypatch.setattr(Run, "_heard", lambda self, name, since: name != "quad4" and real(self, name, since))
+    real = resting.heard
+    monkeypatch.setattr(resting, "heard", lambda context, name, since: name != "quad4" and real(context, name, since))
     monkeypatch.setattr(running, "LASTING", 1.0)
     there, before = field.fleet.places()["quad1"], field.fleet.places()["quad4"]
     to = [(there[0] - 4.0, there[1], there[2]), (there[0] - 4.0, there[1] - 6.0, there[2])]

@@ -20,9 +20,9 @@ from zmav.wire import swarm
 
 PATIENCE_S = 90.0
 pytestmark = pytest.mark.timeout(300)  # 70 s each, of which most is the way home and the landing
-STARTS = [(0.0, 0.0), (0.0, 6.0), (0.0, 12.0)]
+STARTS = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
 """as far apart as landing places are for what positions may be off; else another place is landed at"""
-ACROSS = [(14.0, 8.0, -10.0), (14.0, 0.0, -10.0), (9.0, 4.0, -10.0)]
+ACROSS = [(14.0, 18.0, -10.0), (14.0, 0.0, -10.0), (9.0, 9.0, -10.0)]
 SOON = Failsafe(land_after=3.0, action="land", returns="together")
 
 
