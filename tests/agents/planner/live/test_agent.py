@@ -398,11 +398,9 @@ async def test_a_flood_of_obstacles_leaves_the_log_short_and_none_is_for_ever(fi
     _forget_all(field)
 
 
-async def test_who_is_not_heard_when_a_goal_begins_is_gone_without(
-    field: Field, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_who_is_not_heard_at_first_is_gone_without(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
     real = resting.heard
-    monkeypatch.setattr(resting, "heard", lambda context, name, since: name != "quad4" and real(context, name, since))
+    monkeypatch.setattr(resting, "heard", lambda *asked: asked[1] != "quad4" and real(*asked))
     monkeypatch.setattr(running, "LASTING", 1.0)
     there, before = field.fleet.places()["quad1"], field.fleet.places()["quad4"]
     to = [(there[0] - 4.0, there[1], there[2]), (there[0] - 4.0, there[1] - 6.0, there[2])]
