@@ -39,6 +39,10 @@ MOST_STORED = 16_384
 class Ground(Protocol):
     """How high the ground is, where that is known."""
 
+    @property
+    def empty(self) -> bool:
+        """It is known nowhere. From any thread."""
+
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
         """Metres above the sea; None: not known. From any thread."""
 
@@ -106,12 +110,17 @@ def names_within(south: float, west: float, north: float, east: float) -> Iterat
             yield name_of(row, (column + half) % (2 * half) - half)
 
 
-def pack(piece: Piece) -> bytes:
-    """A piece as it crosses the network."""
-    heights = array.array("h", piece.heights)
+def heights_of(data: bytes) -> array.array[int]:
+    """Heights of two bytes each, big endian, as SRTM has them."""
+    heights = array.array("h", data)
     if sys.byteorder == "little":
         heights.byteswap()
-    return zlib.compress(heights.tobytes(), 9)
+    return heights
+
+
+def pack(piece: Piece) -> bytes:
+    """A piece as it crosses the network."""
+    return zlib.compress(heights_of(piece.heights.tobytes()).tobytes(), 9)
 
 
 def unpack(name: str, data: bytes) -> Piece:
@@ -126,9 +135,7 @@ def unpack(name: str, data: bytes) -> Piece:
     if not inflate.eof or 2 * side * side != len(raw) or not SIDES[0] <= side <= SIDES[1]:
         what = f"{name} has {len(raw)} bytes"
         raise BadInput.wrong(name, len(raw), f"a square of two-byte heights, {SIDES[1]} by {SIDES[1]} at most", what)
-    heights = array.array("h", raw)
-    if sys.byteorder == "little":
-        heights.byteswap()
+    heights = heights_of(raw)
     known = [height for height in heights if height != VOID]
     for height in (min(known, default=LOWEST), max(known, default=LOWEST)):
         if not LOWEST <= height <= HIGHEST:
@@ -148,6 +155,11 @@ class Terrain:
         self.kept, self.most = KEPT, MOST_STORED
         self._pieces: collections.OrderedDict[str, Piece | None] = collections.OrderedDict()
         self._lock, self._writing = threading.Lock(), threading.Lock()
+        self._empty = not self.names()
+
+    @property
+    def empty(self) -> bool:
+        return self._empty
 
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
         if not (abs(lat_deg) < 90.0 and math.isfinite(lon_deg)):
@@ -186,6 +198,7 @@ class Terrain:
             part = self.folder / f"{name}.part"
             part.write_bytes(data)
             part.replace(self.folder / name)
+            self._empty = False
             with self._lock:
                 self.faults.pop(name, None)
                 self._remember(name, piece)
@@ -196,6 +209,7 @@ class Terrain:
             names = self.names()
             for name in names:
                 (self.folder / name).unlink(missing_ok=True)
+            self._empty = True
             with self._lock:
                 self.faults.clear()
                 self._pieces.clear()

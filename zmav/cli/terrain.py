@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any
 
 import click
 import msgspec
 
-from zmav import wire
+from zmav import geo, wire
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.cli.places import numbers
 from zmav.cli.progress import Progress
@@ -21,8 +20,6 @@ from zmav.services.files.store import default_directory
 from zmav.terrain import Piece, names_within, piece_at
 from zmav.vehicle import Vehicle
 
-METRES = 111_320.0
-"""in a degree of latitude"""
 LOCATED = 10.0
 """s for a vehicle to say where it is"""
 MOST = 4096
@@ -155,9 +152,8 @@ async def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, 
         raise BadInput(text, field="area", value=None, expected="south,west,north,east in degrees") from None
     place = state.position
     assert place is not None
-    north = radius / METRES
-    east = north / max(math.cos(math.radians(place.lat_deg)), 0.01)
-    return place.lat_deg - north, place.lon_deg - east, place.lat_deg + north, place.lon_deg + east
+    here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
+    return (*geo.to_global(here, (-radius, -radius, 0.0))[:2], *geo.to_global(here, (radius, radius, 0.0))[:2])
 
 
 def _read(source: Source, south: float, west: float, north: float, east: float) -> dict[str, Piece]:

@@ -13,7 +13,6 @@ import gzip
 import http.client
 import math
 import re
-import sys
 import urllib.error
 import urllib.request
 import zipfile
@@ -21,8 +20,8 @@ import zlib
 from pathlib import Path
 from typing import Any, Protocol
 
-from zmav.errors import BadInput, TimedOut
-from zmav.terrain import HIGHEST, LOWEST, MINUTES, VOID, Piece, cell_name, corner_of
+from zmav.errors import BadInput, TimedOut, missing_extra
+from zmav.terrain import HIGHEST, LOWEST, MINUTES, VOID, Piece, cell_name, corner_of, heights_of
 
 SIDES = (1201, 3601)
 """heights along a tile's side"""
@@ -131,7 +130,7 @@ class Server:
 
 
 class Raster:
-    """A GeoTIFF of heights in metres above the sea. Raises :class:`~zmav.errors.BadInput` without rasterio."""
+    """A GeoTIFF of heights in metres above the sea. Raises :class:`~zmav.errors.BadConfig` without rasterio."""
 
     STEP = 60
     """heights along a piece's side, less one: an arc second each"""
@@ -142,10 +141,8 @@ class Raster:
             import rasterio.transform  # type: ignore[import-not-found, import-untyped, unused-ignore]
             from rasterio.enums import Resampling  # type: ignore[import-not-found, import-untyped, unused-ignore]
             from rasterio.vrt import WarpedVRT  # type: ignore[import-not-found, import-untyped, unused-ignore]
-        except ImportError:
-            raise BadInput(
-                "a GeoTIFF needs rasterio: pip install 'zmav[terrain]'", field="from", value=str(path)
-            ) from None
+        except ImportError as e:
+            raise missing_extra("a GeoTIFF", e.name, "terrain") from e
         self._errors: Any = rasterio.errors.RasterioError
         self._warp = functools.partial(WarpedVRT, crs="EPSG:4326", resampling=Resampling.bilinear, nodata=VOID)
         self._placed: Any = rasterio.transform.from_origin
@@ -198,7 +195,5 @@ def _unpacked(path: Path, ending: str) -> bytes:
 
 def _heights(path: Path) -> tuple[int, array.array[int]]:
     data = _unpacked(path, path.suffix if path.suffix in ENDINGS else "")
-    heights = array.array("h", data)
-    if sys.byteorder == "little":
-        heights.byteswap()
+    heights = heights_of(data)
     return math.isqrt(len(heights)), heights

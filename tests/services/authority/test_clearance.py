@@ -30,6 +30,8 @@ HOME = Place(ORIGIN.lat_deg, ORIGIN.lon_deg, 600.0)
 
 
 class Ridge:
+    empty = False
+
     def height(self, lat_deg: float, lon_deg: float) -> float | None:
         north, east, _ = geo.to_ned(ORIGIN, lat_deg, lon_deg, 0.0)
         return None if east > KNOWN else 700.0 if RIDGE[0] < north < RIDGE[1] else 600.0

@@ -80,7 +80,7 @@ class Bounds:
 
         with_place = isinstance(what, Segment) or what.lat_deg is not None
         self._permit(judge, position, force, with_place)
-        if with_place and not self._flat and not lands and (from_here or not flat):
+        if with_place and not self._flat and not lands and (from_here or not flat) and self._clearance.judges:
             self._check_ground(what, position, force, from_here)
 
     def check_height(self, alt_rel: float, *, force: bool) -> None:

@@ -38,6 +38,11 @@ class Clearance:
     def __init__(self, ground: Ground, declared: float | None) -> None:
         self._ground, self._declared = ground, declared
 
+    @property
+    def judges(self) -> bool:
+        """There is anything to judge by."""
+        return self._declared is not None or not self._ground.empty
+
     def check(self, goal: Place, start: Place | None, home: Place | None, *, force: bool | None) -> None:
         """Raise :class:`~zmav.errors.BadInput` where ``goal`` is too low, or the way from ``start`` gets there: lower
         than is asked for and than the vehicle is at its start.
@@ -46,16 +51,15 @@ class Clearance:
             return
         least = USUAL if self._declared is None else self._declared
         offset = self._offset(home)
+        on_way = least if start is None else min(least, self._above(start, offset, least) - EDGE)
         for place in (goal,) if start is None else (*_between(start, goal), goal):
             ground = self._ground.height(place.lat_deg, place.lon_deg)
             if ground is None:
                 if self._declared is not None:
                     raise self._unknown(place)
                 continue
-            above, wanted = place.alt_amsl - ground - offset, least
-            if place is not goal and start is not None:
-                wanted = min(least, self._above(start, offset, least) - EDGE)
-            if above < wanted:
+            above = place.alt_amsl - ground - offset
+            if above < (least if place is goal else on_way):
                 raise self._too_low(place, above, force)
 
     def above_sea(self, lat_deg: float, lon_deg: float, height: float, home: Place | None) -> float | None:
