@@ -159,11 +159,16 @@ async def test_the_pilot_wins(bench: StartBench, when: str) -> None:
     b.peer.mode = LOITER
     b.peer.heartbeat()
     await b.state(lambda s: s["mover"] == "nobody", "nobody moves it")
+    await flies_no_more(b, start + 2.5)
+    assert b.peer.mode == LOITER
+
+
+async def flies_no_more(b: Bench, until: float) -> None:
+    """Nothing is streamed from now until then (UTC s)."""
     told = len(north(b))
-    while time.time() < start + 2.5:
+    while time.time() < until:
         await b.state(lambda s: True, "a moment")
     assert len(north(b)) == told
-    assert b.peer.mode == LOITER
 
 
 async def test_an_operators_hold_ends_it(bench: StartBench) -> None:
@@ -171,10 +176,7 @@ async def test_an_operators_hold_ends_it(bench: StartBench) -> None:
     _, start = await committed(b)
     await b.peer.until(lambda: max(north(b), default=0.0) > 0.3, "on its way")
     await b.ground.do("hold")
-    told = len(north(b))
-    while time.time() < start + 2.5:
-        await b.state(lambda s: True, "a moment")
-    assert len(north(b)) == told
+    await flies_no_more(b, start + 2.5)
     assert b.peer.mode == GUIDED
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import abstractmethod
 from typing import Annotated, ClassVar
@@ -100,19 +101,21 @@ class PitotLoss(SensorFault, frozen=True):
         return Trouble(pitot_lost=True)
 
 
+def _set_receiver(victim: Victim, name: str, value: object) -> Undo:
+    """What the receiver makes of corrections, until that is undone."""
+    receiver = victim.vehicle.node.receiver
+    before = getattr(receiver, name)
+    setattr(receiver, name, value)
+    return functools.partial(setattr, receiver, name, before)
+
+
 class CorrectionsLoss(AutopilotFault, frozen=True):
     """Corrections stop: the receiver gets none of those that its autopilot is sent."""
 
     KIND: ClassVar[str] = "rtcm-loss"
 
     def begin(self, victim: Victim) -> Undo:
-        receiver = victim.vehicle.node.receiver
-        receiver.deaf = True
-
-        def hear() -> None:
-            receiver.deaf = False
-
-        return hear
+        return _set_receiver(victim, "deaf", True)
 
 
 class CorrectionsJump(AutopilotFault, frozen=True):
@@ -124,13 +127,7 @@ class CorrectionsJump(AutopilotFault, frozen=True):
     up: Metres = 0.0
 
     def begin(self, victim: Victim) -> Undo:
-        receiver = victim.vehicle.node.receiver
-        receiver.jump = (self.north, self.east, -self.up)
-
-        def stand() -> None:
-            receiver.jump = (0.0, 0.0, 0.0)
-
-        return stand
+        return _set_receiver(victim, "jump", (self.north, self.east, -self.up))
 
 
 class CorrectionsForeign(AutopilotFault, frozen=True):
@@ -139,10 +136,4 @@ class CorrectionsForeign(AutopilotFault, frozen=True):
     KIND: ClassVar[str] = "rtcm-foreign"
 
     def begin(self, victim: Victim) -> Undo:
-        receiver = victim.vehicle.node.receiver
-        receiver.foreign = True
-
-        def come_home() -> None:
-            receiver.foreign = False
-
-        return come_home
+        return _set_receiver(victim, "foreign", True)
