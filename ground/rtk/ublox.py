@@ -141,7 +141,7 @@ class UbloxBase:
                 ("CFG_TMODE_HEIGHT_HP", height_hp),
                 ("CFG_TMODE_FIXED_POS_ACC", round(EXACT_M * 1e4)),
             ]
-        # A survey-in begins anew only where the mode was another.
+        # A survey-in begins again only where the mode was another.
         return [
             ("to send RTCM 3", [(f"CFG_{self._port}OUTPROT_RTCM3X", 1), *rates]),
             ("to stop what it did before", [("CFG_TMODE_MODE", DISABLED)]),

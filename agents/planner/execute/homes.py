@@ -1,4 +1,4 @@
-"""What the conductor asks whoever keeps a way home ready for each vehicle (:mod:`agents.planner.returning`)."""
+"""What the conductor asks of what keeps a way home ready for each vehicle (:mod:`agents.planner.returning`)."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ Say = Callable[..., None]
 UNDER = 0.5
 """m below the ceiling that ways home stay"""
 GRAIN = 50.0
-"""m to which the bounds of the world are rounded, so that it is not made anew while vehicles move"""
+"""m to which the bounds of the world are rounded, so that it is not made again while vehicles move"""
 AT_START = 1.0
 """m from where its way home begins at which a vehicle may be to be sent along it at once"""
 AT_HOME = 0.5

@@ -1,6 +1,6 @@
 """When a search has to end: by the processor time of the thread that searches, and by the clock.
 
-On a machine that does much else a search gets a share of the processor only, and is not to fail for that. Whoever waits
+On a machine that does much else a search gets a share of the processor only, and is not to fail for that. Who waits
 for it is not to wait without end either.
 """
 

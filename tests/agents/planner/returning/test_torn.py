@@ -149,7 +149,7 @@ def test_a_battery_that_does_not_last_is_landed_and_not_flown_home() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4])
 def test_one_that_a_pilot_holds_is_not_flown_into(seed: int) -> None:
-    """The planner sees where it is; those who were told before that are told anew."""
+    """The planner sees where it is; those who were told before that are told again."""
     rng = np.random.default_rng(seed)
     history = HomeHistory(plan(seed), rng, loss=0.1)
     history.run(4.0)
