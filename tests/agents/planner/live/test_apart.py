@@ -14,6 +14,7 @@ import pytest_asyncio
 
 import zmav
 from agents.planner.cli.asking import find
+from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.settings import PlannerSettings
@@ -94,12 +95,15 @@ class Pair:
         given = await (await find(self.me)).order("submit", swarm.Submit(goal=goal))
         return self.agent.context.ledger.find(str(given["goal"]))[0]
 
-    async def done(self, entry: swarm.GoalEntry) -> None:
+    async def ended(self, entry: swarm.GoalEntry) -> None:
         async def ended() -> None:
             while entry.state not in ("done", "failed", "cancelled"):
                 await asyncio.sleep(0.05)
 
         await within(PATIENCE_S, ended())
+
+    async def done(self, entry: swarm.GoalEntry) -> None:
+        await self.ended(entry)
         assert entry.state == "done", entry.text
 
     def said(self, kind: str) -> list[str]:
@@ -139,3 +143,27 @@ async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Pair) ->
     assert "flies no trajectory of ours" in pair.said("halt")[0]
     await pair.done(entry)
     assert math.dist(pair.fleet.places()["quad1"], (0.0, -40.0, -10.0)) < 1.0
+
+
+class Faulty(Accuracies):
+    """Fails as soon as a vehicle has begun to move."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        super().__init__()
+        self._fleet = fleet
+
+    def error(self, name: str) -> float:
+        if self._fleet.places()["quad1"][1] < -3.0:
+            raise LookupError("oops")
+        return super().error(name)
+
+
+async def test_nothing_is_flown_that_is_not_watched(pair: Pair) -> None:
+    pair.agent.context.fleet.accuracies = Faulty(pair.fleet)
+    entry = await pair.submit((0.0, -40.0, -10.0))
+    await pair.ended(entry)
+    assert entry.state == "failed"
+    assert "the planner's own fault: LookupError('oops')" in entry.text
+    state = await pair.me.vehicle("quad1").wait_until(lambda s: s.lease is None, PATIENCE_S)
+    assert state.local is not None
+    assert -30.0 < state.local[1] < -3.0, "it came to rest on its way"
