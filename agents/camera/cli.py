@@ -22,7 +22,7 @@ from agents.camera.sources import open_source
 from mesh.units import bits_per_second
 from zmav.cli.common import fleet_option, run, zenoh_options
 from zmav.errors import BadConfig, BadInput, TimedOut
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
@@ -163,7 +163,6 @@ async def _run(
         for each in done:
             each.result()
     say(f"{agent.sent} pictures sent")
-    leave()
 
 
 COLUMNS = "file,seq,t,arrived,width,height\n"

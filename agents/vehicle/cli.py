@@ -20,7 +20,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, VehicleConfig, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import leave, log, restart
+from zmav.process import log, restart
 from zmav.session import SessionSettings
 
 
@@ -105,7 +105,6 @@ async def _up(
     if why:
         log(f"starting again: {why}")
         restart()
-    leave()
 
 
 def _log(sample: zenoh.Sample) -> None:

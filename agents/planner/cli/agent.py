@@ -14,7 +14,7 @@ from mesh.cli.options import file_option, own_name
 from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
 from zmav.errors import missing_extra
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
 
@@ -79,4 +79,3 @@ async def _planner(own: Any, session: SessionSettings) -> None:
         say(f"{own.fleet}/{own.name}: loading the solver{more}")
         await until_stopped()
         say("ending: what is in the air comes to rest")
-    leave()
