@@ -122,3 +122,17 @@ def test_versions_of_a_fleet() -> None:
     zmav, zenoh = computer.check_versions({f"a{n}": other for n in range(9)})
     assert (zmav.level, zenoh.level) == (Level.RED, Level.RED)
     assert "9.0: a0, a1, a2, a3, a4 and 4 more" in zmav.found
+
+
+def test_who_is_older_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = {**host.versions(), "zmav": "0.10.0"}
+    monkeypatch.setattr(host, "versions", lambda: ours)
+    others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.1.0"}, "alpha/quad3": {**ours, "zmav": "0.9.1"}}
+    line, _ = computer.check_versions(others)
+    assert line.found.startswith("alpha/quad2 runs zmav 0.1.0, alpha/quad3 runs zmav 0.9.1: this is 0.10.0 (")
+    assert "on alpha/quad2, alpha/quad3 pip install zmav==0.10.0" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "0.11.0"}})
+    assert line.found.startswith("this computer runs zmav 0.10.0: the newest is 0.11.0 on alpha/quad1 (")
+    assert "here pip install zmav==0.11.0" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "0.10.0rc1"}})
+    assert (line.level, line.found) == (Level.RED, "0.10.0: here; 0.10.0rc1: alpha/quad1")
