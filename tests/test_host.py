@@ -124,15 +124,15 @@ def test_versions_of_a_fleet() -> None:
     assert "9.0: a0, a1, a2, a3, a4 and 4 more" in zmav.found
 
 
-def test_who_is_older_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    ours = {**host.versions(), "zmav": "0.10.0"}
-    monkeypatch.setattr(host, "versions", lambda: ours)
-    others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.1.0"}, "alpha/quad3": {**ours, "zmav": "0.9.1"}}
+def test_who_is_older_is_named() -> None:
+    ours = host.versions()
+    own = ours["zmav"]
+    others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.0.9"}, "alpha/quad3": {**ours, "zmav": "0.0.10"}}
     line, _ = computer.check_versions(others)
-    assert line.found.startswith("alpha/quad2 runs zmav 0.1.0, alpha/quad3 runs zmav 0.9.1: this is 0.10.0 (")
-    assert "on alpha/quad2, alpha/quad3 pip install zmav==0.10.0" in line.advice
-    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "0.11.0"}})
-    assert line.found.startswith("this computer runs zmav 0.10.0: the newest is 0.11.0 on alpha/quad1 (")
-    assert "here pip install zmav==0.11.0" in line.advice
-    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "0.10.0rc1"}})
-    assert (line.level, line.found) == (Level.RED, "0.10.0: here; 0.10.0rc1: alpha/quad1")
+    assert line.found.startswith(f"alpha/quad2 runs zmav 0.0.9, alpha/quad3 runs zmav 0.0.10: this is {own} (")
+    assert f"on alpha/quad2, alpha/quad3 pip install zmav=={own}" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "1000.0.1"}})
+    assert line.found.startswith(f"this computer runs zmav {own}: the newest is 1000.0.1 on alpha/quad1 (")
+    assert "here pip install zmav==1000.0.1" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": f"{own}+field"}})
+    assert (line.level, line.found) == (Level.RED, f"{own}: here; {own}+field: alpha/quad1")

@@ -144,8 +144,8 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
         advice = f"install one version everywhere: pip install {package}=={newest}"
         if package == "zmav" and older:
             advice = (
-                f"install one version everywhere: {_on(older)} pip install zmav=={newest}, where it is a service 'sudo zmav "
-                "install', too; until then the older one refuses orders and fields that came later"
+                f"install one version everywhere: {_on(older)} pip install zmav=={newest}, where it is a service 'sudo "
+                "zmav install', too; until then the older one refuses orders and fields that came later"
             )
             found = f"{_who(older, by_version, newest)} ({found})"
         yield topics.VERSIONS.wrong(found, advice, package)
