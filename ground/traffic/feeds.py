@@ -7,7 +7,8 @@ import contextlib
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import msgspec
 
@@ -116,11 +117,11 @@ class BeastReader:
     """Frames of Beast, decoded by pyModeS. ``skipped`` counts messages whose checksum is wrong."""
 
     def __init__(self) -> None:
-        import pyModeS
+        from pyModeS import PipeDecoder
 
         self._rest = b""
         self.skipped = 0
-        self._decoder = pyModeS.PipeDecoder(eviction_ttl=FORGET_S)
+        self._decoder = PipeDecoder(eviction_ttl=FORGET_S)
 
     def feed(self, data: bytes, tracks: Tracks, now: float) -> None:
         data, end = self._rest + data, 0
@@ -138,7 +139,7 @@ class BeastReader:
         if not tracks.room(icao, now):
             return
         try:
-            m = self._decoder.decode(message.hex(), timestamp=now)
+            m: Mapping[str, Any] = self._decoder.decode(message.hex(), timestamp=now)
         except (ValueError, ArithmeticError, LookupError, TypeError):  # whatever it stumbles over is no aircraft's
             m = {}
         if not m.get("crc_valid"):

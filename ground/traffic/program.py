@@ -100,7 +100,7 @@ class Listener:
         for seen in self.picture.aircraft(time.monotonic()):
             vehicle, found = _nearest(self._z, seen)
             rows.append(
-                msgspec.to_builtins(seen.aircraft)
+                msgspec.structs.asdict(seen.aircraft)
                 | {
                     "age": round(seen.age, 1),
                     "source": seen.source,

@@ -168,7 +168,7 @@ class Traffic(Table, frozen=True):
     """Aircraft that are not of the fleet (:mod:`zmav.services.traffic`), and what autopilots are told of mates."""
 
     mates: bool = False
-    """tell the autopilot of the fleet's others in flight, as ADSB_VEHICLE: what it does then is by its own parameters"""
+    """tell the autopilot of the fleet's others in flight, as ADSB_VEHICLE; what it does then, its parameters say"""
     within: Positive = 2000.0
     """m within which it is told of them"""
     distance: Positive = 500.0

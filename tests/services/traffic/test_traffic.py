@@ -27,7 +27,9 @@ def report(*aircraft: wire.Aircraft, t: float | None = None, **more: Any) -> wir
     )
 
 
-def craft(north: float, east: float = 0.0, up: float = 10.0, v: wire.Vector | None = None, **more: Any) -> wire.Aircraft:
+def craft(
+    north: float, east: float = 0.0, up: float = 10.0, v: wire.Vector | None = None, **more: Any
+) -> wire.Aircraft:
     """So many metres from the vehicle, which is 10 m above a home at 600 m."""
     lat, lon, alt = geo.to_global(ORIGIN, (north, east, -up))
     known = {"icao": "3c4b12", "age": 0.0, "alt": alt, "alt_from": "geometric", "callsign": "DEABC", "velocity": v}
@@ -147,23 +149,40 @@ async def test_what_its_receiver_hears_is_told_to_the_fleet(bench: StartBench) -
     assert 1.0 <= aircraft.age < 4.0
 
 
-async def test_its_autopilot_is_told_of_mates_only_where_the_file_says_so(bench: StartBench) -> None:
-    for on in (False, True):
-        b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=on)}, name=f"quad{1 + on * 8}")
-        for name, north in (("quad2", 100.0), ("far", 5000.0), (b.vehicle.settings.name, 0.0)):
-            beacon = wire.swarm.Beacon(t=time.time(), pos=(north, 0.0, -20.0), vel=(3.0, 4.0, 0.0), radius=0.5, ahead=[])
-            b.ground.session.put(keys.BEACON.key("demo", name), wire.encode(beacon))
-        if not on:
-            await asyncio.sleep(1.5)
-            assert not b.peer.heard("ADSB_VEHICLE")
-            continue
-        await b.peer.until(lambda: bool(b.peer.heard("ADSB_VEHICLE")), "a mate")
-        await asyncio.sleep(1.2)
-        told = [each.fields for each in b.peer.heard("ADSB_VEHICLE")]
-        assert len({each["ICAO_address"] for each in told}) == 1
-        mate = told[0]
-        assert MATES <= mate["ICAO_address"] < MATES + 0x10000
-        assert (mate["emitter_type"], mate["hor_velocity"], mate["altitude"]) == (14, 500, 620_000)
-        assert mate["heading"] == pytest.approx(5313, abs=1)
-        assert mate["lat"] / 1e7 - HOME[0] == pytest.approx(100.0 / 111_190, rel=0.2)
-        assert told[-1]["tslc"] >= mate["tslc"]
+async def mates(b: Bench) -> None:
+    """Beacons of one that is near, of one that is far, and of the vehicle itself."""
+    for name, north in (("quad2", 100.0), ("far", 5000.0), (b.vehicle.settings.name, 0.0)):
+        beacon = wire.swarm.Beacon(t=time.time(), pos=(north, 0.0, -20.0), vel=(3.0, 4.0, 0.0), radius=0.5, ahead=[])
+        b.ground.session.put(keys.BEACON.key("demo", name), wire.encode(beacon))
+
+
+async def test_its_autopilot_is_told_of_mates_where_the_file_says_so(bench: StartBench) -> None:
+    b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=True)})
+    await mates(b)
+    await b.peer.until(lambda: bool(b.peer.heard("ADSB_VEHICLE")), "a mate")
+    await asyncio.sleep(1.2)
+    told = [each.fields for each in b.peer.heard("ADSB_VEHICLE")]
+    assert len({each["ICAO_address"] for each in told}) == 1
+    mate = told[0]
+    assert MATES <= mate["ICAO_address"] < MATES + 0x10000
+    assert (mate["emitter_type"], mate["hor_velocity"], mate["altitude"]) == (14, 500, 620_000)
+    assert mate["heading"] == pytest.approx(5313, abs=1)
+    assert mate["lat"] / 1e7 - HOME[0] == pytest.approx(100.0 / 111_190, rel=0.2)
+    assert told[-1]["tslc"] >= mate["tslc"]
+
+
+async def test_a_mate_that_is_silent_is_told_of_for_a_while(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zmav.services.traffic.traffic.MATE_LAST_S", 2.5)
+    b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=True)})
+    await mates(b)
+    await b.peer.until(lambda: any(t.fields["tslc"] >= 2 for t in b.peer.heard("ADSB_VEHICLE")), "an aged mate")
+    count = 0
+    while count != (count := len(b.peer.heard("ADSB_VEHICLE"))):
+        await asyncio.sleep(1.5)
+
+
+async def test_by_default_no_autopilot_is_told_of_mates(bench: StartBench) -> None:
+    b = await placed(bench, settings={"origin": ORIGIN})
+    await mates(b)
+    await asyncio.sleep(1.5)
+    assert not b.peer.heard("ADSB_VEHICLE")

@@ -24,7 +24,7 @@ from zmav.services.corrections.outgoing import Pace
 from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
-from zmav.traffic import BYTES, Alarm, AirPicture, Seen, Sighting, Tracks, approach, mate_address, read
+from zmav.traffic import BYTES, AirPicture, Alarm, Seen, Sighting, Tracks, approach, mate_address, read
 from zmav.trust.gate import Prove
 from zmav.trust.proof import Signer
 
@@ -45,14 +45,14 @@ OLDEST_TSLC = 60
 MATE_FRAME = 50
 """bytes of an ADSB_VEHICLE on the link"""
 MATE_GOES_ON_S, MATE_LAST_S = 4.0, 30.0
-"""s for which a mate that is not heard any more is taken to go on, as its beacon says; and until it is told of no more"""
+"""s for which a mate that is not heard goes on as its beacon said, and until it is told of no more"""
 
 
 class Traffic:
     """The service of one vehicle; lives on the event loop, but for what the intake's thread does.
 
-    ``told``: :meth:`zmav.trust.gate.Gate.check_told`, or nobody looks. ``mates``: names, ages and beacons of the fleet's
-    others. ``receives``: whether the autopilot says that it has a receiver. ``need`` has messages flow from it.
+    ``told``: :meth:`zmav.trust.gate.Gate.check_told`, or nobody looks. ``mates``: names, ages and beacons of
+    the others. ``receives``: whether the autopilot says that it has a receiver. ``need`` has messages flow from it.
     """
 
     def __init__(
@@ -236,9 +236,7 @@ def _text(value: Any) -> str:
     return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value).rstrip("\0")
 
 
-def _frame(
-    fleet: str, name: str, place: tuple[float, float, float], vel: wire.Vector, age: float
-) -> dict[str, Any]:
+def _frame(fleet: str, name: str, place: tuple[float, float, float], vel: wire.Vector, age: float) -> dict[str, Any]:
     """ADSB_VEHICLE of a mate."""
     lat, lon, alt = place
     north, east, down = vel
