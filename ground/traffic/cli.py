@@ -108,7 +108,7 @@ def parse_address(text: str) -> int:
 async def _list(z: Client, seconds: float, as_json: bool) -> None:
     from rich.table import Table
 
-    from ground.traffic.program import watch
+    from ground.air import watch
 
     rows = await watch(z, seconds)
     if as_json:

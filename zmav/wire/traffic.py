@@ -76,3 +76,10 @@ class TrafficInfo(Told, kw_only=True):
     """s until then; 0: it goes away already"""
     close: bool = False
     """nearer than may be: else it is only about to be"""
+
+    @property
+    def words(self) -> str:
+        height = self.height
+        above = "height unknown" if height is None else f"{abs(height):.0f} m {'above' if height >= 0.0 else 'below'}"
+        text = f"traffic: {self.callsign or self.icao} {self.distance:.0f} m away, {above}"
+        return text if self.time <= 0.0 else f"{text}, {self.nearest:.0f} m in {self.time:.0f} s"

@@ -193,10 +193,9 @@ class Traffic:
             self._events.emit("traffic", "info", f"traffic: {icao} is clear", limit=f"traffic clear {icao}")
 
     def _say(self, seen: Seen, info: wire.TrafficInfo) -> None:
-        words = traffic_words(info)
         severity: wire.Severity = "warning" if info.close else "notice"
         limit = f"traffic {info.icao} {info.close}"
-        self._events.emit("traffic", severity, words, limit=limit, icao=info.icao, source=seen.source)
+        self._events.emit("traffic", severity, info.words, limit=limit, icao=info.icao, source=seen.source)
 
     # What the autopilot is told.
 
@@ -219,16 +218,6 @@ class Traffic:
                 break
             self._pace.spend(MATE_FRAME, now)
             self._port.send("ADSB_VEHICLE", **fields)
-
-
-def traffic_words(info: wire.TrafficInfo) -> str:
-    """What is warned of, in a sentence."""
-    if info.height is None:
-        above = "height unknown"
-    else:
-        above = f"{abs(info.height):.0f} m {'above' if info.height >= 0.0 else 'below'}"
-    text = f"traffic: {info.callsign or info.icao} {info.distance:.0f} m away, {above}"
-    return text if info.time <= 0.0 else f"{text}, {info.nearest:.0f} m in {info.time:.0f} s"
 
 
 def _text(value: Any) -> str:
