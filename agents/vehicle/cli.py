@@ -78,6 +78,7 @@ def up(
         limits=table.limits or file.limits,
         body=table.body,
         separation=file.separation,
+        traffic=file.traffic,
         rights=file.rights,
         pilot_switch=table.pilot_switch,
         cache=cache,

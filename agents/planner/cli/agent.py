@@ -34,6 +34,9 @@ def _number(name: str, least: float, most: float, default: float, text: str) -> 
 @_number("--margin", 0.0, 20.0, 0.5, "Metres between two vehicles beyond their radii.")
 @_number("--tracking", 0.05, 5.0, 0.4, "Metres, of the margin, by which vehicles may be off their ways: more in wind.")
 @_number("--downwash", 1.0, 10.0, 1.5, "How much farther above each other than beside each other.")
+@_number(
+    "--traffic", 0.0, 2000.0, 100.0, "Metres kept from aircraft of 'zmav traffic', beyond what their places may be off."
+)
 @_number("--patience", 1.0, 600.0, 3.0, "Seconds without a planner after which it takes charge.")
 @click.option("--unknown-batteries", is_flag=True, help="Have vehicles fly that do not say what is left in theirs.")
 @click.option("--interpret", is_flag=True, help="Compile nothing: ready at once, for a few vehicles in the open.")

@@ -48,7 +48,7 @@ SETTLE = 90.0
 LASTING = 60.0
 """s that a segment may last"""
 SILENCE = 60.0
-"""s that a plan waits for vehicles in the air that are not heard, where there is no room beside them"""
+"""s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
@@ -347,7 +347,7 @@ class Run:
 
     async def _planned(self, leased: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
-        not heard and in the way.
+        not heard and in the way, and aircraft that pass.
         """
         tries, begun = 0, time.monotonic()
         while True:
@@ -361,7 +361,8 @@ class Run:
                     return first
                 others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
-                silent = sorted(self.context.fleet.hearing().unheard) if patient else []
+                passing = [*self.context.fleet.hearing().unheard, *(each.name for each in self.context.world.traffic)]
+                silent = sorted(passing) if patient else []
                 if not (others or silent) or e.kind == "invalid_scene":
                     raise
                 self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")
