@@ -31,6 +31,8 @@ LONGEST_SDP = 64_000
 """characters of an offer"""
 CONNECT_S = 15.0
 """s for an answer to become a connection"""
+ASKED = "_send_keyframe"
+"""what aiortc's sender calls for a key frame"""
 Counted = Callable[[str], contextlib.AbstractContextManager[None]]
 logger = logging.getLogger(__name__)
 
@@ -88,10 +90,11 @@ class Viewer:
             if len(peer.getTransceivers()) != 1 or peer.sctp is not None:
                 raise ValueError("an offer to take one video and nothing else is expected")
             await peer.setLocalDescription(await peer.createAnswer())
-            sender._send_keyframe = self._reader.ask  # a browser that lost something says so (PLI)
+            # A browser that lost something asks for a key frame (PLI); aiortc would ask its own encoder, and has none.
+            setattr(sender, ASKED, self._reader.ask)
         except Exception as e:  # of aiortc, which has no error of its own for what is no SDP
             await self.close()
-            raise Failure(400, "bad_input", f"that offer cannot be answered: {e or type(e).__name__}") from e
+            raise Failure(400, "bad_input", f"that offer cannot be answered: {str(e) or type(e).__name__}") from e
         return {"sdp": peer.localDescription.sdp, "type": peer.localDescription.type}
 
     async def run(self) -> None:

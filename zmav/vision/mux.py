@@ -33,6 +33,7 @@ class Muxer:
         try:
             self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
             self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
+            self._out.start_encoding()  # writes the header: where nobody can write is found now
         except (self._av.FFmpegError, OSError, ValueError) as e:
             raise BadInput(f"{where}: {e}", field="to", value=where, expected="a place to write to") from e
 
