@@ -39,6 +39,7 @@ from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
 from zmav.services.files.store import Store, default_directory
+from zmav.services.gimbal.gimbal import Gimbal
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.patience import Patience
 from zmav.services.link.port import FrameRefused, on_loop
@@ -196,6 +197,7 @@ class Onboard:
         )
         self.payload = Payload(companion, commander, bounds)
         self.camera = TriggeredCamera(companion, commander, self.params.value)
+        self.gimbal = Gimbal(companion, commander, self.rates.need, gate.is_vehicle if gate else keys.anything)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
@@ -241,6 +243,7 @@ class Onboard:
             self.separation,
             self.questions,
             self.camera,
+            self.gimbal,
             self.authority,
         ]
         self._add_orders()
@@ -293,6 +296,7 @@ class Onboard:
             "servo": payload.servo,
             "camera_trigger": self.camera.trigger,
             "ping": _pong,
+            **self.gimbal.handlers,
             **self.files.handlers,
             **self.logs.handlers,
             **self.terrain.handlers,
