@@ -14,7 +14,7 @@ import zenoh
 from agents.camera.budget import Budget
 from agents.camera.capture import Capture, Shot, Source
 from agents.camera.quality_steps import QualityStep, QualitySteps
-from agents.camera.settings import Calibration, CameraSettings
+from agents.camera.settings import Calibration, CameraSettings, cropped
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
@@ -79,6 +79,8 @@ class CameraAgent:
         self._session: zenoh.Session | None = None
         self._capture: Capture | None = None
         self._full_size = settings.size
+        self.zoom = 1.0
+        """times closer than the lens is: the middle of the picture is sent"""
         self._wrong = ""
         """why the last picture could not be sent; empty: it was"""
         self._pace = 0.0
@@ -136,6 +138,7 @@ class CameraAgent:
         size = self.size if all(self.size) else self._full_size
         step, lens = self.quality.step, self._lens
         fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
+        fitting = fitting.zoomed(self.zoom)
         own = self.settings
         return CameraInfo(
             t=time.time(),
@@ -216,13 +219,14 @@ class CameraAgent:
         cv2 = opencv()
         image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image
         assert image is not None
+        image, zoomed = cropped(image, self.zoom), self.zoom > 1.0
         height, width = image.shape[:2]
         scale = min(1.0, self.settings.size[0] / width, self.settings.size[1] / height)
         self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))
         size = (max(full[0] // 2, 1), max(full[1] // 2, 1)) if step.half else full
         most = min(LARGER * self.quality.expected(step), MOST_JPEG)
         as_is = size == (width, height) and step.quality == self.settings.quality
-        if shot.jpeg is not None and as_is and len(shot.jpeg) <= most:
+        if shot.jpeg is not None and not zoomed and as_is and len(shot.jpeg) <= most:
             return shot.jpeg, size  # made again it would only be worse
         if size != (width, height):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)

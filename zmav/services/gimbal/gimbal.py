@@ -242,11 +242,16 @@ class Gimbal:
     # Looking at a place.
 
     def _place(self, args: wire.PointGimbal) -> Seen:
-        heights = {"alt_amsl": args.alt_amsl, "alt_rel": args.alt_rel}
-        if args.pos is None and args.alt_amsl is None and args.alt_rel is None:
-            heights["alt_rel"] = 0.0
-        named = {"pos": args.pos, "lat_deg": args.lat_deg, "lon_deg": args.lon_deg}
-        place = resolve(wire.GoTo(frame="global" if args.pos is None else "ned", **named, **heights), self._origin)
+        level = args.pos is None and args.alt_amsl is None and args.alt_rel is None
+        named = wire.GoTo(
+            frame="global" if args.pos is None else "ned",
+            pos=args.pos,
+            lat_deg=args.lat_deg,
+            lon_deg=args.lon_deg,
+            alt_amsl=args.alt_amsl,
+            alt_rel=0.0 if level else args.alt_rel,
+        )
+        place = resolve(named, self._origin)
         assert place.lat_deg is not None and place.lon_deg is not None
         amsl = place.alt_amsl
         if amsl is None:
