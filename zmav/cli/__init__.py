@@ -32,6 +32,7 @@ VERBS = (
     "doctor",
     "param",
     "terrain",
+    "gimbal",
 )
 
 

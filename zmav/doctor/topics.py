@@ -69,6 +69,7 @@ CORRECTIONS = Topic("corrections", VEHICLE)
 CLOCK = Topic("clock", VEHICLE)
 FAILSAFE = Topic("failsafe", VEHICLE)
 TERRAIN = Topic("terrain", VEHICLE)
+GIMBAL = Topic("gimbal", VEHICLE)
 CERTIFICATE = Topic("certificate", VEHICLE)
 
 VEHICLES = Topic("vehicles", FLEET)

@@ -212,6 +212,14 @@ def check_terrain(seen: Survey) -> Iterator[Finding]:
             yield topics.TERRAIN.well(f"{len(told.pieces)} pieces of ground, {heights}", who)
 
 
+def check_gimbals(seen: Survey) -> Iterator[Finding]:
+    """Nothing of who has none."""
+    for who, told in seen.gimbals.items():
+        if told is not None:
+            at = f", looks at {told['at']}" if told.get("at") else ""
+            yield topics.GIMBAL.well(f"gimbal {told['device']} answers, controlled by {told['controller']}{at}", who)
+
+
 def check_trust(seen: Survey) -> Iterator[Finding]:
     yield from judge_trust(seen.trust, time.time())
 
@@ -324,6 +332,7 @@ CHECKS: tuple[Callable[[Survey], Iterator[Finding]], ...] = (
     check_clocks,
     check_safety,
     check_terrain,
+    check_gimbals,
     check_trust,
     check_hosts,
     check_fleet,

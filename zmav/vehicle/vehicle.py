@@ -17,6 +17,7 @@ from zmav.errors import BadInput, NoSuchVehicle, Refused, Stale, TimedOut, ZmavE
 from zmav.mavlink import MavMessage, decode, describe, parse_frame
 from zmav.services.orders.orders import OTHER, UNKNOWN
 from zmav.vehicle.files import Files, Logs
+from zmav.vehicle.gimbal import Gimbal
 from zmav.vehicle.lease import Lease, take_lease
 from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
@@ -200,6 +201,11 @@ class Vehicle:
     def missions(self) -> Missions:
         """Missions, fences and rally points."""
         return Missions(self, self._client.dialect)
+
+    @property
+    def gimbal(self) -> Gimbal:
+        """Where its gimbal looks."""
+        return Gimbal(self)
 
     # Orders.
 
