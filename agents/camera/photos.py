@@ -8,8 +8,10 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
+import struct
 import time
 from collections.abc import Mapping
+from datetime import datetime, timezone
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -18,16 +20,15 @@ import msgspec
 
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Shot
-from agents.camera.exif import with_exif
 from agents.camera.settings import MOST_ZOOM
 from zmav import geo, wire
 from zmav.agent import Agent
 from zmav.client import Client
-from zmav.errors import BadConfig, BadInput, Refused, ZmavError
+from zmav.errors import BadConfig, BadInput, Refused, ZmavError, missing_extra
 from zmav.services.orders.orders import Report
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
-from zmav.vision.opencv import Image, decode, encode
+from zmav.vision.opencv import decode, encode
 
 PREFIX = "photos-"
 """before the camera's name: what ground stations find it by, too (zmav/services/cameras)"""
@@ -42,6 +43,8 @@ WAIT = 3.0
 """s for a picture that is younger than the order"""
 POSE = 1.0
 """s: age up to which the vehicle's state says where a photo was taken"""
+EXIF, GPS = 0x8769, 0x8825
+"""tags of a picture's directories"""
 
 
 class TakePhotos(wire.Order, kw_only=True):
@@ -59,7 +62,7 @@ class Zoom(wire.Order, kw_only=True):
 
 class Photos(Agent):
     """``async with Photos(z, camera, folder)``: takes them from a camera that runs. Raises :class:`BadConfig` where
-    nobody may write to ``folder``.
+    nobody may write to ``folder``, or Pillow is missing.
     """
 
     verbs: ClassVar[Mapping[str, Verb]] = MappingProxyType(
@@ -99,7 +102,7 @@ class Photos(Agent):
         """Say how it stands, also while nothing happens."""
         while True:
             if not self._size[0] and (shot := self._camera.capture.latest) is not None:
-                self._size = _size_of(await asyncio.to_thread(_image, shot))
+                self._size = (await asyncio.to_thread(_jpeg_of, shot))[1]
             self._tell()
             await asyncio.sleep(1.0)
 
@@ -108,14 +111,13 @@ class Photos(Agent):
     async def on_photo(self, args: TakePhotos, report: Report, origin: Origin | None) -> dict[str, Any]:
         if not 0 <= args.count <= MOST:
             raise BadInput.wrong("count", args.count, f"0 to {MOST}")
-        single = args.count == 1
-        if not (single and args.every == 0.0) and not EVERY[0] <= args.every <= EVERY[1]:
+        if args.count != 1 and not EVERY[0] <= args.every <= EVERY[1]:
             raise BadInput.wrong("every", args.every, f"{EVERY[0]:g} to {EVERY[1]:g} s")
         self._end()
-        if single:
+        if args.count == 1:
             return await self._take()
         self._check_room()
-        self._every, self._wrong = args.every, ""
+        self._every = args.every
         self._series = asyncio.create_task(self._take_series(args))
         self._tell()
         return {"every": args.every, "count": args.count, "folder": str(self._folder)}
@@ -137,19 +139,18 @@ class Photos(Agent):
     def _end(self) -> None:
         if self._series is not None:
             self._series.cancel()
-        self._series, self._every = None, 0.0
+        self._series, self._every, self._wrong = None, 0.0, ""
 
     async def _take_series(self, args: TakePhotos) -> None:
-        due, left = time.monotonic(), args.count or MOST
+        due = time.monotonic()
         try:
-            while left:
+            for _ in range(args.count or MOST):
+                await asyncio.sleep(due - time.monotonic())
                 await self._take()
-                left -= 1
                 due = max(due + args.every, time.monotonic())
-                await asyncio.sleep(due - time.monotonic() if left else 0.0)
         except ZmavError as e:
-            self._wrong = e.message
-            self.say("photos", "warning", f"the series of photos has ended: {e.message}")
+            self._wrong = f"the series of photos has ended: {e.message}"
+            self.say("photos", "warning", self._wrong)
         self._every = 0.0
         self._tell()
 
@@ -171,7 +172,7 @@ class Photos(Agent):
             told = {"number": number, "file": str(file), "t": shot.t, "camera": self._camera.settings.camera}
             told |= {"position": msgspec.to_builtins(place), "attitude": msgspec.to_builtins(attitude)}
             try:
-                told |= await asyncio.to_thread(_keep, file, shot, place, told)
+                self._size = await asyncio.to_thread(_keep, file, shot, place, told)
             except OSError as e:
                 raise Refused(f"cannot write {file}: {e.strerror}", reason="disk") from e
             self.taken, self._last = number, told
@@ -190,17 +191,15 @@ class Photos(Agent):
         return shot
 
     def _tell(self) -> None:
-        usage, camera = shutil.disk_usage(self._folder), self._camera
-        width, height = self._size
-        text = self._wrong or f"{self.taken} photos in {self._folder}, {usage.free / 1e9:.1f} GB free"
+        usage, (width, height) = shutil.disk_usage(self._folder), self._size
         self.status(
             "series" if self._every else "ready",
-            text,
+            self._wrong or f"{self.taken} photos in {self._folder}, {usage.free / 1e9:.1f} GB free",
             width=width,
             height=height,
             taken=self.taken,
             every=self._every,
-            zoom=camera.zoom,
+            zoom=self._camera.zoom,
             most_zoom=MOST_ZOOM,
             total=float(usage.total),
             free=float(usage.free),
@@ -217,26 +216,51 @@ def _carried(place: wire.GlobalPosition, velocity: wire.Vector, seconds: float) 
     return wire.GlobalPosition(lat_deg=lat, lon_deg=lon, alt_amsl=amsl, alt_rel=place.alt_rel - down)
 
 
-def _keep(file: Path, shot: Shot, place: wire.GlobalPosition | None, told: dict[str, Any]) -> dict[str, Any]:
-    """Write the photo, and beside it what is known of it; the picture's size. In a thread."""
-    image = _image(shot)
-    width, height = _size_of(image)
-    size = {"width": width, "height": height}
-    jpeg = shot.jpeg if shot.jpeg is not None else encode(image, QUALITY)
-    for path, data in (
-        (file.with_suffix(".json"), msgspec.json.encode({**told, **size})),
-        (file, with_exif(jpeg, shot.t, place)),
-    ):
+def _jpeg_of(shot: Shot) -> tuple[bytes, tuple[int, int]]:
+    """The whole picture, and its width and height."""
+    image = shot.image if shot.image is not None else decode(shot.jpeg or b"")
+    return shot.jpeg or encode(image, QUALITY), (int(image.shape[1]), int(image.shape[0]))
+
+
+def _keep(file: Path, shot: Shot, place: wire.GlobalPosition | None, told: dict[str, Any]) -> tuple[int, int]:
+    """Write the photo, and before it what is known of it; gives its size. In a thread."""
+    jpeg, (width, height) = _jpeg_of(shot)
+    exif = exif_of(shot.t, place)
+    photo = jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + jpeg[2:]  # behind the first marker
+    told |= {"width": width, "height": height}
+    for path, data in ((file.with_suffix(".json"), msgspec.json.encode(told)), (file, photo)):
         part = path.with_name(f"{path.name}.part")
         part.write_bytes(data)
         part.replace(path)  # anyone who is killed meanwhile leaves no torn picture
-    return size
+    return width, height
 
 
-def _image(shot: Shot) -> Image:
-    return shot.image if shot.image is not None else decode(shot.jpeg or b"")
+def exif_of(t: float, place: wire.GlobalPosition | None) -> bytes:
+    """When (UTC s) and where it was taken, as EXIF 2.32 has it."""
+    try:
+        from PIL.Image import Exif
+    except ImportError as e:
+        raise missing_extra("a photo's place", "Pillow", "vision") from e
+    taken, exif = datetime.fromtimestamp(t, timezone.utc), Exif()
+    when = taken.strftime("%Y:%m:%d %H:%M:%S")
+    exif[0x010F], exif[0x0132] = "zmav", when
+    exif[EXIF] = {0x9003: when, 0x9011: "+00:00", 0x9291: f"{taken.microsecond // 1000:03d}"}
+    if place is not None:
+        exif[GPS] = {
+            0: b"\2\3\0\0",
+            1: "N" if place.lat_deg >= 0.0 else "S",
+            2: _sexagesimal(place.lat_deg),
+            3: "E" if place.lon_deg >= 0.0 else "W",
+            4: _sexagesimal(place.lon_deg),
+            5: b"\1" if place.alt_amsl < 0.0 else b"\0",
+            6: abs(place.alt_amsl),
+            7: (taken.hour, taken.minute, taken.second + taken.microsecond / 1e6),
+            29: taken.strftime("%Y:%m:%d"),
+        }
+    return exif.tobytes()
 
 
-def _size_of(image: Image) -> tuple[int, int]:
-    """Width and height."""
-    return int(image.shape[1]), int(image.shape[0])
+def _sexagesimal(degrees: float) -> tuple[int, int, float]:
+    """Degrees, minutes and seconds."""
+    minutes, seconds = divmod(abs(degrees) * 3600.0, 60.0)
+    return int(minutes // 60), int(minutes % 60), seconds

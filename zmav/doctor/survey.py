@@ -247,7 +247,7 @@ async def _terrain_of(vehicle: Vehicle) -> wire.TerrainReport | None:
 
 async def _gimbal_of(vehicle: Vehicle) -> dict[str, Any] | None:
     try:
-        return await vehicle.gimbal.status()
+        return await vehicle.gimbal("status")
     except ZmavError:
         return None
 

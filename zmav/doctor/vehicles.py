@@ -217,7 +217,7 @@ def check_gimbals(seen: Survey) -> Iterator[Finding]:
     for who, told in seen.gimbals.items():
         if told is not None:
             at = f", looks at {told['at']}" if told.get("at") else ""
-            yield topics.GIMBAL.well(f"gimbal {told['device']} answers, controlled by {told['controller']}{at}", who)
+            yield topics.GIMBAL.well(f"a gimbal answers, controlled by {told['controller']}{at}", who)
 
 
 def check_trust(seen: Survey) -> Iterator[Finding]:

@@ -16,7 +16,6 @@ from zmav.wire.agent import *
 from zmav.wire.base import *
 from zmav.wire.bench import *
 from zmav.wire.files import *
-from zmav.wire.gimbal import *
 from zmav.wire.history import *
 from zmav.wire.host import *
 from zmav.wire.link import *

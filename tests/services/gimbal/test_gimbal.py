@@ -104,7 +104,7 @@ async def test_angles_are_taken_with_control_that_is_given_back(aboard: Aboard) 
     assert status["pitch_range"][0] == pytest.approx(-math.pi / 2)
     await aboard.do("turn", pitch=-0.2, yaw=1.0, lock=True)
     await aboard.looks(-0.2, 1.0 - aboard.heading)
-    await aboard.do("neutral")
+    await aboard.do("turn")
     await aboard.looks(0.0, 0.0)
     assert (await aboard.do("release"))["controller"] == "nobody"
     assert aboard.gimbal.control == NOBODY
@@ -134,7 +134,7 @@ async def test_it_follows_another_vehicle_by_what_that_says(aboard: Aboard, net:
 
     with pytest.raises(Refused, match="rover1 is not heard"):
         await aboard.do("point", vehicle="rover1")
-    with pytest.raises(BadInput, match="cannot look at itself"):
+    with pytest.raises(BadInput, match="another vehicle of this fleet"):
         await aboard.do("point", vehicle="quad1")
     with pytest.raises(BadInput, match="a vehicle and a place"):
         await aboard.do("point", vehicle="rover1", **aboard.place(1.0, 0.0))
@@ -155,7 +155,7 @@ async def test_it_follows_another_vehicle_by_what_that_says(aboard: Aboard, net:
 
 async def test_another_s_control_is_not_stolen(aboard: Aboard) -> None:
     aboard.world.fault("quad1", "gimbal", how="taken")
-    for verb, args in (("turn", {"pitch": 0.0}), ("neutral", {}), ("point", aboard.place(5.0, 5.0))):
+    for verb, args in (("turn", {"pitch": 0.0}), ("turn", {}), ("point", aboard.place(5.0, 5.0))):
         with pytest.raises(Refused, match="controlled by 255/190: it is taken with take") as caught:
             await aboard.do(verb, **args)
         assert caught.value.detail["controller"] == "255/190"
