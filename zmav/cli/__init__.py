@@ -33,6 +33,7 @@ VERBS = (
     "doctor",
     "param",
     "terrain",
+    "gimbal",
 )
 
 

@@ -71,6 +71,8 @@ class Survey(msgspec.Struct, frozen=True):
     terrain: dict[str, wire.TerrainReport | None] = {}
     """None where it did not say"""
     remote_ids: dict[str, RemoteId] = {}
+    gimbals: dict[str, dict[str, Any] | None] = {}
+    """where each looks and who controls it; None where there is none"""
     trust: Trust | None = None
     neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
     """by (host, neighbour), the newest"""
@@ -105,6 +107,7 @@ async def look(
             "safety": _of_each(present, read_safety),
             "terrain": _of_each(present, _terrain_of),
             "remote_ids": _of_each(present, remote_id_of),
+            "gimbals": _of_each(present, _gimbal_of),
             "trust": look_at_trust(z, own, [v.name for v in present]),
         }
         found: dict[str, Any] = {}
@@ -241,6 +244,13 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
 async def _terrain_of(vehicle: Vehicle) -> wire.TerrainReport | None:
     try:
         return await vehicle.terrain.report()
+    except ZmavError:
+        return None
+
+
+async def _gimbal_of(vehicle: Vehicle) -> dict[str, Any] | None:
+    try:
+        return await vehicle.gimbal("status")
     except ZmavError:
         return None
 

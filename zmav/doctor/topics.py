@@ -71,6 +71,7 @@ FAILSAFE = Topic("failsafe", VEHICLE)
 TERRAIN = Topic("terrain", VEHICLE)
 NEAR = Topic("traffic nearby", VEHICLE)
 REMOTE_ID = Topic("remote id", VEHICLE)
+GIMBAL = Topic("gimbal", VEHICLE)
 CERTIFICATE = Topic("certificate", VEHICLE)
 
 VEHICLES = Topic("vehicles", FLEET)

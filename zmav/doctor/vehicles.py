@@ -220,6 +220,14 @@ def check_air(seen: Survey) -> Iterator[Finding]:
     yield from check_traffic(seen.agents)
 
 
+def check_gimbals(seen: Survey) -> Iterator[Finding]:
+    """Nothing of who has none."""
+    for who, told in seen.gimbals.items():
+        if told is not None:
+            at = f", looks at {told['at']}" if told.get("at") else ""
+            yield topics.GIMBAL.well(f"a gimbal answers, controlled by {told['controller']}{at}", who)
+
+
 def check_trust(seen: Survey) -> Iterator[Finding]:
     yield from judge_trust(seen.trust, time.time())
 
@@ -333,6 +341,7 @@ CHECKS: tuple[Callable[[Survey], Iterator[Finding]], ...] = (
     check_safety,
     check_terrain,
     check_air,
+    check_gimbals,
     check_trust,
     check_hosts,
     check_fleet,

@@ -269,8 +269,6 @@ class TestCommands:
         _, endpoint = net.router()
         fleet = tmp_path / "fleet.toml"
         fleet.write_text(FLEET)
-            '[vehicles.quad1]\nlink = "udpin:127.0.0.1:1"\n[vehicles.quad1.cameras.down]\nstreams = ["clock:320x240@20"]\n'
-        )
         camera = start("run", "--file", str(fleet), "--vehicle", "quad1", "-e", endpoint)
         wait_until(lambda: any("a test picture" in line for line in (*camera.out, *camera.err)), "the camera")
         path, port = tmp_path / "down.ts", free_port()
