@@ -82,6 +82,7 @@ class Agent:
         self.handlers.orders.start()
         self.publisher.start()
         self._task = asyncio.create_task(self._live())
+        self._say_ground()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -96,6 +97,14 @@ class Agent:
             self.publisher.last_book()
         self._tokens.close()
         await self.context.solver.__aexit__(None, None, None)
+
+    def _say_ground(self) -> None:
+        settings = self.context.settings
+        if settings.ground is not None and not settings.ground.empty:
+            self.context.say("terrain", "info", f"{len(settings.ground.pieces)} pieces of ground are known")
+        elif settings.field.asks_for_height:
+            text = "no ground is known, and the fleet file asks for a height above it: goals are refused"
+            self.context.say("terrain", "warning", f"{text}; start the planner with --terrain")
 
     # What is told.
 

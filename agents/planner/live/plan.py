@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from agents.planner.goals.formation import offsets_of
@@ -15,6 +16,7 @@ from agents.planner.goals.sweeping import sweepers_of
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
+from agents.planner.live.field import floor_of
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
@@ -23,7 +25,7 @@ from agents.planner.model.plans import Sample
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.scene import Scene
 from agents.planner.solve.loiter import loiter_radius
-from zmav.errors import Refused
+from zmav.errors import BadInput, Refused
 from zmav.wire import Vector, swarm
 
 Margins = Sequence[tuple[float, float]]
@@ -46,6 +48,8 @@ class Planned:
     clearance: float | None
     margin: float
     """m by which every vehicle's radius in the scene is larger than its own"""
+    above_ground: float | None = None
+    """m: the least; None: the ground is not known"""
     before: bool = False
     """it only makes room: what is to be flown is planned from where it ends"""
 
@@ -63,7 +67,10 @@ class Planner:
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
         pieces = context.world.pieces(time.time())
-        room = room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        views, settings = context.fleet.all(), context.settings
+        ours = [seen.view for seen in views if seen.view.name in vehicles]
+        floor = floor_of(settings.field, settings.ground, _widest(ours, settings.margin))
+        room = room_of(vehicles, views, pieces, walls, taken, settings.downwash, floor)
         lost = context.homes.movers(vehicles, context.clocks.clock.now())
         return replace(room, movers=(*room.movers, *lost))
 
@@ -72,8 +79,15 @@ class Planner:
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
         points += [enu(point) for point in points_of(goal, view)]
+        if isinstance(goal, swarm.Search) and goal.above_ground and room.floor is not None:
+            easts, norths = [east for _, east in goal.polygon], [north for north, _ in goal.polygon]
+            span = room.floor.span((min(easts), min(norths), max(easts), max(norths)))
+            points += [(min(easts), min(norths), z + goal.height) for z in span]
         points += circles(goal, view, points)
-        return await self._solver.do(jobs.Resolve(goal, view, room.empty(points)))
+        starts = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
+        scene = room.empty(points, starts)
+        floor = None if room.floor is None else room.floor.within(scene.bounds)
+        return await self._solver.do(jobs.Resolve(goal, view, scene, floor))
 
     async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
@@ -126,7 +140,12 @@ class Planner:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
-        return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin, views), margin)
+        try:
+            above = _above(room, views, plan.trajectories)
+        except BadInput as e:
+            raise Refused(f"the verifier objects: {e.message}") from e
+        clearance = _wider(judged.clearance, margin, views)
+        return Planned(plan.trajectories, scene, plan.makespan, clearance, margin, above)
 
     async def check(self, step: Fly, view: FleetView, margins: Margins = ()) -> tuple[Planned | None, str]:
         """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not. With
@@ -149,16 +168,35 @@ class Planner:
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
         views = moved(view, starts).pick(names)
-        scene = scene_of(views, places, True, room, corners)
+        scene = scene_of(views, places, True, replace(room, floor=None), corners)
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
             return None, judged.faults[0]
-        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin, views), margin), ""
+        try:
+            above = _above(room, views, trajectories)
+        except BadInput as e:
+            return None, e.message
+        clearance = _wider(judged.clearance, margin, views)
+        return Planned(trajectories, scene, judged.makespan, clearance, margin, above), ""
 
 
 def _wider(clearance: float | None, margin: float, views: Sequence[VehicleView]) -> float | None:
     """Between the vehicles themselves, where they say that they are: what was planned for is larger."""
     return None if clearance is None else clearance + 2.0 * margin + sum(sorted(view.room for view in views)[:2])
+
+
+def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Sequence[Sample]]) -> float | None:
+    """The least height above the ground of all that fly. Raises :class:`BadInput` for what a vehicle would refuse."""
+    if room.floor is None:
+        return None
+    homes = {view.name: None if view.home_ned is None else enu(view.home_ned) for view in views if view.flies}
+    found = [room.floor.check(flown[name], home) for name, home in homes.items()]
+    return min((each for each in found if each is not None), default=None)
+
+
+def _widest(views: Sequence[VehicleView], margin: float) -> list[VehicleView]:
+    """With all the room that a plan may make."""
+    return [replace(v, body=msgspec.structs.replace(v.body, radius=v.body.radius + margin)) for v in views]
 
 
 def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:
@@ -201,6 +239,8 @@ def points_of(goal: swarm.Goal, view: FleetView) -> list[Vector]:
         for north, east, down in (goal.at, *goal.via):
             found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]
     if isinstance(goal, swarm.Search):
+        if goal.above_ground:
+            return found + [(n, e, view.vehicles[goal.vehicles[0]].pos_ned[2]) for n, e in goal.polygon]
         heights = {each.height for each in sweepers_of(goal, view.pick(goal.vehicles))}
         found += [(n, e, -height) for n, e in goal.polygon for height in heights]
     if isinstance(goal, swarm.Land):

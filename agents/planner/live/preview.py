@@ -24,6 +24,7 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     for step in await planner.resolve(goal, view):
         planned, view = await _step(planner, step, view)
         row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
+        row["above_ground"] = None if planned is None else planned.above_ground
         motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
         row["seconds"] = round(tally.add(step, motions), 1)
         if planned is not None:
@@ -33,10 +34,12 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
             row["figures"] = {name: dict(figures) for name, figures in step.figures.items()}
         steps.append(row)
     clearances = [row["clearance"] for row in steps if row.get("clearance") is not None]
+    heights = [row["above_ground"] for row in steps if row["above_ground"] is not None]
     return {
         "makespan": sum(row.get("makespan", 0.0) for row in steps),
         "seconds": round(tally.seconds, 1),
         "clearance": min(clearances, default=None),
+        "above_ground": min(heights, default=None),
         "steps": steps,
     }
 

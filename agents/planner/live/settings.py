@@ -9,6 +9,7 @@ import msgspec
 from agents.planner.execute.flight import TRACKING
 from agents.planner.live.field import FleetField
 from agents.planner.live.leadership.election import PATIENCE
+from agents.planner.model.ground import GroundMap
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
 from zmav.errors import BadConfig
@@ -53,6 +54,8 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     """vehicles may fly goals of whose batteries it is not known what is left in them"""
     field: FleetField = FleetField(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
+    ground: GroundMap | None = None
+    """how high the ground is; None: not known"""
     geofence: swarm.Geofence | None = None
     """the same as plans are held to it; None: none that they must be"""
 
