@@ -73,7 +73,7 @@ class TestModes:
 class TestAuto:
     @staticmethod
     def ends_below(companion: Companion, height: float) -> bool:
-        """Where the real one ends a takeoff and stays: by its NAV_MC_ALT_RAD of 0.8 m too low, less what it rises on."""
+        """Where the real one ends a takeoff and stays: NAV_MC_ALT_RAD (0.8 m) too low, less what it rises on."""
         return companion.near(0.0, 0.0, 0.5 - height, 0.35)
 
     def test_a_takeoff_by_mode_rises_to_the_parameter_and_holds(self, make_companion: MakeCompanion) -> None:
