@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -67,6 +68,28 @@ def test_the_tree_that_an_installation_lays_out_is_all_that_the_installer_wants(
         assert target == f"share/zmav/{source}"
         assert (tmp_path / "tree" / source).exists()
     assert not list((tmp_path / "tree").rglob("__pycache__"))
+
+
+def test_each_extra_is_tried_and_those_for_users_are_what_the_installer_and_its_page_name() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = set(project["optional-dependencies"])
+    sys.path.insert(0, str(ROOT / "deploy"))
+    try:
+        assert set(script("extras").PROMISES) == extras
+    finally:
+        sys.path.remove(str(ROOT / "deploy"))
+    for_users = extras - {"build", "site", "all", "dev"}
+    helped = subprocess.run(
+        ["bash", ROOT / "deploy" / "install.sh", "--help"], capture_output=True, text=True, check=True
+    )
+    (named,) = re.findall(r"--extras LIST .*\n +(.*)\n", helped.stdout)
+    assert set(named.split(", ")) == for_users
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    assert (
+        set(re.findall(r"^\| `(\w+)` \|", page.split("| extra |")[1].split("`deploy/extras.py`")[0], re.M)) == for_users
+    )
+    (everything,) = project["optional-dependencies"]["all"]
+    assert set(everything.removeprefix("zmav[").removesuffix("]").split(",")) == for_users - {"interpreted"}
 
 
 @pytest.mark.process
