@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
 import os
@@ -137,9 +138,18 @@ def test_the_bill_names_every_package_of_the_lock_with_its_hashes(bill: dict[str
 
 
 def test_the_bill_names_what_is_vendored_with_its_licence(bill: dict[str, Any]) -> None:
-    vendored = {each["name"]: each for each in bill["components"] if each["purl"].startswith("pkg:npm/")}
-    manifest = json.loads((ROOT / "ground/http/static/vendor/manifest.json").read_bytes())
-    assert set(vendored) == {each["name"] for each in manifest}
-    for each in manifest:
-        assert vendored[each["name"]]["licenses"][0]["license"]["name"] == each["licence"]
-        assert (ROOT / "ground/http/static/vendor" / f"{each['name']}.LICENSE").is_file()
+    vendored = {each["name"]: each for each in bill["components"] if not each["purl"].startswith("pkg:pypi/")}
+    page, ros = ROOT / "ground/http/static/vendor", ROOT / "ground/ros2/interfaces"
+    manifests = {folder: json.loads((folder / "manifest.json").read_bytes()) for folder in (page, ros)}
+    assert set(vendored) == {each["name"] for manifest in manifests.values() for each in manifest}
+    for folder, manifest in manifests.items():
+        listed = {"manifest.json"}
+        for each in manifest:
+            assert vendored[each["name"]]["licenses"][0]["license"]["name"] == each["licence"]
+            for name, digest in each["files"].items():
+                assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+            listed |= set(each["files"])
+        there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+        ours = {name for name in there if name.startswith("zmav_msgs/")}
+        assert there - ours == listed, "each file that others wrote is in a manifest"
+    assert all((page / f"{each['name']}.LICENSE").is_file() for each in manifests[page])
