@@ -189,7 +189,7 @@ async def test_a_script_sees_and_orders(fleet: Played) -> None:
             assert vehicle.state.local is not None and vehicle.state.lease is not None
             assert vehicle.state.lease.holder == "ground"
             assert (await vehicle.message("ATTITUDE")).fields["roll"] == pytest.approx(0.0, abs=0.5)
-            assert (await vehicle.params.get("RTL_ALT")).value > 0.0
+            assert (await vehicle.params.get("RTL_ALT")).value
             await vehicle.ping()
             with pytest.raises(NotHolder, match="ground commands quad"):
                 await vehicle.goto(pos=(0.0, 0.0, -10.0))
