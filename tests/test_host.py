@@ -127,6 +127,7 @@ def test_versions_of_a_fleet() -> None:
 def test_who_is_older_is_named() -> None:
     ours = host.versions()
     own = ours["zmav"]
+    others: dict[str, wire.HostReport | dict[str, str]]
     others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.0.9"}, "alpha/quad3": {**ours, "zmav": "0.0.10"}}
     line, _ = computer.check_versions(others)
     assert line.found.startswith(f"alpha/quad2 runs zmav 0.0.9, alpha/quad3 runs zmav 0.0.10: this is {own} (")
