@@ -61,7 +61,7 @@ def command(
         name=keys.check_name(name) if name else "",
         every=every,
         geoid=geoid,
-        tls=tls_of(cert, key, ca),
+        tls=tls_of(cert, key, ca) if url.startswith("tls:") else {},
     )
 
     async def serve(z: Client) -> None:

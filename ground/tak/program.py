@@ -107,7 +107,10 @@ class Tak:
                 why = "the server closed the connection"
             except asyncio.TimeoutError:
                 why = "no answer" if self.state != "up" else "it takes nothing any more"
-            except (OSError, SyntaxError, ValueError) as e:
+            except SyntaxError as e:  # as which pytak says it, in many lines
+                unproven = "VERIFY" in str(e)
+                why = "its certificate is not believed: give --ca" if unproven else str(e).partition("\n")[0]
+            except (OSError, ValueError) as e:
                 why = (e.strerror if isinstance(e, OSError) else None) or str(e)
             pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
             self._turn("lost", f"{why}; again in {pause:.0f} s")
@@ -201,4 +204,8 @@ def tls_of(cert: str | None, key: str | None, ca: str | None) -> dict[str, str]:
             field = {"CLIENT_CERT": "cert", "CLIENT_KEY": "key", "CLIENT_CAFILE": "ca"}[name]
             raise BadInput(f"no file {file}", field=field, value=file, expected="a PEM file")
     own = {name: value for name, value in os.environ.items() if name.startswith(TLS)}
-    return own | {TLS + name: file for name, file in given.items() if file is not None}
+    found = own | {TLS + name: file for name, file in given.items() if file is not None}
+    if not found.get(f"{TLS}CLIENT_CERT"):
+        text = "a TAK server by TLS is shown a certificate of ours: give --cert"
+        raise BadInput(text, field="cert", value=None, expected="a PEM file")
+    return found

@@ -280,13 +280,14 @@ async def test_taky_passes_vehicles_alarms_and_goals_on(stage: Stage, tmp_path: 
 
 async def test_by_tls_the_server_proves_itself(stage: Stage, tmp_path: Path) -> None:
     ca = authority(tmp_path)
+    key = str(tmp_path / "key.pem")
     async with taky(tmp_path, tls=True) as server:
         url = f"tls://127.0.0.1:{server.port}"
         hearing = asyncio.create_task(hear(server, ca))
-        async with stage.tak(url, tls=tls_of(None, None, str(ca))):
+        async with stage.tak(url, tls=tls_of(str(ca), key, str(ca))):
             await until(lambda: server.of("a-f-A-M-H-Q"), lambda: stage.said)
-        async with stage.tak(url) as stranger:
-            await until(lambda: any("certificate verify failed" in said for said in stage.said), lambda: stage.said)
+        async with stage.tak(url, tls=tls_of(str(ca), key, None)) as stranger:
+            await until(lambda: any("not believed: give --ca" in said for said in stage.said), lambda: stage.said)
             assert stranger.events == 0
         hearing.cancel()
 
@@ -342,6 +343,7 @@ def test_what_is_no_server_is_refused(url: str) -> None:
 
 
 def test_a_certificate_that_is_not_there_is_refused() -> None:
-    result = CliRunner().invoke(command, ["tls://h:1", "--cert", "/nowhere.pem"])
-    assert isinstance(result.exception, BadInput)
-    assert "no file /nowhere.pem" in str(result.exception)
+    for words, says in ((["--cert", "/nowhere.pem"], "no file /nowhere.pem"), ([], "give --cert")):
+        result = CliRunner().invoke(command, ["tls://h:1", *words])
+        assert isinstance(result.exception, BadInput)
+        assert says in str(result.exception)
