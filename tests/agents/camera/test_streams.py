@@ -13,7 +13,6 @@ import av
 import numpy as np
 import pytest
 
-from agents.camera import streams
 from agents.camera.capture import Lost
 from agents.camera.rungs import FIRST_WAIT, LONGEST_WAIT, SHORT_S, Rungs
 from agents.camera.streams import (
@@ -44,7 +43,7 @@ def film(path: Path, count: int = 20, codec: str = "libx264", rate: int = 60) ->
     """A file of video, and its packets as they were encoded."""
     packets = []
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=rate)
+        stream: Any = container.add_stream(codec, rate=rate)
         stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
         if codec == "libx264":
             stream.options = {"tune": "zerolatency", "g": "10"}
@@ -159,7 +158,7 @@ def test_a_device_is_told_its_bits_and_asked_for_key_frames(tmp_path: Path, monk
         told.append((int.from_bytes(data[:4], "little"), int.from_bytes(data[4:], "little", signed=True)))
         return data
 
-    monkeypatch.setattr(streams.fcntl, "ioctl", ioctl)
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
     device = Device(str(path), 30.0, (1280, 720), 0.0)
     device.check()
     assert device.options() == {"input_format": "h264", "video_size": "1280x720", "framerate": "30"}
