@@ -212,17 +212,23 @@ class VideoAgent(Sender):
         self._aimed = self.stream.aim(8.0 * USED * self.budget.bytes / self._overhead)
         before = self.rungs.at
         if self.rungs.choose(self.budget.bytes, self.needs, now):
-            self._broken = True
+            self._drop()
             self._ask()
             if self.rungs.at != before:
                 await self._change()
+
+    def _drop(self) -> None:
+        """What waits, and all up to the next key frame."""
+        self.dropped += len(self._waiting)
+        self._waiting.clear()
+        self._bytes, self._broken = 0, True
 
     async def _change(self) -> None:
         """To another stream: nothing of the old one comes after something of the new one."""
         old, self._capture = self.capture, None
         await in_thread(old.close)
         await asyncio.sleep(0.0)  # what it had put on the loop by then
-        self._waiting.clear()
-        self._bytes, self._broken, self._rate = 0, True, Rate()
+        self._drop()
+        self._rate = Rate()
         self._capture = self._opened(asyncio.get_running_loop())
         self._say(f"{self.settings.camera}: stream {self.rungs.at + 1} of {len(self._streams)}, {self.stream.words}")
