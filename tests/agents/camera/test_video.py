@@ -187,7 +187,7 @@ async def test_a_leaner_stream_is_taken_and_at_the_end_key_frames_only(net: Net,
         assert agent.rungs.at == 1
         reader.most_bytes = 15e3
         await until(lambda: agent.rungs.key_only, "key frames only")
-        assert "key frames only: the stream needs" in agent._words()
+        assert "key frames only: the stream needs" in agent.words()
         with reader.units() as units:
             assert [(await units.get()).key for _ in range(3)] == [True] * 3
         assert (await video_info(z, "quad1", "down")).key_frames_only
@@ -200,7 +200,7 @@ async def test_a_queue_never_grows(net: Net, run_video: Run) -> None:
         with reader.units() as units:
             found = [await units.get() for _ in range(15)]
     assert agent.dropped > 0, "600 kB/s do not go through 100 kB/s"
-    assert agent._bytes <= 3 * 100e3
+    assert agent.waiting_bytes <= 3 * 100e3
     for before, after in itertools.pairwise(found):
         assert after.key or after.seq == before.seq + 1, "never one without what it follows"
 
@@ -236,7 +236,7 @@ async def test_a_unit_that_is_too_large_is_said(net: Net, run_video: Run) -> Non
     agent = await run_video(endpoint, Played(size=1_100_000, rate=5.0), budget=1e7, most=1e8)
     async with reading(endpoint) as z, VideoReader(z, "quad1"):
         await until(lambda: agent.failed >= 1, "the failure")
-        assert "cannot be sent" in agent._wrong
+        assert "cannot be sent" in agent.wrong
 
 
 async def test_a_camera_without_streams_is_none(net: Net, run_video: Run) -> None:
