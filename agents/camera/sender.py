@@ -40,6 +40,8 @@ class Sender(ABC):
     channel: ClassVar[keys.Channel]
     about: ClassVar[keys.Channel]
     reports: ClassVar[keys.Channel]
+    reported: ClassVar[int] = 1
+    """pictures between two reports"""
     agent: ClassVar[str]
     """what stands before the camera's name in the name of its status"""
 
@@ -47,7 +49,7 @@ class Sender(ABC):
         self, z: Client, settings: CameraSettings, bulk: SessionSettings, say: Callable[[str], None] = lambda line: None
     ) -> None:
         self.settings = settings.check()
-        self.budget = Budget(settings)
+        self.budget = Budget(settings, self.reported)
         self.bad = 0
         """reports that could not be read"""
         self.failed = 0

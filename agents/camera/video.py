@@ -35,6 +35,8 @@ AIM_S = 1.0
 """s between two looks at whether stream and link go together"""
 USED = 0.85
 """of the budget that an encoder is asked to fill"""
+SEARCH_S = 20.0
+"""s after the first reader came, in which what its link takes may still be searched for"""
 ASK_S = 1.0
 """s between two key frames that the camera is asked for"""
 MEASURE_S = 4.0
@@ -74,6 +76,7 @@ class VideoAgent(Sender):
     """
 
     channel, about, reports, agent = keys.VIDEO, keys.VIDEO_INFO, keys.VIDEO_REPORT, "video"
+    reported = 15
 
     def __init__(
         self,
@@ -98,7 +101,7 @@ class VideoAgent(Sender):
         self.waiting_bytes = 0
         self._broken = True
         """what is not a key frame is of no use until one was sent"""
-        self._asked = self._looked = 0.0
+        self._asked = self._looked = self._since = 0.0
         self._aimed = False
         self._reopen = False
 
@@ -145,6 +148,7 @@ class VideoAgent(Sender):
                 stream.wanted = self.watched
         self._broken = True
         if self.watched:
+            self._since = time.monotonic()
             self._ask()
 
     def _heard(self, report: wire.FrameReport) -> None:
@@ -200,7 +204,9 @@ class VideoAgent(Sender):
         chunks = split(data, sender=self.sender, seq=self.sent, t=unit.t, size=size, spare=spare, code=VIDEO)
         total = sum(map(len, chunks))
         self._overhead += 0.05 * (total / len(data) - self._overhead)
+        seq = self.sent
         await self._put(publisher, chunks, unit.t, min(len(data) / (1.0 - self.budget.loss), total))
+        self.budget.sent.took(seq, time.time() - unit.t)
 
     async def _fit(self) -> None:
         """Once in a while: have the camera encode what the link takes, or take another of its streams."""
@@ -211,6 +217,8 @@ class VideoAgent(Sender):
         self.budget.expire(now)
         self._aimed = self.stream.aim(8.0 * USED * self.budget.bytes / self._overhead)
         before = self.rungs.at
+        if not self.budget.searched and now - self._since < SEARCH_S:
+            return  # the budget grows fast yet: too little of it is no news
         if self.rungs.choose(self.budget.bytes, self.needs, now):
             self._drop()
             self._ask()
@@ -225,8 +233,7 @@ class VideoAgent(Sender):
 
     async def _change(self) -> None:
         """To another stream: nothing of the old one comes after something of the new one."""
-        old, self._capture = self.capture, None
-        await in_thread(old.close)
+        await in_thread(self.capture.close)
         await asyncio.sleep(0.0)  # what it had put on the loop by then
         self._drop()
         self._rate = Rate()

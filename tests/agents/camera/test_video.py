@@ -23,7 +23,9 @@ from agents.camera.streams import Encoded
 from agents.camera.video import VideoAgent
 from tests.cli.conftest import Process
 from tests.waiting import until, wait_until
-from zmav import keys
+from zmav import keys, wire
+from zmav.doctor.facts import AgentReport, Facts
+from zmav.doctor.rules import reasons
 from zmav.errors import BadConfig, VehicleError
 from zmav.process import free_port
 from zmav.session import SessionSettings
@@ -228,6 +230,11 @@ async def test_a_camera_that_sends_garbage_is_said_and_opened_again(net: Net, ru
     await until(lambda: bool(agent.capture.lost), "the loss")
     async with reading(endpoint) as z:
         assert "opened again" in (await video_info(z, "quad1", "down")).lost
+        async with z.subscribe(keys.AGENT_STATUS.key("demo", "quad1", agent="video-down")) as statuses:
+            status = wire.decode((await statuses.get()).payload.to_bytes(), wire.AgentStatus, "status")
+        found = AgentReport.of("demo", "quad1", status, 0.0)
+        (reason,) = reasons(Facts(name="quad1", agents=(found,)))
+        assert reason.text.startswith("agent video-down lost"), "doctor, top and the page say so"
     assert "film.ts" in said[0]
 
 
