@@ -56,7 +56,7 @@ def video() -> None:
 @click.option(
     "--budget",
     callback=rate_bytes,
-    default="250kB/s",
+    default="100kB/s",
     show_default=True,
     help="To begin with, and for readers that do not report.",
 )
