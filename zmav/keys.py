@@ -245,6 +245,28 @@ FRAME_REPORT = _put(
     repeated=False,
 )
 """what comes of the pictures at a reader, whose link they are adapted to"""
+VIDEO = Channel(
+    "camera_video",
+    "camera/{camera}/video",
+    qos=Qos.BULK,
+    writers=(VEHICLE, AGENT),
+    encoding=RAW,
+    stale_after=1.0,
+    repeated=False,
+)
+"""H.264 as the camera encodes it: access units in chunks of at most 1.1 kB (docs/video.md)"""
+VIDEO_INFO = _asked("camera_stream", "camera/{camera}/stream", wire.VideoInfo)
+"""the video's size, rate and source"""
+VIDEO_REPORT = _put(
+    "video_report",
+    "camera/{camera}/watcher/{reader}",
+    wire.FrameReport,
+    writers=(ANYONE,),
+    rate_hz=2.0,
+    stale_after=3.0,
+    repeated=False,
+)
+"""what comes of the video at a reader, and whether it waits for a key frame"""
 DETECTION = Channel(
     "camera_detection",
     "camera/{camera}/detection",

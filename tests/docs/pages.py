@@ -147,6 +147,7 @@ NOT_RUN: dict[str, str] = {
     r"docs/(?!agents).*\.md: zmav agent .*(hex1|rover1|quad1).*|docs/controllers.md: zmav (do|up|sim) .*": (
         "README.md has them run; cycles by the clock want a machine for themselves: tests/agents/controllers"
     ),
+    r"zmav video .*|docs/video.md: zmav .*": "wants a camera, or runs until it is stopped: tests/agents/camera",
     r"zmav camera .*|docs/camera.md: zmav agent list": "wants a camera, or a video: tests/agents/camera",
     r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
     r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",

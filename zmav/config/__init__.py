@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from zmav.config.body import BodyConfig, body_of, check_body
+from zmav.config.camera import CameraConfig
 from zmav.config.fleet import (
     RETURN_LEAD,
     Failsafe,
@@ -27,6 +28,7 @@ __all__ = [
     "RETURN_LEAD",
     "Address",
     "BodyConfig",
+    "CameraConfig",
     "Failsafe",
     "FleetConfig",
     "Geofence",

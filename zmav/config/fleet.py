@@ -45,6 +45,9 @@ link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
 connect = ["udp/10.77.0.2:7447?rel=1;mixed_rel=1"]
 
+[vehicles.quad1.cameras.down]   # its encoded video, the stream with most bytes first: 'zmav video run'
+streams = ["rtsp://192.168.144.25:8554/main", "rtsp://192.168.144.25:8554/sub"]
+
 [vehicles.quad1.pilot_switch]   # while the radio's channel 7 is high, no agent has the vehicle
 channel = 7
 low = 1700
@@ -68,6 +71,7 @@ import msgspec
 
 from zmav import keys, wire
 from zmav.config.body import BodyConfig, check_body
+from zmav.config.camera import CameraConfig
 from zmav.config.mesh import Host, Mesh, Profile, check_hosts
 from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
@@ -214,6 +218,7 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits | None = None
     body: BodyConfig | None = None
     pilot_switch: PilotSwitch | None = None
+    cameras: dict[str, CameraConfig] = {}
     signing: Signing | None = None
     mesh: Host = Host()
     sim: dict[str, Any] | None = None
@@ -298,6 +303,8 @@ def load_fleet(path: str | Path) -> FleetConfig:
         _check_tables("", fleet)
         for name, table in fleet.vehicles.items():
             _check_tables(f"vehicles.{name}.", table)
+            for camera in table.cameras:
+                keys.check_name(camera, f"vehicles.{name}.cameras")
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
         _check_ros2(fleet)
         check_hosts(fleet.mesh, fleet.hosts())

@@ -129,7 +129,7 @@ link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
 for (const topic of ["charge", "goal", "plan", "obstacle"]) link.subscribe(`zmav/${FLEET}/@fleet/${topic}`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
-link.subscribe("*/agent/camera-*/status", { hz: 2 });
+for (const kind of ["camera", "video"]) link.subscribe(`*/agent/${kind}-*/status`, { hz: 2 });
 link.subscribe("*/agent/rtk/status", { hz: 1 });
 link.subscribe("*/HOME_POSITION", { hz: 0.1 });
 store.changed = draw;

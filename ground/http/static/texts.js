@@ -210,6 +210,8 @@ export const TEXTS = {
   "camera.label": "Picture of {who}'s camera {name}",
   "camera.label.found": "Picture of {who}'s camera {name}; found: {words}",
   "camera.found": "{symbol} {percent} %",
+  "camera.video": "video",
+  "camera.no-video": "the video's connection ended",
   "camera.waits": "waiting for the first picture",
   "camera.size": "{width} × {height}",
   "camera.rate": "{hz} pictures a second",
