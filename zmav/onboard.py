@@ -64,6 +64,7 @@ from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
 from zmav.services.terrain.requests import TerrainRequests
+from zmav.services.traffic.traffic import Traffic
 from zmav.session import SessionSettings
 from zmav.systemd import state_directory
 from zmav.terrain import Terrain
@@ -91,6 +92,7 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     limits: config.Limits = config.Limits()
     body: config.BodyConfig | None = None
     separation: config.Separation = config.Separation()
+    traffic: config.Traffic = config.Traffic()
     rights: config.Rights = config.Rights()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
@@ -168,7 +170,21 @@ class Onboard:
         counts = SetpointCounts()
         self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
-            companion, bounds, lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything
+            companion,
+            bounds,
+            lambda: self.body.body,
+            settings.separation,
+            gate.is_vehicle if gate else keys.anything,
+            mates=settings.traffic.mates,
+        )
+        self.traffic = Traffic(
+            companion,
+            told,
+            signer,
+            settings.traffic,
+            self.separation.mates,
+            receives=lambda: bool(self.params.value("ADSB_TYPE")),
+            need=self.rates.need,
         )
         self.authority = Authority(
             companion,
@@ -245,7 +261,11 @@ class Onboard:
             self.missions,
             self.params,
             # A recording takes no orders, gives no files, and needs no corrections.
-            *(() if link.recorded else (self.event_texts, self.orders, self.terrain, self.corrections, self.cameras)),
+            *(
+                ()
+                if link.recorded
+                else (self.event_texts, self.orders, self.terrain, self.corrections, self.traffic, self.cameras)
+            ),
             self.preconditions,
             self.rates,
             self.separation,
@@ -387,6 +407,7 @@ class Onboard:
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
         self.corrections.add_to_state(state)
+        state.traffic = self.traffic.worst
         if self.gate is not None:
             state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
@@ -406,6 +427,7 @@ class Onboard:
                 if beat % 5 == 0:
                     self.quality.tick()
                     self.corrections.tick()
+                    self.traffic.tick(self.state.place(), self.state.velocity())
                     self._send_heartbeat()
                     self.cameras.tick()
                     self.rates.tick()

@@ -24,7 +24,7 @@ from mesh.units import bits_per_second
 from zmav.cli.common import Work, connected, dump, fleet_option, json_option, run, zenoh_options
 from zmav.cli.vehicles import matching
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
@@ -188,7 +188,6 @@ async def _run(
         for each in done:
             each.result()
     say(f"{agent.sent} pictures sent")
-    leave()
 
 
 def _agent_order(vehicles: str, camera: str, verb: str, as_json: bool, **args: Any) -> Work:

@@ -20,7 +20,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, VehicleConfig, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import leave, log, restart
+from zmav.process import log, restart
 from zmav.session import SessionSettings
 
 
@@ -78,6 +78,7 @@ def up(
         limits=table.limits or file.limits,
         body=table.body,
         separation=file.separation,
+        traffic=file.traffic,
         rights=file.rights,
         pilot_switch=table.pilot_switch,
         cache=cache,
@@ -105,7 +106,6 @@ async def _up(
     if why:
         log(f"starting again: {why}")
         restart()
-    leave()
 
 
 def _log(sample: zenoh.Sample) -> None:

@@ -102,6 +102,7 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/gallery.md: .*": "minutes of flight, or of planning; each picture is looked at where it is drawn",
     r"docs/gimbal.md: zmav (camera|agent) .*": "wants a camera: tests/agents/camera/test_photos.py",
     r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
         "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"

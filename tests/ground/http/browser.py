@@ -377,7 +377,7 @@ class FakePlanner:
             if verb == "preview":
                 tracks = {name: [(0, 0, 0, -10), (6, 30, 20, -10)] for name in args["goal"]["vehicles"]}
                 step = {"step": "PlanTo", "text": "", "makespan": 6.0, "clearance": 3.2, "tracks": tracks}
-                result = {"makespan": 6.0, "clearance": 3.2, "steps": [step]}
+                result = {"makespan": 6.0, "seconds": 9.0, "clearance": 3.2, "steps": [step]}
             elif verb == "submit":
                 goal = msgspec.convert(args["goal"], swarm.Goal)
                 self.goals = [swarm.GoalEntry(id="g1", goal=goal, state="flying", t=time.time(), progress=0.4)]

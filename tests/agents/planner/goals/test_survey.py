@@ -151,8 +151,8 @@ def test_overlaps_are_shares() -> None:
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        ([], "give one of --height and --gsd"),
-        (["--height", "30", "--gsd", "2"], "give one of --height and --gsd"),
+        ([], "give one of --height, --above-ground and --gsd"),
+        (["--height", "30", "--gsd", "2"], "give one of --height, --above-ground and --gsd"),
         (["--gsd", "2"], "--gsd needs --pixels"),
         (["--height", "0"], "above the ground"),
         (["--height", "nan"], "above the ground"),
