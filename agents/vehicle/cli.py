@@ -81,6 +81,7 @@ def up(
         traffic=file.traffic,
         rights=file.rights,
         pilot_switch=table.pilot_switch,
+        streams={camera: table.cameras[camera].uri for camera in table.cameras},
         cache=cache,
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else table.signing,

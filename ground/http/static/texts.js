@@ -227,6 +227,22 @@ export const TEXTS = {
   "camera.garbled": "what comes is no picture",
   "camera.most": "{most} cameras at once: {who}'s {name} is closed",
 
+  "gimbal.photo": "Photo",
+  "gimbal.photo.title": "The whole picture, kept on the vehicle with its time and place",
+  "gimbal.in": "Zoom +",
+  "gimbal.in.title": "The middle of the picture; the wheel does it, too",
+  "gimbal.out": "Zoom −",
+  "gimbal.out.title": "More of the picture",
+  "gimbal.look": "Look at…",
+  "gimbal.look.title": "The gimbal keeps looking at the place of the map that is clicked next; drag the picture to turn it",
+  "gimbal.centre": "Take & centre",
+  "gimbal.centre.title": "Take the gimbal's control, from anybody, and turn it back",
+  "gimbal.release": "Release",
+  "gimbal.release.title": "Look at nothing more, and give the gimbal's control back",
+  "gimbal.tool": "{who}'s gimbal looks at the place that is clicked",
+  "gimbal.taken": "{who}: photo {number} is kept in {file}",
+  "gimbal.refused": "{who}: {text}",
+
   // Alarms, preflight, events.
   "tabs.label": "Alarms, goals, preflight, drawing, events",
   "tabs.list": "What is shown below",

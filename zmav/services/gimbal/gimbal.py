@@ -79,8 +79,12 @@ class Gimbal:
     @property
     def handlers(self) -> dict[str, Handler]:
         """The verbs of this service."""
-        orders = {"point": self.point, "turn": self.turn, "release": self.release, "status": self.status}
-        return {f"gimbal_{verb}": handler for verb, handler in orders.items()}
+        return {
+            "gimbal_point": self.point,
+            "gimbal_turn": self.turn,
+            "gimbal_release": self.release,
+            "gimbal_status": self.status,
+        }
 
     def close(self) -> None:
         """End; control is given back, once: nobody waits for the answer."""
