@@ -23,7 +23,8 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
         plans, view = await _step(planner, step, view)
-        for planned in plans or [None]:
+        flown: list[Planned | None] = [*plans] or [None]
+        for planned in flown:
             row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
             motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
             row["seconds"] = round(tally.add(step, motions), 1)
