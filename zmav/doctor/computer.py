@@ -155,7 +155,7 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
 def _order(number: str) -> tuple[int, ...]:
     """Of a version; what stands behind its three numbers (rc1, .dev0, +local) makes none older.
 
-    What is none is older than any: a host says what it likes, and no more than a version is to be copied from an advice.
+    What is none is older than any: a host says what it likes, and an advice is copied into a shell.
     """
     found = re.fullmatch(r"(\d{1,9})\.(\d{1,9})(?:\.(\d{1,9}))?[\w.+]{0,40}", number, re.ASCII)
     return tuple(int(part or 0) for part in found.groups()) if found else ()
