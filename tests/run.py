@@ -1,7 +1,7 @@
 """Run pytest: what may run beside other tests, then what may not: ``python tests/run.py -n 3 ...``
 
 Tests marked ``alone`` fly something whose deadlines are the real clock's, such as a controller that has 100 ms for each
-step: they run last, two files at a time where others ran side by side. None of them needs half a core.
+step: they run last, three files at a time where others ran side by side. Few of them need half a core.
 
 What failed beside other tests runs once more, alone. On a busy machine a test that races with time fails now and then.
 It must be mended, so it is named; it says nothing of the code, so it fails no run. Exits as pytest does, and with 0
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -24,7 +25,7 @@ ALONE, BY_ITSELF = "--alone", "--by-itself"
 
 class Heard:
     """A plugin of pytest: which tests failed, or were skipped, whether all ran that should, where to look, and how
-    many at a time.
+    many at a time. ``places``: as they were given; ``roots``: those, or the usual ones.
 
     ``only`` is added to what ``-m`` asks for.
     """
@@ -34,6 +35,7 @@ class Heard:
         self.names: list[str] = []
         self.skipped = False
         self.places: list[str] = []
+        self.roots: list[str] = []
         self.jobs = 0
         self.whole = True
 
@@ -61,6 +63,7 @@ class Heard:
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         self.places = session.config.option.file_or_dir
+        self.roots = session.config.args
         self.jobs = int(session.config.option.numprocesses or 0)
         if session.shouldfail or session.shouldstop:  # -x, or interrupted
             self.whole = False
@@ -78,12 +81,29 @@ def main(args: list[str]) -> int:
     first = _with_second_run(args, heard)
     if not heard.whole or first not in (0, pytest.ExitCode.TESTS_FAILED, NONE):
         return first
-    few = ["-n", "2", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
-    print(f"\n==> those that run alone, {'two files at a time' if heard.jobs > 1 else 'one after another'}", flush=True)
-    last = _run([BY_ITSELF, *_options(args, heard.places), *few, *heard.places])
+    places = _with_alone(heard.roots)
+    few = ["-n", "3", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
+    print(
+        f"\n==> those that run alone, {'three files at a time' if heard.jobs > 1 else 'one after another'}", flush=True
+    )
+    last = _run([BY_ITSELF, *_options(args, heard.places), *few, *places]) if places else NONE
     if first == pytest.ExitCode.TESTS_FAILED:
         print("==> FAILED: those above that run beside others", flush=True)
     return last if first == NONE else first or (0 if last == NONE else last)
+
+
+def _with_alone(roots: list[str]) -> list[str]:
+    """Of what was asked for the files that may have tests which run alone: to read all the others again takes each
+    worker ten seconds.
+    """
+    found: list[str] = []
+    for root in roots:
+        if Path(root).is_dir():
+            files = sorted(Path(root).rglob("test_*.py"))
+            found += [str(file) for file in files if "mark.alone" in file.read_text("utf-8")]
+        else:
+            found.append(root)
+    return found
 
 
 def _with_second_run(args: list[str], heard: Heard) -> int:

@@ -53,12 +53,12 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
         ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
         ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
         ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
-        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed, 1 deselected", ONCE_MORE, AGAIN], [FLAKES]),
-        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed, 1 deselected", AGAIN], []),
-        ([BAD, GOOD_BY_ITSELF], "", 1, [AGAIN, "1 passed, 1 deselected", "==> FAILED: those above"], [FLAKES]),
+        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed in", ONCE_MORE, AGAIN], [FLAKES]),
+        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed in", AGAIN], []),
+        ([BAD, GOOD_BY_ITSELF], "", 1, [AGAIN, "1 passed in", "==> FAILED: those above"], [FLAKES]),
         ([GOOD_BY_ITSELF], "", 0, ["1 deselected", "1 passed"], [ONCE_MORE]),
-        ([GOOD, GOOD_BY_ITSELF], "-n 1", 0, ["1 passed", "1 passed, 1 deselected"], ["2 passed"]),
-        ([GOOD, MEETS, MEETS], "-n 2", 0, ["1 passed", "two files at a time", "2 passed"], ["3 passed", ONCE_MORE]),
+        ([GOOD, GOOD_BY_ITSELF], "-n 1", 0, ["1 passed", "one after another", "1 passed in"], ["2 passed"]),
+        ([GOOD, MEETS, MEETS], "-n 2", 0, ["1 passed", "three files at a time", "2 passed"], ["3 passed", ONCE_MORE]),
         ([GOOD, FLAKY_BY_ITSELF, GOOD_BY_ITSELF], "-n 2", 0, ["1 failed, 1 passed", ONCE_MORE, FLAKES], [AGAIN]),
         ([BAD, GOOD_BY_ITSELF], "-x", 1, ["1 failed"], [ONCE_MORE, "run alone", "passed"]),
         ([BAD, GOOD_BY_ITSELF], "-malone", 0, ["2 deselected", "1 passed"], ["failed"]),
@@ -89,7 +89,7 @@ ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED,
 def test_the_second_run(
     tmp_path: Path, root: Path, files: list[str], args: str, status: int, said: list[str], unsaid: list[str]
 ) -> None:
-    (tmp_path / "pytest.ini").write_text("[pytest]\nasyncio_default_fixture_loop_scope = function\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nasyncio_default_fixture_loop_scope = function\nmarkers = alone\n")
     for number, source in enumerate(files):
         (tmp_path / f"test_{number}.py").write_text(source)
     # Plugins that these tests do not need, and that take a while to load.

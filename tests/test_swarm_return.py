@@ -99,7 +99,6 @@ def modes(events: Samples, name: str) -> list[str]:
     ]
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize("planner", ["slow", "dead"])
 async def test_who_flies_somewhere_is_stopped_at_once(planner: str) -> None:
     """It holds while no planner has said a word. On PX4 that is a mode, which the events tell in its order."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import gzip
 import http.server
 import io
@@ -31,9 +30,8 @@ def height(row: int, column: int) -> int:
 
 
 def tile() -> bytes:
-    heights = array.array("h", (height(row, column) for row in range(SIDE) for column in range(SIDE)))
-    heights.byteswap()
-    return heights.tobytes()
+    places = np.arange(SIDE)
+    return bytes((np.add.outer(7 * places, 3 * places) % 4000).astype(">i2").tobytes())
 
 
 def with_password() -> bytes:

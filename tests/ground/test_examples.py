@@ -63,6 +63,7 @@ class Script:
 
 class Fleet(NamedTuple):
     z: zmav.Client
+    world: World
     sims: dict[str, SimVehicle]
     endpoint: str
 
@@ -70,6 +71,10 @@ class Fleet(NamedTuple):
         """Where it truly is: m, NED."""
         north, east, down = self.sims[name].status().ned_m
         return north, east, down
+
+    def places(self) -> list[tuple[float, float, float]]:
+        """Where all truly are, at one moment, from west to east."""
+        return sorted(self.world.call(lambda: [self.at(name) for name in NAMES]), key=lambda place: place[1])
 
     async def until(self, true: Callable[[], bool], what: str) -> None:
         await until(true, lambda: f"{what}; {[self.at(name) for name in NAMES]}", PATIENCE_S)
@@ -122,7 +127,7 @@ async def copters(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fle
             settings = OnboardSettings(link=url, name=name, origin=ORIGIN, cache=cache)
             await stack.enter_async_context(Onboard(session, settings))
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
-        found = Fleet(z, dict(zip(NAMES, world.vehicles, strict=True)), endpoint)
+        found = Fleet(z, world, dict(zip(NAMES, world.vehicles, strict=True)), endpoint)
         await found.down()
         yield found
 
@@ -205,19 +210,18 @@ async def test_all_take_off_but_one_that_another_commands(fleet: Fleet) -> None:
 async def test_a_formation_keeps_its_shape_while_it_moves_and_holds_on_ctrl_c(fleet: Fleet) -> None:
     script = await fleet.run("formation")
     await script.said("gathered")
-    west, point, east = sorted(NAMES, key=lambda name: fleet.at(name)[1])
-    begun = fleet.at(point)
+    begun = fleet.places()[1]
     for moved in (2.0, 5.0, 8.0):
-        await fleet.until(lambda moved=moved: fleet.at(point)[0] > begun[0] + moved, f"{moved} m north")  # type: ignore[misc]
-        tip = fleet.at(point)
-        for name, slot in ((west, (-6.0, -6.0, 0.0)), (east, (-6.0, 6.0, 0.0))):
-            assert math.dist(fleet.at(name), [a + b for a, b in zip(tip, slot, strict=True)]) < 2.0
+        await fleet.until(lambda moved=moved: fleet.places()[1][0] > begun[0] + moved, f"{moved} m north")  # type: ignore[misc]
+        west, tip, east = fleet.places()
+        for place, slot in ((west, (-6.0, -6.0, 0.0)), (east, (-6.0, 6.0, 0.0))):
+            assert math.dist(place, [a + b for a, b in zip(tip, slot, strict=True)]) < 2.0
     assert await script.end(signal.SIGINT) == 130
     for name in NAMES:
         vehicle = fleet.z.vehicle(name)
         await vehicle.wait_until(lambda s: bool(s.velocity and math.hypot(*s.velocity) < 0.2), PATIENCE_S)
         assert (vehicle.state.lease, vehicle.state.armed) == (None, True)
-    assert fleet.at(point)[0] < begun[0] + 30.0  # well before the end of the way
+    assert fleet.places()[1][0] < begun[0] + 30.0  # well before the end of the way
 
 
 class Leader:

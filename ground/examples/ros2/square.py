@@ -56,7 +56,8 @@ class Quad:
             time.sleep(0.1)
         for east, north in ((SIDE, 0.0), (SIDE, SIDE), (0.0, SIDE), (0.0, 0.0)):
             self.go(start.x + east, start.y + north, start.z + HEIGHT)
-            print(f"{self.name}: corner {east:.0f} m east, {north:.0f} m north", flush=True)
+            text = f"{self.name}: corner {east:.0f} m east, {north:.0f} m north\n"
+            print(text, end="", flush=True)  # in one piece: the other vehicle's thread prints, too
         self.call("land", "std_srvs/srv/Trigger", structure_needs_at_least_one_member=0)
 
     def go(self, x: float, y: float, z: float) -> None:

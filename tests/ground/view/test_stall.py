@@ -147,7 +147,6 @@ async def test_the_program_records_the_fleet_until_it_is_ended(
     assert set(north_of(read(path))) == {7.0}
 
 
-@pytest.mark.alone
 async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) -> None:
     _, endpoint = net.router()
     port = free_port()

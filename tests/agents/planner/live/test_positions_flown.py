@@ -11,7 +11,7 @@ import pytest
 from tests.agents.planner.live.flying import PROMISED, fly, readme, show
 
 README = ("takeoff", "formation", "goto")
-pytestmark = [pytest.mark.asyncio, pytest.mark.alone]
+pytestmark = [pytest.mark.asyncio, pytest.mark.timeout(400)]
 
 
 async def test_the_readme_s_commands_keep_what_they_promise_with_typical_receivers() -> None:

@@ -23,7 +23,7 @@ from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.waiting import within
 from zmav.wire import swarm
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.alone]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 PACK = 20_000.0
 """mAh of a pack that lasts"""
 POLYGON = [(12.0, -5.0), (42.0, -5.0), (42.0, 35.0), (12.0, 35.0)]

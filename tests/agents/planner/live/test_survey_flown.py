@@ -26,7 +26,7 @@ from zmav import geo
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.wire import swarm
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.alone]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 WITH, WITHOUT = ("quad1", "quad2"), "quad3"
 HEIGHT, CAMERA, FRONT, SIDE = 8.0, (1.5, 1.0), 0.6, 0.3
 EVERY = HEIGHT * CAMERA[1] * (1.0 - FRONT)
