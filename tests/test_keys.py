@@ -171,6 +171,7 @@ def test_links_repeat_all_but_what_comes_again_soon() -> None:
         "setpoint",
         "probe",
         "rtcm",
+        "traffic",
         "agent_out",
         "camera_frame",
         "camera_video",

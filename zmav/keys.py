@@ -308,6 +308,17 @@ RTCM = _put(
     repeated=False,
 )
 """corrections for GNSS receivers, once for the whole fleet: messages of RTCM 3 behind a header (zmav/corrections.py)"""
+TRAFFIC = _put(
+    "traffic",
+    "@fleet/traffic",
+    wire.Traffic,
+    writers=(OPERATOR, VEHICLE),
+    rate_hz=1.0,
+    stale_after=5.0,
+    recorded=True,
+    repeated=False,
+)
+"""aircraft that are not of the fleet, by feeds on the ground and by receivers of autopilots: the nearest, bounded"""
 FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
 """fleet-wide topics: origin, goal, charge, plan, obstacle, order, roster"""
 SWARM = _asked(
@@ -358,7 +369,7 @@ def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
     """It says to every planner where vehicles fly and what is in their way, or to vehicles what their receivers go by:
     each listener judges who said it.
     """
-    return channel in (OBSTACLE, RTCM) or (channel is FLEET and parts["topic"] != ROSTER)
+    return channel in (OBSTACLE, RTCM, TRAFFIC) or (channel is FLEET and parts["topic"] != ROSTER)
 
 
 def check_name(name: str, field: str = "name") -> str:

@@ -11,7 +11,7 @@ import zenoh
 from agents.camera.capture import Capture, Shot, Source
 from agents.camera.quality_steps import QualityStep, QualitySteps
 from agents.camera.sender import Sender
-from agents.camera.settings import Calibration, CameraSettings
+from agents.camera.settings import Calibration, CameraSettings, cropped
 from zmav import keys
 from zmav.client import Client
 from zmav.errors import BadInput
@@ -56,6 +56,8 @@ class CameraAgent(Sender):
         """width and height of the pictures sent now; 0: none was"""
         self._source, self._lens = source, lens
         self._full_size = settings.size
+        self.zoom = 1.0
+        """times closer than the lens is: the middle of the picture is sent"""
 
     def _opened(self, loop: asyncio.AbstractEventLoop) -> Capture:
         return Capture(self._source, on_loop(loop, self._news.set), self._say)
@@ -65,6 +67,7 @@ class CameraAgent(Sender):
         size = self.size if all(self.size) else self._full_size
         step, lens = self.quality.step, self._lens
         fitting = lens.scaled(*size) if isinstance(lens, Calibration) else Calibration.by_angle(lens, *size)
+        fitting = fitting.zoomed(self.zoom)
         own = self.settings
         return CameraInfo(
             t=time.time(),
@@ -125,13 +128,14 @@ class CameraAgent(Sender):
         cv2 = opencv()
         image = decode(shot.jpeg) if shot.image is None and shot.jpeg is not None else shot.image
         assert image is not None
+        image, zoomed = cropped(image, self.zoom), self.zoom > 1.0
         height, width = image.shape[:2]
         scale = min(1.0, self.settings.size[0] / width, self.settings.size[1] / height)
         self._full_size = full = (max(round(width * scale), 1), max(round(height * scale), 1))
         size = (max(full[0] // 2, 1), max(full[1] // 2, 1)) if step.half else full
         most = min(LARGER * self.quality.expected(step), MOST_JPEG)
         as_is = size == (width, height) and step.quality == self.settings.quality
-        if shot.jpeg is not None and as_is and len(shot.jpeg) <= most:
+        if shot.jpeg is not None and not zoomed and as_is and len(shot.jpeg) <= most:
             return shot.jpeg, size  # made again it would only be worse
         if size != (width, height):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)

@@ -75,9 +75,9 @@ class Recorder:
         session, instance = self._z.session, str(self._z.session.info.zid())
         self.storage.start()
         self._subscribe(patterns(self._wanted.vehicles))
-        for channel in shared_channels():
-            key = channel.key(self._fleet, topic="*", group="*", name="*")
-            self._held.append(session.declare_subscriber(key, functools.partial(self._take, ())))
+        shared = [channel.key(self._fleet, topic="*", group="*", name="*") for channel in shared_channels()]
+        for key in apart(shared):  # some of the fleet's topics are channels of their own
+            self._held.append(session.declare_subscriber(str(key), functools.partial(self._take, ())))
         self._answers = Answers(session, self.storage.history, self._fleet, self.name)
         self._held.append(session.liveliness().declare_token(self._token(instance)))
         self._tasks.append(asyncio.create_task(self._say_status()))

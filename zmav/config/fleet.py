@@ -32,6 +32,11 @@ reserve = 0.25                  # share of its battery with which it is to be on
 [separation]                    # vehicles move aside for each other by themselves, as a last resort
 on = true
 
+[traffic]                       # aircraft that are not of the fleet: docs/traffic.md
+mates = true                    # each autopilot is told of the others in flight, as ADSB_VEHICLE (false)
+distance = 500.0                # m over the ground, and of height, within which one is warned of
+height = 150.0
+
 [rights]                        # orders that are the operators' unless they are given away here
 planner = ["servo"]             # and mission_upload, mission_clear
 
@@ -163,6 +168,20 @@ class Separation(Table, frozen=True):
     on: bool = False
 
 
+class Traffic(Table, frozen=True):
+    """Aircraft that are not of the fleet (:mod:`zmav.services.traffic`), and what autopilots are told of mates."""
+
+    mates: bool = False
+    """tell the autopilot of the fleet's others in flight, as ADSB_VEHICLE; what it does then, its parameters say"""
+    within: Positive = 2000.0
+    """m within which it is told of them"""
+    distance: Positive = 500.0
+    """m over the ground, now or at the closest approach within ``time`` s, within which an aircraft is warned of"""
+    height: Positive = 150.0
+    """m of height, the same"""
+    time: Positive = 60.0
+
+
 class Rights(Table, frozen=True):
     """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
 
@@ -243,6 +262,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits = Limits()
     body: BodyConfig | None = None
     separation: Separation = Separation()
+    traffic: Traffic = Traffic()
     rights: Rights = Rights()
     ros2: Ros2 = Ros2()
     mesh: Mesh = Mesh()

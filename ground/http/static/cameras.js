@@ -1,8 +1,9 @@
 // Pictures of a vehicle's cameras, with what was found in them; they come only while a person looks.
 
 import { make, makeButton, mark, say, toast } from "./dom.js";
+import { GimbalControls } from "./gimbal.js";
 import { readPictures } from "./mjpeg.js";
-import { REPLAY } from "./settings.js";
+import { READ_ONLY, REPLAY } from "./settings.js";
 import { canPlay, playVideo } from "./video.js";
 import { fixed, t, wordsOf } from "./words.js";
 
@@ -29,8 +30,8 @@ document.addEventListener("visibilitychange", () => {
 });
 
 class CameraView {
-  /** @param {Vehicle} vehicle @param {string} name @param {import("./link.js").Link} link */
-  constructor(vehicle, name, link) {
+  /** @param {Vehicle} vehicle @param {string} name @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(vehicle, name, link, map) {
     this.vehicle = vehicle;
     this.name = name;
     this.link = link;
@@ -42,6 +43,7 @@ class CameraView {
     this.stopped.setAttribute("role", "status");
     this.about = make("p", "muted");
     this.box = make("div", "camera", "", this.canvas, this.stopped, this.about);
+    if (!READ_ONLY) this.box.append(new GimbalControls(vehicle, name, this.canvas, map).element);
     /** @type {AbortController | null} of the stream */
     this.stream = null;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -255,10 +257,11 @@ class CameraView {
 
 /** The cameras of one vehicle: a button each, and pictures below it. */
 export class CameraViews {
-  /** @param {Vehicle} vehicle @param {import("./link.js").Link} link */
-  constructor(vehicle, link) {
+  /** @param {Vehicle} vehicle @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(vehicle, link, map) {
     this.vehicle = vehicle;
     this.link = link;
+    this.map = map;
     this.buttons = make("div", "chips");
     this.element = make("div", "cameras", "", this.buttons);
     /** @type {Map<string, CameraView>} */
@@ -278,7 +281,7 @@ export class CameraViews {
 
   /** @param {string} name */
   add(name) {
-    const view = new CameraView(this.vehicle, name, this.link);
+    const view = new CameraView(this.vehicle, name, this.link, this.map);
     this.views.set(name, view);
     this.buttons.append(view.button);
     this.element.append(view.box);
