@@ -42,7 +42,7 @@ class Sender(ABC):
     about: ClassVar[keys.Channel]
     reports: ClassVar[keys.Channel]
     reported: ClassVar[int] = 1
-    """pictures between two reports"""
+    """pictures between two reports, at most"""
     agent: ClassVar[str]
     """what stands before the camera's name in the name of its status"""
 

@@ -76,7 +76,7 @@ class VideoAgent(Sender):
     """
 
     channel, about, reports, agent = keys.VIDEO, keys.VIDEO_INFO, keys.VIDEO_REPORT, "video"
-    reported = 15
+    reported = 60
 
     def __init__(
         self,

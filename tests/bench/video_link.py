@@ -53,7 +53,7 @@ async def measured(credentials: bool, sources: tuple[str, ...]) -> list[dict[str
         file.write_text(scenario(credentials))
         async with Lab(file) as lab:
             await lab.ready()
-            run = ["timeout", "-s", "INT", str(SECONDS + 8), sys.executable, "-c", VERB, "run", *sources]
+            run = ["timeout", str(SECONDS + 8), sys.executable, "-c", VERB, "run", *sources]
             camera = asyncio.create_task(
                 lab.run_in("quad1", *run, "--vehicle", "quad1", "--loop", timeout=SECONDS + 60)
             )
