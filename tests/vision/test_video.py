@@ -211,7 +211,8 @@ async def test_other_programs_read_it(scheme: str) -> None:
             break
         with contextlib.suppress(BadInput):  # nobody listens yet, or it has seen enough
             unit = units[number % 30]._replace(t=number / 30)
-            muxer = muxer or await asyncio.to_thread(Muxer, f"{scheme}://127.0.0.1:{port}", unit)
+            if muxer is None:
+                muxer = await asyncio.to_thread(Muxer, f"{scheme}://127.0.0.1:{port}", unit)
             await asyncio.to_thread(muxer.add, unit)
         await asyncio.sleep(0.005)
     assert await reading == 320
