@@ -8,7 +8,7 @@ import pytest
 
 from zmav import config
 from zmav.config import Failsafe, Limits, PilotSwitch, load_fleet, origin_of
-from zmav.errors import BadConfig
+from zmav.errors import BadConfig, BadKey
 
 GOOD = """
 fleet = "alpha"
@@ -208,3 +208,20 @@ def test_an_origin_must_be_a_place() -> None:
         origin_of(0.0, -181.0, 0.0)
     with pytest.raises(BadConfig, match="alt_amsl is nan"):
         origin_of(0.0, 0.0, float("nan"))
+
+
+def test_cameras_have_streams_the_richest_first(tmp_path: Path) -> None:
+    path = tmp_path / "fleet.toml"
+    text = '[vehicles.quad1]\nlink = "udpin:0.0.0.0:14550"\n[vehicles.quad1.cameras.{name}]\nstreams = {streams}\n'
+    path.write_text(text.format(name="down", streams='["/dev/video0", "rtsp://a:b@camera/main", "rtsp://camera/sub"]'))
+    camera = load_fleet(path).vehicle("quad1").cameras["down"]
+    assert len(camera.streams) == 3
+    assert camera.uri == "rtsp://camera/sub", "what a station may open by itself: no device, and no password"
+    assert config.CameraConfig(streams=["clock"]).uri is None
+    for name, streams, words in (
+        ("down", "[]", "streams"),
+        ("Down", '["clock"]', "cameras 'Down' cannot stand in a key"),
+    ):
+        path.write_text(text.format(name=name, streams=streams))
+        with pytest.raises((BadConfig, BadKey), match=words):
+            load_fleet(path)

@@ -56,8 +56,8 @@ MOST_READERS = 64
 
 
 class Sent:
-    """Pictures that were sent lately: bytes up to each, how long we had it ourselves. ``reported``: so many come
-    between two reports, of whose delays a reader tells the median.
+    """Pictures that were sent lately: bytes up to each, how long we had it ourselves. ``reported``: so
+    many at most come between two reports, of whose delays a reader tells the median.
     """
 
     def __init__(self, reported: int = 1) -> None:
@@ -85,9 +85,10 @@ class Sent:
         if seq in self._pictures:
             self._pictures[seq] = self._pictures[seq][0], own
 
-    def own(self, seq: int) -> float:
-        """s that we had those ourselves which were reported with it."""
-        found = [self._pictures[each][1] for each in range(seq - self._reported + 1, seq + 1) if each in self._pictures]
+    def own(self, seq: int, whole: int) -> float:
+        """s that we had those ourselves of which a report tells: ``whole`` up to ``seq``."""
+        first = seq + 1 - max(min(whole, self._reported), 1)
+        found = [self._pictures[each][1] for each in range(first, seq + 1) if each in self._pictures]
         return statistics.median(found) if found else 0.0
 
     def rate(self, now: float, window: float = 2.0) -> float:
@@ -212,7 +213,7 @@ class ReaderLink:
         """Whether something waits on the way, and more and more."""
         if report.delay is None or not math.isfinite(report.delay):
             return False
-        own = sent.own(report.seq)
+        own = sent.own(report.seq, report.whole)
         delay, before = report.delay - own, self._delays[-1] if self._delays else math.inf
         self._delays.append(delay)
         more = min(max(MORE_DELAY, own), MOST_DELAY)

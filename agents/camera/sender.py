@@ -8,7 +8,7 @@ import random
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 import zenoh
@@ -26,6 +26,7 @@ from zmav.session import SessionSettings, open_in_thread
 from zmav.trust.gate import anybody
 from zmav.waiting import in_thread, within
 
+S = TypeVar("S", bound="Sender")
 SHORTEST_SLEEP = 0.002
 """s of pacing that are saved up: shorter sleeps cost more than they smooth"""
 
@@ -41,7 +42,7 @@ class Sender(ABC):
     about: ClassVar[keys.Channel]
     reports: ClassVar[keys.Channel]
     reported: ClassVar[int] = 1
-    """pictures between two reports"""
+    """pictures between two reports, at most"""
     agent: ClassVar[str]
     """what stands before the camera's name in the name of its status"""
 
@@ -70,7 +71,7 @@ class Sender(ABC):
         """why the last picture could not be sent; empty: it was"""
         self._pace = 0.0
 
-    async def __aenter__(self) -> Any:
+    async def __aenter__(self: S) -> S:
         loop, own, fleet = asyncio.get_running_loop(), self.settings, self._z.fleet_name
         key = {"fleet": keys.check_name(fleet, "fleet"), "vehicle": own.vehicle, "camera": own.camera}
         self._session = await open_in_thread(self._bulk)

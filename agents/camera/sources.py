@@ -67,10 +67,7 @@ class DeviceSource:
 
     def check(self) -> None:
         opencv()
-        if not Path(self.path).exists():
-            there = ", ".join(sorted(str(each) for each in Path("/dev").glob("video*"))) or "none"
-            text = f"there is no camera {self.path} (there are: {there})"
-            raise BadConfig(text, field="source", value=self.path, expected=there)
+        check_device(self.path)
 
     def shots(self, closed: threading.Event) -> Iterator[Shot]:
         cv2 = opencv()
@@ -88,6 +85,14 @@ class DeviceSource:
     def _taken(self, video: Any) -> float:
         stamp = float(video.get(opencv().CAP_PROP_POS_MSEC)) / 1e3
         return taken(stamp, time.monotonic(), time.time(), self._delay)
+
+
+def check_device(path: str) -> None:
+    """Raise :class:`BadConfig` where there is no such device."""
+    if not Path(path).exists():
+        there = ", ".join(sorted(str(each) for each in Path("/dev").glob("video*"))) or "none"
+        text = f"there is no camera {path} (there are: {there})"
+        raise BadConfig(text, field="source", value=path, expected=there)
 
 
 def taken(stamp: float, monotonic: float, utc: float, delay: float) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 
 from agents.camera.capture import Lost, Shot, Source, pause
 from agents.camera.mjpeg import MjpegSource
-from agents.camera.sources import CONTAINERS, DEVICE
+from agents.camera.sources import CONTAINERS, DEVICE, check_device
 from zmav.errors import BadConfig, BadMessage
 from zmav.vision.opencv import Image, decode
 from zmav.vision.video import DELIMITER, FILLER, KEY_SLICE, PPS, SPS, START, nal_units, pyav
@@ -219,10 +219,7 @@ class Device(Contained):
 
     def check(self) -> None:
         pyav()
-        if not Path(self._path).exists():
-            there = ", ".join(sorted(str(each) for each in Path("/dev").glob("video*"))) or "none"
-            text = f"there is no camera {self._path} (there are: {there})"
-            raise BadConfig(text, field="source", value=self._path, expected=there)
+        check_device(self._path)
 
     def options(self) -> dict[str, str]:
         width, height = self._size

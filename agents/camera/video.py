@@ -64,10 +64,10 @@ class Rate:
         self._times.append((now, length))
 
     def of(self, now: float) -> tuple[float, float]:
-        while self._times and self._times[0][0] < now - MEASURE_S:
-            self._times.popleft()
-        over = now - self._times[0][0] if len(self._times) > 1 else 0.0
-        return (len(self._times) / over, sum(size for _, size in self._times) / over) if over > 0.5 else (0.0, 0.0)
+        """From any thread."""
+        times = [each for each in tuple(self._times) if each[0] >= now - MEASURE_S]
+        over = now - times[0][0] if len(times) > 1 else 0.0
+        return (len(times) / over, sum(size for _, size in times) / over) if over > 0.5 else (0.0, 0.0)
 
 
 class VideoAgent(Sender):
@@ -76,7 +76,7 @@ class VideoAgent(Sender):
     """
 
     channel, about, reports, agent = keys.VIDEO, keys.VIDEO_INFO, keys.VIDEO_REPORT, "video"
-    reported = 15
+    reported = 60
 
     def __init__(
         self,
@@ -127,7 +127,7 @@ class VideoAgent(Sender):
             stream=self.rungs.at + 1,
             streams=len(self._streams),
             key_frames_only=self.rungs.key_only,
-            lost=self.capture.lost,
+            lost=self._capture.lost if self._capture else "",
             source=self.stream.words,
         )
 

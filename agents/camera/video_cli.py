@@ -244,12 +244,14 @@ async def _tell(reader: VideoReader, units: Units, since: list[Unit], as_json: b
     while True:
         await asyncio.sleep(1.0)
         now = time.monotonic()
-        figures = _figures(since, now - start)
-        figures |= {"torn": reader.assembler.torn, "bad": reader.assembler.bad, "dropped": units.dropped}
-        if as_json:
-            click.echo(dump(figures))
-        else:
-            click.echo("  ".join(f"{value} {name}".strip() for name, value in _words(figures).items()))
+        told = _figures(since, now - start)
+        told |= {"torn": reader.assembler.torn, "bad": reader.assembler.bad, "dropped": units.dropped}
+        late = "-" if told["delay"] is None else f"{1e3 * told['delay']:.0f}"
+        line = (
+            f"{told['width']}x{told['height']}  {told['rate_hz']} Hz  {late} ms  {told['rate_bytes'] / 1e3:.0f} kB/s  "
+            f"{told['key_frames']} key frames, {told['torn']} torn, {told['bad']} bad, {told['dropped']} dropped"
+        )
+        click.echo(dump(told) if as_json else line)
         start = now
         since.clear()
 
@@ -263,16 +265,4 @@ def _figures(came: list[Unit], seconds: float) -> dict[str, Any]:
         "rate_bytes": round(sum(len(unit.data) for unit in came) / seconds),
         "key_frames": sum(unit.key for unit in came),
         "delay": round(delays[len(delays) // 2], 4) if delays else None,
-    }
-
-
-def _words(told: dict[str, Any]) -> dict[str, Any]:
-    late = "-" if told["delay"] is None else f"{1e3 * told['delay']:.0f}"
-    return {
-        "": f"{told['width']}x{told['height']}",
-        "Hz": told["rate_hz"],
-        "ms": late,
-        "kB/s": round(told["rate_bytes"] / 1e3),
-        "key frames": told["key_frames"],
-        **{name: told[name] for name in ("torn", "bad", "dropped")},
     }

@@ -87,6 +87,7 @@ class Viewer:
             sender = peer.addTrack(_track(self._next))
             can = aiortc.RTCRtpSender.getCapabilities("video").codecs
             (transceiver,) = peer.getTransceivers()
+            transceiver.direction = "sendonly"  # what a browser would send is neither taken nor decoded
             transceiver.setCodecPreferences([each for each in can if each.mimeType == "video/H264"])
             await peer.setRemoteDescription(offer)
             if len(peer.getTransceivers()) != 1 or peer.sctp is not None:

@@ -53,7 +53,7 @@ async def measured(credentials: bool, sources: tuple[str, ...]) -> list[dict[str
         file.write_text(scenario(credentials))
         async with Lab(file) as lab:
             await lab.ready()
-            run = ["timeout", "-s", "INT", str(SECONDS + 8), sys.executable, "-c", VERB, "run", *sources]
+            run = ["timeout", str(SECONDS + 8), sys.executable, "-c", VERB, "run", *sources]
             camera = asyncio.create_task(
                 lab.run_in("quad1", *run, "--vehicle", "quad1", "--loop", timeout=SECONDS + 60)
             )
@@ -87,7 +87,8 @@ def words(lines: list[dict[str, Any]]) -> str:
         f"{statistics.mean(each['rate_hz'] for each in late):.1f} Hz, "
         f"{sum(each['key_frames'] for each in late)} key frames in {len(late)} s, "
         f"{late[-1]['torn'] - late[0]['torn']} torn, {late[-1]['dropped'] - late[0]['dropped']} waited out, "
-        f"{1e3 * statistics.median(delays):.0f} ms, {statistics.mean(each['rate_bytes'] for each in late) / 1e3:.0f} kB/s"
+        f"{1e3 * statistics.median(delays):.0f} ms, "
+        f"{statistics.mean(each['rate_bytes'] for each in late) / 1e3:.0f} kB/s"
     )
 
 

@@ -204,15 +204,17 @@ async def test_other_programs_read_it(scheme: str) -> None:
             return next(iter(container.decode(video=0))).width
 
     reading = asyncio.create_task(asyncio.to_thread(read))
-    await asyncio.sleep(0.5)
-    units = [Unit(data, n == 0, 5.0 + n / 30, n, 320, 240, 5.0) for n, data in enumerate(encoded(60))]
-    muxer = await asyncio.to_thread(Muxer, f"{scheme}://127.0.0.1:{port}", units[0])
-    for each in units:
-        with contextlib.suppress(BadInput):  # it has seen enough, and is gone
-            await asyncio.to_thread(muxer.add, each)
+    units = [Unit(data, n == 0, 0.0, n, 320, 240, 5.0) for n, data in enumerate(encoded(30))]
+    muxer: Muxer | None = None
+    for number in range(6000):
+        if reading.done():
+            break
+        with contextlib.suppress(BadInput):  # nobody listens yet, or it has seen enough
+            unit = units[number % 30]._replace(t=number / 30)
+            if muxer is None:
+                muxer = await asyncio.to_thread(Muxer, f"{scheme}://127.0.0.1:{port}", unit)
+            await asyncio.to_thread(muxer.add, unit)
         await asyncio.sleep(0.005)
-    with contextlib.suppress(Exception):
-        await asyncio.to_thread(muxer.close)
     assert await reading == 320
 
 

@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
+import msgspec
 import zenoh
 
 from zmav import keys
@@ -28,6 +29,7 @@ from zmav.wire import CameraInfo, FrameReport
 from zmav.wire import decode as from_json
 
 R = TypeVar("R", bound="Reader")
+W = TypeVar("W", bound=msgspec.Struct)
 REPORT_EVERY = 1.0 / (keys.FRAME_REPORT.rate_hz or 2.0)
 """s"""
 
@@ -160,10 +162,17 @@ class Reader:
 
 async def camera_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0) -> CameraInfo:
     """A camera's lens, mount and rate. Raises :class:`VehicleError` where nobody answers, or what it answered."""
-    key = keys.CAMERA.key(z.fleet_name, vehicle, camera=camera)
-    for answer in await z.ask(key, timeout=timeout, channel=keys.CAMERA, enough=lambda answer: True):
+    text = f"{vehicle} has no camera {camera!r} that answers: 'zmav agent list' shows which there are, as camera-NAME"
+    return await answered(z, keys.CAMERA, CameraInfo, vehicle, camera, timeout, text)
+
+
+async def answered(
+    z: Client, channel: keys.Channel, kind: type[W], vehicle: str, camera: str, timeout: float, otherwise: str
+) -> W:
+    """What a camera's program answers. Raises :class:`VehicleError`, ``otherwise``, where none does."""
+    key = channel.key(z.fleet_name, vehicle, camera=camera)
+    for answer in await z.ask(key, timeout=timeout, channel=channel, enough=lambda answer: True):
         if not isinstance(answer, Answer):
             raise answer
-        return from_json(answer.payload, CameraInfo, f"camera {camera} of {vehicle}")
-    text = f"{vehicle} has no camera {camera!r} that answers: 'zmav agent list' shows which there are, as camera-NAME"
-    raise VehicleError(text, vehicle=vehicle, camera=camera)
+        return from_json(answer.payload, kind, f"camera {camera} of {vehicle}")
+    raise VehicleError(otherwise, vehicle=vehicle, camera=camera)

@@ -16,13 +16,12 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from zmav import keys
-from zmav.client import Answer, Client
-from zmav.errors import BadInput, BadMessage, VehicleError, missing_extra
+from zmav.client import Client
+from zmav.errors import BadInput, BadMessage, missing_extra
 from zmav.vision.assembler import Whole
 from zmav.vision.chunks import MOST_JPEG, VIDEO
-from zmav.vision.reader import Reader
+from zmav.vision.reader import Reader, answered
 from zmav.wire import VideoInfo
-from zmav.wire import decode as from_json
 
 START = b"\x00\x00\x01"
 SLICE, KEY_SLICE, SPS, PPS, DELIMITER, FILLER = 1, 5, 7, 8, 9, 12
@@ -192,10 +191,5 @@ class VideoReader(Reader):
 
 async def video_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0) -> VideoInfo:
     """What a camera's video is. Raises :class:`VehicleError` where nobody answers, or what it answered."""
-    key = keys.VIDEO_INFO.key(z.fleet_name, vehicle, camera=camera)
-    for answer in await z.ask(key, timeout=timeout, channel=keys.VIDEO_INFO, enough=lambda answer: True):
-        if not isinstance(answer, Answer):
-            raise answer
-        return from_json(answer.payload, VideoInfo, f"video {camera} of {vehicle}")
     text = f"{vehicle} has no video {camera!r} that answers: 'zmav video ls' shows which there is"
-    raise VehicleError(text, vehicle=vehicle, camera=camera)
+    return await answered(z, keys.VIDEO_INFO, VideoInfo, vehicle, camera, timeout, text)

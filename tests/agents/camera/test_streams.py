@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from agents.camera.capture import Lost
-from agents.camera.rungs import FIRST_WAIT, LONGEST_WAIT, SHORT_S, Rungs
 from agents.camera.streams import (
     STAMP_BITS,
     STAMP_PX,
@@ -197,36 +196,3 @@ def test_an_encoder_does_as_it_is_told() -> None:
     stream = Encoding(Source(320, 240, 200.0), 200.0)
     assert [unit.key for unit in units_of(stream, most=10)] == [n in (0, 3, 6, 8) for n in range(10)]
     assert stream.words == "a test picture, 320x240 at 200 Hz, encoded here"
-
-
-class TestRungs:
-    """Which stream is sent."""
-
-    def test_the_richest_that_fits(self) -> None:
-        rungs = Rungs(2, 0.0)
-        assert not rungs.choose(1e5, 1e5, 0.0)
-        assert not rungs.choose(5e4, 1e5, 1.0), "a moment is no reason"
-        assert rungs.choose(5e4, 1e5, 1.0 + SHORT_S)
-        assert (rungs.at, rungs.key_only) == (1, False)
-        assert not rungs.choose(5e4, 4e4, 5.0)
-
-    def test_key_frames_at_the_end_and_the_way_back(self) -> None:
-        rungs, now = Rungs(1, 0.0), 0.0
-        while not rungs.choose(1e4, 1e5, now):
-            now += 1.0
-        assert rungs.key_only
-        since, waits = now, list[float]()
-        for _ in range(6):
-            while not rungs.choose(1e4, 1e5, now):
-                now += 1.0
-            waits.append(now - since)
-            while not rungs.choose(1e4, 1e5, now):
-                now += 1.0
-            since = now
-        assert waits[0] >= FIRST_WAIT
-        assert waits == sorted(waits), "what did not last is tried less and less often"
-        assert waits[-1] <= LONGEST_WAIT + 2.0
-        while not rungs.choose(2e5, 1e5, now):
-            now += 1.0
-        assert not rungs.key_only
-        assert not any(rungs.choose(2e5, 1e5, now + s) for s in range(60))

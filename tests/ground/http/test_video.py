@@ -33,6 +33,13 @@ def video(served: Served) -> Iterator[RunningVideo]:
     video.close()
 
 
+@pytest.fixture(autouse=True)
+def nobody(served: Served) -> Iterator[None]:
+    """Who watched in a test is gone before the next."""
+    yield
+    served.until(lambda: served.gateway.figures["video_viewers"]() == 0, "end of those who watch")
+
+
 class Browser:
     """What a browser does, without one: offers, and decodes what comes."""
 
@@ -106,6 +113,15 @@ async def test_a_camera_that_is_lost_and_comes_back_goes_on(served: Served) -> N
             await asyncio.to_thread(video.close)
 
 
+async def test_nothing_is_taken_of_a_browser(served: Served, video: RunningVideo) -> None:
+    async with browsers(1) as (one,):
+        one.peer.getTransceivers()[0].direction = "sendrecv"
+        await one.watch(served)
+        assert "a=sendonly" in one.peer.remoteDescription.sdp
+        assert "a=sendrecv" not in one.peer.remoteDescription.sdp
+        await one.see(2)
+
+
 async def test_what_is_no_offer_is_refused(served: Served, video: RunningVideo) -> None:
     async with browsers(2) as (with_data, with_two):
         with_data.peer.createDataChannel("x")
@@ -125,7 +141,7 @@ async def test_what_is_no_offer_is_refused(served: Served, video: RunningVideo) 
         for offer, status in offers:
             answer = await asyncio.to_thread(served.post, PATH, offer)
             assert (answer.status, answer.json["error"]["kind"]) == (status, "bad_input"), offer
-    assert served.gateway.figures["video_viewers"]() == 0
+    await asyncio.to_thread(served.until, lambda: served.gateway.figures["video_viewers"]() == 0, "end of those before")
     assert not served.face(PATH_OF).being_read, "nobody is left to read for"
 
 
@@ -136,6 +152,7 @@ async def test_there_is_an_end_to_how_many_watch(served: Served, video: RunningV
     async with browsers(MOST_EACH + 1) as several:
         for each in several[:-1]:
             await each.watch(served)
+            await each.see(1)
         answer = await asyncio.to_thread(served.post, PATH, await several[-1].offer())
         assert (answer.status, answer.json["error"]["kind"]) == (429, "too_many")
 
