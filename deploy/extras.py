@@ -68,11 +68,12 @@ assert Raster(pathlib.Path("try.tif")).piece("N47E008-30-30") is not None
 
 
 class Promise(NamedTuple):
-    """What an extra is for: the packages of zmav that load with it, what it does, and by which program."""
+    """What an extra is for: the packages of zmav that load with it, what it does, by which program, and where."""
 
     packages: tuple[str, ...] = ()
     code: str = ""
     command: tuple[str, ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
 
 
 PROMISES = {
@@ -86,7 +87,7 @@ PROMISES = {
     "terrain": Promise(("zmav.formats.tiles",), HEIGHTS),
     "ros2": Promise(("ground.ros2",)),
     "rtk": Promise(("ground.rtk",)),
-    "interpreted": Promise(("agents.planner.model", "agents.planner.goals", "agents.planner.live")),
+    "interpreted": Promise(("agents.planner",), environment=(("NUMBA_DISABLE_JIT", "1"),)),  # as --interpret has it
     "build": Promise(command=("hatchling", "version")),
     "site": Promise(command=("mkdocs", "--version")),
     "all": Promise(("zmav", "mesh", "agents", "ground")),
@@ -107,7 +108,7 @@ def attempt(wheel: Path, extra: str, folder: Path) -> None:
     dist.run(*pip, "--require-hashes", "--only-binary", ":all:", "-r", folder / "needed.txt")
     dist.run(*pip, "--no-index", f"{wheel}[{extra}]")
     dist.run(inside, "-I", "-m", "pip", "--disable-pip-version-check", "check")
-    own = {"XDG_CACHE_HOME": str(folder / "cache")}
+    own = {"XDG_CACHE_HOME": str(folder / "cache"), **dict(promise.environment)}
     dist.run(inside, "-I", "-c", LOAD, *promise.packages, cwd=folder, environment=own)
     dist.run(inside, "-I", "-c", promise.code, cwd=folder, environment=own)
     if promise.command:
