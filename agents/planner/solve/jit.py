@@ -144,7 +144,7 @@ def complete() -> None:
 
 
 def progress() -> tuple[int, int]:
-    """How many kernels are compiled, whoever compiles them, and of how many."""
+    """How many kernels are compiled, by any process, and of how many."""
     kept = folder()
     return len(list(kept.rglob("*.nbi"))) if kept is not None else 0, count(PACKAGE)
 
