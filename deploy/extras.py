@@ -86,7 +86,9 @@ PROMISES = {
     "geotiff": Promise(("ground.http.geotiff",), LAY),
     "terrain": Promise(("zmav.formats.tiles",), HEIGHTS),
     "ros2": Promise(("ground.ros2",)),
+    "video": Promise(("agents.camera",), "import av, aiortc; av.CodecContext.create('h264', 'r')"),
     "rtk": Promise(("ground.rtk",)),
+    "traffic": Promise(("ground.traffic", "ground.tak"), "import pytak"),
     "interpreted": Promise(("agents.planner",), environment=(("NUMBA_DISABLE_JIT", "1"),)),  # as --interpret has it
     "build": Promise(command=("hatchling", "version")),
     "site": Promise(command=("mkdocs", "--version")),

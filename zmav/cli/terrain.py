@@ -15,15 +15,13 @@ from zmav.cli.progress import Progress
 from zmav.cli.vehicles import Line, attempt, for_each, matching, show
 from zmav.client import Client
 from zmav.errors import BadInput, TimedOut
-from zmav.formats.tiles import Source, open_source
-from zmav.services.files.store import default_directory
-from zmav.terrain import Piece, names_within, piece_at
+from zmav.formats.tiles import open_source, pieces_within
+from zmav.services.files.store import tiles_directory
+from zmav.terrain import piece_at
 from zmav.vehicle import Vehicle
 
 LOCATED = 10.0
 """s for a vehicle to say where it is"""
-MOST = 4096
-"""pieces at one go: some 100 km by 100 km"""
 
 from_option = click.option(
     "--from",
@@ -64,11 +62,11 @@ def load(vehicles: str, source: str, radius: float, area: str | None, as_json: b
 
     Vehicles then answer their own autopilots, whatever the network does. What a vehicle keeps stays after a restart.
     """
-    heights = open_source(source, default_directory().parent / "tiles")
-    given = None if area is None else _read(heights, *numbers(area, 4, "S,W,N,E in degrees"))
+    heights = open_source(source, tiles_directory())
+    given = None if area is None else pieces_within(heights, *numbers(area, 4, "S,W,N,E in degrees"))
 
     async def bring(vehicle: Vehicle, tell: Any) -> Line:
-        pieces = _read(heights, *await _about(vehicle, radius)) if given is None else given
+        pieces = pieces_within(heights, *await _about(vehicle, radius)) if given is None else given
         size = await vehicle.terrain.put(pieces, tell)
         return {"pieces": len(pieces), "bytes": size}
 
@@ -133,7 +131,7 @@ def height(at: str, source: str, as_json: bool) -> None:
     """How high the ground is: 'zmav terrain height --at -35.3632,149.1652 --from srtm'."""
     lat, lon = numbers(at, 2, "LAT,LON in degrees")
     name, north, east = piece_at(lat, lon)
-    piece = open_source(source, default_directory().parent / "tiles").piece(name)
+    piece = open_source(source, tiles_directory()).piece(name)
     found = None if piece is None else piece.height(north, east)
     if as_json:
         click.echo(dump({"height": found, "piece": name}))
@@ -154,24 +152,6 @@ async def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, 
     assert place is not None
     here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
     return (*geo.to_global(here, (-radius, -radius, 0.0))[:2], *geo.to_global(here, (radius, radius, 0.0))[:2])
-
-
-def _read(source: Source, south: float, west: float, north: float, east: float) -> dict[str, Piece]:
-    """The pieces of an area that the source has; raises :class:`BadInput` where it has none, or they are too many."""
-    if not -90.0 <= south <= north < 90.0:
-        raise BadInput.wrong("area", (south, west, north, east), "south,west,north,east in degrees")
-    wanted = []
-    for name in names_within(south, west, north, east):
-        wanted.append(name)
-        if len(wanted) > MOST:
-            raise BadInput.wrong(
-                "area", (south, west, north, east), f"at most {MOST} minutes by minutes: a smaller area"
-            )
-    found = {name: piece for name in wanted if (piece := source.piece(name)) is not None}
-    if not found:
-        text = f"the source has no ground for {wanted[0]} to {wanted[-1]}"
-        raise BadInput(text, field="from", value=wanted[0], expected="heights of that area")
-    return found
 
 
 def _fault(line: Line) -> str:

@@ -11,6 +11,7 @@ import array
 import functools
 import gzip
 import http.client
+import itertools
 import math
 import re
 import urllib.error
@@ -21,12 +22,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from zmav.errors import BadInput, TimedOut, missing_extra
-from zmav.terrain import HIGHEST, LOWEST, MINUTES, VOID, Piece, cell_name, corner_of, heights_of
+from zmav.terrain import HIGHEST, LOWEST, MINUTES, VOID, Piece, cell_name, corner_of, heights_of, names_within
 
 SIDES = (1201, 3601)
 """heights along a tile's side"""
 MOST = 64 << 20
 """bytes of a tile, packed or not"""
+MOST_PIECES = 4096
+"""at one go: some 100 km by 100 km"""
 PATIENCE = 60.0
 """s for a server to answer"""
 ENDINGS = ("", ".gz", ".zip")
@@ -53,6 +56,21 @@ def open_source(what: str, cache: Path) -> Source:
     if path.suffix.lower() in (".tif", ".tiff"):
         return Raster(path)
     raise BadInput.wrong("from", what, "a folder of .hgt tiles, a .tif, or a URL with {cell} in it")
+
+
+def pieces_within(source: Source, south: float, west: float, north: float, east: float) -> dict[str, Piece]:
+    """The pieces of an area that a source has; raises :class:`BadInput` where it has none, or they are too many."""
+    area = (south, west, north, east)
+    if not -90.0 <= south <= north < 90.0:
+        raise BadInput.wrong("area", area, "south,west,north,east in degrees")
+    wanted = list(itertools.islice(names_within(*area), MOST_PIECES + 1))
+    if len(wanted) > MOST_PIECES:
+        raise BadInput.wrong("area", area, f"at most {MOST_PIECES} minutes by minutes: a smaller area")
+    found = {name: piece for name in wanted if (piece := source.piece(name)) is not None}
+    if not found:
+        text = f"the source has no ground for {wanted[0]} to {wanted[-1]}"
+        raise BadInput(text, field="from", value=wanted[0], expected="heights of that area")
+    return found
 
 
 class Folder:

@@ -135,6 +135,8 @@ class Search(Wire, kw_only=True, tag_field="kind", tag="search"):
     polygon: list[Corner]
     height: float
     """m above the fleet's origin"""
+    above_ground: bool = False
+    """``height`` counts from the ground below, which the lanes follow: the planner must know it"""
     angle: float | None = None
     """rad clockwise from north of the lanes; None: the planner's choice"""
     overlap: float = 0.1

@@ -130,6 +130,21 @@ degrees = functools.partial(
 )
 
 
+above_ground_option = click.option(
+    "--above-ground",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="M",
+    help="Metres above the ground, which the lanes follow.",
+)
+
+
+def one_height(height: float | None, above_ground: float | None, name: str) -> tuple[float, bool]:
+    """The one that is given, and whether it counts from the ground."""
+    if (height is None) == (above_ground is None):
+        raise click.UsageError(f"how high? give {name} or --above-ground")
+    return (above_ground or 0.0, True) if height is None else (height, False)
+
+
 def goal_command(
     name: str, kind: Callable[..., swarm.Goal], doc: str, *options: Callable[[Callable[..., None]], Callable[..., None]]
 ) -> click.Command:
@@ -137,6 +152,8 @@ def goal_command(
 
     @goal_options
     def command(vehicles: tuple[str, ...], **fields: Any) -> Make:
+        if "above_ground" in fields:
+            fields["alt"], fields["above_ground"] = one_height(fields["alt"], fields["above_ground"], "--alt")
         if "alt" in fields:
             fields["height"] = fields.pop("alt")
         return lambda planner: kind(vehicles=planner.names(vehicles), **fields)
@@ -199,7 +216,8 @@ search = goal_command(
         required=True,
         help="What is to be seen: '0,0 100,0 100,80'.",
     ),
-    click.option("--alt", type=float, required=True, help="Metres above the origin."),
+    click.option("--alt", type=float, help="Metres above the origin."),
+    above_ground_option,
     degrees("--angle", help="Degrees clockwise from north of the lanes.  [default: the fewest turns]"),
     click.option("--overlap", type=click.FloatRange(0.0, 0.9), default=0.1, show_default=True),
 )

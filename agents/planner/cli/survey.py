@@ -9,7 +9,16 @@ from pathlib import Path
 import click
 import msgspec
 
-from agents.planner.cli.goals import POLYGON, Make, degrees, goal_options, polygon, vehicles_argument
+from agents.planner.cli.goals import (
+    POLYGON,
+    Make,
+    above_ground_option,
+    degrees,
+    goal_options,
+    one_height,
+    polygon,
+    vehicles_argument,
+)
 from zmav.wire import swarm
 
 NUMBER = r"(\d+(?:\.\d+)?)"
@@ -75,6 +84,7 @@ def overlaps(text: str) -> tuple[float, float]:
 @click.option("--camera", "lens", type=camera, metavar=CAMERA, required=True, help=f"{FORMS[0].upper()}{FORMS[1:]}.")
 @click.option("--pixels", type=click.IntRange(min=1), help="Of a picture's long side, for --gsd.")
 @click.option("--height", type=float, help="Metres above where each took off.")
+@above_ground_option
 @click.option("--gsd", type=float, help="Centimetres of ground a pixel, in place of --height.")
 @click.option("--overlap", type=overlaps, metavar=OVERLAPS, default="0.75,0.65", show_default=True)
 @degrees("--heading", help="Degrees clockwise from north of the lanes.  [default: along a side, the quickest]")
@@ -86,6 +96,7 @@ def survey(
     lens: tuple[float, float, int],
     pixels: int | None,
     height: float | None,
+    above_ground: float | None,
     gsd: float | None,
     overlap: tuple[float, float],
     heading: float | None,
@@ -98,18 +109,20 @@ def survey(
     """
     across, along, known = lens
     pixels = pixels or known
-    if (height is None) == (gsd is None):
-        raise click.UsageError("how high? give one of --height and --gsd")
+    if (height is not None) + (gsd is not None) + (above_ground is not None) != 1:
+        raise click.UsageError("how high? give one of --height, --above-ground and --gsd")
     if gsd is not None:
         if not pixels:
             raise click.UsageError("--gsd needs --pixels, or a camera that says its own")
         height = gsd / 100.0 * pixels / across
-    if height is None or not (math.isfinite(height) and height > 0.0):
+    height, follows = one_height(height, above_ground, "--height")
+    if not (math.isfinite(height) and height > 0.0):
         raise click.UsageError("a survey is flown above the ground: a height or ground sample distance above 0")
     goal = swarm.Survey(
         vehicles=[],
         polygon=polygon,
         height=height,
+        above_ground=follows,
         angle=heading,
         camera=(across, along),
         front=overlap[0],

@@ -94,6 +94,8 @@ async def show_preview(planner: Planner, goal: swarm.Goal, as_json: bool) -> Non
     clear = result.get("clearance")
     words = f"about {float(result['seconds']):.0f} s, {float(result['makespan']):.1f} s of them by plans"
     click.echo(f"in all: {words}" + (f", {clear:.2f} m clear of each other" if clear is not None else ""))
+    if result.get("above_ground") is not None:
+        click.echo(f"{result['above_ground']:.1f} m above the ground where it is least")
     if result["refused"]:
         click.echo(f"refused: {result['refused']}")
 

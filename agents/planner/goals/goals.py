@@ -16,6 +16,8 @@ from agents.planner.goals.sweeping import search
 from agents.planner.live import frames
 from agents.planner.live.checks import check_numbers
 from agents.planner.model.geometry import outside, segment_clear, world_of
+from agents.planner.model.ground import NAME as GROUND
+from agents.planner.model.ground import Floor
 from agents.planner.model.scene import Obstacle, Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import distance
@@ -28,10 +30,17 @@ ROUND = 49
 """points of a circle that are looked at, the last one the first"""
 
 
-def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: StaticMap | None = None) -> list[Step]:
+def resolve(
+    goal: wire.swarm.Goal,
+    fleet: FleetView,
+    scene: Scene,
+    static: StaticMap | None = None,
+    floor: Floor | None = None,
+) -> list[Step]:
     """The steps of a goal, one after another.
 
-    ``scene`` holds no vehicles: obstacles, bounds, fence, downwash. ``static`` is what is known of it from before.
+    ``scene`` holds no vehicles: obstacles, bounds, fence, downwash. ``static`` is what is known of it from before,
+    ``floor`` how low vehicles may be above the ground where that is known.
     Raises :class:`~zmav.errors.BadInput` naming the field, :class:`~zmav.errors.Refused` naming vehicles that stand on
     the ground and must not, :class:`~zmav.errors.Unsupported` naming those that cannot do it at all.
     """
@@ -44,20 +53,21 @@ def resolve(goal: wire.swarm.Goal, fleet: FleetView, scene: Scene, static: Stati
     if isinstance(goal, wire.swarm.Formation):
         return formation(goal, views, scene.downwash, static)
     if isinstance(goal, wire.swarm.Search):
-        return search(goal, views, scene)
+        return search(goal, views, scene, floor)
     if isinstance(goal, wire.swarm.Follow):
         return _follow(goal, views, fleet, scene.downwash)
     if isinstance(goal, wire.swarm.TakeOff):
         return pads.takeoff(views, goal.height, scene.downwash, _free(static.world, scene.obstacles))
     if isinstance(goal, wire.swarm.Land):
-        return pads.land(views, goal.at, scene.downwash, _free(static.world, scene.obstacles))
+        return pads.land(views, goal.at, scene.downwash, _free(static.world, scene.obstacles), _approach(floor))
     if isinstance(goal, wire.swarm.Return):
-        return _circles_fit(pads.home(views, scene.downwash), fleet, static.world, "vehicles")
+        return _circles_fit(pads.home(views, scene.downwash, _approach(floor)), fleet, static.world, "vehicles")
     return [Stop(tuple(goal.vehicles), "holding")]
 
 
 def _free(world: World, obstacles: Sequence[Obstacle]) -> pads.Free:
     """Whether vehicles may be at a place (NED); on the ground, which may be below the fence's floor."""
+    obstacles = [each for each in obstacles if each.name != GROUND]
     lowest = float(world.bounds[2]) if not len(world.fence) else max(float(world.bounds[2]), float(world.fence_z[0]))
 
     def free(place: Vector, radius: float) -> bool:
@@ -66,6 +76,15 @@ def _free(world: World, obstacles: Sequence[Obstacle]) -> pads.Free:
         return inside and all(distance(each, (x, y, z)) >= radius for each in obstacles)
 
     return free
+
+
+def _approach(floor: Floor | None) -> pads.Approach:
+    def approach(spot: Vector) -> float:
+        x, y, z = frames.enu(spot)
+        lowest = None if floor is None else floor.lowest(x, y)
+        return pads.APPROACH if lowest is None else max(pads.APPROACH, lowest - z)
+
+    return approach
 
 
 def _circles_fit(steps: list[Step], fleet: FleetView, world: World, field: str) -> list[Step]:

@@ -31,6 +31,14 @@ Free = Callable[[Vector, float], bool]
 """is told a place (NED) and a radius: whether it is clear of all obstacles, and inside"""
 
 
+Approach = Callable[[Vector], float]
+"""is told a landing place (NED): m above it of the lowest hover before the landing"""
+
+
+def _low(spot: Vector) -> float:
+    return APPROACH
+
+
 def _anywhere(place: Vector, radius: float) -> bool:
     return True
 
@@ -103,7 +111,11 @@ def _in_the_way(a: VehicleView, place_a: Vector, b: VehicleView, place_b: Vector
 
 
 def land(
-    views: Sequence[VehicleView], at: Sequence[Corner] = (), downwash: float = 1.0, free: Free = _anywhere
+    views: Sequence[VehicleView],
+    at: Sequence[Corner] = (),
+    downwash: float = 1.0,
+    free: Free = _anywhere,
+    approach: Approach = _low,
 ) -> list[Step]:
     """Onto the places ``at``, whichever gets which, or below each, or where there is room near by. Who stands on the
     ground has landed: it is told to where its motors still run.
@@ -131,7 +143,7 @@ def land(
     if not at:
         below = [(view.pos_ned[0], view.pos_ned[1], floor) for view, floor in zip(views, ground, strict=True)]
         apart = spread(views, below, math.inf, free, field="at")
-        return steps + down_to(views, apart, downwash)
+        return steps + down_to(views, apart, downwash, approach)
     if len(at) != len(views):
         text = f"{len(at)} places to land for {len(views)} vehicles"
         raise BadInput(text, field="at", value=len(at), expected=f"{len(views)}, or none")
@@ -142,10 +154,10 @@ def land(
             text = f"at[{i}] and at[{j}] are {math.dist(spots[i], spots[j]):.1f} m apart"
             raise BadInput(text, field="at", value=[list(at[i]), list(at[j])], expected=f"{keep:.1f} m or more")
     nearest = _assigned(views, spots)
-    return down_to(views, [spots[k] for k in nearest], downwash)
+    return down_to(views, [spots[k] for k in nearest], downwash, approach)
 
 
-def home(views: Sequence[VehicleView], downwash: float = 1.0) -> list[Step]:
+def home(views: Sequence[VehicleView], downwash: float = 1.0, approach: Approach = _low) -> list[Step]:
     """Each to where it took off, and down there: those whose pads are near each other one after another.
 
     Planes circle above their homes, at heights of their own; rovers drive there. Raises :class:`Refused` for a vehicle
@@ -162,7 +174,7 @@ def home(views: Sequence[VehicleView], downwash: float = 1.0) -> list[Step]:
         steps.append(circles(planes, [view.home_ned or view.pos_ned for view in planes], downwash))
     if flying:
         spots = [view.home_ned or view.pos_ned for view in flying]
-        steps += down_to(flying, spots, downwash, driving)
+        steps += down_to(flying, spots, downwash, approach, driving)
     elif driving:
         steps.append(PlanTo(_names(driving), _enu([v.home_ned or v.pos_ned for v in driving]), True, "driving home"))
     return steps
@@ -180,10 +192,14 @@ def circles(planes: Sequence[VehicleView], places: Sequence[Vector], downwash: f
 
 
 def down_to(
-    views: Sequence[VehicleView], spots: Sequence[Vector], downwash: float, driving: Sequence[VehicleView] = ()
+    views: Sequence[VehicleView],
+    spots: Sequence[Vector],
+    downwash: float,
+    approach: Approach,
+    driving: Sequence[VehicleView] = (),
 ) -> list[Step]:
     """Each to a hover above its spot (NED), and down: of those above each other the lowest first."""
-    hover = [_lifted(spot, APPROACH) for spot in spots]
+    hover = [_lifted(spot, approach(spot)) for spot in spots]
     lifts = stacked(views, hover, downwash, planned=True)
     tops = [_lifted(place, lift) for place, lift in zip(hover, lifts, strict=True)]
     places = [*tops, *(view.home_ned or view.pos_ned for view in driving)]

@@ -5,17 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 import shapely
 
 from agents.planner.goals import slots, timing
 from agents.planner.goals.curves import lengths_of
 from agents.planner.goals.dealing import Ground, Part, Sweeper, seconds_of
+from agents.planner.goals.drape import Drape
 from agents.planner.goals.search import Split, ground, split
 from agents.planner.goals.steps import Fly, Pictures, PlanTo, Step, VehicleView
 from agents.planner.live import frames
+from agents.planner.model.ground import NAME as GROUND
+from agents.planner.model.ground import Floor
 from agents.planner.model.problem import Floats, Motion, Path
 from agents.planner.model.scene import Scene
 from agents.planner.model.separation import separation
@@ -32,7 +36,9 @@ SPARE = 0.1
 """m more than the radii ask for, which hold what a vehicle may be off its way already"""
 
 
-def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) -> list[Step]:
+def search(
+    goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene, floor: Floor | None = None
+) -> list[Step]:
     """The steps of a search; those for whom nothing is left stay where they are.
 
     Raises what :func:`agents.planner.goals.search.ground` and :func:`~agents.planner.goals.search.split` raise.
@@ -46,11 +52,18 @@ def search(goal: wire.swarm.Search, views: Sequence[VehicleView], scene: Scene) 
     sweepers = sweepers_of(goal, views)
     heights = (min(s.height for s in sweepers), max(s.height for s in sweepers))
     polygon = [(float(east), float(north)) for north, east in goal.polygon]
+    drape: Drape | None = None
+    if goal.above_ground:
+        drape = Drape(goal.height, floor, polygon)
+        heights = drape.heights
+        sweepers = [replace(s, height=heights[1]) for s in sweepers]
+        solid = [each for each in scene.obstacles if each.name != GROUND]
+        scene = msgspec.structs.replace(scene, obstacles=solid)
     area = ground(polygon, scene, heights, max(s.radius for s in sweepers))
     if goal.lanes:
-        return _steps(goal, _handed_on(goal, sweepers), area, scene, views)
+        return _steps(goal, _handed_on(goal, sweepers), area, scene, views, drape)
     course = None if goal.angle is None else frames.course_of(goal.angle)
-    return _steps(goal, split(area, sweepers, goal.overlap, course), area, scene, views)
+    return _steps(goal, split(area, sweepers, goal.overlap, course), area, scene, views, drape)
 
 
 def _handed_on(goal: wire.swarm.Search, sweepers: Sequence[Sweeper]) -> Split:
@@ -96,13 +109,23 @@ def sweepers_of(goal: wire.swarm.Search, views: Sequence[VehicleView]) -> list[S
 
 
 def _steps(
-    goal: wire.swarm.Search, dealt: Split, area: Ground, scene: Scene, views: Sequence[VehicleView]
+    goal: wire.swarm.Search,
+    dealt: Split,
+    area: Ground,
+    scene: Scene,
+    views: Sequence[VehicleView],
+    drape: Drape | None,
 ) -> list[Step]:
     """To the lanes, over them, and back to where everybody was."""
-    parts, busy = dealt.parts, [part for part in dealt.parts if len(part.path)]
+    parts = dealt.parts if drape is None else tuple(replace(part, path=drape.over(part.path)) for part in dealt.parts)
+    busy = [part for part in parts if len(part.path)]
     limits = {view.name: slots.limits_of([view]) for view in views}
     own = {view.name: view for view in views}
-    ways = [Way(part.curve(area.free), limits[part.sweeper.name], part.sweeper.radius) for part in busy]
+    curves = [part.curve(area.free) for part in busy]
+    curves = curves if drape is None else [drape.over(curve) for curve in curves]
+    ways = [
+        Way(curve, limits[part.sweeper.name], part.sweeper.radius) for part, curve in zip(busy, curves, strict=True)
+    ]
     idle = [(part.sweeper.start, part.sweeper.radius) for part in parts if not len(part.path)]
     flown = together(ways, idle, scene.downwash)
     names = tuple(part.sweeper.name for part in busy)

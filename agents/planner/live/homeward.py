@@ -18,6 +18,7 @@ from agents.planner.execute.commit import TAKING
 from agents.planner.execute.track import flown
 from agents.planner.goals.steps import FleetView, Fly, PlanTo, Step
 from agents.planner.live.clocks import Clocks
+from agents.planner.live.field import floor_of
 from agents.planner.live.fleet import FRESH, Fleet, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.scenes import room_of
@@ -61,8 +62,8 @@ class Homeward:
     ) -> None:
         self._fleet, self._settings, self._told = fleet, settings, world
         self._clocks, self._flying, self._say = clocks, flying, say
-        self._world: tuple[tuple[Any, ...], still.World] | None = None
-        """of what stands still, and for what that was made"""
+        self._world: tuple[tuple[Any, ...], still.World, still.World] | None = None
+        """for what it was made, of what stands still, and with the ground"""
         self.keeper = ReturnKeeper(settings.downwash, self._returners, self._around, self._tell)
 
     def tick(self) -> None:
@@ -111,8 +112,9 @@ class Homeward:
 
     def _around(self, names: Sequence[str], lowest: float, spacing: float) -> Surroundings:
         fleet, settings = self._fleet.all(), self._settings
-        room = room_of(names, fleet, self._told.pieces(time.time()), [], set(), settings.downwash)
         views = [seen.view for seen in fleet if seen.view.name in names]
+        room = room_of(names, fleet, self._told.pieces(time.time()), [], set(), settings.downwash, None)
+        floor = floor_of(settings.field, settings.ground, views)
         fences = [(settings.field.fence(view.name).ceiling, view.floor) for view in views]
         tops = (top - down for top, down in fences if top is not None and math.isfinite(top))
         ceiling = min(tops, default=lowest + UNDER + TRIED * spacing)
@@ -123,13 +125,21 @@ class Homeward:
         low = [math.floor(least / GRAIN) * GRAIN for least in scene.bounds.min]
         high = [math.ceil(most / GRAIN) * GRAIN for most in (*scene.bounds.max[:2], max(scene.bounds.max[2], ceiling))]
         bounds = Bounds(min=(low[0], low[1], low[2]), max=(high[0], high[1], high[2]))
-        key = (bounds, scene.geofence, room.obstacles)
+        peak = None if floor is None else floor.peak([place[:2] for place in points])
+        if peak is not None and peak <= ceiling - UNDER:
+            lowest = max(lowest, peak)
+        key = (bounds, scene.geofence, room.obstacles, floor)
         if self._world is None or self._world[0] != key:
-            self._world = key, world_of(msgspec.structs.replace(scene, bounds=bounds))
-        world = self._world[1]
+            free = walled = world_of(msgspec.structs.replace(scene, bounds=bounds))
+            if floor is not None:
+                solid = [*scene.obstacles, *floor.columns(bounds, (), ())]
+                walled = world_of(msgspec.structs.replace(scene, bounds=bounds, obstacles=solid))
+            self._world = key, free, walled
+        _, free, walled = self._world
 
         def clear(p: Floats, q: Floats, radius: float) -> bool:
-            return bool(segment_clear(world, p, q, radius))
+            """Above the ground; straight up from there, and down where it lands, the ground is no obstacle."""
+            return bool(segment_clear(free if np.array_equal(p[:2], q[:2]) else walled, p, q, radius))
 
         now = self._clocks.clock.now()
         later = [replace(each, motion=each.motion + np.array([now, 0.0, 0.0, 0.0])) for each in room.movers]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 from agents.planner.goals.steps import FleetView, Step
+from agents.planner.model.ground import Floor
 from agents.planner.model.plans import Plan, Sample
 from agents.planner.model.problem import MovingObstacle
 from agents.planner.model.scene import Scene
@@ -38,6 +39,7 @@ class Resolve:
     view: FleetView
     scene: Scene
     """without vehicles: obstacles, bounds, fence"""
+    floor: Floor | None
 
 
 @dataclass(frozen=True)

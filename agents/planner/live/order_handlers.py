@@ -221,7 +221,8 @@ def check_known(context: Context, goal: swarm.Goal) -> FleetView:
         found = context.world.ball(name, time.time())
         return found[0] if found else None
 
-    check_field(goal, view, context.settings.field, context.settings.downwash, ball)
+    settings = context.settings
+    check_field(goal, view, settings.field, settings.ground, settings.downwash, ball)
     return view
 
 

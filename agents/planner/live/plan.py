@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from agents.planner.goals.formation import offsets_of
@@ -15,6 +16,7 @@ from agents.planner.goals.sweeping import sweepers_of
 from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
+from agents.planner.live.field import floor_of
 from agents.planner.live.frames import enu, ned
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
@@ -23,7 +25,7 @@ from agents.planner.model.plans import Sample
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.scene import Scene
 from agents.planner.solve.loiter import loiter_radius
-from zmav.errors import Refused
+from zmav.errors import BadInput, Refused
 from zmav.wire import Vector, swarm
 
 Margins = Sequence[tuple[float, float]]
@@ -31,6 +33,10 @@ Margins = Sequence[tuple[float, float]]
 CLEARLY, NARROW, SMALLEST = 0.15, 0.01, 0.2
 """m more than needed that vehicles draw apart, for they do not rest exactly where they should; m less than there is
 that their plan reckons with; and the share of its own radius that each has at least in it, however near another is"""
+MOST_APART = 3
+"""times that vehicles draw apart before one plan"""
+CLOSE = ("starts_overlap", "start_in_obstacle")
+"""kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 LAYER = 30.0
 """m of height for each plane above the one below it"""
 
@@ -46,8 +52,10 @@ class Planned:
     clearance: float | None
     margin: float
     """m by which every vehicle's radius in the scene is larger than its own"""
-    before: bool = False
-    """it only makes room: what is to be flown is planned from where it ends"""
+    above_ground: float | None = None
+    """m: the least; None: the ground is not known"""
+    before: str = ""
+    """why it only makes room, and what is to be flown is planned from where it ends; "": it is that"""
 
 
 class Planner:
@@ -63,7 +71,10 @@ class Planner:
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
         pieces = context.world.pieces(time.time())
-        room = room_of(vehicles, context.fleet.all(), pieces, walls, taken, context.settings.downwash)
+        views, settings = context.fleet.all(), context.settings
+        ours = [seen.view for seen in views if seen.view.name in vehicles]
+        floor = floor_of(settings.field, settings.ground, _widest(ours, settings.margin))
+        room = room_of(vehicles, views, pieces, walls, taken, settings.downwash, floor)
         lost = context.homes.movers(vehicles, context.clocks.clock.now())
         return replace(room, movers=(*room.movers, *lost))
 
@@ -72,15 +83,22 @@ class Planner:
         room = self.room(goal.vehicles)
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
         points += [enu(point) for point in points_of(goal, view)]
+        if isinstance(goal, swarm.Search) and goal.above_ground and room.floor is not None:
+            easts, norths = [east for _, east in goal.polygon], [north for north, _ in goal.polygon]
+            span = room.floor.span((min(easts), min(norths), max(easts), max(norths)))
+            points += [(min(easts), min(norths), z + goal.height) for z in span]
         points += circles(goal, view, points)
-        return await self._solver.do(jobs.Resolve(goal, view, room.empty(points)))
+        starts = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
+        scene = room.empty(points, starts)
+        floor = None if room.floor is None else room.floor.within(scene.bounds)
+        return await self._solver.do(jobs.Resolve(goal, view, scene, floor))
 
     async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
         or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.
         """
         own = self._context.settings.margin
-        tries = list(margins) or [(own, 1.0), (own / 2.0, 1.0)]
+        tries = list(margins or self._usual)
         while True:
             margin, share = tries.pop(0)
             try:
@@ -90,7 +108,21 @@ class Planner:
                 if not tries or e.kind == "invalid_scene":
                     raise
 
-    async def make_room(self, step: PlanTo, view: FleetView, margins: Margins) -> Planned | None:
+    async def next_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
+        """As :meth:`plan_to`; where somebody rests too near for that, what is flown first, which makes room."""
+        try:
+            return await self.plan_to(step, view, margins)
+        except PlanError as e:
+            if e.kind not in CLOSE or (first := await self._make_room(step, view, margins or self._usual)) is None:
+                raise
+            return replace(first, before=e.message)
+
+    @property
+    def _usual(self) -> Margins:
+        own = self._context.settings.margin
+        return (own, 1.0), (own / 2.0, 1.0)
+
+    async def _make_room(self, step: PlanTo, view: FleetView, margins: Margins) -> Planned | None:
         """Apart with those who rest too near to each other, or to an obstacle, for a plan with even the last of
         ``margins``: as slowly as that says, with what room there is. None where nobody does, or there is no way apart.
         """
@@ -113,7 +145,7 @@ class Planner:
                 found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin)
             except (PlanError, Refused):
                 continue
-            return replace(found, before=True, clearance=None)  # less than their radii at first
+            return replace(found, clearance=None)  # less than their radii at first
         return None
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float) -> Planned:
@@ -126,7 +158,12 @@ class Planner:
             raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
-        return Planned(plan.trajectories, scene, plan.makespan, _wider(judged.clearance, margin, views), margin)
+        try:
+            above = _above(room, views, plan.trajectories)
+        except BadInput as e:
+            raise Refused(f"the verifier objects: {e.message}") from e
+        clearance = _wider(judged.clearance, margin, views)
+        return Planned(plan.trajectories, scene, plan.makespan, clearance, margin, above)
 
     async def check(self, step: Fly, view: FleetView, margins: Margins = ()) -> tuple[Planned | None, str]:
         """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not. With
@@ -149,16 +186,35 @@ class Planner:
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
         views = moved(view, starts).pick(names)
-        scene = scene_of(views, places, True, room, corners)
+        scene = scene_of(views, places, True, replace(room, floor=None), corners)
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
             return None, judged.faults[0]
-        return Planned(trajectories, scene, judged.makespan, _wider(judged.clearance, margin, views), margin), ""
+        try:
+            above = _above(room, views, trajectories)
+        except BadInput as e:
+            return None, e.message
+        clearance = _wider(judged.clearance, margin, views)
+        return Planned(trajectories, scene, judged.makespan, clearance, margin, above), ""
 
 
 def _wider(clearance: float | None, margin: float, views: Sequence[VehicleView]) -> float | None:
     """Between the vehicles themselves, where they say that they are: what was planned for is larger."""
     return None if clearance is None else clearance + 2.0 * margin + sum(sorted(view.room for view in views)[:2])
+
+
+def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Sequence[Sample]]) -> float | None:
+    """The least height above the ground of all that fly. Raises :class:`BadInput` for what a vehicle would refuse."""
+    if room.floor is None:
+        return None
+    homes = {view.name: None if view.home_ned is None else enu(view.home_ned) for view in views if view.flies}
+    found = [room.floor.check(flown[name], home) for name, home in homes.items()]
+    return min((each for each in found if each is not None), default=None)
+
+
+def _widest(views: Sequence[VehicleView], margin: float) -> list[VehicleView]:
+    """With all the room that a plan may make."""
+    return [replace(v, body=msgspec.structs.replace(v.body, radius=v.body.radius + margin)) for v in views]
 
 
 def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:
@@ -201,6 +257,8 @@ def points_of(goal: swarm.Goal, view: FleetView) -> list[Vector]:
         for north, east, down in (goal.at, *goal.via):
             found += [(north - reach, east - reach, down + highest), (north + reach, east + reach, down + lowest)]
     if isinstance(goal, swarm.Search):
+        if goal.above_ground:
+            return found + [(n, e, view.vehicles[goal.vehicles[0]].pos_ned[2]) for n, e in goal.polygon]
         heights = {each.height for each in sweepers_of(goal, view.pick(goal.vehicles))}
         found += [(n, e, -height) for n, e in goal.polygon for height in heights]
     if isinstance(goal, swarm.Land):

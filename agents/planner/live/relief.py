@@ -168,5 +168,6 @@ def _airborne(context: Context, name: str) -> bool:
 def _height(context: Context, goal: swarm.Search, name: str) -> float:
     """m above its home at which it searches."""
     seen = context.fleet.seen(name)
-    ground = -seen.view.floor if seen is not None and not isinstance(goal, swarm.Survey) else 0.0
+    counts_from_home = isinstance(goal, swarm.Survey) or goal.above_ground
+    ground = -seen.view.floor if seen is not None and not counts_from_home else 0.0
     return max(2.0, goal.height - ground)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,9 +15,12 @@ from agents.planner.live.fleet import FRESH, HeardVehicle
 from agents.planner.live.frames import enu
 from agents.planner.live.world import Pieces
 from agents.planner.model import scene
+from agents.planner.model.ground import Floor
 from agents.planner.model.problem import Floats, MovingObstacle
 from zmav.wire import Vector
 
+OVER = 10.0
+"""m above the highest ground that there is room for"""
 DEPTH = 50.0
 """m below the lowest vehicle to which the column below one that is not heard goes"""
 
@@ -29,16 +33,31 @@ class Room:
     movers: tuple[MovingObstacle, ...]
     pieces: Pieces
     downwash: float
+    floor: Floor | None
+    """None: nothing is known of the ground, and nothing asked"""
 
-    def empty(self, points: Sequence[Vector]) -> scene.Scene:
-        """The scene without vehicles, as large as needed for these places (ENU)."""
+    def empty(self, points: Sequence[Vector], starts: Sequence[Vector] = ()) -> scene.Scene:
+        """The scene without vehicles, as large as needed for these places (ENU). From ``starts`` one may climb that is
+        too low there.
+        """
+        bounds, columns = self.pieces.bounds(points), list[scene.Obstacle]()
+        if self.floor is not None and points:
+            bounds = self._over(bounds, self.floor)
+            columns += self.floor.columns(bounds, starts, points)
         return scene.Scene(
             vehicles=[],
-            obstacles=list(self.obstacles),
-            bounds=self.pieces.bounds(points),
+            obstacles=[*self.obstacles, *columns],
+            bounds=bounds,
             geofence=self.pieces.geofence,
             downwash=self.downwash,
         )
+
+    def _over(self, bounds: scene.Bounds, floor: Floor) -> scene.Bounds:
+        """High enough for ways over all that is known, below the ceiling and the fence's."""
+        (x, y, top), fence = bounds.max, self.pieces.geofence
+        peak = floor.peak([bounds.min[:2], bounds.max[:2]])
+        over = min(floor.ceiling, math.inf if fence is None else fence.ceiling, (peak or -math.inf) + OVER)
+        return msgspec.structs.replace(bounds, max=(x, y, max(top, over)))
 
 
 def room_of(
@@ -48,6 +67,7 @@ def room_of(
     walls: Sequence[scene.Obstacle],
     spoken_for: set[str],
     downwash: float,
+    floor: Floor | None,
 ) -> Room:
     """Everything but ``vehicles``: who rests is a mover at rest, who is not heard has the column below its place.
 
@@ -61,7 +81,7 @@ def room_of(
             radius, top = view.body.radius, z + view.body.radius * downwash
             name = f"what {view.name} may need, which is not heard"
             obstacles.append(scene.Cylinder(center=(x, y), radius=radius, floor=z - DEPTH, ceiling=top, name=name))
-    return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash)
+    return Room(tuple(obstacles), tuple(moving(vehicles, fleet, pieces, spoken_for)), pieces, downwash, floor)
 
 
 def moving(
@@ -103,7 +123,7 @@ def scene_of(
         goals = [
             (g[0], g[1], s[2]) if view.kind in GROUND else g for view, s, g in zip(views, starts, goals, strict=True)
         ]
-    empty = room.empty([*starts, *goals, *also])
+    empty = room.empty([*starts, *goals, *also], starts)
     vehicles = [_vehicle(view, s, g if labelled else None) for view, s, g in zip(views, starts, goals, strict=True)]
     return scene.Scene(
         vehicles=vehicles,

@@ -9,6 +9,7 @@ import msgspec
 from agents.planner.execute.flight import TRACKING
 from agents.planner.live.field import FleetField
 from agents.planner.live.leadership.election import PATIENCE
+from agents.planner.model.ground import GroundMap
 from zmav import geo, keys
 from zmav.config import FleetConfig, Geofence
 from zmav.errors import BadConfig
@@ -19,7 +20,13 @@ ROUND = 32
 FENCE = "fleet-file"
 NO_CEILING = 10_000.0
 """m"""
-BOUNDS = {"margin": (0.0, 20.0), "tracking": (0.05, 5.0), "downwash": (1.0, 10.0), "patience": (1.0, 600.0)}
+BOUNDS = {
+    "margin": (0.0, 20.0),
+    "tracking": (0.05, 5.0),
+    "downwash": (1.0, 10.0),
+    "traffic": (0.0, 2000.0),
+    "patience": (1.0, 600.0),
+}
 """of the settings, each in its own unit"""
 
 
@@ -37,6 +44,8 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     """m, of the margin, by which a vehicle may be off its trajectory before everybody waits for it, and at its goal"""
     downwash: float = 1.5
     """how much farther above each other than beside each other vehicles stay"""
+    traffic: float = 100.0
+    """m kept from aircraft that are not of the fleet, beyond what their places may be off; 0: from none"""
     patience: float = PATIENCE
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0
@@ -45,6 +54,8 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     """vehicles may fly goals of whose batteries it is not known what is left in them"""
     field: FleetField = FleetField(Geofence(), {}, None)
     """what the fleet file declares; goals are held to it, and to a club's field for the rest"""
+    ground: GroundMap | None = None
+    """how high the ground is; None: not known"""
     geofence: swarm.Geofence | None = None
     """the same as plans are held to it; None: none that they must be"""
 

@@ -65,7 +65,7 @@ class SolverProcess:
             return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
         if isinstance(job, jobs.Judge):
             return judge(job)
-        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene)))
+        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene), job.floor))
 
     def solve(self, job: jobs.Solve) -> Plan:
         start = time.monotonic()

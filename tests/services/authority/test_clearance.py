@@ -16,6 +16,7 @@ from zmav.config import Geofence
 from zmav.errors import BadInput
 from zmav.services.authority.clearance import Clearance, Place
 from zmav.terrain import Piece, Terrain, corner_of, names_within, pack
+from zmav.verbs import VERBS, Access
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
@@ -51,7 +52,7 @@ def place(north: float, east: float, up: float) -> Place:
         (None, place(600, 0, 20), place(0, 0, 20), "80.0 m under the ground"),  # behind the ridge
         (None, place(600, 800, 20), place(600, 0, 20), ""),  # what is not known may be
         (20.0, place(600, 0, 20), place(500, 0, 20), ""),
-        (20.0, place(600, 0, 19), place(500, 0, 20), "19.3 m above the ground"),
+        (20.0, place(600, 0, 19), place(500, 0, 20), "19.4 m above the ground"),
         (20.0, place(600, 0, 30), place(500, 0, 2), ""),  # up from where it is
         (20.0, place(300, 0, 119), None, "19.0 m above the ground"),
         (20.0, place(600, 800, 50), None, "is not known here"),
@@ -92,6 +93,41 @@ def test_the_ground_is_as_high_as_home_says() -> None:
     assert Clearance(Ridge(), None).above_sea(*place(0, 800, 0)[:2], 30.0, HOME) is None
 
 
+@pytest.mark.parametrize(
+    ("ups", "here", "lands", "words"),
+    [
+        ([5, 12, 25], 5, False, ""),  # it climbs away
+        ([4, 12, 25], 5, False, "4.0 m above"),
+        ([12, 14, 12], 5, False, "12.0 m above"),  # no lower than it has got by then
+        ([25, 19, 25], 5, False, "19.0 m above"),
+        ([12, 14, 25], None, False, "12.0 m above"),  # where it is, is not known
+        ([12, 14, 25], 30, False, "12.0 m above"),
+        ([40, 30, 4], 40, True, ""),  # straight down where it lands
+        ([40, 30, 4], 40, False, "4.0 m above"),
+        ([40, 30, -12], 40, True, "12.0 m under"),
+    ],
+)
+def test_a_way_climbs_away_and_comes_down_where_it_lands(
+    ups: list[float], here: float | None, lands: bool, words: str
+) -> None:
+    judge, start = Clearance(Ridge(), 20.0), None if here is None else place(0, 0, here)
+    way = [place(0, 0, up) for up in ups]
+    if not words:
+        judge.check_way(way, start, HOME, lands=lands)
+        return
+    with pytest.raises(BadInput, match=words):
+        judge.check_way(way, start, HOME, lands=lands)
+
+
+def test_a_way_comes_down_nowhere_but_where_it_lands() -> None:
+    judge, here = Clearance(Ridge(), 20.0), place(0, 0, 40)
+    judge.check_way([here, place(0, 50, 40), place(0, 50, 4)], here, HOME, lands=True)
+    with pytest.raises(BadInput, match=r"15\.0 m above"):
+        judge.check_way([here, place(0, 45, 15), place(0, 50, 4)], here, HOME, lands=True)
+    with pytest.raises(BadInput, match="not known"):
+        judge.check_way([here, place(0, 800, 40)], here, HOME, lands=True)
+
+
 # On a vehicle.
 
 
@@ -113,6 +149,11 @@ async def flying(b: Bench, up: float = 30.0) -> None:
     await b.flying()
     lat, lon = round(ORIGIN.lat_deg * 1e7), round(ORIGIN.lon_deg * 1e7)
     b.peer.send("HOME_POSITION", latitude=lat, longitude=lon, altitude=600000)
+    await flying_at(b, up)
+
+
+async def flying_at(b: Bench, up: float) -> None:
+    lat, lon = round(ORIGIN.lat_deg * 1e7), round(ORIGIN.lon_deg * 1e7)
     alt = round((600.0 + up) * 1e3)
     seen = len(b.states.items)
     while len(b.states.items) < seen + 2:
@@ -206,3 +247,66 @@ async def test_ground_that_is_not_known_is_refused_where_the_fleet_file_asks_for
     fill(tmp_path)
     await flying(b)
     await b.ground.do("goto", pos=[10.0, 0.0, -30.0], arrive=False)
+
+
+async def test_the_ground_stays_as_it_was_when_the_vehicle_was_armed(bench: StartBench, tmp_path: Path) -> None:
+    """A home that is raised afterwards, again and again, makes nothing lower: nor does one that it had before."""
+    fill(tmp_path)
+    settings = {"cache": str(tmp_path), "origin": ORIGIN, "geofence": Geofence(above_ground=15.0)}
+    b = await (await bench(settings=settings)).connected()
+    lat, lon = round(ORIGIN.lat_deg * 1e7), round(ORIGIN.lon_deg * 1e7)
+    b.peer.send("HOME_POSITION", latitude=lat, longitude=lon, altitude=580000)
+    b.peer.send("EXTENDED_SYS_STATE", landed_state=1)
+    b.peer.send("GLOBAL_POSITION_INT", lat=lat, lon=lon, alt=600000, relative_alt=0)
+    await b.state(lambda s: s["landed"] is True, "that it stands")
+    await flying(b)
+    for alt in (590000, 580000, 570000):
+        b.peer.send("HOME_POSITION", latitude=lat, longitude=lon, altitude=alt)
+        await flying_at(b, 30.0)
+        with pytest.raises(BadInput, match=r"12\.0 m above the ground"):
+            await b.ground.do("goto", pos=[10.0, 0.0, -12.0], arrive=False, force=True)
+
+
+JUDGED: dict[str, str | tuple[str, Any]] = {
+    "takeoff": "straight up from where it stands",
+    "goto": ("pos", [600.0, 0.0, -30.0]),
+    "set_mode": ("mode", "AUTO"),
+    "command": ("command", "DO_REPOSITION"),
+    "mission_start": ("first", 0),
+    "mission_current": ("index", 0),
+    "arm": "it moves nothing",
+}
+"""what moves a vehicle, and how it is asked to lead it into the ridge; or why it cannot"""
+
+
+@pytest.mark.parametrize("verb", [verb.name for verb in VERBS.values() if verb.access is Access.MOVE])
+async def test_each_order_that_moves_is_held_above_the_ground(
+    mission_bench: MissionBench, tmp_path: Path, verb: str
+) -> None:
+    """What makes safe (hold, land, rtl, disarm) is asked of nothing; a new order that moves must be listed here."""
+    told = JUDGED[verb]
+    if isinstance(told, str):
+        return
+    fill(tmp_path)
+    fence = Geofence(ceiling=200.0)
+    b, _ = await mission_bench("ardupilot", settings={"cache": str(tmp_path), "origin": ORIGIN, "geofence": fence})
+    await b.ground.do("mission_upload", kind="mission", items=[item(300, 30), item(600, 30)])
+    await flying(b)
+    lat, lon, _ = place(300, 0, 0)
+    more: dict[str, Any] = {"params": {"param5": lat, "param6": lon, "param7": None}} if verb == "command" else {}
+    more |= {"arrive": False} if verb == "goto" else {}
+    with pytest.raises(BadInput, match="under the ground") as caught:
+        await b.ground.do(verb, **{told[0]: told[1]}, **more)
+    assert caught.value.detail["count"] == "ground"
+    with pytest.raises(BadInput, match="under the ground"):
+        await b.ground.do("mission_upload", kind="mission", items=[item(300, 30), item(600, 30)])
+
+
+async def test_a_height_without_a_place_is_judged_where_the_vehicle_is(bench: StartBench, tmp_path: Path) -> None:
+    fill(tmp_path)
+    settings = {"cache": str(tmp_path), "origin": ORIGIN, "geofence": Geofence(above_ground=15.0)}
+    b = await (await bench(settings=settings)).connected()
+    await flying(b)
+    with pytest.raises(BadInput, match=r"5\.0 m above the ground"):
+        await b.ground.do("command", command="DO_CHANGE_ALTITUDE", params={"param1": 5.0, "param2": 3.0})
+    await b.ground.do("command", command="DO_CHANGE_ALTITUDE", params={"param1": 16.0, "param2": 3.0})

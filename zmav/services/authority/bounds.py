@@ -21,7 +21,7 @@ from zmav.services.authority import limits as limit
 from zmav.services.authority.clearance import Clearance, Place
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
-from zmav.services.link.reported import fields_of
+from zmav.services.link.reported import fields_of, in_the_air
 from zmav.services.missions.items import Raw
 from zmav.terrain import Ground
 
@@ -50,7 +50,10 @@ class Bounds:
         self._about_home = companion.origin is None and not fence.polygon
         self._usual = None if self._about_home else limit.Fence(usual_fence(fence), companion.origin, ground=True)
         self._clearance = Clearance(ground, fence.above_ground)
-        self._armed = False
+        self._armed: bool | None = None
+        """None: no HEARTBEAT came yet"""
+        self._stood: Place | None = None
+        """where it was armed, which says what the ground that is known is off, whatever becomes of its home"""
 
     def changed(self) -> None:
         """The HEARTBEAT shows another arming: without a declared origin, the field is about where that was."""
@@ -58,13 +61,17 @@ class Bounds:
         if armed and not self._armed and self._about_home:
             self._usual = None
             self._usual_fence(position)
+        if armed is not self._armed:
+            source = self._identity.source
+            stands = armed and self._armed is False and source and in_the_air(self._port, source) is False
+            self._stood = _place_of(position) if stands and position is not None else None
         self._armed = armed
 
     def check(
         self, what: Target | Segment, *, force: bool | None = None, from_here: bool = True, lands: bool = False
     ) -> None:
         """A target from here (or from elsewhere), or a whole segment; ``force`` None: there is no such thing for it.
-        ``lands``: it is for the ground.
+        ``lands``: it is for the ground, a segment at its end.
         """
         position = self._position()
         home = self._home(position)
@@ -80,7 +87,11 @@ class Bounds:
 
         with_place = isinstance(what, Segment) or what.lat_deg is not None
         self._permit(judge, position, force, with_place)
-        if with_place and not self._flat and not lands and (from_here or not flat) and self._clearance.judges:
+        if isinstance(what, Segment):
+            if not self._flat and self._clearance.judges:
+                present = None if position is None else _place_of(position)
+                self._clearance.check_way(what.places(), present, self._stood_at(), lands=lands)
+        elif with_place and not self._flat and not lands and (from_here or not flat) and self._clearance.judges:
             self._check_ground(what, position, force, from_here)
 
     def check_height(self, alt_rel: float, *, force: bool) -> None:
@@ -125,28 +136,23 @@ class Bounds:
         level = None if before is None else before.alt_amsl
         place = self._place(lead, self._position(), level) if isinstance(lead, Target) else None
         if place is not None and before is not None and not follows and not self._flat:
-            self._clearance.check(place, before, self._home_place(), force=force)
+            self._clearance.check(place, before, self._stood_at(), force=force)
         return place or before
 
     def _above_sea(self, lead: Target) -> Target:
         """A place at a height above the ground, which is known here or is left to the autopilot."""
         if lead.lat_deg is None or lead.lon_deg is None or lead.alt_rel is None:
             return lead
-        alt = self._clearance.above_sea(lead.lat_deg, lead.lon_deg, lead.alt_rel, self._home_place())
+        alt = self._clearance.above_sea(lead.lat_deg, lead.lon_deg, lead.alt_rel, self._stood_at())
         return lead if alt is None else msgspec.structs.replace(lead, alt_amsl=alt, alt_rel=None)
 
     def _check_ground(
-        self, what: Target | Segment, position: Mapping[str, Any] | None, force: bool | None, from_here: bool
+        self, what: Target, position: Mapping[str, Any] | None, force: bool | None, from_here: bool
     ) -> None:
-        home = self._home_place()
-        if isinstance(what, Segment):
-            for each in what.places():
-                self._clearance.check(each, None, home, force=force)
-            return
         present = None if position is None else _place_of(position)
         place = self._place(what, position, None if present is None else present.alt_amsl)
         if place is not None:
-            self._clearance.check(place, present if from_here else None, home, force=force)
+            self._clearance.check(place, present if from_here else None, self._stood_at(), force=force)
         elif self._fence.above_ground is not None:
             text = "how high that is, is not known yet, and the fleet file asks for a height above the ground"
             raise BadInput(text, field="pos", value=None, expected="later", count="ground")
@@ -164,10 +170,29 @@ class Bounds:
             else Place(what.lat_deg, what.lon_deg, alt)
         )
 
-    def _home_place(self) -> Place | None:
-        """Where the autopilot says that home is."""
+    def _stood_at(self) -> Place | None:
+        """Where it was armed on the ground; where that was not seen the first home since, and of a disarmed one that
+        of now.
+        """
+        if self._stood is not None:
+            return self._stood
         home = fields_of(self._port, "HOME_POSITION", self._identity.source)
-        return None if home is None else Place(home["latitude"] / 1e7, home["longitude"] / 1e7, home["altitude"] / 1e3)
+        if home is None:
+            return None
+        place = Place(home["latitude"] / 1e7, home["longitude"] / 1e7, home["altitude"] / 1e3)
+        if self._armed:
+            self._stood = place
+        return place
+
+    def _check_descent(self, lead: Target, force: bool) -> None:
+        """Down to a height where it is; up it may climb to any."""
+        position = self._position()
+        if position is None or not self._clearance.judges:
+            return
+        here = _place_of(position)
+        place = self._place(Target(here.lat_deg, here.lon_deg, lead.alt_amsl, lead.alt_rel), position, here.alt_amsl)
+        if place is not None and place.alt_amsl < here.alt_amsl:
+            self._clearance.check(place, None, self._stood_at(), force=force)
 
     def _check_home(self, place: Target | None, force: bool, in_mission: bool) -> None:
         """A new home, which a return leads to and heights count from; ``place`` None: where the vehicle is then."""
@@ -194,6 +219,8 @@ class Bounds:
             self.check(lead, force=force, from_here=from_here, lands=lands)
         elif lead is not None and not self._flat:
             self.check_height(limit.height_of(lead, self._home(self._position())), force=force)
+            if from_here and not lands:
+                self._check_descent(lead, force)
 
     # How it is done.
 

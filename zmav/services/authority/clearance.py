@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from zmav import geo
 from zmav.errors import BadInput
 from zmav.terrain import Ground
 
 STEP, MOST = 20.0, 1000
 """m between two places of a straight way that are looked at, and of those at most so many"""
-METRES = 111_320.0
-"""in a degree of latitude, near enough to say how many places a way has"""
 USUAL = -10.0
 """m: SRTM may be wrong by that, so without a declared clearance only what lies deeper is refused"""
 MOST_OFFSET = 30.0
-"""m by which home may be above or below the ground that is known there, as ArduPilot's TERRAIN_OFS_MAX"""
+"""m by which the place where it stood may be above or below the ground that is known there, as ArduPilot's
+TERRAIN_OFS_MAX"""
 EDGE = 0.5
 """m: a way that is level over level ground is no lower than it was"""
+COLUMN = 3.0
+"""m over the ground from where a way ends to land: there it may come down"""
 
 
 class Place(NamedTuple):
@@ -30,9 +32,9 @@ class Place(NamedTuple):
 class Clearance:
     """Judges places and straight ways. From any thread.
 
-    Heights of the ground are moved by what they are off at home, which is where the vehicle stood. ``declared``: metres
-    above the ground that the fleet file asks for; with it what is not known is refused too. None: only what is surely
-    in the ground is refused, and an operator's ``force`` passes.
+    Heights of the ground are moved by what they are off where the vehicle ``stood``, when it was armed. ``declared``:
+    metres above the ground that the fleet file asks for; with it what is not known is refused too. None: only what is
+    surely in the ground is refused, and an operator's ``force`` passes.
     """
 
     def __init__(self, ground: Ground, declared: float | None) -> None:
@@ -43,45 +45,71 @@ class Clearance:
         """There is anything to judge by."""
         return self._declared is not None or not self._ground.empty
 
-    def check(self, goal: Place, start: Place | None, home: Place | None, *, force: bool | None) -> None:
+    def check(self, goal: Place, start: Place | None, stood: Place | None, *, force: bool | None) -> None:
         """Raise :class:`~zmav.errors.BadInput` where ``goal`` is too low, or the way from ``start`` gets there: lower
         than is asked for and than the vehicle is at its start.
         """
         if self._declared is None and force:
             return
-        least = USUAL if self._declared is None else self._declared
-        offset = self._offset(home)
-        on_way = least if start is None else min(least, self._above(start, offset, least) - EDGE)
+        offset = self._offset(stood)
+        on_way = self._least if start is None else self._as_low_as(start, offset)
         for place in (goal,) if start is None else (*_between(start, goal), goal):
-            ground = self._ground.height(place.lat_deg, place.lon_deg)
-            if ground is None:
-                if self._declared is not None:
-                    raise self._unknown(place)
-                continue
-            above = place.alt_amsl - ground - offset
-            if above < (least if place is goal else on_way):
+            above = self._above(place, offset)
+            if above is not None and above < (self._least if place is goal else on_way):
                 raise self._too_low(place, above, force)
 
-    def above_sea(self, lat_deg: float, lon_deg: float, height: float, home: Place | None) -> float | None:
+    def check_way(self, places: Iterable[Place], here: Place | None, stood: Place | None, *, lands: bool) -> None:
+        """Raise :class:`~zmav.errors.BadInput` where the way leads too low: lower than is asked for, than the vehicle
+        is ``here`` and than it has got by then. So one that is too low may climb away. ``lands``: at the way's end it
+        may come down.
+        """
+        offset, way = self._offset(stood), list(places)
+        least, end = self._least if here is None else self._as_low_as(here, offset), way[-1]
+        for place in way:
+            above = self._above(place, offset)
+            if above is None:
+                continue
+            down = lands and geo.horizontal_distance(*place[:2], *end[:2]) <= COLUMN
+            if above < (USUAL if down else least):
+                raise self._too_low(place, above, None)
+            least = max(least, min(self._least, above - EDGE))
+
+    def above(self, place: Place, stood: Place | None) -> float | None:
+        """m above the ground; None where that is not known, which is refused where the fleet file declares a
+        clearance.
+        """
+        return self._above(place, self._offset(stood))
+
+    def above_sea(self, lat_deg: float, lon_deg: float, height: float, stood: Place | None) -> float | None:
         """What a height above the ground is above the sea; None where the ground is not known, which is refused where
         the fleet file declares a clearance.
         """
         ground = self._ground.height(lat_deg, lon_deg)
         if ground is not None:
-            return ground + self._offset(home) + height
+            return ground + self._offset(stood) + height
         if self._declared is not None:
             raise self._unknown(Place(lat_deg, lon_deg, math.nan))
         return None
 
-    def _above(self, place: Place, offset: float, otherwise: float) -> float:
-        ground = self._ground.height(place.lat_deg, place.lon_deg)
-        return otherwise if ground is None else place.alt_amsl - ground - offset
+    @property
+    def _least(self) -> float:
+        return USUAL if self._declared is None else self._declared
 
-    def _offset(self, home: Place | None) -> float:
-        ground = None if home is None else self._ground.height(home.lat_deg, home.lon_deg)
-        if home is None or ground is None:
-            return 0.0
-        return min(max(home.alt_amsl - ground, -MOST_OFFSET), MOST_OFFSET)
+    def _as_low_as(self, start: Place, offset: float) -> float:
+        """How low a way may be that begins there, which may be too low already, or where the ground is not known."""
+        ground = self._ground.height(start.lat_deg, start.lon_deg)
+        return self._least if ground is None else min(self._least, start.alt_amsl - ground - offset - EDGE)
+
+    def _above(self, place: Place, offset: float) -> float | None:
+        """m above the ground; None where that is not known and need not be."""
+        ground = self._ground.height(place.lat_deg, place.lon_deg)
+        if ground is None and self._declared is not None:
+            raise self._unknown(place)
+        return None if ground is None else place.alt_amsl - ground - offset
+
+    def _offset(self, stood: Place | None) -> float:
+        ground = None if stood is None else self._ground.height(stood.lat_deg, stood.lon_deg)
+        return 0.0 if stood is None or ground is None else offset_of(stood.alt_amsl - ground)
 
     def _unknown(self, place: Place) -> BadInput:
         text = (
@@ -100,12 +128,16 @@ class Clearance:
         return BadInput(text + hint, field="pos", value=above, expected="above the ground", count="ground")
 
 
+def offset_of(above: float) -> float:
+    """m by which the ground that is known is too low, where a vehicle on the ground is so high above it."""
+    return min(max(above, -MOST_OFFSET), MOST_OFFSET)
+
+
 def _between(start: Place, goal: Place) -> Iterator[Place]:
     """Places of the straight way, without its ends."""
-    east = (goal.lon_deg - start.lon_deg + 180.0) % 360.0 - 180.0
+    east = geo.wrap_degrees(goal.lon_deg - start.lon_deg)
     north = goal.lat_deg - start.lat_deg
-    length = METRES * math.hypot(north, east * math.cos(math.radians(goal.lat_deg)))
-    steps = min(math.ceil(length / STEP), MOST)
+    steps = min(math.ceil(geo.horizontal_distance(*start[:2], *goal[:2]) / STEP), MOST)
     for i in range(1, steps):
         share = i / steps
         up = goal.alt_amsl - start.alt_amsl

@@ -235,7 +235,7 @@ class Setpoints:
             return None
         try:
             home = read_way_home(point.home, what, after, utc, now)
-            self._bounds.check(home.way)
+            self._bounds.check(home.way, lands=True)
         except BadInput as e:
             self._events.emit("setpoint", "warning", f"way home not kept: {e.message}", limit="home", **e.detail)
             return None

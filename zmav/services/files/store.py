@@ -32,6 +32,11 @@ def default_directory() -> Path:
     return Path(tempfile.gettempdir(), f"zmav-{os.getuid()}", "files")
 
 
+def tiles_directory() -> Path:
+    """Where tiles of ground are kept that were fetched."""
+    return default_directory().parent / "tiles"
+
+
 class Meta(msgspec.Struct, kw_only=True):
     """What lies beside each file. ``missing`` empty: it is whole, and ``crc32`` is its own checksum.
 

@@ -104,6 +104,8 @@ class MissionFlight:
         """Go on with another item; where no mission is being flown, the next start begins there."""
         plan = await self._missions.plan("mission", report)
         start = self._check(args.index, "index", plan)
+        if self._identity.armed:
+            self._bounds.check_mission(plan[args.index + start :], force=False)
         await self._set_current(args.index + start)
         return {"current": args.index, "total": len(plan) - start}
 

@@ -193,5 +193,5 @@ def test_a_plan_can_be_made_to_where_those_wait_who_land_beside_each_other(flat:
     ]
     plan, _ = pads.home(unsure, DOWNWASH)
     assert isinstance(plan, PlanTo)
-    scene = scene_of(unsure, plan.places, True, Room((), (), World().pieces(0.0), DOWNWASH))
+    scene = scene_of(unsure, plan.places, True, Room((), (), World().pieces(0.0), DOWNWASH, None))
     validate(scene)

@@ -87,7 +87,7 @@ def resolved(goal: wire.swarm.Goal, fleet: FleetView) -> list[Step]:
     places = [enu(fleet.vehicles[name].pos_ned) for name in goal.vehicles]
     places += [enu(point) for point in points_of(goal, fleet)]
     places += circles(goal, fleet, places)
-    return resolve(goal, fleet, Room((), (), Pieces(), 1.5).empty(places))
+    return resolve(goal, fleet, Room((), (), Pieces(), 1.5, None).empty(places))
 
 
 def test_bounds_hold_planes_circles_and_all_of_a_shape() -> None:

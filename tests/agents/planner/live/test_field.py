@@ -49,7 +49,7 @@ def held(
     origin: Origin | None = None,
 ) -> None:
     field = FleetField(declared or Geofence(), own or {}, origin)
-    check_field(goal, there or fleet(), field, 1.5, BALLS.get)
+    check_field(goal, there or fleet(), field, None, 1.5, BALLS.get)
 
 
 def _bad_place(r: random.Random) -> Vector:

@@ -75,7 +75,7 @@ async def test_it_plans_dies_and_plans_again() -> None:
             {"v0": VehicleView(name="v0", kind="copter", body=body_of("copter"), pos_ned=(0.0, 0.0, -9.0))}
         )
         with pytest.raises(BadInput, match="no vehicle nobody is known"):
-            await solver.do(jobs.Resolve(goal, view, Scene(vehicles=[], bounds=BOUNDS)))
+            await solver.do(jobs.Resolve(goal, view, Scene(vehicles=[], bounds=BOUNDS), None))
 
         pid = solver.pid
         assert pid is not None

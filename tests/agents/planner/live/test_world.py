@@ -190,7 +190,7 @@ def test_a_scene_has_everybody_in_it() -> None:
         seen("t", (50.0, 5.0, -5.0)),
     ]
     wall = scene.Box(min=(1.0, 1.0, 1.0), max=(2.0, 2.0, 2.0))
-    room = room_of(["a", "r"], fleet, Pieces(), [wall], {"t"}, 1.5)
+    room = room_of(["a", "r"], fleet, Pieces(), [wall], {"t"}, 1.5, None)
     assert [mover.id for mover in room.movers] == ["b"]
     lost = scene.Cylinder(center=(9.0, 0.0), radius=1.0, floor=12.0 - DEPTH, ceiling=13.5)
     assert [msgspec.structs.replace(each, name="") for each in room.obstacles] == [wall, lost]
