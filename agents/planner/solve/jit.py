@@ -22,11 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 PACKAGE = Path(__file__).resolve().parent.parent
 KERNEL = re.compile(rb"^@jit$", re.MULTILINE)
 COMPLETE = "complete"
-<<<<<<< HEAD
-NOT_KEPT = "at each start, as nothing can be kept: name a folder that can be written to in NUMBA_CACHE_DIR"
-=======
 NOT_KEPT = "each time again, as nothing can be kept: name a folder that can be written to in NUMBA_CACHE_DIR"
->>>>>>> main
 KEPT = 3
 """How many older folders stay: those used last, for processes that still run them and for other numbas."""
 
