@@ -87,7 +87,8 @@ def words(lines: list[dict[str, Any]]) -> str:
         f"{statistics.mean(each['rate_hz'] for each in late):.1f} Hz, "
         f"{sum(each['key_frames'] for each in late)} key frames in {len(late)} s, "
         f"{late[-1]['torn'] - late[0]['torn']} torn, {late[-1]['dropped'] - late[0]['dropped']} waited out, "
-        f"{1e3 * statistics.median(delays):.0f} ms, {statistics.mean(each['rate_bytes'] for each in late) / 1e3:.0f} kB/s"
+        f"{1e3 * statistics.median(delays):.0f} ms, "
+        f"{statistics.mean(each['rate_bytes'] for each in late) / 1e3:.0f} kB/s"
     )
 
 
