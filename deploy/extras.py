@@ -65,14 +65,23 @@ with rasterio.open("try.tif", "w", transform=rasterio.transform.from_origin(8.0,
     made.write(numpy.full((9, 9), 400.0, "float32"), 1)
 assert Raster(pathlib.Path("try.tif")).piece("N47E008-30-30") is not None
 """
+BUILD = """
+import pathlib, subprocess, sys
+lines = ["[build-system]", 'requires = ["hatchling"]', 'build-backend = "hatchling.build"']
+lines += ["[project]", 'name = "tried"', 'version = "1"']
+pathlib.Path("pyproject.toml").write_text(chr(10).join(lines))
+pathlib.Path("tried.py").write_text("")
+subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel"], check=True)
+"""
 
 
 class Promise(NamedTuple):
-    """What an extra is for: the packages of zmav that load with it, what it does, and by which program."""
+    """What an extra is for: the packages of zmav that load with it, what it does, by which program, and where."""
 
     packages: tuple[str, ...] = ()
     code: str = ""
     command: tuple[str, ...] = ()
+    environment: tuple[tuple[str, str], ...] = ()
 
 
 PROMISES = {
@@ -85,9 +94,11 @@ PROMISES = {
     "geotiff": Promise(("ground.http.geotiff",), LAY),
     "terrain": Promise(("zmav.formats.tiles",), HEIGHTS),
     "ros2": Promise(("ground.ros2",)),
+    "video": Promise(("agents.camera",), "import av, aiortc; av.CodecContext.create('h264', 'r')"),
     "rtk": Promise(("ground.rtk",)),
-    "interpreted": Promise(("agents.planner.model", "agents.planner.goals", "agents.planner.live")),
-    "build": Promise(command=("hatchling", "version")),
+    "traffic": Promise(("ground.traffic", "ground.tak"), "import pytak"),
+    "interpreted": Promise(("agents.planner",), environment=(("NUMBA_DISABLE_JIT", "1"),)),  # as --interpret has it
+    "build": Promise(code=BUILD),
     "site": Promise(command=("mkdocs", "--version")),
     "all": Promise(("zmav", "mesh", "agents", "ground")),
     "dev": Promise(("zmav", "mesh", "agents", "ground"), command=("pytest", "--version")),
@@ -107,7 +118,7 @@ def attempt(wheel: Path, extra: str, folder: Path) -> None:
     dist.run(*pip, "--require-hashes", "--only-binary", ":all:", "-r", folder / "needed.txt")
     dist.run(*pip, "--no-index", f"{wheel}[{extra}]")
     dist.run(inside, "-I", "-m", "pip", "--disable-pip-version-check", "check")
-    own = {"XDG_CACHE_HOME": str(folder / "cache")}
+    own = {"XDG_CACHE_HOME": str(folder / "cache"), **dict(promise.environment)}
     dist.run(inside, "-I", "-c", LOAD, *promise.packages, cwd=folder, environment=own)
     dist.run(inside, "-I", "-c", promise.code, cwd=folder, environment=own)
     if promise.command:

@@ -1,4 +1,4 @@
-"""Draws the pictures of demo fleets: 'python docs/demo_pictures.py [follow] [lost-link] [swap]' (two minutes each).
+"""Draws the pictures of demo fleets: 'python docs/demo_pictures.py [lost-link] [swap]' (two minutes each).
 
 Each is flown by 'zmav demo' in real time, and wants a core for itself; '--flown FOLDER' draws what one demo left there.
 """
@@ -24,7 +24,7 @@ from agents.demo.watch import Row
 from zmav.figures import save
 
 DOCS = Path(__file__).resolve().parent
-PICTURES = {"follow": "demo-follow.png", "lost-link": "demo-lost-link.png", "swap": "demo-swap.gif"}
+PICTURES = {"lost-link": "demo-lost-link.png", "swap": "demo-swap.gif"}
 FRAMES, PACE_MS, DPI = 120, 90, 60
 FAINT = 0.35
 

@@ -12,6 +12,8 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # before any other package called tests
+
 from PIL import Image
 
 from tests.bench.page import served

@@ -394,7 +394,7 @@ def test_what_is_installed_is_this_tree(project: dict[str, Any]) -> None:
     assert spec and {Path(each) for each in spec.submodule_search_locations or ()} == {ROOT / "zmav"}
 
 
-@pytest.mark.parametrize("package", ["zmav", "agents", "mesh", "ground"])
+@pytest.mark.parametrize("package", ["zmav", "agents", "mesh", "ground", "tests"])
 def test_the_packages_are_regular_ones(package: str) -> None:
     """A folder without ``__init__.py`` gives way to any other package of its (common) name that is installed."""
     assert (ROOT / package / "__init__.py").is_file()

@@ -50,7 +50,7 @@ def figure_of(scene: Scene, plan: Plan, report: Report | None) -> Figure:
             names = ("east (m)", "north (m)", "up (m)")
             ax.set(xlim=(low[x], high[x]), ylim=(low[y], high[y]), aspect="equal", ylabel=names[y])
         ax.set_xlabel("east (m)")
-        signs = [Line2D([], [], color=INK, ls="", marker="o", mfc=fill) for fill in (INK, "none")]
+        signs: list[Any] = [Line2D([], [], color=INK, ls="", marker="o", mfc=fill) for fill in (INK, "none")]
         signs += [Patch(color=SOLID), Line2D([], [], color=BAD, ls="", marker="o", mfc="none", ms=9)]
         words = ("start", "goal", "obstacle (darker: higher)", "nearest to each other")
         figure.legend(signs, words, loc="outside lower center", ncols=4, frameon=False)

@@ -163,7 +163,7 @@ class Px4Node(Node):
             channel.send("STATUSTEXT", severity=severity, text=text[:50])
 
     def send_event(self, event: Event, arguments: bytes) -> None:
-        """An EVENT with the next sequence number, to every link; it is sent once, whoever missed it."""
+        """An EVENT with the next sequence number, to every link; it is sent once, also where a link missed it."""
         self.events_sent = (self.events_sent + 1) & 0xFFFF
         for channel in self.channels:
             channel.send(
