@@ -15,9 +15,9 @@ from click.testing import CliRunner
 from ground.traffic.cli import command
 from ground.traffic.feeds import BeastReader, Feed, SbsReader, parse_feed
 from tests.ground.traffic.conftest import ORIGIN, until
+from tests.sbs import MadeUp, SbsSource, line
 from zmav import geo
 from zmav.errors import BadConfig, BadInput, BadUrl
-from zmav.sim.sbs import MadeUp, SbsSource, line
 from zmav.traffic import MOST_TOLD, MOST_TRACKS, Tracks
 
 if TYPE_CHECKING:

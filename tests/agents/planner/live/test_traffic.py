@@ -18,10 +18,10 @@ from agents.planner.live.world import World
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
 from tests.agents.planner.execute.fleet import ORIGIN, airborne
+from tests.sbs import MadeUp, SbsSource
 from tests.waiting import until
 from zmav import geo, wire
 from zmav.errors import BadInput
-from zmav.sim.sbs import MadeUp, SbsSource
 from zmav.waiting import within
 from zmav.wire import swarm
 
