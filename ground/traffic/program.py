@@ -124,7 +124,10 @@ class TrafficProgram:
                 self._say(f"stands by: {other.source} is in charge")
             self._since, self.stands_by_for = 0.0, other.source
             return
-        if now < self._speaks_at or not any(source.heard for source in self.sources):
+        if now < self._speaks_at:
+            return
+        if all(source.state != "up" for source in self.sources):  # another may hear these feeds still
+            self._since = 0.0
             return
         if not self._since:
             self._say(f"in charge: traffic goes to the fleet as {settings.name}")

@@ -174,7 +174,7 @@ class Traffic:
             word = self._alarm.of(seen, found, icao in before)
             if not word:
                 continue
-            self._warned[icao] = word if before.get(icao) != "close" or word == "close" else "close"
+            self._warned[icao] = "close" if "close" in (word, before.get(icao)) else word
             info = wire.TrafficInfo(
                 icao=icao,
                 callsign=seen.aircraft.callsign,
