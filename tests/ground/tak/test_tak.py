@@ -215,7 +215,8 @@ async def hear(server: Taky, ca: Path | None = None) -> None:
             writer.write(b"<point lat='0' lon='0' hae='0' ce='1' le='1'/></event>\n")
             while data := await reader.read(65_536):
                 parser.feed(data.replace(b"<?xml version='1.0' encoding='utf-8'?>", b""))
-                found: list[Any] = [event[1] for event in parser.read_events()]
+                events: Any = parser.read_events()
+                found = [event[1] for event in events]
                 server.events += [each for each in found if each.tag == "event"]
         await asyncio.sleep(0.2)
 
