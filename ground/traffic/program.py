@@ -25,7 +25,7 @@ AGENT = "traffic"
 PERIOD_S = 1.0
 LISTEN_S = 2.5
 """s for which a process that has just begun listens whether another is in charge"""
-SILENT_S = 30.0
+SILENT_S = 10.0
 """s without a message of an aircraft, after which a feed that is connected is said to be silent"""
 REACH_M = 50_000.0
 LOOPBACK = ("localhost", "127.0.0.1", "::1")

@@ -79,16 +79,12 @@ async def test_where_nobody_serves_it_says_so(sky: Sky) -> None:
     assert sky.reports == []
 
 
-async def test_a_feed_that_stops_is_silent_and_its_aircraft_are_forgotten(
-    sky: Sky, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("zmav.traffic.FORGET_S", 2.0)
-    monkeypatch.setattr("ground.traffic.program.SILENT_S", 2.0)
+async def test_a_feed_that_stops_is_silent_and_its_aircraft_are_forgotten(sky: Sky) -> None:
     async with SbsSource(ORIGIN, [NEAR]) as source, sky.program(feed_of(source)) as program:
         await until(lambda: sky.last, "an aircraft")
         source.fault = "stops"
-        await until(lambda: not sky.reports[-1].aircraft, "an empty report")
         await until(lambda: program.status()[0] == "silent", "a word on it")
+        await until(lambda: not sky.reports[-1].aircraft, "an empty report")
 
 
 async def test_a_feed_that_jumps_is_not_followed(sky: Sky) -> None:

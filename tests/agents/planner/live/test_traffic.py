@@ -98,9 +98,8 @@ async def _ended(z: zmav.Client, name: str) -> swarm.GoalEntry:
     raise AssertionError("no book")
 
 
-async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None:
     """From a feed by its socket to the copter: nothing else knows of the aircraft."""
-    monkeypatch.setattr("zmav.traffic.QNH_ERROR", 2.0)
     far = MadeUp(0x3C4B00, "FAR", (5000.0, 0.0, -900.0), (50.0, 0.0, 0.0))
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 12.0))
