@@ -36,13 +36,13 @@ class Listener:
         def take(samples: list[zenoh.Sample]) -> None:
             """In a thread of its own: anybody may put there, however fast."""
             for sample in samples:
-                key, payload = str(sample.key_expr), b""
+                payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
                 try:
-                    payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
                     report = read(payload)
                     if member is not None:
-                        member.judge(key, payload, attached(sample), newest)
-                    hear(report)
+                        member.judge(str(sample.key_expr), payload, attached(sample), newest)
+                    if keys.hears(key, str(sample.key_expr)):
+                        hear(report)
                 except (Forbidden, BadInput):
                     self.refused += 1
 

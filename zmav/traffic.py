@@ -21,7 +21,7 @@ MOST_TRACKS = 2000
 """aircraft that one source keeps; a whole country's sky over one antenna has fewer"""
 MOST_TOLD, BYTES = 32, 8_000
 """aircraft in a report, the nearest, and bytes of one that are looked at"""
-MOST_SOURCES = 32
+MOST_SOURCES, LONGEST_NAME = 32, 512
 FORGET_S = 20.0
 """s without a position after which an aircraft is no longer told of"""
 GONE_S = 60.0
@@ -204,7 +204,13 @@ def read(payload: bytes) -> wire.Traffic:
         raise BadInput.wrong("traffic.t", report.t, "UTC seconds")
     if report.qnh is not None and not 850.0 <= report.qnh <= 1100.0:
         raise BadInput.wrong("traffic.qnh", report.qnh, "850 to 1100 hPa")
+    if len(report.source) + len(report.serves) > LONGEST_NAME:
+        raise BadInput.wrong("traffic.serves", report.serves[:80], f"at most {LONGEST_NAME} characters")
     for each in report.aircraft:
+        if len(each.icao) != 6 or len(each.callsign) > 8 or len(each.emergency) > 4:
+            raise BadInput.wrong(
+                "traffic.icao", each.icao[:8], "six digits, and a callsign of eight characters at most"
+            )
         v = each.velocity or (0.0, 0.0, 0.0)
         well = abs(each.lat_deg) <= 90.0 and abs(each.lon_deg) <= 180.0 and 0.0 <= each.age <= FORGET_S + 1.0
         if not (well and math.hypot(*v) <= FASTEST and -1000.0 <= (each.alt or 0.0) <= 30_000.0):

@@ -109,8 +109,8 @@ class Cot:
         for i, place in enumerate(kept):
             lat, lon, height = self._at(place)
             uid = f"{self.uid(name)}.way.{i}"
-            more = {"point": f"{lat:.7f},{lon:.7f},{height:.1f}", "callsign": f"{i + 1}", "relation": "c"}
-            ET.SubElement(detail, "link", uid=uid, type=POINT, **more)
+            point = f"{lat:.7f},{lon:.7f},{height:.1f}"
+            ET.SubElement(detail, "link", uid=uid, type=POINT, point=point, callsign=f"{i + 1}", relation="c")
         ET.SubElement(detail, "link_attr", method="Flying", direction="Infil", routetype="Primary", order="Ascending")
         ET.SubElement(detail, "contact", callsign=clean(f"{name} {goal}"))
         return [ET.tostring(end), ET.tostring(route)]

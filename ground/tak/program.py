@@ -27,6 +27,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.member import Place
+from zmav.waiting import within
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of transports that it could have, and that are not wanted
@@ -78,7 +79,8 @@ class Tak:
                     plan = wire.decode(payload, wire.swarm.PlanReport, "plan")
                     if member is not None:
                         member.judge(str(sample.key_expr), payload, attached(sample), newest)
-                    hear(plan)
+                    if keys.hears(key, str(sample.key_expr)):
+                        hear(plan)
 
         key = keys.FLEET.key(self._z.fleet_name, topic="plan")
         self._intake = Intake(self._z.session.declare_subscriber, key, take, MOST_PLANS)
@@ -110,7 +112,7 @@ class Tak:
             except SyntaxError as e:  # as which pytak says it, in many lines
                 unproven = "VERIFY" in str(e)
                 why = "its certificate is not believed: give --ca" if unproven else str(e).partition("\n")[0]
-            except (OSError, ValueError) as e:
+            except Exception as e:  # whatever pytak raises, the fleet is to be seen again
                 why = (e.strerror if isinstance(e, OSError) else None) or str(e)
             pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
             self._turn("lost", f"{why}; again in {pause:.0f} s")
@@ -124,7 +126,7 @@ class Tak:
     async def _serve(self) -> None:
         config = ConfigParser(interpolation=None)
         config["tak"] = {"COT_URL": self.settings.url, **self.settings.tls}
-        reader, writer = await asyncio.wait_for(pytak.protocol_factory(config["tak"]), CONNECT_S)
+        reader, writer = await within(CONNECT_S, pytak.protocol_factory(config["tak"]))
         self.sent += 1
         self._sent_at.clear()
         self._turn("up", "")
@@ -135,9 +137,9 @@ class Tak:
                 for event in self._due(time.time()):
                     if streams:
                         writer.write(event + b"\n")
-                        await asyncio.wait_for(writer.drain(), SEND_S)
+                        await within(SEND_S, writer.drain())
                     else:
-                        await asyncio.wait_for(writer.send(event), SEND_S)
+                        await within(SEND_S, writer.send(event))
                     self.events += 1
                 await asyncio.sleep(self.settings.every)
         finally:

@@ -14,6 +14,7 @@ import msgspec
 
 from zmav.errors import BadUrl
 from zmav.traffic import Sighting, Tracks
+from zmav.waiting import within
 from zmav.wire import AltitudeFrom, Vector
 
 PORTS = {"sbs": 30003, "beast": 30005}
@@ -140,7 +141,7 @@ class BeastReader:
             return
         try:
             m: Mapping[str, Any] = self._decoder.decode(message.hex(), timestamp=now)
-        except (ValueError, ArithmeticError, LookupError, TypeError):  # whatever it stumbles over is no aircraft's
+        except Exception:  # whatever it stumbles over is no aircraft's
             m = {}
         if not m.get("crc_valid"):
             self.skipped += 1
@@ -182,8 +183,8 @@ class FeedSource:
                 why = "it closed the connection"
             except asyncio.TimeoutError:
                 why = f"nothing came for {SILENCE_S:.0f} s" if self.state == "up" else "no answer"
-            except OSError as e:
-                why = e.strerror or str(e)
+            except (OSError, UnicodeError) as e:
+                why = getattr(e, "strerror", None) or str(e)
             pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
             self._say("lost", f"{why}; again in {pause:.0f} s")
             await asyncio.sleep(pause)
@@ -195,12 +196,12 @@ class FeedSource:
 
     async def _read(self) -> None:
         connecting = asyncio.open_connection(self.feed.host, self.feed.port, limit=PIECE)
-        reader, writer = await asyncio.wait_for(connecting, CONNECT_S)
+        reader, writer = await within(CONNECT_S, connecting)
         self._say("up", "")
         readers = SbsReader() if self.feed.kind == "sbs" else BeastReader()
         before = self.skipped
         try:
-            while data := await asyncio.wait_for(reader.read(PIECE), SILENCE_S):
+            while data := await within(SILENCE_S, reader.read(PIECE)):
                 self.heard = time.monotonic()
                 readers.feed(data, self._tracks, self.heard)
                 self.skipped = before + readers.skipped

@@ -25,7 +25,7 @@ AGENT = "traffic"
 PERIOD_S = 1.0
 LISTEN_S = 2.5
 """s for which a process that has just begun listens whether another is in charge"""
-SILENT_S = 30.0
+SILENT_S = 10.0
 """s without a message of an aircraft, after which a feed that is connected is said to be silent"""
 REACH_M = 50_000.0
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -124,7 +124,10 @@ class TrafficProgram:
                 self._say(f"stands by: {other.source} is in charge")
             self._since, self.stands_by_for = 0.0, other.source
             return
-        if now < self._speaks_at or not any(source.heard for source in self.sources):
+        if now < self._speaks_at:
+            return
+        if all(source.state != "up" for source in self.sources):  # another may hear these feeds still
+            self._since = 0.0
             return
         if not self._since:
             self._say(f"in charge: traffic goes to the fleet as {settings.name}")

@@ -191,8 +191,9 @@ def _leaf(fleet: str, role: Role, name: str, given: Collection[str]) -> Iterator
     more = {"query": [f"{ROOT}/{fleet}/**/@adv/**", *ADMIN_ASKED], "put": detected, "liveliness_token": detected}
     for message, keys_ in _by_message(_both(granted(role, name, fleet, given=given), own)):
         yield _rule(f"{message}-{name}", ("ingress",), (message,), (*keys_, *more[message]))
-    if not _may(role, name, keys.RTCM, {}, given):  # among topics of which the wildcard lets any pass
-        yield {**_rule(f"deny-{name}", ("ingress",), ("put",), (keys.RTCM.key(fleet),)), "permission": "deny"}
+    denied = [channel.key(fleet) for channel in (keys.RTCM, keys.TRAFFIC) if not _may(role, name, channel, {}, given)]
+    if denied:  # among topics of which the wildcard lets any pass
+        yield {**_rule(f"deny-{name}", ("ingress",), ("put",), denied), "permission": "deny"}
 
 
 def _relay(fleet: str, name: str, others: Iterable[str], given: Collection[str]) -> Iterator[Rule]:

@@ -107,7 +107,7 @@ NOT_RUN: dict[str, str] = {
     r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
         "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
     ),
-    r"docs/traffic.md: zmav (traffic|tak|sim traffic) .*|docs/traffic.md: zmav traffic": (
+    r"docs/traffic.md: (zmav (traffic|tak).*|python -m tests.sbs .*)": (
         "wants a receiver or a TAK server, or serves until it is stopped: tests/ground/traffic, tests/ground/tak"
     ),
     r"docs/other-languages.md: .*": "beside what serves until it is stopped: tests/ground/test_other_languages.py",

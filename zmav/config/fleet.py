@@ -175,6 +175,8 @@ class Traffic(Table, frozen=True):
     """tell the autopilot of the fleet's others in flight, as ADSB_VEHICLE; what it does then, its parameters say"""
     within: Positive = 2000.0
     """m within which it is told of them"""
+    last: Positive = 30.0
+    """s after which a mate that is not heard any more is told of no more; 60 at most count"""
     distance: Positive = 500.0
     """m over the ground, now or at the closest approach within ``time`` s, within which an aircraft is warned of"""
     height: Positive = 150.0

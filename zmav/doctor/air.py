@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 
 import msgspec
@@ -11,10 +12,12 @@ from zmav.doctor.facts import AgentReport
 from zmav.doctor.findings import Finding
 from zmav.errors import ZmavError
 from zmav.vehicle import Vehicle
+from zmav.waiting import within
 
 ENABLED = {"ardupilot": "DID_ENABLE", "px4": "COM_ARM_ODID"}
 """the parameter by which an autopilot has to do with remote identification, not zero"""
 STATUS = "OPEN_DRONE_ID_ARM_STATUS"
+PATIENCE_S = 5.0
 OLD_S = 5.0
 """s after which a module that said it each second is silent"""
 GOOD = "MAV_ODID_ARM_STATUS_GOOD_TO_ARM"
@@ -37,9 +40,9 @@ async def remote_id_of(vehicle: Vehicle) -> RemoteId:
     try:
         state = vehicle.last_state
         name = ENABLED.get((state.autopilot if state is not None else None) or "")
-        if name is not None and (await vehicle.params.get(name)).value:
+        if name is not None and (await within(PATIENCE_S, vehicle.params.get(name))).value:
             wanted = name
-    except ZmavError:
+    except (ZmavError, asyncio.TimeoutError):
         pass  # it has no such parameter, or they are not read: doctor's line on failsafes says so
     try:
         told = await vehicle.message(STATUS)

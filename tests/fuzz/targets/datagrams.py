@@ -13,10 +13,10 @@ from mesh.bearer import header
 from mesh.quality import meter
 from tests.fuzz.engine import Target, pure
 from tests.rtcm import base_at, message
+from tests.sbs import line
 from zmav import corrections, traffic, wire
 from zmav.formats.rtcm3 import Cutter, Message, crc24q
 from zmav.mavlink.rtcm import Joiner
-from zmav.sim.sbs import line
 from zmav.traffic import Tracks
 from zmav.vision.assembler import Assembler
 from zmav.vision.chunks import split

@@ -99,6 +99,7 @@ async def test_all_that_the_registry_says_is_recorded(recording: Recording) -> N
         "quad1/link/autopilot": b'{"t": 1.0}',
         "quad1/agent/swap/status": b'{"t": 1.0, "agent": "swap"}',
         "@fleet/plan": b'{"quad1": []}',
+        "@fleet/traffic": b'{"t": 1.0, "source": "gs", "instance": 1}',
         "@obstacle/tower": b'{"name": "tower", "t": 1.0, "what": null}',
         "quad1/camera/down/detection": b'{"t": 1.0, "camera": "down", "found": []}',
         "quad1/agent/ev1/out/signals": b'{"t": 1.0, "values": {"ref.x": 1.0}}',

@@ -7,7 +7,7 @@ import contextlib
 import datetime
 import ipaddress
 import math
-import sys
+import shutil
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import AsyncIterator, Callable
@@ -161,6 +161,14 @@ class Taky:
         return [e for e in self.events if str(e.get("type")).startswith(kind) and (not uid or e.get("uid") == uid)]
 
 
+def program() -> str:
+    """taky has a virtual environment of its own: its package brings a ``tests`` that would hide ours."""
+    found = shutil.which("taky")
+    if found is None:
+        pytest.skip("no taky is on the path (python -m venv V && V/bin/pip install taky; PATH=$PATH:V/bin)")
+    return found
+
+
 @contextlib.asynccontextmanager
 async def taky(folder: Path, tls: bool = False, port: int = 0) -> AsyncIterator[Taky]:
     server = Taky(port or free_port())
@@ -182,7 +190,7 @@ async def taky(folder: Path, tls: bool = False, port: int = 0) -> AsyncIterator[
             f"ca={folder}/cert.pem",
         ]
     (folder / "taky.conf").write_text("\n".join(lines))
-    words = [sys.executable, "-m", "taky.cot", "-l", "debug", "-c", str(folder / "taky.conf")]
+    words = [program(), "-l", "debug", "-c", str(folder / "taky.conf")]
     process = await asyncio.create_subprocess_exec(*words, cwd=folder)
     try:
         yield server
@@ -207,7 +215,8 @@ async def hear(server: Taky, ca: Path | None = None) -> None:
             writer.write(b"<point lat='0' lon='0' hae='0' ce='1' le='1'/></event>\n")
             while data := await reader.read(65_536):
                 parser.feed(data.replace(b"<?xml version='1.0' encoding='utf-8'?>", b""))
-                found: list[Any] = [event[1] for event in parser.read_events()]
+                events: Any = parser.read_events()
+                found = [event[1] for event in events]
                 server.events += [each for each in found if each.tag == "event"]
         await asyncio.sleep(0.2)
 

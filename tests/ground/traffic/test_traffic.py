@@ -15,9 +15,9 @@ from click.testing import CliRunner
 from ground.traffic.cli import command
 from ground.traffic.feeds import BeastReader, Feed, SbsReader, parse_feed
 from tests.ground.traffic.conftest import ORIGIN, until
+from tests.sbs import MadeUp, SbsSource, line
 from zmav import geo
 from zmav.errors import BadConfig, BadInput, BadUrl
-from zmav.sim.sbs import MadeUp, SbsSource, line
 from zmav.traffic import MOST_TOLD, MOST_TRACKS, Tracks
 
 if TYPE_CHECKING:
@@ -79,16 +79,12 @@ async def test_where_nobody_serves_it_says_so(sky: Sky) -> None:
     assert sky.reports == []
 
 
-async def test_a_feed_that_stops_is_silent_and_its_aircraft_are_forgotten(
-    sky: Sky, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("zmav.traffic.FORGET_S", 2.0)
-    monkeypatch.setattr("ground.traffic.program.SILENT_S", 2.0)
+async def test_a_feed_that_stops_is_silent_and_its_aircraft_are_forgotten(sky: Sky) -> None:
     async with SbsSource(ORIGIN, [NEAR]) as source, sky.program(feed_of(source)) as program:
         await until(lambda: sky.last, "an aircraft")
         source.fault = "stops"
-        await until(lambda: not sky.reports[-1].aircraft, "an empty report")
         await until(lambda: program.status()[0] == "silent", "a word on it")
+        await until(lambda: not sky.reports[-1].aircraft, "an empty report")
 
 
 async def test_a_feed_that_jumps_is_not_followed(sky: Sky) -> None:

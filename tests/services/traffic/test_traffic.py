@@ -171,9 +171,8 @@ async def test_its_autopilot_is_told_of_mates_where_the_file_says_so(bench: Star
     assert told[-1]["tslc"] >= mate["tslc"]
 
 
-async def test_a_mate_that_is_silent_is_told_of_for_a_while(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zmav.services.traffic.traffic.MATE_LAST_S", 2.5)
-    b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=True)})
+async def test_a_mate_that_is_silent_is_told_of_for_a_while(bench: StartBench) -> None:
+    b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=True, last=2.5)})
     await mates(b)
     await b.peer.until(lambda: any(t.fields["tslc"] >= 2 for t in b.peer.heard("ADSB_VEHICLE")), "an aged mate")
     count = 0

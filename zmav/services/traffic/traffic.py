@@ -44,8 +44,8 @@ GEOMETRIC, UAV = 1, 14
 OLDEST_TSLC = 60
 MATE_FRAME = 50
 """bytes of an ADSB_VEHICLE on the link"""
-MATE_GOES_ON_S, MATE_LAST_S = 4.0, 30.0
-"""s for which a mate that is not heard goes on as its beacon said, and until it is told of no more"""
+MATE_GOES_ON_S = 4.0
+"""s for which a mate that is not heard goes on as its beacon said"""
 
 
 class Traffic:
@@ -174,7 +174,7 @@ class Traffic:
             word = self._alarm.of(seen, found, icao in before)
             if not word:
                 continue
-            self._warned[icao] = word if before.get(icao) != "close" or word == "close" else "close"
+            self._warned[icao] = "close" if "close" in (word, before.get(icao)) else word
             info = wire.TrafficInfo(
                 icao=icao,
                 callsign=seen.aircraft.callsign,
@@ -205,7 +205,7 @@ class Traffic:
             return
         near = []
         for name, age, beacon in self._mates():
-            if name == self._port.name or not -MATE_GOES_ON_S < age <= MATE_LAST_S:
+            if name == self._port.name or not -MATE_GOES_ON_S < age <= self._settings.last:
                 continue
             on = min(max(age, 0.0), MATE_GOES_ON_S)
             n, e, d = (p + v * on for p, v in zip(beacon.pos, beacon.vel, strict=True))

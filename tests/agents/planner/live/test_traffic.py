@@ -18,10 +18,10 @@ from agents.planner.live.world import World
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
 from tests.agents.planner.execute.fleet import ORIGIN, airborne
+from tests.sbs import MadeUp, SbsSource
 from tests.waiting import until
 from zmav import geo, wire
 from zmav.errors import BadInput
-from zmav.sim.sbs import MadeUp, SbsSource
 from zmav.waiting import within
 from zmav.wire import swarm
 
@@ -98,9 +98,8 @@ async def _ended(z: zmav.Client, name: str) -> swarm.GoalEntry:
     raise AssertionError("no book")
 
 
-async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None:
     """From a feed by its socket to the copter: nothing else knows of the aircraft."""
-    monkeypatch.setattr("zmav.traffic.QNH_ERROR", 2.0)
     far = MadeUp(0x3C4B00, "FAR", (5000.0, 0.0, -900.0), (50.0, 0.0, 0.0))
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 12.0))

@@ -1,8 +1,13 @@
-"""A receiver of ADS-B that makes its aircraft up: a feed of BaseStation lines, for demos and tests of traffic."""
+"""A receiver of ADS-B that makes its aircraft up: a feed of BaseStation lines, for demos and tests of traffic.
+
+``python -m tests.sbs --count 5 --fault jumps``, then ``zmav traffic sbs:127.0.0.1``.
+"""
 
 from __future__ import annotations
 
+import argparse
 import asyncio
+import contextlib
 import itertools
 import math
 import time
@@ -120,3 +125,23 @@ def line(
         f"MSG,3,1,1,{icao:06X},1,,,,,{callsign},{alt / FOOT:.0f},{speed:.1f},{track:.1f},{lat:.6f},{lon:.6f},"
         f"{-down / FOOT * 60.0:.0f},,,,,0"
     )
+
+
+async def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="tests.sbs", description="Serve a feed of made-up aircraft, as dump1090 does."
+    )
+    parser.add_argument("--port", type=int, default=30003)
+    parser.add_argument("--count", type=int, default=3)
+    parser.add_argument("--fault", choices=FAULTS, default="")
+    parser.add_argument("--origin", type=float, nargs=3, metavar="DEG", default=(-35.363261, 149.165230, 584.09))
+    options = parser.parse_args()
+    lat, lon, alt = options.origin
+    origin = wire.Origin(lat_deg=lat, lon_deg=lon, alt_amsl=alt)
+    async with SbsSource(origin, circling(options.count), port=options.port, fault=options.fault):
+        await asyncio.Event().wait()
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(main())
