@@ -177,6 +177,11 @@ def test_photos_are_taken_and_told_of(aboard: Aboard, station: Station) -> None:
     assert Path(captured.file_url).is_file()
     again = station.ask(down, "CAMERA_IMAGE_CAPTURED", 263)
     assert (again.image_index, again.time_utc) == (captured.image_index, captured.time_utc)
+    for confirmation in (0, 1, 2):  # asked again before it is acknowledged: one photo
+        station.link.mav.command_long_send(1, down, 2000, confirmation, 0, 0, 1, 0, 0, 0, 0)
+    assert station.get("COMMAND_ACK", down, lambda ack: ack.command == 2000).result == ACCEPTED
+    assert station.command(down, 531, 2, 1e30) == ACCEPTED, "as far as it goes"
+    assert station.ask(down, "CAMERA_CAPTURE_STATUS", 262).image_count == before + 2
     assert station.command(down, 2000, 0, 0.3, 0, 0) == ACCEPTED
     series = station.ask(down, "CAMERA_CAPTURE_STATUS", 262)
     assert series.image_status == 3

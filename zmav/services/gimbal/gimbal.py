@@ -27,6 +27,7 @@ from zmav.services.link.port import on_loop
 from zmav.services.link.reported import fields_of
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Handler, Report
+from zmav.waiting import within
 
 INFORMATION, STATUS = "GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS"
 NEUTRAL, LEVEL, LOCK = 2, 4 | 8, 16
@@ -37,6 +38,8 @@ HAS_YAW = 256
 """of GIMBAL_MANAGER_CAP_FLAGS"""
 ANSWER, TRIES = 1.0, 2
 """s that a message may come after it was asked for, and how often it is"""
+HANDED_OVER = 3.0
+"""s for the autopilot to tell of a new one who controls it"""
 KNOWN = 10.0
 """s for which a gimbal that was found is not looked for again"""
 PERIOD = 0.2
@@ -117,7 +120,7 @@ class Gimbal:
 
     async def point(self, args: wire.PointGimbal, report: Report) -> dict[str, Any]:
         """Have it look at a place or a vehicle from now on; without a yaw axis, up and down only."""
-        if args.vehicle and (args.pos, args.lat_deg, args.lon_deg) != (None, None, None):
+        if args.vehicle and {args.pos, args.lat_deg, args.lon_deg, args.alt_amsl, args.alt_rel} != {None}:
             raise BadInput.wrong("vehicle", args.vehicle, "one of them", "a vehicle and a place are given")
         if args.vehicle and (args.vehicle == self._port.name or not self._is_vehicle(self._port.fleet, args.vehicle)):
             raise BadInput.wrong("vehicle", args.vehicle, "another vehicle of this fleet")
@@ -130,6 +133,7 @@ class Gimbal:
         except BaseException:
             target.close()
             raise
+        self._stop()  # what another order began meanwhile
         self._aim = target.words
         self._task = asyncio.get_running_loop().create_task(self._track(target, info))
         return {"at": self._aim, "pitch": pitch, "yaw": yaw, "turns": _turns(info)}
@@ -140,7 +144,7 @@ class Gimbal:
         self._stop()
         await self._do.command(_configure(-3, -3))
         self._held = False
-        return {"controller": self._words(await self._holder())}
+        return {"controller": self._words(await self._holder(lambda holder: holder != self._port.address))}
 
     async def status(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Where it looks, and who controls it; raises :class:`Refused` where there is none."""
@@ -177,11 +181,14 @@ class Gimbal:
                         return heard[1]
         return None
 
-    async def _holder(self) -> Holder:
-        said = await self._asked(STATUS)
-        if said is None:
-            raise Refused("the gimbal does not tell who controls it", vehicle=self._port.name)
-        return _primary(said)
+    async def _holder(self, wanted: Callable[[Holder], bool] = lambda holder: True) -> Holder:
+        """Who controls it, once that is as ``wanted``, or after :data:`HANDED_OVER`: PX4 tells it once a second."""
+        until = time.monotonic() + HANDED_OVER
+        while (said := await self._asked(STATUS)) is not None:
+            if wanted(holder := _primary(said)) or time.monotonic() > until:
+                return holder
+            await asyncio.sleep(PERIOD)
+        raise Refused("the gimbal does not tell who controls it", vehicle=self._port.name)
 
     async def _take(self, from_others: bool) -> Fields:
         """Have control, and end what was looked at; raises :class:`Refused` where somebody else has it, unless it may
@@ -195,7 +202,7 @@ class Gimbal:
         self._stop()
         if holder != ours:
             await self._do.command(_configure(*ours))
-            if (now := await self._holder()) != ours:
+            if (now := await self._holder(lambda holder: holder == ours)) != ours:
                 raise Refused(f"the gimbal is still controlled by {self._words(now)}", vehicle=self._port.name)
             if holder != NOBODY:
                 self._events.emit("gimbal", "notice", f"the gimbal is taken from {who}")
@@ -294,7 +301,7 @@ class Target:
         """Wait until it is known where it is; raises :class:`Refused`."""
         if self._place is None:
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._news.wait(), HEARD)
+                await within(HEARD, self._news.wait())
         if self._place is None:
             raise Refused(f"{self.words} is not heard, or does not say where it is", reason="not heard")
 

@@ -24,6 +24,8 @@ LEVEL = 4 | 8
 BODY_FRAME = 32
 """GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME, which ArduPilot says and PX4 does not, though both tell it so"""
 NOBODY = (0, 0)
+TOLD_S = 1.0
+"""s of PX4 between two looks at who controls it"""
 OTHER = (255, 190)
 """a ground station's, for the fault"""
 ARDUPILOT_CAPS, PX4_CAPS = 206819, 132530
@@ -48,6 +50,7 @@ class SimGimbal:
         self._fitted = params[MODE_IN] >= 0 if self._px4 else params.get(MOUNT_TYPE) != 0
         self.control: tuple[int, int] = NOBODY
         """system and component that control it"""
+        self._told, self._told_at = NOBODY, -TOLD_S
         self._pitch = self._yaw = 0.0
         self._flags = LEVEL
 
@@ -125,7 +128,10 @@ class SimGimbal:
         return {"cap_flags": caps, "gimbal_device_id": 1, **ranges}
 
     def status(self) -> Fields | None:
-        system, component = self.control
+        now = self._node.brain.now
+        if not self._px4 or not 0.0 <= now - self._told_at < TOLD_S:
+            self._told, self._told_at = self.control, now
+        system, component = self._told
         fields = {"flags": self._flags, "gimbal_device_id": 1}
         return {**fields, "primary_control_sysid": system, "primary_control_compid": component} if self.there else None
 
