@@ -22,6 +22,7 @@ from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from ground.gcs.udp import UdpIn
 from tests.agents.camera.conftest import Painted
+from tests.cli.conftest import Here, zmav_here
 from tests.conftest import PATIENCE_S, endpoint_of
 from tests.own_thread import OwnThread
 from zmav.onboard import Onboard, OnboardSettings
@@ -48,7 +49,8 @@ class Aboard(OwnThread):
         world = World([VehicleSpec(name="quad1", params={"MNT1_TYPE": 1})], endpoint="tcp:0", ready_s=0.5)
         router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         with world, open_session(router) as session:
-            client = SessionSettings(connect=[endpoint_of(session)])
+            self.endpoint = endpoint_of(session)
+            client = SessionSettings(connect=[self.endpoint])
             settings = OnboardSettings(link=world.urls[0], name="quad1", streams={"ahead": URI})
             async with contextlib.AsyncExitStack() as stack:
                 self.onboard = await stack.enter_async_context(Onboard(session, settings))
@@ -224,6 +226,21 @@ def test_the_gimbal_is_moved_and_its_control_shown(aboard: Aboard, station: Stat
     with pytest.raises(zmav.errors.Refused, match="controlled by 255/190"):
         order.result(PATIENCE_S)
     assert station.command(AUTOPILOT, 1001, -3, -3, -1, -1) == ACCEPTED
+
+
+def test_photos_and_zoom_from_the_shell(aboard: Aboard) -> None:
+    do = Here("-e", aboard.endpoint)
+    before = aboard.photos.taken
+    (line,) = do("camera", "photo", "quad1", "--json").lines
+    assert (line["vehicle"], line["number"]) == ("quad1", before + 1)
+    assert Path(line["file"]).is_file()
+    assert do("camera", "zoom", "quad1", "2").out == "quad1/down: factor 2.0\n"
+    assert aboard.camera.zoom == 2.0
+    assert do("camera", "photo", "quad1", "--every", "5").out.startswith("quad1/down: every 5.0")
+    assert do("camera", "photo", "quad1", "--stop").code == 0
+    told = do.fails("camera", "zoom", "quad1", "2", "--name", "nosuch")
+    assert (told.code, "no 'zmav camera run' of that camera answers" in told.out) == (1, True)
+    assert zmav_here("camera", "photo", "quad1", "--count", "3").code == 2
 
 
 def test_a_camera_whose_program_ended_is_no_more(aboard: Aboard, station: Station) -> None:

@@ -166,9 +166,12 @@ class Gimbal:
         """Its GIMBAL_MANAGER_INFORMATION; raises :class:`Refused` where no gimbal manager of the autopilot answers."""
         said = fields_of(self._port, INFORMATION, self._do.source(), KNOWN) or await self._asked(INFORMATION)
         if said is None:
-            text = "no gimbal answers: the autopilot has none, or it is not set up (docs/gimbal.md)"
-            raise Refused(text, vehicle=self._port.name, reason="no gimbal")
+            raise self._none()
         return said
+
+    def _none(self) -> Refused:
+        text = "no gimbal answers: the autopilot has none, or it is not set up (docs/gimbal.md)"
+        return Refused(text, vehicle=self._port.name, reason="no gimbal")
 
     async def _asked(self, name: str) -> Fields | None:
         """The fields of a message that is asked for; None: it does not come."""
@@ -188,7 +191,7 @@ class Gimbal:
             if wanted(holder := _primary(said)) or time.monotonic() > until:
                 return holder
             await asyncio.sleep(PERIOD)
-        raise Refused("the gimbal does not tell who controls it", vehicle=self._port.name)
+        raise self._none()
 
     async def _take(self, from_others: bool) -> Fields:
         """Have control, and end what was looked at; raises :class:`Refused` where somebody else has it, unless it may
