@@ -154,8 +154,16 @@ class Photos(Agent):
         self._every = 0.0
         self._tell()
 
+    def _disk(self) -> tuple[float, float]:
+        """Bytes of it, and those that are free; none where the folder is gone."""
+        try:
+            usage = shutil.disk_usage(self._folder)
+        except OSError:
+            return 0.0, 0.0
+        return float(usage.total), float(usage.free)
+
     def _check_room(self) -> None:
-        if (free := shutil.disk_usage(self._folder).free) < self._keep_free:
+        if (free := self._disk()[1]) < self._keep_free:
             raise Refused(f"{free / 1e6:.0f} MB are free in {self._folder}: no photo is taken", reason="full")
 
     async def _take(self) -> dict[str, Any]:
@@ -191,18 +199,18 @@ class Photos(Agent):
         return shot
 
     def _tell(self) -> None:
-        usage, (width, height) = shutil.disk_usage(self._folder), self._size
+        (total, free), (width, height) = self._disk(), self._size
         self.status(
             "series" if self._every else "ready",
-            self._wrong or f"{self.taken} photos in {self._folder}, {usage.free / 1e9:.1f} GB free",
+            self._wrong or f"{self.taken} photos in {self._folder}, {free / 1e9:.1f} GB free",
             width=width,
             height=height,
             taken=self.taken,
             every=self._every,
             zoom=self._camera.zoom,
             most_zoom=MOST_ZOOM,
-            total=float(usage.total),
-            free=float(usage.free),
+            total=total,
+            free=free,
             photo=self._last,
         )
         self._changed.set()

@@ -134,6 +134,15 @@ async def test_a_full_disk_is_refused(photos: Open) -> None:
     assert found.taken == 0
 
 
+async def test_a_folder_that_is_gone(photos: Open, tmp_path: Path) -> None:
+    found, vehicle = await photos()
+    (tmp_path / "kept").rmdir()
+    with pytest.raises(Refused, match="0 MB are free"):
+        await vehicle.tell("photos-down", "photo")
+    await vehicle.tell("photos-down", "zoom", factor=2.0)
+    assert found.taken == 0
+
+
 async def test_a_source_without_pictures_is_told_of(photos: Open) -> None:
     _, vehicle = await photos(Painted(count=0))
     with pytest.raises(Refused, match="no picture came within 3 s: the source has ended"):

@@ -103,7 +103,7 @@ class Gimbal:
         """Turn it. Raises :class:`BadInput` for angles out of its range, and what :meth:`_take` does."""
         for name in ("pitch", "yaw"):
             number(name, getattr(args, name), MAX_ANGLE)
-        info, yaw, flags = await self._take(args.take), wrap(args.yaw), LEVEL | (LOCK if args.lock else 0)
+        info, yaw, flags = await self._find(), wrap(args.yaw), LEVEL | (LOCK if args.lock else 0)
         angles = (NAN, NAN)
         if args.pitch is None:
             flags = NEUTRAL
@@ -114,6 +114,7 @@ class Gimbal:
             if _turns(info) and not args.lock:
                 _within("yaw", yaw, info)
             angles = (math.degrees(args.pitch), math.degrees(yaw))
+        await self._take(args.take)
         params = (*angles, NAN, NAN, float(flags), 0.0, float(info["gimbal_device_id"]))
         await self._do.command(Command("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", params))
         return {"pitch": args.pitch, "yaw": yaw, "lock": args.lock}
