@@ -127,6 +127,7 @@ def test_versions_of_a_fleet() -> None:
 def test_who_is_older_is_named() -> None:
     ours = host.versions()
     own = ours["zmav"]
+    others: dict[str, wire.HostReport | dict[str, str]]
     others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.0.9"}, "alpha/quad3": {**ours, "zmav": "0.0.10"}}
     line, _ = computer.check_versions(others)
     assert line.found.startswith(f"alpha/quad2 runs zmav 0.0.9, alpha/quad3 runs zmav 0.0.10: this is {own} (")
@@ -134,5 +135,8 @@ def test_who_is_older_is_named() -> None:
     line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "1000.0.1"}})
     assert line.found.startswith(f"this computer runs zmav {own}: the newest is 1000.0.1 on alpha/quad1 (")
     assert "here pip install zmav==1000.0.1" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "1000.0.1; reboot"}})
+    assert line.found.startswith("alpha/quad1 runs zmav 1000.0.1; reboot: this is")
+    assert f"on alpha/quad1 pip install zmav=={own}," in line.advice, "no command of a stranger's is advised"
     line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": f"{own}+field"}})
     assert (line.level, line.found) == (Level.RED, f"{own}: here; {own}+field: alpha/quad1")

@@ -108,9 +108,9 @@ class CameraAgent(Sender):
                 self.size = size
                 self.quality.learn(step, len(jpeg))
                 await self._send(publisher, jpeg, shot.t)
-                self._wrong = ""
+                self.wrong = ""
             except BadInput as e:
-                self.failed, self._wrong = self.failed + 1, str(e)
+                self.failed, self.wrong = self.failed + 1, str(e)
 
     async def _newest(self, last: int) -> Shot | None:
         """The latest picture once it is later than ``last``; None at the source's end."""
@@ -148,10 +148,10 @@ class CameraAgent(Sender):
     async def _send(self, publisher: zenoh.Publisher, jpeg: bytes, t: float) -> None:
         """Raises :class:`BadInput`."""
         spare = needed(count_of(len(jpeg)), self.budget.loss)
-        chunks = split(jpeg, sender=self._sender, seq=self.sent, t=t, size=self.size, spare=spare)
+        chunks = split(jpeg, sender=self.sender, seq=self.sent, t=t, size=self.size, spare=spare)
         total = sum(map(len, chunks))
         await self._put(publisher, chunks, t, min(len(jpeg) / (1.0 - self.budget.loss), total))
 
-    def _words(self) -> str:
+    def words(self) -> str:
         (width, height), rate = self.size, self.budget.bytes / 1e3
         return f"{width}x{height}, {self.quality.step.words}, {rate:.0f} kB/s"

@@ -40,6 +40,8 @@ class Sender(ABC):
     channel: ClassVar[keys.Channel]
     about: ClassVar[keys.Channel]
     reports: ClassVar[keys.Channel]
+    reported: ClassVar[int] = 1
+    """pictures between two reports"""
     agent: ClassVar[str]
     """what stands before the camera's name in the name of its status"""
 
@@ -47,7 +49,7 @@ class Sender(ABC):
         self, z: Client, settings: CameraSettings, bulk: SessionSettings, say: Callable[[str], None] = lambda line: None
     ) -> None:
         self.settings = settings.check()
-        self.budget = Budget(settings)
+        self.budget = Budget(settings, self.reported)
         self.bad = 0
         """reports that could not be read"""
         self.failed = 0
@@ -57,14 +59,14 @@ class Sender(ABC):
         self.ended = asyncio.Event()
         """the source has come to its end, and its last picture is sent"""
         self._z, self._bulk, self._say = z, bulk, say
-        self._sender = random.SystemRandom().getrandbits(32)
+        self.sender = random.SystemRandom().getrandbits(32)
         self._wanted, self._news = asyncio.Event(), asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._held: list[Any] = []
         self._questions: Questions | None = None
         self._session: zenoh.Session | None = None
         self._capture: Capture | None = None
-        self._wrong = ""
+        self.wrong = ""
         """why the last picture could not be sent; empty: it was"""
         self._pace = 0.0
 
@@ -114,7 +116,7 @@ class Sender(ABC):
         """What the camera is asked for."""
 
     @abstractmethod
-    def _words(self) -> str:
+    def words(self) -> str:
         """What is sent now, for people."""
 
     @property
@@ -181,7 +183,7 @@ class Sender(ABC):
         while True:
             lost, own = self.capture.lost, self.settings
             state = "lost" if lost else "ended" if self.ended.is_set() else "sending" if self.watched else "waiting"
-            text = lost or self._wrong or f"{self._words()}, {len(self.budget.links)} readers"
+            text = lost or self.wrong or f"{self.words()}, {len(self.budget.links)} readers"
             with contextlib.suppress(zenoh.ZError):
                 self._z.say_status(f"{self.agent}-{own.camera}", state, text, vehicle=own.vehicle, sent=self.sent)
             with contextlib.suppress(asyncio.TimeoutError):

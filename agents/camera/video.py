@@ -35,6 +35,8 @@ AIM_S = 1.0
 """s between two looks at whether stream and link go together"""
 USED = 0.85
 """of the budget that an encoder is asked to fill"""
+SEARCH_S = 20.0
+"""s after the first reader came, in which what its link takes may still be searched for"""
 ASK_S = 1.0
 """s between two key frames that the camera is asked for"""
 MEASURE_S = 4.0
@@ -74,6 +76,7 @@ class VideoAgent(Sender):
     """
 
     channel, about, reports, agent = keys.VIDEO, keys.VIDEO_INFO, keys.VIDEO_REPORT, "video"
+    reported = 15
 
     def __init__(
         self,
@@ -95,10 +98,10 @@ class VideoAgent(Sender):
         self._streams = streams
         self._rate, self._overhead = Rate(), 1.2
         self._waiting: deque[Encoded] = deque()
-        self._bytes = 0
+        self.waiting_bytes = 0
         self._broken = True
         """what is not a key frame is of no use until one was sent"""
-        self._asked = self._looked = 0.0
+        self._asked = self._looked = self._since = 0.0
         self._aimed = False
         self._reopen = False
 
@@ -128,7 +131,7 @@ class VideoAgent(Sender):
             source=self.stream.words,
         )
 
-    def _words(self) -> str:
+    def words(self) -> str:
         (width, height), (hz, size) = self.size, self._rate.of(time.monotonic())
         which = f", stream {self.rungs.at + 1} of {len(self._streams)}" if len(self._streams) > 1 else ""
         link = f"the link takes {self.budget.bytes / 1e3:.0f} kB/s"
@@ -145,6 +148,7 @@ class VideoAgent(Sender):
                 stream.wanted = self.watched
         self._broken = True
         if self.watched:
+            self._since = time.monotonic()
             self._ask()
 
     def _heard(self, report: wire.FrameReport) -> None:
@@ -164,14 +168,14 @@ class VideoAgent(Sender):
         if not self.watched:
             self._broken = True
             return
-        late = self._waiting and self._bytes * self._overhead / self.budget.bytes > MOST_BEHIND
+        late = self._waiting and self.waiting_bytes * self._overhead / self.budget.bytes > MOST_BEHIND
         if late or (not unit.key and (self._broken or self.rungs.key_only)):
             self._broken = True
             self.dropped += 1
             return
         self._broken = False
         self._waiting.append(unit)
-        self._bytes += len(unit.data)
+        self.waiting_bytes += len(unit.data)
         self._news.set()
 
     async def _send_all(self, publisher: zenoh.Publisher) -> None:
@@ -180,12 +184,12 @@ class VideoAgent(Sender):
             await self._fit()
             while self._waiting:
                 unit = self._waiting.popleft()
-                self._bytes -= len(unit.data)
+                self.waiting_bytes -= len(unit.data)
                 try:
                     await self._send(publisher, unit)
-                    self._wrong = ""
+                    self.wrong = ""
                 except BadInput as e:
-                    self.failed, self._wrong, self._broken = self.failed + 1, str(e), True
+                    self.failed, self.wrong, self._broken = self.failed + 1, str(e), True
                 await self._fit()
             if self.capture.ended:
                 self.ended.set()
@@ -197,10 +201,12 @@ class VideoAgent(Sender):
         data = packed(unit.data, unit.key)
         spare = needed(count_of(len(data)), round(100.0 * self.budget.loss))
         size = (unit.width or 1, unit.height or 1)
-        chunks = split(data, sender=self._sender, seq=self.sent, t=unit.t, size=size, spare=spare, code=VIDEO)
+        chunks = split(data, sender=self.sender, seq=self.sent, t=unit.t, size=size, spare=spare, code=VIDEO)
         total = sum(map(len, chunks))
         self._overhead += 0.05 * (total / len(data) - self._overhead)
+        seq = self.sent
         await self._put(publisher, chunks, unit.t, min(len(data) / (1.0 - self.budget.loss), total))
+        self.budget.sent.took(seq, time.time() - unit.t)
 
     async def _fit(self) -> None:
         """Once in a while: have the camera encode what the link takes, or take another of its streams."""
@@ -211,6 +217,8 @@ class VideoAgent(Sender):
         self.budget.expire(now)
         self._aimed = self.stream.aim(8.0 * USED * self.budget.bytes / self._overhead)
         before = self.rungs.at
+        if not self.budget.searched and now - self._since < SEARCH_S:
+            return  # the budget grows fast yet: too little of it is no news
         if self.rungs.choose(self.budget.bytes, self.needs, now):
             self._drop()
             self._ask()
@@ -221,12 +229,11 @@ class VideoAgent(Sender):
         """What waits, and all up to the next key frame."""
         self.dropped += len(self._waiting)
         self._waiting.clear()
-        self._bytes, self._broken = 0, True
+        self.waiting_bytes, self._broken = 0, True
 
     async def _change(self) -> None:
         """To another stream: nothing of the old one comes after something of the new one."""
-        old, self._capture = self.capture, None
-        await in_thread(old.close)
+        await in_thread(self.capture.close)
         await asyncio.sleep(0.0)  # what it had put on the loop by then
         self._drop()
         self._rate = Rate()

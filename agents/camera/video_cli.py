@@ -23,7 +23,7 @@ from zmav.cli.common import dump, fleet_option, json_option, run, show_table, ze
 from zmav.client import Answer
 from zmav.config import load_fleet
 from zmav.errors import BadConfig, BadInput, TimedOut
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.vision.mux import Muxer, sdp
 from zmav.vision.video import Unit, Units, VideoReader, video_info
@@ -56,7 +56,7 @@ def video() -> None:
 @click.option(
     "--budget",
     callback=rate_bytes,
-    default="250kB/s",
+    default="100kB/s",
     show_default=True,
     help="To begin with, and for readers that do not report.",
 )
@@ -116,7 +116,6 @@ async def _run(own: CameraSettings, streams: list[Stream], fleet: str, settings:
         for each in done:
             each.result()
     say(f"{agent.sent} units sent, {agent.dropped} dropped")
-    leave()
 
 
 @video.command("ls")

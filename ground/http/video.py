@@ -29,6 +29,8 @@ from zmav.waiting import within
 
 LONGEST_SDP = 64_000
 """characters of an offer"""
+MOST_CANDIDATES = 50
+"""addresses of a browser, to each of which we send when it has offered them"""
 CONNECT_S = 15.0
 """s for an answer to become a connection"""
 ASKED = "_send_keyframe"
@@ -92,8 +94,11 @@ class Viewer:
             await peer.setLocalDescription(await peer.createAnswer())
             # A browser that lost something asks for a key frame (PLI); aiortc would ask its own encoder, and has none.
             setattr(sender, ASKED, self._reader.ask)
-        except Exception as e:  # of aiortc, which has no error of its own for what is no SDP
+        except BaseException as e:
             await self.close()
+            if not isinstance(e, Exception):
+                raise
+            # Of aiortc, which has no error of its own for what is no SDP.
             raise Failure(400, "bad_input", f"that offer cannot be answered: {str(e) or type(e).__name__}") from e
         return {"sdp": peer.localDescription.sdp, "type": peer.localDescription.type}
 
@@ -180,8 +185,9 @@ class Video:
             offer = msgspec.json.decode(await request.body(), type=Offer)
         except msgspec.DecodeError as e:
             raise BadInput(f"no offer: {e}", field="body", expected='{"sdp": ..., "type": "offer"}') from e
-        if offer.type != "offer" or len(offer.sdp) > LONGEST_SDP:
-            raise BadInput("no offer", field="type", value=offer.type, expected=f"an offer of {LONGEST_SDP} characters")
+        if offer.type != "offer" or len(offer.sdp) > LONGEST_SDP or offer.sdp.count("a=candidate:") > MOST_CANDIDATES:
+            expected = f"an offer of {LONGEST_SDP} characters and {MOST_CANDIDATES} candidates at most"
+            raise BadInput("no offer", field="type", value=offer.type, expected=expected)
         counted = contextlib.ExitStack()
         counted.enter_context(self._counted(request.client.host if request.client else ""))
         with counted:

@@ -59,10 +59,10 @@ FIGURES = """window.seen.map(({ delays, video }) => {
 })"""
 
 
-def film(path: Path, seconds: float = 4.0) -> None:
+def film(path: Path, seconds: float = 4.0, bits: float = BITS) -> None:
     """A file of 720p30, as a camera would encode it."""
     stream, closed = Encoding(ClockSource(*SIZE, 1e3), RATE, stamped=True), threading.Event()
-    stream.aim(BITS)
+    stream.aim(bits)
     with av.open(str(path), "w") as container:
         out = container.add_mux_stream("h264", rate=RATE, width=SIZE[0], height=SIZE[1])
         for number, unit in enumerate(stream.shots(closed)):

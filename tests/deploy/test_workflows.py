@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
+import zmav
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
@@ -95,3 +97,13 @@ def test_the_site_is_built_with_what_its_extra_brings() -> None:
     assert {"mkdocs-material", "mike"} <= {
         re.split(r"[\[>=]", each)[0] for each in PROJECT["optional-dependencies"]["site"]
     }
+
+
+def test_the_version_is_said_alike_everywhere() -> None:
+    version = PROJECT["version"]
+    assert zmav.__version__ == version
+    assert f"<version>{version}</version>" in (ROOT / "ground/ros2/interfaces/zmav_msgs/package.xml").read_text()
+    newest = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[0]
+    assert re.fullmatch(rf"{re.escape(version)} - 20\d\d-\d\d-\d\d", newest)
+    said = (ROOT / "deploy/containers/README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"zmav:(\d+\.\d+\.\d+)", said)) == {version}

@@ -107,6 +107,9 @@ NOT_RUN: dict[str, str] = {
     r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
         "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
     ),
+    r"docs/traffic.md: zmav (traffic|tak|sim traffic) .*|docs/traffic.md: zmav traffic": (
+        "wants a receiver or a TAK server, or serves until it is stopped: tests/ground/traffic, tests/ground/tak"
+    ),
     r"docs/other-languages.md: .*": "beside what serves until it is stopped: tests/ground/test_other_languages.py",
     r"zmav sim .*--up": "it runs until it is stopped: tests/cli/test_sim.py",
     r"docs/ros2.md: .*": "wants ROS 2, or the SDK: tests/ground/ros2, tests/ground/test_examples.py",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -70,7 +72,8 @@ async def test_a_hold_that_px4_shows_after_a_landing_was_ordered_is_nobody_s_wis
     for mode in (HOLD, LANDS, HOLD) if again else (HOLD, LANDS):
         b.peer.mode = mode
         b.peer.heartbeat()
-        await b.state(lambda s, mode=mode: s["mode"] == {HOLD: "HOLD", LANDS: "LAND"}[mode], "the mode")
+        shown = {HOLD: "HOLD", LANDS: "LAND"}[mode]
+        await b.state(_shows(shown), shown)
     if again:
         with pytest.raises(Refused, match="taken over: the mode is now HOLD"):
             await landing
@@ -79,6 +82,10 @@ async def test_a_hold_that_px4_shows_after_a_landing_was_ordered_is_nobody_s_wis
     b.peer.heartbeat()
     assert (await landing).result == {"armed": False}
     assert [e for e in b.events.objects() if e["kind"] == "pilot"] == []
+
+
+def _shows(mode: str) -> Callable[[dict[str, Any]], bool]:
+    return lambda state: state["mode"] == mode
 
 
 def modes_asked(b: Bench) -> list[int]:

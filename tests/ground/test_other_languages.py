@@ -179,18 +179,34 @@ def test_javascript(field: Open) -> None:
     assert flown.said.endswith("landed\n")
 
 
-def test_cpp(field: Open, tmp_path: Path) -> None:
+def compiled(program: Path, source: str, headers: str, *flags: str) -> Path:
+    """An example in C++, where its compiler and these headers are there."""
     compiler = shutil.which("g++")
     if compiler is None:
         pytest.skip("needs g++")
-    headers = "#include <curl/curl.h>\n#include <nlohmann/json.hpp>\n"
-    if subprocess.run([compiler, "-E", "-x", "c++", "-"], input=headers.encode(), capture_output=True).returncode:
-        pytest.skip("needs libcurl4-openssl-dev and nlohmann-json3-dev")
-    program = tmp_path / "fly"
-    subprocess.run([compiler, "-std=c++17", "-o", program, EXAMPLES / "fly.cpp", "-lcurl"], check=True)
+    includes = "".join(f"#include <{header}>\n" for header in headers.split())
+    looked = [compiler, "-std=c++17", "-E", "-x", "c++", *flags, "-"]
+    if subprocess.run(looked, input=includes.encode(), capture_output=True, check=False).returncode:
+        pytest.skip(f"needs the headers {headers}")
+    subprocess.run([compiler, "-std=c++17", "-o", program, EXAMPLES / source, *flags], check=True)
+    return program
+
+
+def test_cpp(field: Open, tmp_path: Path) -> None:
+    program = compiled(tmp_path / "fly", "fly.cpp", "curl/curl.h nlohmann/json.hpp", "-lcurl")
     flown = field.fly(program, "quad1", field.gateway)
     check(flown, r"refused \(bad_input\)")
     assert re.search(r'moved by "cpp" under \w', flown.said), flown.said
+    assert flown.said.endswith("landed\n")
+
+
+def test_cpp_over_zenoh(field: Open, tmp_path: Path) -> None:
+    """``$ZENOHCXX_FLAGS``: of a zenoh-cpp elsewhere, or on zenoh-pico."""
+    flags = os.environ.get("ZENOHCXX_FLAGS", "-DZENOHCXX_ZENOHC -lzenohc").split()
+    program = compiled(tmp_path / "fly", "fly_zenoh.cpp", "zenoh.hxx nlohmann/json.hpp", *flags)
+    flown = field.fly(program, "quad1", "demo", field.router)
+    check(flown, r"refused \(bad_input\)")
+    assert 'moved by "cpp"' in flown.said
     assert flown.said.endswith("landed\n")
 
 

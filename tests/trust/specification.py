@@ -98,7 +98,7 @@ def main(file: Path = FILE) -> None:
             for name in NAMES
         },
         "roster": {"roster": roster, "signature": base64.b64encode(keys["authority"].sign(roster.encode())).decode()},
-        "proofs": [_proof(keys, ders, each) for each in PROOFS],
+        "proofs": [*(_proof(keys, ders, each) for each in PROOFS), _refusal(keys, ders)],
         "seals": [_seal()],
     }
     file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -146,6 +146,23 @@ def _proof(keys: dict[str, Ed25519PrivateKey], ders: dict[str, bytes], each: dic
         to=ders[each["to"]] if "to" in each else b"",
     )
     return {**each, "micros": micros, "nonce": nonce.hex(), "attachment": found.hex()}
+
+
+def _refusal(keys: dict[str, Ed25519PrivateKey], ders: dict[str, bytes]) -> dict[str, Any]:
+    """An error reply, for which Zenoh has no attachment."""
+    detail = {"alt_rel": 0.1, "certificate": base64.b64encode(ders["quad1"]).decode()}
+    each = {
+        "what": "a refusal of the order: its proof is in the encoding and in the detail",
+        "by": "quad1",
+        "key": ORDER["key"],
+        "payload": json.dumps({"code": "bad_input", "message": "alt_rel: from 0.5 to 1000", "detail": detail}),
+        "answers": "0102030405060708",
+        "answer": True,
+        "introduce": True,
+    }
+    made = _proof(keys, ders, each)
+    before = bytes.fromhex(made["attachment"])[: -len(ders["quad1"])]
+    return {**made, "encoding": f"application/json;{base64.b64encode(before).decode()}"}
 
 
 def _seal() -> dict[str, Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from cryptography import x509
@@ -13,12 +14,17 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from tests.trust import specification
+from zmav import wire
 from zmav.errors import BadConfig, Forbidden
+from zmav.services.queries.proven import proof_of_error
 from zmav.trust import proof
 from zmav.trust.credentials import Credentials
 from zmav.trust.roster import read_signed
 from zmav.trust.seal import Exchange, Tags, is_sealed, seal
 from zmav.trust.verify import Verifier
+
+if TYPE_CHECKING:
+    import zenoh
 
 VECTORS: dict[str, Any] = json.loads(specification.FILE.read_bytes())
 PROOFS: list[dict[str, Any]] = VECTORS["proofs"]
@@ -75,6 +81,14 @@ def test_zmav_believes_each_proof_and_nothing_else(each: dict[str, Any], tmp_pat
     for changed in ({"key": key + "x"}, {"payload": payload + b" "}, {"context": b"zmav proof of anything 1"}):
         with pytest.raises(Forbidden, match="signature"):
             judge(attachment, **changed)
+
+
+def test_zmav_puts_a_refusals_proof_together() -> None:
+    (each,) = [each for each in PROOFS if "encoding" in each]
+    error = wire.error_from(each["payload"].encode())
+    found = proof_of_error(cast("zenoh.ReplyError", SimpleNamespace(encoding=each["encoding"])), error)
+    assert (found or b"").hex() == each["attachment"]
+    assert error.detail == {"alt_rel": 0.1}
 
 
 def test_zmav_sees_for_whom_a_tag_is(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import random
 from fractions import Fraction
 from pathlib import Path
@@ -11,11 +12,14 @@ from typing import TYPE_CHECKING
 import av
 import pytest
 import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
 
 import zmav
 from tests.waiting import until
 from zmav import keys
 from zmav.errors import BadInput, BadMessage
+from zmav.process import free_port
 from zmav.session import SessionSettings
 from zmav.vision.assembler import Whole
 from zmav.vision.chunks import VIDEO, split
@@ -71,6 +75,12 @@ def test_a_unit_is_what_was_packed() -> None:
 def test_what_is_no_unit_is_not_let_in(data: bytes) -> None:
     with pytest.raises(BadMessage):
         unpacked(whole(b"\0" + data), 6.0)
+
+
+@given(data=st.binary(max_size=200).map(lambda data: data.replace(b"\x02", START)))
+def test_whatever_comes_is_let_in_or_refused(data: bytes) -> None:
+    with contextlib.suppress(BadMessage):
+        assert all(each and START not in each for each in nal_units(START + data))
 
 
 def test_a_key_frame_needs_its_parameter_sets() -> None:
@@ -182,6 +192,28 @@ def test_where_nobody_can_write_is_said() -> None:
     text = sdp("rtp://127.0.0.1:5600")
     assert "m=video 5600 RTP/AVP 96\r\n" in text
     assert "c=IN IP4 127.0.0.1\r\n" in text
+
+
+@pytest.mark.parametrize("scheme", ["udp", "tcp"])
+async def test_other_programs_read_it(scheme: str) -> None:
+    port = free_port()
+    url = f"{scheme}://127.0.0.1:{port}" + ("?listen=1" if scheme == "tcp" else "")
+
+    def read() -> int:
+        with av.open(url, format="mpegts", timeout=30.0) as container:
+            return next(iter(container.decode(video=0))).width
+
+    reading = asyncio.create_task(asyncio.to_thread(read))
+    await asyncio.sleep(0.5)
+    units = [Unit(data, n == 0, 5.0 + n / 30, n, 320, 240, 5.0) for n, data in enumerate(encoded(60))]
+    muxer = await asyncio.to_thread(Muxer, f"{scheme}://127.0.0.1:{port}", units[0])
+    for each in units:
+        with contextlib.suppress(BadInput):  # it has seen enough, and is gone
+            await asyncio.to_thread(muxer.add, each)
+        await asyncio.sleep(0.005)
+    with contextlib.suppress(Exception):
+        await asyncio.to_thread(muxer.close)
+    assert await reading == 320
 
 
 async def test_rtp_is_what_the_description_says(tmp_path: Path) -> None:

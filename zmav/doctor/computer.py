@@ -141,6 +141,7 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
             continue
         newest = max(by_version, key=_order)
         older = sorted(who for number, whose in by_version.items() if _order(number) < _order(newest) for who in whose)
+        newest = newest if _order(newest) else "VERSION"
         advice = f"install one version everywhere: pip install {package}=={newest}"
         if package == "zmav" and older:
             advice = (
@@ -152,8 +153,12 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
 
 
 def _order(number: str) -> tuple[int, ...]:
-    """Of a version; what stands behind its three numbers (rc1, .dev0, +local) makes none older."""
-    return tuple(map(int, re.findall(r"\d{1,9}", re.split(r"[^\d.]", number)[0])[:3]))
+    """Of a version; what stands behind its three numbers (rc1, .dev0, +local) makes none older.
+
+    What is none is older than any: a host says what it likes, and an advice is copied into a shell.
+    """
+    found = re.fullmatch(r"(\d{1,9})\.(\d{1,9})(?:\.(\d{1,9}))?[\w.+]{0,40}", number, re.ASCII)
+    return tuple(int(part or 0) for part in found.groups()) if found else ()
 
 
 def _on(older: list[str]) -> str:
@@ -166,7 +171,7 @@ def _who(older: list[str], by_version: dict[str, list[str]], newest: str) -> str
     each = ", ".join(f"{'this computer' if who == 'here' else who} runs zmav {versions[who]}" for who in older[:5])
     more = f" and {len(older) - 5} more an older one" if len(older) > 5 else ""
     there = f"the newest is {newest} on {few(sorted(by_version[newest]), 3)}"
-    return f"{each}{more}: {f'this is {newest}' if versions['here'] == newest else there}"
+    return f"{each}{more}: {f'this is {newest}' if versions.get('here') == newest else there}"
 
 
 def _count(whose: list[str]) -> str:

@@ -17,7 +17,7 @@ GROUP = 100
 """chunks that are mended together at most: chunk i is of group i modulo the number of groups"""
 MOST = 120
 """spare chunks of a unit"""
-TORN = 0.002
+TORN = 0.005
 """share of units that may stay torn"""
 
 

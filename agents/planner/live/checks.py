@@ -55,6 +55,8 @@ def check_goal(goal: swarm.Goal) -> None:
 
 
 def _check_sizes(goal: swarm.Goal) -> None:
+    if isinstance(goal, swarm.Search) and goal.above_ground:
+        _positive(goal.height, "goal.height")
     if isinstance(goal, swarm.Formation):
         _positive(goal.spacing, "goal.spacing")
     elif isinstance(goal, swarm.TakeOff):

@@ -152,7 +152,7 @@ def _check_floor(name: str, floor: Floor, place: Vector) -> None:
     elif z < lowest:
         above = f"{z - up:.1f} m above the ground" if z >= up else f"{up - z:.1f} m under the ground"
         asked = "" if floor.declared is None else f", where {floor.declared:g} m are asked for"
-        text = f"{name}: {above}{asked}: give a height of {lowest:.1f} m or more, by what is beside it"
+        text = f"{name}: {above}{asked}: by what is beside it, it must be {lowest:.1f} m above the origin or more"
         raise BadInput(text, field=name, value=round(z - up, 1), expected=f"{lowest:.1f} m or more above the origin")
 
 

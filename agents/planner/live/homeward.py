@@ -125,8 +125,9 @@ class Homeward:
         low = [math.floor(least / GRAIN) * GRAIN for least in scene.bounds.min]
         high = [math.ceil(most / GRAIN) * GRAIN for most in (*scene.bounds.max[:2], max(scene.bounds.max[2], ceiling))]
         bounds = Bounds(min=(low[0], low[1], low[2]), max=(high[0], high[1], high[2]))
-        if floor is not None and (peak := floor.peak([place[:2] for place in points])) is not None:
-            lowest = max(lowest, min(peak, ceiling - UNDER))
+        peak = None if floor is None else floor.peak([place[:2] for place in points])
+        if peak is not None and peak <= ceiling - UNDER:
+            lowest = max(lowest, peak)
         key = (bounds, scene.geofence, room.obstacles, floor)
         if self._world is None or self._world[0] != key:
             free = walled = world_of(msgspec.structs.replace(scene, bounds=bounds))

@@ -23,7 +23,8 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
         plans, view = await _step(planner, step, view)
-        for planned in plans or [None]:
+        flown: list[Planned | None] = [*plans] or [None]
+        for planned in flown:
             row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
             row["above_ground"] = None if planned is None else planned.above_ground
             motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None

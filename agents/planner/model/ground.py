@@ -18,7 +18,7 @@ from agents.planner.model.problem import Floats
 from agents.planner.model.scene import Bounds, Box, Corner, Point
 from zmav import geo, wire
 from zmav.errors import BadInput
-from zmav.services.authority.clearance import Clearance, Place
+from zmav.services.authority.clearance import USUAL, Clearance, Place
 from zmav.terrain import MINUTES, VOID, Piece, corner_of, names_within, piece_at
 
 NAME, UNKNOWN = "the ground", "ground that is not known"
@@ -210,7 +210,12 @@ class Floor:
         return None if height is None else height + self.offset - self.ground.origin.alt_amsl
 
     def lowest(self, x: float, y: float) -> float | None:
-        """How low one may rest there, with the columns beside it; None: the ground is not known."""
+        """How low one may rest there, with the columns beside it; None: the ground is not known. Where no height is
+        asked for it is as low as a vehicle permits.
+        """
+        if self.declared is None:
+            up = self.up(x, y)
+            return None if up is None else up + USUAL
         reach = self.radii[1] + BESIDE + LEAF
         height = self.ground.highest((x - reach, y - reach, x + reach, y + reach))
         return None if height is None else height + self._lift + self.radii[1]
@@ -236,7 +241,7 @@ class Floor:
 
     def columns(self, bounds: Bounds, starts: Sequence[Point], places: Sequence[Point]) -> list[Box]:
         """What is to be kept out of within ``bounds``, finer beside the ``places``, and no higher than ``starts`` are:
-        one that is too low may climb from there.
+        one that is too low may climb from there. Where no height is asked for, places may be low, too.
         """
         if not self.walls:
             return []
@@ -245,7 +250,7 @@ class Floor:
         east, north = (math.ceil(each / GRAIN) * GRAIN for each in most[:2])
         lowest = math.floor(least[2] - self.radii[1]) - self._lift
         blocks = self.ground.blocks((west, south, east, north), lowest, self.declared is not None)
-        beside = [(place, True) for place in starts] + [(place, False) for place in places]
+        beside = [(place, True) for place in starts] + [(place, self.declared is None) for place in places]
         return [
             Box(min=(x0, y0, min(top, least[2]) - DEEP), max=(x1, y1, top), name=name)
             for block in blocks

@@ -27,6 +27,7 @@ import { Store } from "./store.js";
 import { FleetTable } from "./table.js";
 import { wireTabs } from "./tabs.js";
 import { Teams } from "./teams.js";
+import { TrafficLayer } from "./traffic.js";
 import { wireTheme } from "./theme.js";
 import { span, t } from "./words.js";
 
@@ -56,7 +57,7 @@ export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
 const teams = new Teams(store, map, plans);
-const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link, map), new Events(store), new Explorer()];
+const views = [map, teams, new FleetTable(store), fleetLayer, new TrafficLayer(store, map), plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link, map), new Events(store), new Explorer()];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -101,7 +102,7 @@ function draw() {
 
 async function readReport() {
   if (store.connection !== "live" || document.hidden) return;
-  let report = { links: [], vehicles: [] }; // what was known before is no longer known where none comes
+  let report = { links: [], vehicles: [], aircraft: [] }; // what was known before is no longer known where none comes
   try {
     const answer = await fetch(address("report"), { signal: AbortSignal.timeout(5 * REPORT_MS) });
     if (answer.ok) report = await answer.json();

@@ -23,7 +23,9 @@ from agents.camera.streams import Encoded
 from agents.camera.video import VideoAgent
 from tests.cli.conftest import Process
 from tests.waiting import until, wait_until
-from zmav import keys
+from zmav import keys, wire
+from zmav.doctor.facts import AgentReport, Facts
+from zmav.doctor.rules import reasons
 from zmav.errors import BadConfig, VehicleError
 from zmav.process import free_port
 from zmav.session import SessionSettings
@@ -187,7 +189,7 @@ async def test_a_leaner_stream_is_taken_and_at_the_end_key_frames_only(net: Net,
         assert agent.rungs.at == 1
         reader.most_bytes = 15e3
         await until(lambda: agent.rungs.key_only, "key frames only")
-        assert "key frames only: the stream needs" in agent._words()
+        assert "key frames only: the stream needs" in agent.words()
         with reader.units() as units:
             assert [(await units.get()).key for _ in range(3)] == [True] * 3
         assert (await video_info(z, "quad1", "down")).key_frames_only
@@ -200,7 +202,7 @@ async def test_a_queue_never_grows(net: Net, run_video: Run) -> None:
         with reader.units() as units:
             found = [await units.get() for _ in range(15)]
     assert agent.dropped > 0, "600 kB/s do not go through 100 kB/s"
-    assert agent._bytes <= 3 * 100e3
+    assert agent.waiting_bytes <= 3 * 100e3
     for before, after in itertools.pairwise(found):
         assert after.key or after.seq == before.seq + 1, "never one without what it follows"
 
@@ -228,6 +230,11 @@ async def test_a_camera_that_sends_garbage_is_said_and_opened_again(net: Net, ru
     await until(lambda: bool(agent.capture.lost), "the loss")
     async with reading(endpoint) as z:
         assert "opened again" in (await video_info(z, "quad1", "down")).lost
+        async with z.subscribe(keys.AGENT_STATUS.key("demo", "quad1", agent="video-down")) as statuses:
+            status = wire.decode((await statuses.get()).payload.to_bytes(), wire.AgentStatus, "status")
+        found = AgentReport.of("demo", "quad1", status, 0.0)
+        (reason,) = reasons(Facts(name="quad1", agents=(found,)))
+        assert reason.text.startswith("agent video-down lost"), "doctor, top and the page say so"
     assert "film.ts" in said[0]
 
 
@@ -236,7 +243,7 @@ async def test_a_unit_that_is_too_large_is_said(net: Net, run_video: Run) -> Non
     agent = await run_video(endpoint, Played(size=1_100_000, rate=5.0), budget=1e7, most=1e8)
     async with reading(endpoint) as z, VideoReader(z, "quad1"):
         await until(lambda: agent.failed >= 1, "the failure")
-        assert "cannot be sent" in agent._wrong
+        assert "cannot be sent" in agent.wrong
 
 
 async def test_a_camera_without_streams_is_none(net: Net, run_video: Run) -> None:

@@ -10,11 +10,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from agents.planner.live.field import field_of, ground_of
 from agents.planner.model.ground import LEAF, MOST, NAME, SPARE, UNKNOWN, Floor, GroundMap
-from agents.planner.model.scene import Bounds, Scene, Vehicle
+from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.model.verify import verify
 from agents.planner.solve.pipeline import solve
 from zmav import geo
+from zmav.config import FleetConfig, Geofence, VehicleConfig
 from zmav.errors import BadInput
 from zmav.terrain import VOID, Piece, corner_of, names_within
 from zmav.wire import Origin
@@ -83,7 +85,7 @@ def test_beside_a_place_columns_are_narrow_and_let_one_climb_that_is_too_low() -
     plain, finer = here.columns(BOUNDS, (), ()), here.columns(BOUNDS, (start,), (goal,))
     assert len(finer) > len(plain)
 
-    def free(columns: list, place: tuple[float, float, float], radius: float) -> bool:  # type: ignore[type-arg]
+    def free(columns: list[Box], place: tuple[float, float, float], radius: float) -> bool:
         x, y, z = place
         gaps = [
             max(c.min[0] - x, x - c.max[0], 0.0) ** 2
@@ -91,7 +93,7 @@ def test_beside_a_place_columns_are_narrow_and_let_one_climb_that_is_too_low() -
             + max(c.min[2] - z, z - c.max[2], 0.0) ** 2
             for c in columns
         ]
-        return min(gaps) >= radius**2
+        return bool(min(gaps) >= radius**2)
 
     assert not free(plain, start, RADII[1])
     assert free(finer, start, RADII[1])
@@ -145,6 +147,43 @@ def test_ways_lead_over_the_hill_or_around_it(ceiling: float) -> None:
     straight = [(t / 10.0, 4.0 * t, 0.0, 60.0) for t in range(100)]
     with pytest.raises(BadInput, match=r"(above|under) the ground"):
         here.check(straight, None)
+
+
+def test_a_planner_reads_the_ground_of_its_vehicles_fields_once() -> None:
+    asked: list[str] = []
+
+    class Source:
+        def piece(self, name: str) -> Piece | None:
+            asked.append(name)
+            return Piece(2, array.array("h", [600] * 4))
+
+    own = VehicleConfig(link="tcp:0", geofence=Geofence(radius=3000.0, above_ground=25.0))
+    file = FleetConfig(fleet="demo", origin=ORIGIN, geofence=Geofence(radius=500.0), vehicles={"quad2": own})
+    known = ground_of(file, Source())
+    assert sorted(known.pieces) == sorted(asked)
+    for reach in (-3100.0, 3100.0):
+        place = geo.to_global(ORIGIN, (reach, reach, 0.0))
+        assert known.height(*place[:2]) == 600.0
+    field = field_of(file)
+    assert (field.above_ground("quad1"), field.above_ground("quad2")) == (None, 25.0)
+    assert field.asks_for_height
+    with pytest.raises(BadInput, match=r"\[origin\]"):
+        ground_of(FleetConfig(fleet="demo"), Source())
+    with pytest.raises(BadInput, match="--file"):
+        ground_of(None, Source())
+
+
+def test_where_no_height_is_asked_for_places_may_be_low() -> None:
+    """As vehicles have it: tiles may be wrong by 10 m."""
+    here, rest = floor(ground_map(hill), None), (150.0, 10.0)
+    up = here.up(*rest)
+    assert up is not None
+    assert here.lowest(*rest) == pytest.approx(up - 10.0)
+    place = (*rest, up + 1.0)
+    columns = here.columns(BOUNDS, (), (place,))
+    over = [c.max[2] for c in columns if c.min[0] <= rest[0] <= c.max[0] and c.min[1] <= rest[1] <= c.max[1]]
+    assert max(over) < place[2] - RADII[1]
+    assert max(c.max[2] for c in columns) > 75.0, "the hill is one all the same"
 
 
 def test_the_vehicle_s_home_says_what_the_ground_is_off() -> None:

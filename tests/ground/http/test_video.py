@@ -173,7 +173,7 @@ async def test_a_hostile_vehicles_units_hurt_no_viewer(served: Served, video: Ru
         await one.see(3)
         put = served.session.declare_publisher(keys.VIDEO.key("demo", "quad1", camera="down"))
         reader = served.face(PATH_OF).being_read["quad1", "down"].reader
-        own = video.agent._sender
+        own = video.agent.sender
         for number, data in enumerate([START * 300, START, b"\xff" * 5000, START + b"\x65\x88", START + b"\x1c\x80"]):
             for sender in (own, 1):
                 for chunk in split(

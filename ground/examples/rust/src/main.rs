@@ -12,7 +12,6 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use std::{env, fmt, process, thread};
 
-use base64::{engine::general_purpose::STANDARD, Engine};
 use serde_json::{json, Value};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 use zenoh::{qos::CongestionControl, qos::Priority, Config, Session, Wait};
@@ -129,8 +128,6 @@ impl Vehicle {
 type Parts = (Result<Value, Value>, (String, Vec<u8>), Vec<u8>);
 
 /// An answer's JSON or an error's, what was said under which key, and its proof: `None` for what is no JSON.
-///
-/// Zenoh gives errors no attachment: the proof is in the encoding's schema, and the certificate in the detail.
 fn taken_apart(reply: &Reply, asked: &str) -> Option<Parts> {
     match reply.result() {
         Ok(sample) => {
@@ -141,10 +138,7 @@ fn taken_apart(reply: &Reply, asked: &str) -> Option<Parts> {
         Err(error) => {
             let bytes = error.payload().to_bytes().to_vec();
             let body: Value = serde_json::from_slice(&bytes).ok()?;
-            let encoding = error.encoding().to_string();
-            let schema = encoding.split_once(';').map(|(_, schema)| schema).unwrap_or_default();
-            let certificate = body["detail"]["certificate"].as_str().unwrap_or_default();
-            let proof = [schema, certificate].map(|part| STANDARD.decode(part).unwrap_or_default()).concat();
+            let proof = proof::of_error(&error.encoding().to_string(), &body);
             Some((Err(body), (asked.to_owned(), bytes), proof))
         }
     }

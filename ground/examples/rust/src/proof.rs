@@ -182,6 +182,14 @@ impl Seal {
     }
 }
 
+/// The proof of an error reply, to which Zenoh gives no attachment: it is in the encoding's schema, and the certificate
+/// in the detail.
+pub fn of_error(encoding: &str, body: &Value) -> Vec<u8> {
+    let schema = encoding.split_once(';').map(|(_, schema)| schema).unwrap_or_default();
+    let certificate = body["detail"]["certificate"].as_str().unwrap_or_default();
+    [schema, certificate].map(|part| STANDARD.decode(part).unwrap_or_default()).concat()
+}
+
 /// A new key for the setpoints of one lease.
 pub fn lease_key() -> StaticSecret {
     StaticSecret::random_from_rng(OsRng)
@@ -329,6 +337,9 @@ mod tests {
             let own = certificate(&vectors, by);
             let made = sign(&key, &own, context, what, &said, each["introduce"] == true, to.as_ref());
             assert_eq!(hex(&made), each["attachment"].as_str().unwrap(), "{}", each["what"]);
+            if let Some(encoding) = each["encoding"].as_str() {
+                assert_eq!(hex(&of_error(encoding, &serde_json::from_slice(what.1).unwrap())), hex(&made));
+            }
         }
     }
 

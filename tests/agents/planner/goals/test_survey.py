@@ -122,6 +122,13 @@ def test_nonsense_is_refused_by_its_field(field: str, value: Any) -> None:
     assert str(e.value.detail["field"]).startswith(f"goal.{field}")
 
 
+def test_a_height_above_the_ground_is_one() -> None:
+    check_goal(goal(["c1"], above_ground=True))
+    for height in (0.0, -5.0):
+        with pytest.raises(BadInput, match=r"goal\.height"):
+            check_goal(swarm.Search(vehicles=["c1"], polygon=AREA, height=height, above_ground=True))
+
+
 @pytest.mark.parametrize("height", [0.1, 5000.0])
 def test_pictures_that_no_autopilot_triggers_are_refused_before_anybody_moves(height: float) -> None:
     check_goal(goal(["c1"], height=height))
@@ -153,6 +160,7 @@ def test_overlaps_are_shares() -> None:
     [
         ([], "give one of --height, --above-ground and --gsd"),
         (["--height", "30", "--gsd", "2"], "give one of --height, --above-ground and --gsd"),
+        (["--height", "30", "--above-ground", "20"], "give one of --height, --above-ground and --gsd"),
         (["--gsd", "2"], "--gsd needs --pixels"),
         (["--height", "0"], "above the ground"),
         (["--height", "nan"], "above the ground"),

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from zmav.sim.autopilots.arducopter.base import CopterBase
 from zmav.sim.autopilots.arducopter.modes import Rtl, descend
 from zmav.sim.autopilots.arducopter.travel import Travel
+from zmav.sim.autopilots.ardupilot.plan import TERRAIN
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, AutoMode
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Axis, Spool, Vector
@@ -150,9 +151,9 @@ class Leg(ABC):
         travel, s = self.auto.travel, self.copter.sense
         return travel.destination if self.auto.travelled and travel.reached else (s.north, s.east, s.down)
 
-    def go(self, place: Vector, onward: Vector | None = None) -> None:
-        """Fly there, nose ahead."""
-        self.auto.travel.go(place, onward)
+    def go(self, place: Vector, onward: Vector | None = None, follows: bool = False) -> None:
+        """Fly there, nose ahead; ``follows``: over the terrain."""
+        self.auto.travel.go(place, onward, follows)
         self.auto.travelled = True
         self.copter.heading.along(self.copter.params["WP_YAW_BEHAVIOR"], self.copter.sense.yaw)
 
@@ -212,12 +213,13 @@ class Waypoint(Leg):
     keeps_way = True
 
     def begin(self) -> None:
-        onward = None
+        onward, follows = None, self.item.frame in TERRAIN
         following = self.copter.mission.next_navigation(self.item.seq + 1)
         place = self.copter.place_of(self.item, self.default)
-        if self.item.p1 == 0 and following is not None and following.command in PASSING:
+        passing = self.item.p1 == 0 and following is not None and following.command in PASSING
+        if passing and following is not None and (following.frame in TERRAIN) == follows:
             onward = self.copter.place_of(following, place)
-        self.go(place, onward)
+        self.go(place, onward, follows)
 
     def done(self) -> bool:
         if not self.waited(self.item.p1):
@@ -228,7 +230,7 @@ class Waypoint(Leg):
 
 class LoiterTime(Waypoint):
     def begin(self) -> None:
-        self.go(self.copter.place_of(self.item, self.default))
+        self.go(self.copter.place_of(self.item, self.default), follows=self.item.frame in TERRAIN)
 
 
 class LoiterForever(LoiterTime):

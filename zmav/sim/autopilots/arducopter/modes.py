@@ -16,6 +16,7 @@ CENTI = 0.01
 TAKEOFF_STICK = 0.1  # of the climb stick, before a landed copter lifts off
 LEAN_MAX = math.radians(30.0)
 LAND_PAUSE_S = 4.0
+OVER_TERRAIN = 1  # RTL_ALT_TYPE
 
 
 class CopterMode(Mode):
@@ -157,9 +158,9 @@ class Rtl(CopterMode):
             copter.change_speed("speed", copter.params["RTL_SPEED"] * CENTI)
         north, east, place_down = copter.rally.nearest()
         self._target = (north, east)
-        down = copter.home_world[2]
+        down = self._height = copter.home_world[2]
         away = math.hypot(north - copter.sense.north, east - copter.sense.east)
-        height = down - copter.sense.down
+        height = self._down - copter.sense.down
         # Near home it need not climb as high: a cone (RTL_CONE_SLOPE) over it limits the height.
         slope = copter.params["RTL_CONE_SLOPE"]
         least = max(height + max(copter.params["RTL_CLIMB_MIN"] * CENTI, 0.0), 2.0)
@@ -171,17 +172,24 @@ class Rtl(CopterMode):
             wanted = ceiling
         self._height = down - max(wanted, height)
 
+    @property
+    def _down(self) -> float:
+        """Where it climbs to: so high above home, or above the terrain below."""
+        copter = self.copter
+        follows = copter.params["RTL_ALT_TYPE"] == OVER_TERRAIN
+        return self._height - (copter.above_home(copter.sense.north, copter.sense.east) if follows else 0.0)
+
     def update(self) -> None:
         copter = self.copter
         if not copter.spool():
             return
         north, east = self._target
         if self._leg == "climb":
-            copter.sp.move(vel=(0.0, 0.0, 0.0), horizontal=Axis.VELOCITY, pos=(0.0, 0.0, self._height))
-            if copter.sense.down < self._height + 0.5:
+            copter.sp.move(vel=(0.0, 0.0, 0.0), horizontal=Axis.VELOCITY, pos=(0.0, 0.0, self._down))
+            if copter.sense.down < self._down + 0.5:
                 self._leg = "return"
         elif self._leg == "return":
-            copter.sp.move(pos=(north, east, self._height))
+            copter.sp.move(pos=(north, east, self._down))
             if math.hypot(north - copter.sense.north, east - copter.sense.east) < copter.params["WPNAV_RADIUS"] * CENTI:
                 self._leg, self._since = "wait", copter.now
         elif self._leg == "wait":

@@ -25,19 +25,26 @@ class Travel(Legs):
         self.destination: Vector = (0.0, 0.0, 0.0)
         self.reached = True
         self._onward: Vector | None = None
+        self._follows = False
+        """legs are over level ground: what the terrain is higher than home is added as they are flown"""
 
-    def go(self, destination: Vector, onward: Vector | None = None) -> None:
-        """Fly to ``destination`` (the world's NED), and not stop there where there is a place to go ``onward`` to."""
+    def go(self, destination: Vector, onward: Vector | None = None, follows: bool = False) -> None:
+        """Fly to ``destination`` (the world's NED), and not stop there where there is a place to go ``onward`` to.
+        ``follows``: straight over the terrain, as ArduCopter does to places whose heights count from it.
+        """
         copter, s = self._copter, self._copter.sense
-        if self._next is not None and math.dist(self._next.end, destination) < SHORTEST_LEG_M:
+        same, self._follows = self._follows == follows, follows
+        end = self._level(destination)
+        if same and self._next is not None and math.dist(self._next.end, end) < SHORTEST_LEG_M:
             self._last, self._leg = self._leg, self._next
         elif math.sqrt(s.vn * s.vn + s.ve * s.ve + s.vd * s.vd) < AT_REST:
             start = self.destination if self.reached and self._near(self.destination) else (s.north, s.east, s.down)
-            self._last, self._leg, self._pace = None, self._plan(start, destination), 1.0
+            self._last, self._leg, self._pace = None, self._plan(self._level(start), end), 1.0
         else:
             self.release()
             copter.sp.move(pos=destination)
-        self.destination, self._onward, self._next = destination, onward, None
+        self.destination, self._next = destination, None
+        self._onward = None if onward is None else self._level(onward)
         self.reached = False
         if self._leg is not None:
             copter.sp.raw(True)
@@ -66,6 +73,13 @@ class Travel(Legs):
             self.reached = slow and self._near(self.destination)
 
     # ---- legs
+
+    def _higher(self, north: float, east: float) -> float:
+        return self._copter.above_home(north, east) if self._follows else 0.0
+
+    def _level(self, place: Vector) -> Vector:
+        """As it would be over level ground."""
+        return place[0], place[1], place[2] + self._higher(place[0], place[1])
 
     def _near(self, place: Vector) -> bool:
         s = self._copter.sense
@@ -116,9 +130,12 @@ class Travel(Legs):
 
     def _aim(self, leg: Leg) -> None:
         place, vel, acc = self._motion(leg)
-        pace, d = self._pace, self.destination
+        pace, d, dt = self._pace, self._level(self.destination), self._copter.dt
+        north, east, v = d[0] + place[0], d[1] + place[1], [each * pace for each in vel]
+        up = self._higher(north, east)
+        climbs = (self._higher(north + v[0] * dt, east + v[1] * dt) - up) / dt
         self._copter.sp.move(
-            pos=(d[0] + place[0], d[1] + place[1], d[2] + place[2]),
-            vel=(vel[0] * pace, vel[1] * pace, vel[2] * pace),
+            pos=(north, east, d[2] + place[2] - up),
+            vel=(v[0], v[1], v[2] - climbs),
             acc=(acc[0] * pace * pace, acc[1] * pace * pace, acc[2] * pace * pace),
         )

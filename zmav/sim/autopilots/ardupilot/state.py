@@ -15,7 +15,7 @@ import msgspec
 
 from zmav.sim.autopilots.ardupilot.boot import STAGES, Boot, Stage
 from zmav.sim.autopilots.ardupilot.mission import Mission, Performer, State
-from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE
+from zmav.sim.autopilots.ardupilot.plan import ABSOLUTE, TERRAIN
 from zmav.sim.autopilots.base import Autopilot
 from zmav.sim.autopilots.items import Item
 from zmav.sim.control.setpoints import Vector
@@ -147,6 +147,10 @@ class VehicleState(Autopilot, ABC):
         """Over the ground, m."""
         return math.hypot(self.sense.north - self.home_world[0], self.sense.east - self.home_world[1])
 
+    @abstractmethod
+    def above_home(self, north: float, east: float) -> float:
+        """m by which the ground there (the world's NED) is higher than at home, as far as it was told."""
+
     @property
     def voltage(self) -> float:
         return self.power.volts
@@ -156,6 +160,8 @@ class VehicleState(Autopilot, ABC):
         north, east, down = to_ned(Position(item.x * 1e-7, item.y * 1e-7, item.z), self.world)
         if item.frame not in ABSOLUTE:
             down = self.home_world[2] - item.z
+        if item.frame in TERRAIN:
+            down -= self.above_home(north, east)
         if default is None:
             return north, east, down
         if item.here:

@@ -19,6 +19,7 @@ from zmav.sim.autopilots.ardupilot.fence import Fence, Rally
 from zmav.sim.autopilots.ardupilot.mission import Mission
 from zmav.sim.autopilots.ardupilot.radio import Radio
 from zmav.sim.autopilots.ardupilot.state import CRITICAL, INFO, WARNING, Mode, Reactions
+from zmav.sim.autopilots.ardupilot.terrain import Terrain
 from zmav.sim.autopilots.base import Installation
 from zmav.sim.autopilots.items import Item
 from zmav.sim.autopilots.pilot import Pilot
@@ -71,6 +72,7 @@ class ArduVehicle(ArmingChecks, ABC):
         self.pilot = Pilot()
         self.rc = Radio(self, self.pilot)
         self.camera = Camera(self)
+        self.terrain = Terrain(self)
         self.fence = Fence(self)
         self.rally = Rally(self, self.fence)
         self.mission = Mission(self._home_item, params.__getitem__, lambda severity, text: self.say(severity, text))
@@ -83,6 +85,9 @@ class ArduVehicle(ArmingChecks, ABC):
         self.power_on()
         params.watch(self.param_changed)
         params.watch(self._battery_changed)
+
+    def above_home(self, north: float, east: float) -> float:
+        return self.terrain.above_home(north, east)
 
     # ---- what a kind of vehicle says
 

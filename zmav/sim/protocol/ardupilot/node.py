@@ -62,6 +62,7 @@ class MavNode(Node, Generic[V_co]):
             SigningPart(dialect, lambda: self.channels, lambda: vehicle.armed, self.say, lambda: self.unix_us / 1e6)
         )
         self.answer("HEARTBEAT", self._heartbeat)
+        self.answer("TERRAIN_DATA", lambda channel, msg, sender: vehicle.terrain.take(msg))
         self.answer("SET_MODE", self._set_mode)
         self.answer("REQUEST_DATA_STREAM", self._data_stream)
         self.answer("MISSION_SET_CURRENT", self._set_current)

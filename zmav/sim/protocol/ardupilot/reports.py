@@ -469,4 +469,6 @@ REPORTS: dict[str, Report] = {
     "HOME_POSITION": home_position,
     "EXTENDED_SYS_STATE": extended_sys_state,
     "FENCE_STATUS": fence_status,
+    "TERRAIN_REQUEST": lambda node: node.vehicle.terrain.request(),
+    "TERRAIN_REPORT": lambda node: node.vehicle.terrain.report(),
 }

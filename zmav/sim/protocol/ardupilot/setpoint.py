@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 from zmav.mavlink.results import MissionResult
+from zmav.sim.autopilots.ardupilot.plan import TERRAIN
 from zmav.sim.autopilots.ardupilot.state import AttitudeTarget, Quaternion, Target, YawWish
 from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.autopilots.items import Item
@@ -21,7 +22,7 @@ _POS, _VEL, _ACC = 0x007, 0x038, 0x1C0  # POSITION_TARGET_TYPEMASK
 _FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
 LOCAL, BODY_FRAMES, LOCAL_FRAMES = 1, (8, 9), (1, 7, 8, 9)  # MAV_FRAME: local, offset, body, body offset
 _ABSOLUTE = (0, 5)
-_RELATIVE = (3, 6, 10, 11)  # above home; the ground of the simulated world is flat, so above terrain is the same
+_RELATIVE = (3, 6, 10, 11)  # above home, or the terrain
 _NO_RATES, _NO_THRUST, _NO_ATTITUDE = 7, 64, 128  # ATTITUDE_TARGET_TYPEMASK
 _FASTEST_TURN = 100.0  # rad/s
 _THRUST_IS_THRUST = 8  # GUID_OPTIONS
@@ -78,7 +79,7 @@ def point(vehicle: ArduVehicle, lat_e7: int, lon_e7: int, alt: float, frame: int
         return None
     north, east, down = to_ned(Position(lat_e7 * 1e-7, lon_e7 * 1e-7, alt), vehicle.world)
     if frame in _RELATIVE:
-        down = vehicle.home_world[2] - alt
+        down = vehicle.home_world[2] - alt - (vehicle.above_home(north, east) if frame in TERRAIN else 0.0)
     elif frame not in _ABSOLUTE:
         return None
     return north, east, down
