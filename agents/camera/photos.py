@@ -77,7 +77,7 @@ class Photos(Agent):
         own = camera.settings
         self.name = f"{PREFIX}{own.camera}"
         super().__init__(z, own.vehicle)
-        self._camera, self._folder, self._keep_free = camera, folder, keep_free
+        self.camera, self._folder, self._keep_free = camera, folder, keep_free
         self._stem = f"{own.vehicle}-{own.camera}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -101,7 +101,7 @@ class Photos(Agent):
     async def run(self) -> None:
         """Say how it stands, also while nothing happens."""
         while True:
-            if not self._size[0] and (shot := self._camera.capture.latest) is not None:
+            if not self._size[0] and (shot := self.camera.capture.latest) is not None:
                 self._size = (await asyncio.to_thread(_jpeg_of, shot))[1]
             self._tell()
             await asyncio.sleep(1.0)
@@ -130,7 +130,7 @@ class Photos(Agent):
     async def on_zoom(self, args: Zoom, report: Report, origin: Origin | None) -> dict[str, Any]:
         if not 1.0 <= args.factor <= MOST_ZOOM:
             raise BadInput.wrong("factor", args.factor, f"1 to {MOST_ZOOM:g}")
-        self._camera.zoom = args.factor
+        self.camera.zoom = args.factor
         self._tell()
         return {"factor": args.factor}
 
@@ -177,7 +177,7 @@ class Photos(Agent):
                 place = _carried(place, state.velocity, min(max(shot.t - state.t, -POSE), POSE))
             number = self.taken + 1
             file = self._folder / f"{self._stem}-{number:05d}.jpg"
-            told = {"number": number, "file": str(file), "t": shot.t, "camera": self._camera.settings.camera}
+            told = {"number": number, "file": str(file), "t": shot.t, "camera": self.camera.settings.camera}
             told |= {"position": msgspec.to_builtins(place), "attitude": msgspec.to_builtins(attitude)}
             try:
                 self._size = await asyncio.to_thread(_keep, file, shot, place, told)
@@ -189,7 +189,7 @@ class Photos(Agent):
 
     async def _next(self) -> Shot:
         """A picture of after now."""
-        capture = self._camera.capture
+        capture = self.camera.capture
         before, until = capture.count, time.monotonic() + WAIT
         while (shot := capture.latest) is None or shot.seq < before:
             if capture.ended or time.monotonic() > until:
@@ -207,7 +207,7 @@ class Photos(Agent):
             height=height,
             taken=self.taken,
             every=self._every,
-            zoom=self._camera.zoom,
+            zoom=self.camera.zoom,
             most_zoom=MOST_ZOOM,
             total=total,
             free=free,

@@ -25,6 +25,7 @@ from tests.agents.camera.conftest import Painted
 from tests.cli.conftest import Here, zmav_here
 from tests.conftest import PATIENCE_S, endpoint_of
 from tests.own_thread import OwnThread
+from zmav.client import Client
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
@@ -53,8 +54,15 @@ class Aboard(OwnThread):
             client = SessionSettings(connect=[self.endpoint])
             settings = OnboardSettings(link=world.urls[0], name="quad1", streams={"ahead": URI})
             async with contextlib.AsyncExitStack() as stack:
-                self.onboard = await stack.enter_async_context(Onboard(session, settings))
+                teller = Client(client, "demo", "ardupilotmega")
+                teller.adopt(session)
+
+                async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+                    return await teller.vehicle("quad1").tell(agent, verb, **args)
+
+                self.onboard = await stack.enter_async_context(Onboard(session, settings, tell=tell))
                 z = await stack.enter_async_context(zmav.open(settings=client))
+                self.z = z
                 self.quad = (await z.wait_for("quad1", timeout=PATIENCE_S))[0]
                 await self.quad.wait_until(lambda s: s.connected and s.position is not None, PATIENCE_S)
                 own = CameraSettings(vehicle="quad1")
@@ -248,7 +256,7 @@ def test_a_camera_whose_program_ended_is_no_more(aboard: Aboard, station: Statio
     cameras = aboard.onboard.cameras
     status = zmav.wire.AgentStatus(t=0.0, agent="photos-extra", state="ready", text="", detail={"width": 10})
     key = zmav.keys.AGENT_STATUS.key("demo", "quad1", agent="photos-extra")
-    aboard.quad._client.put(zmav.keys.AGENT_STATUS, key, status)
+    aboard.z.put(zmav.keys.AGENT_STATUS, key, status)
     extra = station.get("HEARTBEAT", 102)
     assert extra.type == 30
     deadline = time.monotonic() + PATIENCE_S

@@ -47,6 +47,11 @@ Tell = Callable[[str, str, dict[str, Any]], Awaitable[dict[str, Any]]]
 """gives an agent of the vehicle an order: its name, the verb, the arguments"""
 
 
+async def tell_nobody(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+    """Where no program beside this one can be told anything."""
+    raise Unsupported(f"nobody tells {agent} anything here")
+
+
 class Cameras:
     """Lives on the event loop, but for :meth:`take`. ``streams``: the configured cameras, and the URI of each that a
     station can open.

@@ -21,6 +21,7 @@ from zmav import geo, keys, wire
 from zmav.autopilots import Command
 from zmav.errors import BadInput, Refused, Unsupported, ZmavError
 from zmav.rotation import euler, from_euler, wrap
+from zmav.services.authority.may_move import MayMove
 from zmav.services.authority.targets import MAX_ANGLE, number, resolve
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
@@ -60,7 +61,8 @@ class Gimbal:
     """Handlers of ``gimbal_*``. Lives on the event loop.
 
     ``need`` has messages flow from the autopilot (:meth:`zmav.services.rates.rates.Rates.need`); ``is_vehicle`` says
-    of whom it is believed where they are.
+    of whom it is believed where they are; ``may_move`` is asked before each set of angles, and raises while two claim
+    to be the vehicle.
     """
 
     def __init__(
@@ -69,10 +71,11 @@ class Gimbal:
         commander: Commander,
         need: Callable[[str, float], None],
         is_vehicle: keys.IsVehicle,
+        may_move: MayMove[[]],
     ) -> None:
         self._session, self._port, self._identity = companion.session, companion.port, companion.identity
         self._events, self._origin, self._do = companion.events, companion.origin, commander
-        self._need, self._is_vehicle = need, is_vehicle
+        self._need, self._is_vehicle, self._may_move = need, is_vehicle, may_move
         self._task: asyncio.Task[None] | None = None
         self._aim = ""
         """what it looks at, in words"""
@@ -275,6 +278,7 @@ class Gimbal:
             self._need(STATUS, 0.0)
 
     def _look(self, target: Target, info: Fields) -> None:
+        self._may_move()
         pitch, yaw = _direction(self._own_place(), target.now())
         system, component = self._do.source()
         self._port.send(
