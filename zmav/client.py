@@ -110,11 +110,10 @@ class Client:
         session.liveliness().declare_subscriber(alive, on_loop(loop, self._on_token), history=True)
         return self
 
-    def adopt(self, session: zenoh.Session, member: Member | None) -> None:
-        """Ask and put in a session that somebody else has opened and closes, instead of entering: of the fleet it then
-        hears nothing by itself.
-        """
-        self._session, self.member = session, member
+    def adopt(self, session: zenoh.Session) -> None:
+        """Ask in a session that somebody else opens and closes, instead of entering; it hears nothing by itself."""
+        self._session, folder = session, self._settings.credentials
+        self.member = Member(own_credentials(folder, self.fleet_name)) if folder else None
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None

@@ -19,7 +19,6 @@ import zenoh
 from zmav import config, keys, wire
 from zmav.adapter import Adapter, LinkChanged
 from zmav.bus import Alive, Bus
-from zmav.client import Client
 from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
@@ -34,7 +33,7 @@ from zmav.services.authority.pilot import NEEDS
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
-from zmav.services.cameras.cameras import Cameras, Tell
+from zmav.services.cameras.cameras import Cameras, Tell, tell_nobody
 from zmav.services.companion import Companion
 from zmav.services.corrections.corrections import Corrections
 from zmav.services.files.files import Files
@@ -65,13 +64,11 @@ from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
 from zmav.services.terrain.requests import TerrainRequests
 from zmav.services.traffic.traffic import Traffic
-from zmav.session import SessionSettings
 from zmav.systemd import state_directory
 from zmav.terrain import Terrain
 from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
-from zmav.trust.member import Member
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
 from zmav.waiting import in_thread
@@ -120,11 +117,14 @@ class Service(Protocol):
 class Onboard:
     """Adapter and services of one vehicle: ``async with Onboard(session, settings): ...``.
 
-    ``link``: what the frames come by, where it is none that ``settings`` can name. Raises
+    ``link``: what the frames come by, where it is none that ``settings`` can name; ``tell``: how the vehicle's agents
+    are given orders. Raises
     :class:`~zmav.errors.BadInput` for bad settings, before anything runs.
     """
 
-    def __init__(self, session: zenoh.Session, settings: OnboardSettings, link: Link | None = None) -> None:
+    def __init__(
+        self, session: zenoh.Session, settings: OnboardSettings, link: Link | None = None, tell: Tell = tell_nobody
+    ) -> None:
         fleet, name, instance = settings.fleet, settings.name, str(session.info.zid())
         if settings.sysid is not None and not 1 <= settings.sysid <= 255:
             raise BadConfig.wrong("sysid", settings.sysid, "1 to 255", f"no system id {settings.sysid}")
@@ -211,7 +211,7 @@ class Onboard:
                 self.state,
                 aside=self.separation.on,
             )
-        self.cameras = Cameras(companion, settings.streams, _teller(session, own, settings))
+        self.cameras = Cameras(companion, settings.streams, tell)
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
@@ -221,7 +221,8 @@ class Onboard:
         )
         self.payload = Payload(companion, commander, bounds)
         self.camera = TriggeredCamera(companion, commander, self.params.value)
-        self.gimbal = Gimbal(companion, commander, self.rates.need, gate.is_vehicle if gate else keys.anything)
+        is_vehicle = gate.is_vehicle if gate else keys.anything
+        self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
@@ -483,17 +484,6 @@ def _credentials(settings: OnboardSettings) -> Credentials | None:
             text = f"the credentials in {settings.credentials} are for the {field} {said!r}; expected {expected!r}"
             raise BadConfig(text, field="credentials", value=said, expected=expected)
     return found
-
-
-def _teller(session: zenoh.Session, own: Credentials | None, settings: OnboardSettings) -> Tell:
-    """How the vehicle's program gives its agents orders: in the session that it has, with its own certificate."""
-    client = Client(SessionSettings(), settings.fleet, settings.dialect)
-    client.adopt(session, Member(own) if own else None)
-
-    async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
-        return await client.vehicle(settings.name).tell(agent, verb, **args)
-
-    return tell
 
 
 def _untold(handler: Handler) -> Guarded:

@@ -199,8 +199,8 @@ def _agent_order(vehicles: str, camera: str, verb: str, as_json: bool, **args: A
             try:
                 said = await vehicle.tell(f"{PREFIX}{camera}", verb, **args)
             except ZmavError as e:
-                failed = True
-                said = {"error": e.code, "message": e.message}
+                failed, silent = True, "no 'zmav camera run' of that camera answers"
+                said = {"error": e.code, "message": silent if isinstance(e, TimedOut) else e.message}
             words = said.get("message") or said.get("file") or ", ".join(f"{k} {v}" for k, v in said.items())
             click.echo(dump({"vehicle": vehicle.name, **said}) if as_json else f"{vehicle.name}/{camera}: {words}")
         if failed:

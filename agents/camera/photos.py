@@ -77,7 +77,7 @@ class Photos(Agent):
         own = camera.settings
         self.name = f"{PREFIX}{own.camera}"
         super().__init__(z, own.vehicle)
-        self._camera, self._folder, self._keep_free = camera, folder, keep_free
+        self.camera, self._folder, self._keep_free = camera, folder, keep_free
         self._stem = f"{own.vehicle}-{own.camera}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -101,7 +101,7 @@ class Photos(Agent):
     async def run(self) -> None:
         """Say how it stands, also while nothing happens."""
         while True:
-            if not self._size[0] and (shot := self._camera.capture.latest) is not None:
+            if not self._size[0] and (shot := self.camera.capture.latest) is not None:
                 self._size = (await asyncio.to_thread(_jpeg_of, shot))[1]
             self._tell()
             await asyncio.sleep(1.0)
@@ -130,7 +130,7 @@ class Photos(Agent):
     async def on_zoom(self, args: Zoom, report: Report, origin: Origin | None) -> dict[str, Any]:
         if not 1.0 <= args.factor <= MOST_ZOOM:
             raise BadInput.wrong("factor", args.factor, f"1 to {MOST_ZOOM:g}")
-        self._camera.zoom = args.factor
+        self.camera.zoom = args.factor
         self._tell()
         return {"factor": args.factor}
 
@@ -154,8 +154,16 @@ class Photos(Agent):
         self._every = 0.0
         self._tell()
 
+    def _disk(self) -> tuple[float, float]:
+        """Bytes of it, and those that are free; none where the folder is gone."""
+        try:
+            usage = shutil.disk_usage(self._folder)
+        except OSError:
+            return 0.0, 0.0
+        return float(usage.total), float(usage.free)
+
     def _check_room(self) -> None:
-        if (free := shutil.disk_usage(self._folder).free) < self._keep_free:
+        if (free := self._disk()[1]) < self._keep_free:
             raise Refused(f"{free / 1e6:.0f} MB are free in {self._folder}: no photo is taken", reason="full")
 
     async def _take(self) -> dict[str, Any]:
@@ -169,7 +177,7 @@ class Photos(Agent):
                 place = _carried(place, state.velocity, min(max(shot.t - state.t, -POSE), POSE))
             number = self.taken + 1
             file = self._folder / f"{self._stem}-{number:05d}.jpg"
-            told = {"number": number, "file": str(file), "t": shot.t, "camera": self._camera.settings.camera}
+            told = {"number": number, "file": str(file), "t": shot.t, "camera": self.camera.settings.camera}
             told |= {"position": msgspec.to_builtins(place), "attitude": msgspec.to_builtins(attitude)}
             try:
                 self._size = await asyncio.to_thread(_keep, file, shot, place, told)
@@ -181,7 +189,7 @@ class Photos(Agent):
 
     async def _next(self) -> Shot:
         """A picture of after now."""
-        capture = self._camera.capture
+        capture = self.camera.capture
         before, until = capture.count, time.monotonic() + WAIT
         while (shot := capture.latest) is None or shot.seq < before:
             if capture.ended or time.monotonic() > until:
@@ -191,18 +199,18 @@ class Photos(Agent):
         return shot
 
     def _tell(self) -> None:
-        usage, (width, height) = shutil.disk_usage(self._folder), self._size
+        (total, free), (width, height) = self._disk(), self._size
         self.status(
             "series" if self._every else "ready",
-            self._wrong or f"{self.taken} photos in {self._folder}, {usage.free / 1e9:.1f} GB free",
+            self._wrong or f"{self.taken} photos in {self._folder}, {free / 1e9:.1f} GB free",
             width=width,
             height=height,
             taken=self.taken,
             every=self._every,
-            zoom=self._camera.zoom,
+            zoom=self.camera.zoom,
             most_zoom=MOST_ZOOM,
-            total=float(usage.total),
-            free=float(usage.free),
+            total=total,
+            free=free,
             photo=self._last,
         )
         self._changed.set()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import click
 import zenoh
@@ -17,6 +18,7 @@ from mesh.running import until_outdated
 from zmav import keys, systemd, wire
 from zmav.bus import Alive
 from zmav.cli.common import run, zenoh_options
+from zmav.client import Client
 from zmav.config import Signing, VehicleConfig, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
@@ -93,7 +95,13 @@ async def _up(
     vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings, plan_again: Callable[[], RouterPlan]
 ) -> None:
     async with Router(plan, settings) as router:
-        onboard = Onboard(router.session, vehicle)
+        client = Client(settings, vehicle.fleet, vehicle.dialect)
+        client.adopt(router.session)
+
+        async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+            return await client.vehicle(vehicle.name).tell(agent, verb, **args)
+
+        onboard = Onboard(router.session, vehicle, tell=tell)
         for watch in router.running:
             if isinstance(watch, RosterWatch):
                 watch.tell(onboard.take_roster)

@@ -171,6 +171,14 @@ def test_ground_that_an_autopilot_asks_for() -> None:
     assert "no square" in lines[2].found
 
 
+def test_who_controls_a_gimbal() -> None:
+    told = {"a": {"controller": "255/190", "at": ""}, "b": {"controller": "us", "at": "rover1"}, "c": None}
+    lines = list(vehicles.check_gimbals(Survey(gimbals=told)))
+    assert [(line.who, line.level) for line in lines] == [("a", Level.OK), ("b", Level.OK)]
+    assert lines[0].found == "a gimbal answers, controlled by 255/190"
+    assert lines[1].found.endswith("looks at rover1")
+
+
 @pytest.mark.parametrize("state", ["failed", "Error", "lost", "aborted"])
 def test_an_agent_that_failed(state: str) -> None:
     """As bad as for 'zmav top', and more so than one that only says nothing."""

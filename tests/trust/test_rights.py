@@ -26,8 +26,11 @@ CONFIGURES = {
     "mission_clear",
     "terrain_put",
     "terrain_clear",
+    "gimbal_point",
+    "gimbal_turn",
+    "gimbal_release",
 }
-LOOKS = {"ping", "file_list", "log_list"}
+LOOKS = {"ping", "file_list", "log_list", "gimbal_status"}
 
 
 def allowed(who: Role, name: str, channel: keys.Channel, /, **parts: str) -> bool:

@@ -134,6 +134,15 @@ async def test_a_full_disk_is_refused(photos: Open) -> None:
     assert found.taken == 0
 
 
+async def test_a_folder_that_is_gone(photos: Open, tmp_path: Path) -> None:
+    found, vehicle = await photos()
+    (tmp_path / "kept").rmdir()
+    with pytest.raises(Refused, match="0 MB are free"):
+        await vehicle.tell("photos-down", "photo")
+    await vehicle.tell("photos-down", "zoom", factor=2.0)
+    assert found.taken == 0
+
+
 async def test_a_source_without_pictures_is_told_of(photos: Open) -> None:
     _, vehicle = await photos(Painted(count=0))
     with pytest.raises(Refused, match="no picture came within 3 s: the source has ended"):
@@ -151,12 +160,12 @@ async def test_a_folder_that_cannot_be_written_to(net: Net, run_camera: Run, tmp
 
 async def test_zoom_sends_the_middle_and_says_so(photos: Open) -> None:
     found, vehicle = await photos(Painted(width=640, height=480))
-    before = found._camera.info()
+    before = found.camera.info()
     await vehicle.tell("photos-down", "zoom", factor=2.0)
-    after = found._camera.info()
+    after = found.camera.info()
     assert after.focal[0] == pytest.approx(2.0 * before.focal[0])
     assert after.center == pytest.approx(before.center)
-    await until(lambda: found._camera.zoom == 2.0, "the zoom")
+    await until(lambda: found.camera.zoom == 2.0, "the zoom")
     told = await vehicle.tell("photos-down", "photo")
     assert (told["width"], told["height"]) == (640, 480)
 

@@ -22,8 +22,10 @@ from ground.gcs.bridge import Bridge, BridgeSettings
 from ground.gcs.options import Options, parse_endpoint
 from ground.gcs.udp import UdpIn
 from tests.agents.camera.conftest import Painted
+from tests.cli.conftest import Here, zmav_here
 from tests.conftest import PATIENCE_S, endpoint_of
 from tests.own_thread import OwnThread
+from zmav.client import Client
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
@@ -48,11 +50,19 @@ class Aboard(OwnThread):
         world = World([VehicleSpec(name="quad1", params={"MNT1_TYPE": 1})], endpoint="tcp:0", ready_s=0.5)
         router = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         with world, open_session(router) as session:
-            client = SessionSettings(connect=[endpoint_of(session)])
+            self.endpoint = endpoint_of(session)
+            client = SessionSettings(connect=[self.endpoint])
             settings = OnboardSettings(link=world.urls[0], name="quad1", streams={"ahead": URI})
             async with contextlib.AsyncExitStack() as stack:
-                self.onboard = await stack.enter_async_context(Onboard(session, settings))
+                teller = Client(client, "demo", "ardupilotmega")
+                teller.adopt(session)
+
+                async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+                    return await teller.vehicle("quad1").tell(agent, verb, **args)
+
+                self.onboard = await stack.enter_async_context(Onboard(session, settings, tell=tell))
                 z = await stack.enter_async_context(zmav.open(settings=client))
+                self.z = z
                 self.quad = (await z.wait_for("quad1", timeout=PATIENCE_S))[0]
                 await self.quad.wait_until(lambda s: s.connected and s.position is not None, PATIENCE_S)
                 own = CameraSettings(vehicle="quad1")
@@ -177,6 +187,11 @@ def test_photos_are_taken_and_told_of(aboard: Aboard, station: Station) -> None:
     assert Path(captured.file_url).is_file()
     again = station.ask(down, "CAMERA_IMAGE_CAPTURED", 263)
     assert (again.image_index, again.time_utc) == (captured.image_index, captured.time_utc)
+    for confirmation in (0, 1, 2):  # asked again before it is acknowledged: one photo
+        station.link.mav.command_long_send(1, down, 2000, confirmation, 0, 0, 1, 0, 0, 0, 0)
+    assert station.get("COMMAND_ACK", down, lambda ack: ack.command == 2000).result == ACCEPTED
+    assert station.command(down, 531, 2, 1e30) == ACCEPTED, "as far as it goes"
+    assert station.ask(down, "CAMERA_CAPTURE_STATUS", 262).image_count == before + 2
     assert station.command(down, 2000, 0, 0.3, 0, 0) == ACCEPTED
     series = station.ask(down, "CAMERA_CAPTURE_STATUS", 262)
     assert series.image_status == 3
@@ -221,12 +236,27 @@ def test_the_gimbal_is_moved_and_its_control_shown(aboard: Aboard, station: Stat
     assert station.command(AUTOPILOT, 1001, -3, -3, -1, -1) == ACCEPTED
 
 
+def test_photos_and_zoom_from_the_shell(aboard: Aboard) -> None:
+    do = Here("-e", aboard.endpoint)
+    before = aboard.photos.taken
+    (line,) = do("camera", "photo", "quad1", "--json").lines
+    assert (line["vehicle"], line["number"]) == ("quad1", before + 1)
+    assert Path(line["file"]).is_file()
+    assert do("camera", "zoom", "quad1", "2").out == "quad1/down: factor 2.0\n"
+    assert aboard.camera.zoom == 2.0
+    assert do("camera", "photo", "quad1", "--every", "5").out.startswith("quad1/down: every 5.0")
+    assert do("camera", "photo", "quad1", "--stop").code == 0
+    told = do.fails("camera", "zoom", "quad1", "2", "--name", "nosuch")
+    assert (told.code, "no 'zmav camera run' of that camera answers" in told.out) == (1, True)
+    assert zmav_here("camera", "photo", "quad1", "--count", "3").code == 2
+
+
 def test_a_camera_whose_program_ended_is_no_more(aboard: Aboard, station: Station) -> None:
     down = by_name(station)["down"]
     cameras = aboard.onboard.cameras
     status = zmav.wire.AgentStatus(t=0.0, agent="photos-extra", state="ready", text="", detail={"width": 10})
     key = zmav.keys.AGENT_STATUS.key("demo", "quad1", agent="photos-extra")
-    aboard.quad._client.put(zmav.keys.AGENT_STATUS, key, status)
+    aboard.z.put(zmav.keys.AGENT_STATUS, key, status)
     extra = station.get("HEARTBEAT", 102)
     assert extra.type == 30
     deadline = time.monotonic() + PATIENCE_S

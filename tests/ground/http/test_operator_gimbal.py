@@ -53,7 +53,7 @@ class FakePhotos:
             query.reply(query.key_expr, wire.encode(wire.Outcome(verb=verb, status="done", took=0.1, result=result)))
 
     def close(self) -> None:
-        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._queryable.undeclare()
 
 
 @pytest.fixture

@@ -186,6 +186,7 @@ async def test_a_gimbal_that_does_not_answer_is_refused(aboard: Aboard) -> None:
 async def test_what_is_out_of_reach_is_refused(aboard: Aboard) -> None:
     with pytest.raises(BadInput, match="out of the gimbal's reach"):
         await aboard.do("turn", pitch=1.6)
+    assert aboard.gimbal.control == NOBODY, "and nothing is taken for it"
     with pytest.raises(BadInput, match="one of alt_amsl and alt_rel"):
         await aboard.do("point", lat_deg=1.0, lon_deg=2.0, alt_amsl=3.0, alt_rel=1.0)
     with pytest.raises(BadInput, match="lat_deg"):

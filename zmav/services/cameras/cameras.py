@@ -17,7 +17,7 @@ import msgspec
 import zenoh
 
 from zmav import keys, wire
-from zmav.errors import BadInput, Unsupported, ZmavError
+from zmav.errors import BadInput, BadMessage, Unsupported, ZmavError
 from zmav.mavlink import Frame, Packer, decode
 from zmav.mavlink.results import CommandResult
 from zmav.services.cameras.components import Camera, Capturing
@@ -40,9 +40,16 @@ OLDER = {
 """commands that ask for one message, from before REQUEST_MESSAGE"""
 STEP, RANGE = 0, 2
 """CAMERA_ZOOM_TYPE"""
-ZOOM_STEP = 1.25
+ZOOM_STEP, MOST_STEPS = 1.25, 10.0
+MOST = 32
+"""commands under way"""
 Tell = Callable[[str, str, dict[str, Any]], Awaitable[dict[str, Any]]]
 """gives an agent of the vehicle an order: its name, the verb, the arguments"""
+
+
+async def tell_nobody(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+    """Where no program beside this one can be told anything."""
+    raise Unsupported(f"nobody tells {agent} anything here")
 
 
 class Cameras:
@@ -55,7 +62,8 @@ class Cameras:
         self._events, self._tell, self._streams = companion.events, tell, streams
         self.cameras: dict[str, Camera] = {}
         self._packers: dict[tuple[int, int], Packer] = {}
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], tuple[Camera, int]] = {}
+        """commands under way: whose, and which"""
         self._held: Any = None
 
     def start(self) -> None:
@@ -118,7 +126,7 @@ class Cameras:
         place = self._identity.source[0], camera.component
         packer = self._packers.setdefault(place, Packer(self._port.dialect, *place))
         key = keys.RX.key(self._port.fleet, self._port.name, sys=place[0], comp=place[1], msg=message)
-        with contextlib.suppress(zenoh.ZError):  # the session has gone
+        with contextlib.suppress(zenoh.ZError, BadMessage):  # the session has gone; what no field can hold
             self._session.put(key, packer.pack(message, **fields), **keys.RX.qos.options())
 
     def _send(self, camera: Camera, message: str) -> int:
@@ -139,13 +147,16 @@ class Cameras:
         return camera is not None
 
     def _take(self, camera: Camera, frame: Frame) -> None:
-        if self._port.dialect.name_of(frame.msgid) in ("COMMAND_LONG", "COMMAND_INT"):
-            task = asyncio.get_running_loop().create_task(self._command(camera, frame))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
-
-    async def _command(self, camera: Camera, frame: Frame) -> None:
+        if self._port.dialect.name_of(frame.msgid) not in ("COMMAND_LONG", "COMMAND_INT"):
+            return
         fields = decode(frame, self._port.dialect)
+        repeated = fields.get("confirmation", 0) > 0 and (camera, fields["command"]) in self._tasks.values()
+        if not repeated and len(self._tasks) < MOST:  # else it is under way, and acknowledged once
+            task = asyncio.get_running_loop().create_task(self._command(camera, frame, fields))
+            self._tasks[task] = camera, fields["command"]
+            task.add_done_callback(lambda task: self._tasks.pop(task, None))
+
+    async def _command(self, camera: Camera, frame: Frame, fields: Mapping[str, Any]) -> None:
         number, params = fields["command"], (fields["param1"], fields["param2"], fields["param3"])
         try:
             result = await self._done(camera, number, *(p if math.isfinite(p) else 0.0 for p in params))
@@ -173,7 +184,8 @@ class Cameras:
         if number == ZOOM:
             if p1 not in (STEP, RANGE):
                 raise Unsupported("it zooms by steps or to a percentage")
-            factor = now.zoom * ZOOM_STEP**p2 if p1 == STEP else 1.0 + (now.most_zoom - 1.0) * p2 / 100.0
+            steps = min(max(p2, -MOST_STEPS), MOST_STEPS)
+            factor = now.zoom * ZOOM_STEP**steps if p1 == STEP else 1.0 + (now.most_zoom - 1.0) * p2 / 100.0
             verb, args = "zoom", {"factor": min(max(factor, 1.0), now.most_zoom)}
         else:
             verb, args = ("stop", {}) if number == PHOTO_STOP else ("photo", {"every": p2, "count": int(p3)})

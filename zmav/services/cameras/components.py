@@ -24,6 +24,16 @@ NAN = math.nan
 Fields = dict[str, Any]
 
 
+class Photo(wire.Told, kw_only=True):
+    """One, as the order that took it is answered."""
+
+    number: int
+    t: float
+    file: str
+    position: wire.GlobalPosition | None = None
+    attitude: wire.Attitude | None = None
+
+
 class Capturing(wire.Told, kw_only=True):
     """What the program that takes a camera's photos says of itself, in the detail of its status."""
 
@@ -38,8 +48,8 @@ class Capturing(wire.Told, kw_only=True):
     total: float = 0.0
     free: float = 0.0
     """bytes of its disk"""
-    photo: dict[str, Any] | None = None
-    """the last one, as the order that took it was answered"""
+    photo: Photo | None = None
+    """the last one"""
 
 
 @dataclass
@@ -95,16 +105,12 @@ class Camera:
         }
 
 
-def _photo(said: dict[str, Any]) -> Fields:
-    place, look = said.get("position") or {}, said.get("attitude") or {}
-    return {
-        "time_utc": round(float(said["t"]) * 1e6),
-        "lat": round(place.get("lat_deg", 0.0) * 1e7),
-        "lon": round(place.get("lon_deg", 0.0) * 1e7),
-        "alt": round(place.get("alt_amsl", 0.0) * 1e3),
-        "relative_alt": round(place.get("alt_rel", 0.0) * 1e3),
-        "q": list(from_euler(*(look.get(axis, 0.0) for axis in ("roll", "pitch", "yaw")))),
-        "image_index": int(said["number"]),
-        "capture_result": 1,
-        "file_url": str(said["file"])[:204],
-    }
+def _photo(said: Photo) -> Fields:
+    told: Fields = {"q": [1.0, 0.0, 0.0, 0.0]}
+    if (place := said.position) is not None:
+        told |= {"lat": round(place.lat_deg * 1e7), "lon": round(place.lon_deg * 1e7)}
+        told |= {"alt": round(place.alt_amsl * 1e3), "relative_alt": round(place.alt_rel * 1e3)}
+    if (look := said.attitude) is not None:
+        told["q"] = list(from_euler(look.roll, look.pitch, look.yaw))
+    taken = {"time_utc": round(said.t * 1e6), "image_index": said.number, "capture_result": 1}
+    return {**told, **taken, "file_url": said.file[:204]}

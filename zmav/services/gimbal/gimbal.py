@@ -21,12 +21,14 @@ from zmav import geo, keys, wire
 from zmav.autopilots import Command
 from zmav.errors import BadInput, Refused, Unsupported, ZmavError
 from zmav.rotation import euler, from_euler, wrap
+from zmav.services.authority.may_move import MayMove
 from zmav.services.authority.targets import MAX_ANGLE, number, resolve
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
 from zmav.services.link.reported import fields_of
 from zmav.services.orders.command import Commander
 from zmav.services.orders.orders import Handler, Report
+from zmav.waiting import within
 
 INFORMATION, STATUS = "GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS"
 NEUTRAL, LEVEL, LOCK = 2, 4 | 8, 16
@@ -37,6 +39,8 @@ HAS_YAW = 256
 """of GIMBAL_MANAGER_CAP_FLAGS"""
 ANSWER, TRIES = 1.0, 2
 """s that a message may come after it was asked for, and how often it is"""
+HANDED_OVER = 3.0
+"""s for the autopilot to tell of a new one who controls it"""
 KNOWN = 10.0
 """s for which a gimbal that was found is not looked for again"""
 PERIOD = 0.2
@@ -57,7 +61,8 @@ class Gimbal:
     """Handlers of ``gimbal_*``. Lives on the event loop.
 
     ``need`` has messages flow from the autopilot (:meth:`zmav.services.rates.rates.Rates.need`); ``is_vehicle`` says
-    of whom it is believed where they are.
+    of whom it is believed where they are; ``may_move`` is asked before each set of angles, and raises while two claim
+    to be the vehicle.
     """
 
     def __init__(
@@ -66,10 +71,11 @@ class Gimbal:
         commander: Commander,
         need: Callable[[str, float], None],
         is_vehicle: keys.IsVehicle,
+        may_move: MayMove[[]],
     ) -> None:
         self._session, self._port, self._identity = companion.session, companion.port, companion.identity
         self._events, self._origin, self._do = companion.events, companion.origin, commander
-        self._need, self._is_vehicle = need, is_vehicle
+        self._need, self._is_vehicle, self._may_move = need, is_vehicle, may_move
         self._task: asyncio.Task[None] | None = None
         self._aim = ""
         """what it looks at, in words"""
@@ -100,7 +106,7 @@ class Gimbal:
         """Turn it. Raises :class:`BadInput` for angles out of its range, and what :meth:`_take` does."""
         for name in ("pitch", "yaw"):
             number(name, getattr(args, name), MAX_ANGLE)
-        info, yaw, flags = await self._take(args.take), wrap(args.yaw), LEVEL | (LOCK if args.lock else 0)
+        info, yaw, flags = await self._find(), wrap(args.yaw), LEVEL | (LOCK if args.lock else 0)
         angles = (NAN, NAN)
         if args.pitch is None:
             flags = NEUTRAL
@@ -111,13 +117,14 @@ class Gimbal:
             if _turns(info) and not args.lock:
                 _within("yaw", yaw, info)
             angles = (math.degrees(args.pitch), math.degrees(yaw))
+        await self._take(args.take)
         params = (*angles, NAN, NAN, float(flags), 0.0, float(info["gimbal_device_id"]))
         await self._do.command(Command("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", params))
         return {"pitch": args.pitch, "yaw": yaw, "lock": args.lock}
 
     async def point(self, args: wire.PointGimbal, report: Report) -> dict[str, Any]:
         """Have it look at a place or a vehicle from now on; without a yaw axis, up and down only."""
-        if args.vehicle and (args.pos, args.lat_deg, args.lon_deg) != (None, None, None):
+        if args.vehicle and {args.pos, args.lat_deg, args.lon_deg, args.alt_amsl, args.alt_rel} != {None}:
             raise BadInput.wrong("vehicle", args.vehicle, "one of them", "a vehicle and a place are given")
         if args.vehicle and (args.vehicle == self._port.name or not self._is_vehicle(self._port.fleet, args.vehicle)):
             raise BadInput.wrong("vehicle", args.vehicle, "another vehicle of this fleet")
@@ -130,6 +137,7 @@ class Gimbal:
         except BaseException:
             target.close()
             raise
+        self._stop()  # what another order began meanwhile
         self._aim = target.words
         self._task = asyncio.get_running_loop().create_task(self._track(target, info))
         return {"at": self._aim, "pitch": pitch, "yaw": yaw, "turns": _turns(info)}
@@ -140,7 +148,7 @@ class Gimbal:
         self._stop()
         await self._do.command(_configure(-3, -3))
         self._held = False
-        return {"controller": self._words(await self._holder())}
+        return {"controller": self._words(await self._holder(lambda holder: holder != self._port.address))}
 
     async def status(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Where it looks, and who controls it; raises :class:`Refused` where there is none."""
@@ -162,9 +170,12 @@ class Gimbal:
         """Its GIMBAL_MANAGER_INFORMATION; raises :class:`Refused` where no gimbal manager of the autopilot answers."""
         said = fields_of(self._port, INFORMATION, self._do.source(), KNOWN) or await self._asked(INFORMATION)
         if said is None:
-            text = "no gimbal answers: the autopilot has none, or it is not set up (docs/gimbal.md)"
-            raise Refused(text, vehicle=self._port.name, reason="no gimbal")
+            raise self._none()
         return said
+
+    def _none(self) -> Refused:
+        text = "no gimbal answers: the autopilot has none, or it is not set up (docs/gimbal.md)"
+        return Refused(text, vehicle=self._port.name, reason="no gimbal")
 
     async def _asked(self, name: str) -> Fields | None:
         """The fields of a message that is asked for; None: it does not come."""
@@ -177,11 +188,14 @@ class Gimbal:
                         return heard[1]
         return None
 
-    async def _holder(self) -> Holder:
-        said = await self._asked(STATUS)
-        if said is None:
-            raise Refused("the gimbal does not tell who controls it", vehicle=self._port.name)
-        return _primary(said)
+    async def _holder(self, wanted: Callable[[Holder], bool] = lambda holder: True) -> Holder:
+        """Who controls it, once that is as ``wanted``, or after :data:`HANDED_OVER`: PX4 tells it once a second."""
+        until = time.monotonic() + HANDED_OVER
+        while (said := await self._asked(STATUS)) is not None:
+            if wanted(holder := _primary(said)) or time.monotonic() > until:
+                return holder
+            await asyncio.sleep(PERIOD)
+        raise self._none()
 
     async def _take(self, from_others: bool) -> Fields:
         """Have control, and end what was looked at; raises :class:`Refused` where somebody else has it, unless it may
@@ -195,7 +209,7 @@ class Gimbal:
         self._stop()
         if holder != ours:
             await self._do.command(_configure(*ours))
-            if (now := await self._holder()) != ours:
+            if (now := await self._holder(lambda holder: holder == ours)) != ours:
                 raise Refused(f"the gimbal is still controlled by {self._words(now)}", vehicle=self._port.name)
             if holder != NOBODY:
                 self._events.emit("gimbal", "notice", f"the gimbal is taken from {who}")
@@ -264,6 +278,7 @@ class Gimbal:
             self._need(STATUS, 0.0)
 
     def _look(self, target: Target, info: Fields) -> None:
+        self._may_move()
         pitch, yaw = _direction(self._own_place(), target.now())
         system, component = self._do.source()
         self._port.send(
@@ -294,7 +309,7 @@ class Target:
         """Wait until it is known where it is; raises :class:`Refused`."""
         if self._place is None:
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._news.wait(), HEARD)
+                await within(HEARD, self._news.wait())
         if self._place is None:
             raise Refused(f"{self.words} is not heard, or does not say where it is", reason="not heard")
 

@@ -131,7 +131,7 @@ class CameraBlackout(Fault, frozen=True):
 
 
 class GimbalFault(AutopilotFault, frozen=True):
-    """The gimbal does not answer; has no yaw axis (stiff); or a ground station's has its control (taken)."""
+    """The gimbal does not answer; has no yaw axis (stiff); or a ground station has its control (taken)."""
 
     KIND: ClassVar[str] = "gimbal"
     how: Literal["silent", "stiff", "taken"] = "silent"

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from zmav import rotation
 from zmav.mavlink.results import CommandResult
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
+from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.protocol.channel import Channel, Command, Sender
-
-if TYPE_CHECKING:
-    from zmav.sim.protocol.base import Fields, Node
 
 RETRACT, NEUTRAL, LOCK = 1, 2, 16
 YAW_FLAGS = 256 | 512 | 1024
@@ -24,6 +23,8 @@ LEVEL = 4 | 8
 BODY_FRAME = 32
 """GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME, which ArduPilot says and PX4 does not, though both tell it so"""
 NOBODY = (0, 0)
+TOLD_S = 1.0
+"""s of PX4 between two looks at who controls it"""
 OTHER = (255, 190)
 """a ground station's, for the fault"""
 ARDUPILOT_CAPS, PX4_CAPS = 206819, 132530
@@ -32,12 +33,21 @@ PITCH_DEG, YAW_DEG = (-90.0, 20.0), (-160.0, 160.0)
 PX4_PITCH_DEG, PX4_YAW_DEG = (-90.0, 90.0), (-360.0, 360.0)
 
 
+class Carrier(Protocol):
+    """The vehicle that it is fitted to, as it sees that: a :class:`~zmav.sim.protocol.base.Node`."""
+
+    brain: ArduVehicle | Px4Copter
+
+    @property
+    def sysid(self) -> int: ...
+
+
 class SimGimbal:
     """One vehicle's; there is one where the parameters said so when it started. ``silent`` and ``turns`` are faults:
     it does not answer, and (False) it has no yaw axis.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Carrier) -> None:
         self._node = node
         self._px4 = MODE_IN in node.brain.params
         self.silent, self.turns = False, True
@@ -48,6 +58,7 @@ class SimGimbal:
         self._fitted = params[MODE_IN] >= 0 if self._px4 else params.get(MOUNT_TYPE) != 0
         self.control: tuple[int, int] = NOBODY
         """system and component that control it"""
+        self._told, self._told_at = NOBODY, -TOLD_S
         self._pitch = self._yaw = 0.0
         self._flags = LEVEL
 
@@ -113,7 +124,7 @@ class SimGimbal:
 
     # What it tells.
 
-    def information(self) -> Fields | None:
+    def information(self) -> dict[str, Any] | None:
         if not self.there:
             return None
         caps = (PX4_CAPS if self._px4 else ARDUPILOT_CAPS) & (~0 if self.turns else ~YAW_FLAGS)
@@ -124,12 +135,15 @@ class SimGimbal:
         ranges = {"pitch_min": low, "pitch_max": high, "yaw_min": left, "yaw_max": right}
         return {"cap_flags": caps, "gimbal_device_id": 1, **ranges}
 
-    def status(self) -> Fields | None:
-        system, component = self.control
+    def status(self) -> dict[str, Any] | None:
+        now = self._node.brain.now
+        if not self._px4 or not 0.0 <= now - self._told_at < TOLD_S:
+            self._told, self._told_at = self.control, now
+        system, component = self._told
         fields = {"flags": self._flags, "gimbal_device_id": 1}
         return {**fields, "primary_control_sysid": system, "primary_control_compid": component} if self.there else None
 
-    def attitude(self) -> Fields | None:
+    def attitude(self) -> dict[str, Any] | None:
         if not self.there:
             return None
         pitch, yaw = self.angles
