@@ -31,7 +31,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock dist clean FORCE
+.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock dist site clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -115,6 +115,9 @@ lock: ## renew requirements.lock (needs uv)
 dist: $(VENV)/.dev ## build wheel and sdist, twice, try the wheel with every Python from 3.10 to 3.13 here, write a bill of materials
 	@$(BIN)/python deploy/dist.py $(ARGS)
 
+site: $(VENV)/.site ## build the site into build/site; versions of it: mike deploy VERSION
+	@NO_MKDOCS_2_WARNING=1 PATH="$(BIN):$$PATH" $(BIN)/mkdocs build --strict $(ARGS)
+
 clean: ## remove .venv and what the tools left behind
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
 	find $(PACKAGES) -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -125,6 +128,10 @@ $(VENV)/.demo: $(VENV)/.made pyproject.toml requirements.lock
 
 $(VENV)/.demo-%: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,interpreted ground $*,zmav with what the demo needs and its $*)
+	@touch $(VENV)/.demo $@
+
+$(VENV)/.site: $(VENV)/.made pyproject.toml requirements.lock
+	$(call install,site,zmav and what builds its site)
 	@touch $(VENV)/.demo $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock

@@ -17,6 +17,12 @@ ROS2=zmav-ros2.service  # ends at once where the fleet file's [ros2] does not as
 MARK="zmav service"     # in the users' comment: those that have it are ours to remove
 SETTLE=15               # s that a new service must run on in one process: longer than its watchdog
 
+# Those of pyproject.toml, but for what develops zmav.
+extras_there() {
+    sed -n '/^\[project.optional-dependencies\]/,/^\[project.scripts\]/ s/^\([a-z0-9]*\) = .*/\1/p' "$TREE/pyproject.toml" |
+        grep -vxE 'build|site|all|dev' | paste -sd, - | sed 's/,/, /g'
+}
+
 usage() {
     cat <<HELP
 usage: sudo $SELF [options]     install, or upgrade to the version that this is
@@ -29,7 +35,8 @@ usage: sudo $SELF [options]     install, or upgrade to the version that this is
   --fleet-file FILE         in the place of the template: a fleet file that has the vehicle
   --credentials DIR         what 'zmav mesh ca issue NAME --role vehicle' made
   --agent-credentials DIR   the same for the agents on board, of the role planner
-  --extras LIST             vision, planner, interpreted, ground, viz, geotiff, ros2: what agents on board need besides (kept by upgrades)
+  --extras LIST             what agents on board need besides, with commas between (kept by upgrades):
+                            $(extras_there)
   --python PROGRAM          the Python to use (3.10 or newer)
   --no-start                start nothing
   --force                   even where the vehicle is armed

@@ -1,8 +1,8 @@
 """A bill of materials of what zmav is made of, as CycloneDX 1.6 JSON: ``python deploy/sbom.py [--out sbom.json]``.
 
 Packages are those of requirements.lock, with the hashes that it has of their files, and what they are there for;
-licences are what their own metadata says where they are installed here. What is vendored is what
-ground/http/static/vendor/manifest.json says. Source: https://cyclonedx.org/docs/1.6/json/.
+licences are what their own metadata says where they are installed here. What is vendored is what the manifests of the
+page's libraries and of ROS's interfaces say. Source: https://cyclonedx.org/docs/1.6/json/.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import needed
 
 ROOT = needed.ROOT
-VENDORED = Path("ground/http/static/vendor")
+VENDORED = (Path("ground/http/static/vendor"), Path("ground/ros2/interfaces"))
 NAMESPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
 """RFC 4122's for URLs: the bill of one tree always has the same number"""
 
@@ -108,14 +108,15 @@ def licences(name: str) -> list[dict[str, Any]]:
 
 
 def vendored() -> Iterator[dict[str, Any]]:
-    """What is in the tree and others wrote: the page's libraries and its map."""
-    for each in json.loads((ROOT / VENDORED / "manifest.json").read_text(encoding="utf-8")):
-        purl = f"pkg:npm/{each['name']}@{each['version']}"
+    """What is in the tree and others wrote: the page's libraries, its map, and the fields of ROS's interfaces."""
+    manifests = [(folder, (ROOT / folder / "manifest.json").read_text(encoding="utf-8")) for folder in VENDORED]
+    for folder, each in ((folder, each) for folder, text in manifests for each in json.loads(text)):
+        purl = each.get("purl") or f"pkg:npm/{each['name']}@{each['version']}"
         files = [
             {
                 "type": "file",
-                "bom-ref": f"{purl}#{name}",
-                "name": str(VENDORED / name),
+                "bom-ref": f"{purl}:{name}",
+                "name": str(folder / name),
                 "hashes": [{"alg": "SHA-256", "content": digest}],
             }
             for name, digest in each["files"].items()

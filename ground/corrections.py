@@ -56,7 +56,7 @@ class Publisher:
         self.name = name[:MOST_NAME]
         self._key = key_of(z)
         self._instance = random.getrandbits(32)
-        self._cutter, self._charge = Cutter(), Charge(patience)
+        self._cutter, self._charge = Cutter(), Charge[Batch](patience)
         self._gathered: list[Message] = []
         self._flush: asyncio.TimerHandle | None = None
         self._began = self._began_utc = 0.0

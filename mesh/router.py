@@ -34,7 +34,7 @@ from zmav.rundir import is_held, path_of
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions
 from zmav.services.status.answers import HostService
-from zmav.session import ANOTHER, SessionSettings, open_in_thread
+from zmav.session import SessionSettings, another, open_in_thread
 from zmav.trust.gate import anybody
 from zmav.waiting import in_thread
 
@@ -243,7 +243,7 @@ def _check_free(plan: RouterPlan) -> None:
                 probe.bind((address, int(port)))
             except OSError as e:
                 if e.errno == errno.EADDRINUSE:
-                    text = f"a port of {endpoint} is in use by another program: {ANOTHER}"
+                    text = f"a port of {endpoint} is in use by another program: {another([endpoint])}"
                     raise SessionError(text, endpoints=[endpoint]) from e
             except (ValueError, OverflowError):
                 continue  # no plain port: Zenoh says what is wrong with it

@@ -56,7 +56,7 @@ def test_batches_fit_into_datagrams() -> None:
 
 
 def test_who_has_been_in_charge_for_longest_stays() -> None:
-    charge = Charge()
+    charge: Charge[Batch] = Charge()
     assert charge.hear(batch(instance=1, since=200), 0.0)
     assert not charge.hear(batch(instance=2, since=300), 0.1)
     assert charge.hear(batch(instance=1, since=200), 1.0)
@@ -65,14 +65,14 @@ def test_who_has_been_in_charge_for_longest_stays() -> None:
 
 
 def test_a_higher_priority_takes_it_at_once() -> None:
-    charge = Charge()
+    charge: Charge[Batch] = Charge()
     assert charge.hear(batch(instance=1, since=100), 0.0)
     assert charge.hear(batch(instance=2, since=900, priority=1), 0.1)
     assert not charge.hear(batch(instance=1, since=100), 0.2)
 
 
 def test_another_takes_over_from_who_is_silent() -> None:
-    charge = Charge()
+    charge: Charge[Batch] = Charge()
     assert charge.hear(batch(instance=1, since=100), 0.0)
     assert not charge.hear(batch(instance=2, since=200), PATIENCE_S - 0.1)
     assert charge.of(PATIENCE_S - 0.1) is not None

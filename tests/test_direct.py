@@ -21,7 +21,7 @@ KEY = "zmav/raw/direct"
 
 
 async def test_samples_come_in_order_on_threads_whose_state_is_kept(net: Net) -> None:
-    """What a thread remembers goes with its Python state: that is not made anew for each sample."""
+    """What a thread remembers goes with its Python state: that is not made again for each sample."""
     router, endpoint = net.router()
     session = net.ground(endpoint).session
     local, over = threading.local(), threading.Event()

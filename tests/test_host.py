@@ -122,3 +122,18 @@ def test_versions_of_a_fleet() -> None:
     zmav, zenoh = computer.check_versions({f"a{n}": other for n in range(9)})
     assert (zmav.level, zenoh.level) == (Level.RED, Level.RED)
     assert "9.0: a0, a1, a2, a3, a4 and 4 more" in zmav.found
+
+
+def test_who_is_older_is_named() -> None:
+    ours = host.versions()
+    own = ours["zmav"]
+    others: dict[str, wire.HostReport | dict[str, str]]
+    others = {"alpha/quad1": ours, "alpha/quad2": {**ours, "zmav": "0.0.9"}, "alpha/quad3": {**ours, "zmav": "0.0.10"}}
+    line, _ = computer.check_versions(others)
+    assert line.found.startswith(f"alpha/quad2 runs zmav 0.0.9, alpha/quad3 runs zmav 0.0.10: this is {own} (")
+    assert f"on alpha/quad2, alpha/quad3 pip install zmav=={own}" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": "1000.0.1"}})
+    assert line.found.startswith(f"this computer runs zmav {own}: the newest is 1000.0.1 on alpha/quad1 (")
+    assert "here pip install zmav==1000.0.1" in line.advice
+    line, _ = computer.check_versions({"alpha/quad1": {**ours, "zmav": f"{own}+field"}})
+    assert (line.level, line.found) == (Level.RED, f"{own}: here; {own}+field: alpha/quad1")

@@ -171,12 +171,15 @@ def test_links_repeat_all_but_what_comes_again_soon() -> None:
         "setpoint",
         "probe",
         "rtcm",
+        "traffic",
         "agent_out",
         "camera_frame",
+        "camera_video",
+        "video_report",
         "frame_report",
         "camera_detection",
     }
-    for name in once - {"camera_frame"}:
+    for name in once - {"camera_frame", "camera_video"}:
         assert (keys.CHANNELS[name].rate_hz or 0.0) >= 1.0, name
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
+import socket
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from zmav.cli import main
-from zmav.process import say
+from zmav.process import free_port, say
 
 
 def test_what_nobody_reads_ends_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,13 +35,24 @@ def test_what_nobody_reads_ends_nothing(monkeypatch: pytest.MonkeyPatch, capsys:
 def test_numpy_has_one_thread_unless_somebody_says_otherwise(
     monkeypatch: pytest.MonkeyPatch, given: str | None, found: str
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["zmav", "--help"])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OPENBLAS_NUM_THREADS", given or "")
-        if given is None:
-            patch.delenv("OPENBLAS_NUM_THREADS")
-        interrupted = signal.getsignal(signal.SIGINT)
-        with contextlib.suppress(SystemExit):
-            main()
-        signal.signal(signal.SIGINT, interrupted)  # which it leaves to the kernel: its process ends
-        assert os.environ["OPENBLAS_NUM_THREADS"] == found
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", given or "")
+    if given is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    show = "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    program = f"import atexit, os; from zmav.cli import main; atexit.register(lambda: {show}); main()"
+    done = subprocess.run([sys.executable, "-c", program, "--help"], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == found
+
+
+def test_ports_are_given_once_and_are_none_that_the_system_hands_out() -> None:
+    first, last = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
+    held = [free_port() for _ in range(200)]
+    assert len(set(held)) == len(held)
+    assert not [port for port in held if first <= port <= last]
+    with contextlib.ExitStack() as stack:
+        for port in range(held[-1] + 1, held[-1] + 20):
+            with contextlib.suppress(OSError):  # somebody else's
+                stack.enter_context(socket.socket()).bind(("127.0.0.1", port))
+        assert free_port() not in range(held[-1] + 1, held[-1] + 20)
+    with pytest.raises(OSError, match="assign"):
+        free_port(host="192.0.2.1")

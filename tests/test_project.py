@@ -61,6 +61,7 @@ LAYERS: tuple[dict[str, set[str]], ...] = (
         "config": set(),
         "formats": set(),
         "corrections": {"formats"},
+        "traffic": {"corrections"},
         "host": set(),
         "trust": set(),
         "rundir": set(),

@@ -182,7 +182,8 @@ async def test_what_fails_to_open_does_not_hide_a_cancellation() -> None:
 def test_a_port_in_use_is_said() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(SessionError, match=f"127.0.0.1:{port} is in use by another program.*-l"):
+        words = f"127.0.0.1:{port} is in use by another program.*-e tcp/127.0.0.1:{port}"
+        with pytest.raises(SessionError, match=words):
             open_session(SessionSettings(mode="router", listen=[f"tcp/127.0.0.1:{port}"]))
 
 

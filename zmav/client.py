@@ -110,6 +110,12 @@ class Client:
         session.liveliness().declare_subscriber(alive, on_loop(loop, self._on_token), history=True)
         return self
 
+    def adopt(self, session: zenoh.Session, member: Member | None) -> None:
+        """Ask and put in a session that somebody else has opened and closes, instead of entering: of the fleet it then
+        hears nothing by itself.
+        """
+        self._session, self.member = session, member
+
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
     ) -> None:

@@ -13,7 +13,7 @@ Those of one moment that are too many for one datagram have the same time. No Ze
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from zmav.errors import BadMessage
 from zmav.formats import rtcm3
@@ -89,7 +89,20 @@ def batches(messages: list[Message]) -> list[tuple[Message, ...]]:
     return [tuple(each) for each in found]
 
 
-class Charge:
+class Ranked(Protocol):
+    """What a source says, and how it stands among others."""
+
+    @property
+    def instance(self) -> int: ...
+
+    @property
+    def rank(self) -> tuple[float, float, float]: ...
+
+
+R = TypeVar("R", bound=Ranked)
+
+
+class Charge(Generic[R]):
     """Which source is in charge, as one listener hears it: the highest rank of those that spoke of late.
 
     A vehicle follows it, and a source stands by while another than itself is.
@@ -97,11 +110,11 @@ class Charge:
 
     def __init__(self, patience: float = PATIENCE_S) -> None:
         self._patience = patience
-        self.last: Batch | None = None
+        self.last: R | None = None
         """the newest of the one in charge"""
         self._at = 0.0
 
-    def hear(self, batch: Batch, now: float) -> bool:
+    def hear(self, batch: R, now: float) -> bool:
         """Whether it is of the source in charge, at ``now`` (monotonic seconds)."""
         last = self.of(now)
         if last is not None and batch.instance != last.instance and batch.rank < last.rank:
@@ -109,6 +122,6 @@ class Charge:
         self.last, self._at = batch, now
         return True
 
-    def of(self, now: float) -> Batch | None:
+    def of(self, now: float) -> R | None:
         """The newest word of the source in charge; None where all are silent."""
         return self.last if now - self._at <= self._patience else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Callable
 
 import zenoh
 
@@ -34,7 +35,8 @@ class FrameForwarder:
     ``prove`` raises :class:`~zmav.errors.Forbidden` for what does not come from who may put it, and says so;
     ``may_send`` a :class:`~zmav.errors.ZmavError` for a frame that may not be sent now (a clash of ids, a lease).
     The adapter's bus is told of each :class:`FrameForwarded` and :class:`FrameRefused`. ``sign_forwarded``: frames that
-    are not signed are signed as our own, where the link signs.
+    are not signed are signed as our own, where the link signs. ``take``: whether a frame for a component is one that
+    this program speaks for: it has taken it then, and it goes to no link.
     """
 
     def __init__(
@@ -44,7 +46,9 @@ class FrameForwarder:
         prove: Prove,
         may_send: MayMove[[Frame]],
         sign_forwarded: bool = False,
+        take: Callable[[Frame, int], bool] = lambda frame, component: False,
     ) -> None:
+        self._take = take
         self._adapter, self._prove, self._may_send = adapter, prove, may_send
         self._sign_forwarded = sign_forwarded
         self._intake: Intake | None = None
@@ -76,6 +80,8 @@ class FrameForwarder:
             self._prove(key, payload, attached(sample))
             frame = self._checked(key, payload)
             self._may_send(frame)
+            if self._take(frame, int(keys.match(key)[1]["comp"])):
+                return
             data = self._signed(frame)
         except Forbidden:
             adapter.tx.refused += 1

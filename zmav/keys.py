@@ -245,6 +245,28 @@ FRAME_REPORT = _put(
     repeated=False,
 )
 """what comes of the pictures at a reader, whose link they are adapted to"""
+VIDEO = Channel(
+    "camera_video",
+    "camera/{camera}/video",
+    qos=Qos.BULK,
+    writers=(VEHICLE, AGENT),
+    encoding=RAW,
+    stale_after=1.0,
+    repeated=False,
+)
+"""H.264 as the camera encodes it: access units in chunks of at most 1.1 kB (docs/video.md)"""
+VIDEO_INFO = _asked("camera_stream", "camera/{camera}/stream", wire.VideoInfo)
+"""the video's size, rate and source"""
+VIDEO_REPORT = _put(
+    "video_report",
+    "camera/{camera}/watcher/{reader}",
+    wire.FrameReport,
+    writers=(ANYONE,),
+    rate_hz=2.0,
+    stale_after=3.0,
+    repeated=False,
+)
+"""what comes of the video at a reader, and whether it waits for a key frame"""
 DETECTION = Channel(
     "camera_detection",
     "camera/{camera}/detection",
@@ -286,6 +308,17 @@ RTCM = _put(
     repeated=False,
 )
 """corrections for GNSS receivers, once for the whole fleet: messages of RTCM 3 behind a header (zmav/corrections.py)"""
+TRAFFIC = _put(
+    "traffic",
+    "@fleet/traffic",
+    wire.Traffic,
+    writers=(OPERATOR, VEHICLE),
+    rate_hz=1.0,
+    stale_after=5.0,
+    recorded=True,
+    repeated=False,
+)
+"""aircraft that are not of the fleet, by feeds on the ground and by receivers of autopilots: the nearest, bounded"""
 FLEET = Channel("fleet", "@fleet/{topic}", writers=(OPERATOR, PLANNER), recorded=True)
 """fleet-wide topics: origin, goal, charge, plan, obstacle, order, roster"""
 SWARM = _asked(
@@ -336,7 +369,7 @@ def told_to_all(channel: Channel, parts: Mapping[str, str]) -> bool:
     """It says to every planner where vehicles fly and what is in their way, or to vehicles what their receivers go by:
     each listener judges who said it.
     """
-    return channel in (OBSTACLE, RTCM) or (channel is FLEET and parts["topic"] != ROSTER)
+    return channel in (OBSTACLE, RTCM, TRAFFIC) or (channel is FLEET and parts["topic"] != ROSTER)
 
 
 def check_name(name: str, field: str = "name") -> str:

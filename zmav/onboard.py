@@ -19,6 +19,7 @@ import zenoh
 from zmav import config, keys, wire
 from zmav.adapter import Adapter, LinkChanged
 from zmav.bus import Alive, Bus
+from zmav.client import Client
 from zmav.errors import BadConfig
 from zmav.forwarding import FrameForwarder
 from zmav.links import Link, LinkState, open_link
@@ -33,12 +34,14 @@ from zmav.services.authority.pilot import NEEDS
 from zmav.services.authority.preconditions import ParamPreconditions
 from zmav.services.authority.separation import Separation
 from zmav.services.authority.setpoints import SegmentAccepted
+from zmav.services.cameras.cameras import Cameras, Tell
 from zmav.services.companion import Companion
 from zmav.services.corrections.corrections import Corrections
 from zmav.services.files.files import Files
 from zmav.services.files.ftp import Ftp
 from zmav.services.files.logs import Logs
 from zmav.services.files.store import Store, default_directory
+from zmav.services.gimbal.gimbal import Gimbal
 from zmav.services.link.identity import Identity, VehicleChanged
 from zmav.services.link.patience import Patience
 from zmav.services.link.port import FrameRefused, on_loop
@@ -61,11 +64,14 @@ from zmav.services.status.presence import Presence
 from zmav.services.status.px4_events import EventTexts
 from zmav.services.status.state import StateService
 from zmav.services.terrain.requests import TerrainRequests
+from zmav.services.traffic.traffic import Traffic
+from zmav.session import SessionSettings
 from zmav.systemd import state_directory
 from zmav.terrain import Terrain
 from zmav.trust.certificate import Role, warn_of_end
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import Gate, ProofRefused, anybody
+from zmav.trust.member import Member
 from zmav.trust.proof import Signer
 from zmav.trust.roster import Roster
 from zmav.waiting import in_thread
@@ -86,11 +92,14 @@ class OnboardSettings(msgspec.Struct, kw_only=True, frozen=True):
     limits: config.Limits = config.Limits()
     body: config.BodyConfig | None = None
     separation: config.Separation = config.Separation()
+    traffic: config.Traffic = config.Traffic()
     rights: config.Rights = config.Rights()
     pilot_switch: config.PilotSwitch | None = None
     signing: config.Signing | None = None
     credentials: str | None = None
     """folder of the vehicle's certificate: with it, only what is proven to come from who may give it is taken"""
+    streams: dict[str, str | None] = {}
+    """cameras by name, and the URI of the video of each that a ground station can open; None: of none"""
     cache: str | None = None
     """directory for files and logs fetched from the autopilot; None: the user's cache directory"""
 
@@ -161,7 +170,21 @@ class Onboard:
         counts = SetpointCounts()
         self.preconditions = ParamPreconditions(companion, self.params, counts)
         self.separation = Separation(
-            companion, bounds, lambda: self.body.body, settings.separation, gate.is_vehicle if gate else keys.anything
+            companion,
+            bounds,
+            lambda: self.body.body,
+            settings.separation,
+            gate.is_vehicle if gate else keys.anything,
+            mates=settings.traffic.mates,
+        )
+        self.traffic = Traffic(
+            companion,
+            told,
+            signer,
+            settings.traffic,
+            self.separation.mates,
+            receives=lambda: bool(self.params.value("ADSB_TYPE")),
+            need=self.rates.need,
         )
         self.authority = Authority(
             companion,
@@ -188,14 +211,17 @@ class Onboard:
                 self.state,
                 aside=self.separation.on,
             )
+        self.cameras = Cameras(companion, settings.streams, _teller(session, own, settings))
         self.forwarder = FrameForwarder(
             port,
             prove=prove,
             may_send=self.authority.gcs_traffic.admit,
             sign_forwarded=bool(settings.signing and settings.signing.sign_forwarded),
+            take=self.cameras.take,
         )
         self.payload = Payload(companion, commander, bounds)
         self.camera = TriggeredCamera(companion, commander, self.params.value)
+        self.gimbal = Gimbal(companion, commander, self.rates.need, gate.is_vehicle if gate else keys.anything)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
@@ -235,12 +261,17 @@ class Onboard:
             self.missions,
             self.params,
             # A recording takes no orders, gives no files, and needs no corrections.
-            *(() if link.recorded else (self.event_texts, self.orders, self.terrain, self.corrections)),
+            *(
+                ()
+                if link.recorded
+                else (self.event_texts, self.orders, self.terrain, self.corrections, self.traffic, self.cameras)
+            ),
             self.preconditions,
             self.rates,
             self.separation,
             self.questions,
             self.camera,
+            self.gimbal,
             self.authority,
         ]
         self._add_orders()
@@ -293,6 +324,7 @@ class Onboard:
             "servo": payload.servo,
             "camera_trigger": self.camera.trigger,
             "ping": _pong,
+            **self.gimbal.handlers,
             **self.files.handlers,
             **self.logs.handlers,
             **self.terrain.handlers,
@@ -375,6 +407,7 @@ class Onboard:
         self.authority.add_to_state(state)
         state.clash = self.presence.clash
         self.corrections.add_to_state(state)
+        state.traffic = self.traffic.worst
         if self.gate is not None:
             state.gate, state.forbidden = self.gate.epoch.hex(), dict(self.gate.counts)
 
@@ -394,7 +427,9 @@ class Onboard:
                 if beat % 5 == 0:
                     self.quality.tick()
                     self.corrections.tick()
+                    self.traffic.tick(self.state.place(), self.state.velocity())
                     self._send_heartbeat()
+                    self.cameras.tick()
                     self.rates.tick()
             except Exception as e:
                 self.events.emit("fault", "error", f"housekeeping: {e!r}", limit="fault")
@@ -448,6 +483,17 @@ def _credentials(settings: OnboardSettings) -> Credentials | None:
             text = f"the credentials in {settings.credentials} are for the {field} {said!r}; expected {expected!r}"
             raise BadConfig(text, field="credentials", value=said, expected=expected)
     return found
+
+
+def _teller(session: zenoh.Session, own: Credentials | None, settings: OnboardSettings) -> Tell:
+    """How the vehicle's program gives its agents orders: in the session that it has, with its own certificate."""
+    client = Client(SessionSettings(), settings.fleet, settings.dialect)
+    client.adopt(session, Member(own) if own else None)
+
+    async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
+        return await client.vehicle(settings.name).tell(agent, verb, **args)
+
+    return tell
 
 
 def _untold(handler: Handler) -> Guarded:

@@ -7,7 +7,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import datetime
+import errno
+import itertools
 import os
+import secrets
 import signal
 import socket
 import stat
@@ -21,6 +24,11 @@ import click
 
 from zmav import systemd
 from zmav.errors import BadConfig, ZmavError
+
+FREE_PORTS = range(20_000, 32_000)
+"""beyond those that vehicles, ground stations and routers are usually found at"""
+_NUMBERS = itertools.count(secrets.randbelow(len(FREE_PORTS)))
+"""of the ports that this process gives: another one, which begins elsewhere, does not come upon them soon"""
 
 
 def run(main: Coroutine[Any, Any, int | None]) -> None:
@@ -98,14 +106,14 @@ def restart() -> NoReturn:
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
-def leave() -> NoReturn:
-    """End this process at once, in good order (code 0), once all that is ours is closed.
+def leave(code: int) -> NoReturn:
+    """End this process at once, where all that is ours is closed.
 
-    Zenoh 1.10 may still be closing links in threads of its own: one that comes back to Python while the interpreter
-    ends aborts the process (3 of 5 on a busy machine).
+    Zenoh 1.10 may still be closing links in threads of its own, or bring a message: one that comes back to Python while
+    the interpreter ends aborts the process (3 of 5 on a busy machine).
     """
     _flush()
-    os._exit(0)
+    os._exit(code)
 
 
 def _flush() -> None:
@@ -115,8 +123,20 @@ def _flush() -> None:
 
 
 def free_port(kind: int = socket.SOCK_STREAM, host: str = "127.0.0.1") -> int:
-    """A port nobody uses now at an address of this computer."""
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, kind) as s:
-        s.bind((host, 0))
-        port: int = s.getsockname()[1]
-        return port
+    """A port nobody uses now at an address of this computer, for a program that opens it some seconds later.
+
+    It is none of those that the system hands out by itself (``ip_local_port_range``, 32768 to 60999 mostly): any
+    connection, or program that lets the system choose, would take such a one meanwhile. Nor is it one that was given
+    before, so that a fleet may have all of its ports before it opens any.
+    """
+    for number in itertools.islice(_NUMBERS, len(FREE_PORTS)):
+        port = FREE_PORTS[number % len(FREE_PORTS)]
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, kind) as s:
+            try:
+                s.bind((host, port))
+            except OSError as e:
+                if e.errno != errno.EADDRINUSE:
+                    raise
+                continue
+            return port
+    raise OSError(errno.EADDRINUSE, f"no port from {FREE_PORTS[0]} to {FREE_PORTS[-1]} is free at {host}")

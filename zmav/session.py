@@ -41,10 +41,6 @@ RUNTIME = "ZENOH_RUNTIME"
 """environment variable: Zenoh's threads, read once in a process, as its first session is opened"""
 CLIENTS_RUNTIME = "(rx: (handover: app), app: (worker_threads: 2))"
 """a client's one link is read by the thread that waits for it: else each message wakes one that only wakes another"""
-ANOTHER = (
-    f"choose another with -l; or, where that is a router of this computer, join it: -l {ANY_PORT} -e {DEFAULT_ROUTER}"
-)
-"""what one does whose port is taken, by a second 'zmav up' for example"""
 Mode = Literal["client", "peer", "router"]
 
 
@@ -239,6 +235,12 @@ def reason(error: zenoh.ZError) -> str:
     return parser[1].rpartition("= ")[2] if parser else text
 
 
+def another(listen: Sequence[str]) -> str:
+    """What one does whose port is taken, by a second 'zmav up' for example. ``listen``: where it was to listen."""
+    there = next((endpoint for endpoint in listen if endpoint.startswith("tcp/127.")), DEFAULT_ROUTER)
+    return f"choose another with -l; or, where that is a router of this computer, join it: -l {ANY_PORT} -e {there}"
+
+
 def _unopened(built: zenoh.Config, why: str) -> SessionError:
     """The error for a session that does not open, with what to do about it."""
     mode = json.loads(built.get_json("mode"))
@@ -249,7 +251,7 @@ def _unopened(built: zenoh.Config, why: str) -> SessionError:
             f"ground station, 'zmav demo' to look around) or name it with -e. ({why})"
         )
     elif "in use" in why.lower() or "os error 98" in why.lower():
-        text = f"a port of {', '.join(listen)} is in use by another program: {ANOTHER}. ({why})"
+        text = f"a port of {', '.join(listen)} is in use by another program: {another(listen)}. ({why})"
     else:
         text = f"cannot open a Zenoh session in {mode} mode: {why}"
     return SessionError(text, endpoints=[*connect, *listen])

@@ -21,6 +21,8 @@ class Access(enum.Enum):
     """changes something but moves nothing: while somebody holds the lease, only with that lease"""
     MOVE = "move"
     """moves or arms the vehicle: as ``change``, and the stream of setpoints is over"""
+    PAYLOAD = "payload"
+    """moves what the vehicle carries and never the vehicle: whatever lease there is, which stays"""
     OPEN = "open"
     """makes it safe: open to everybody, ends the stream and a stranger's lease"""
 
@@ -63,6 +65,10 @@ VERBS: dict[str, Verb] = {
         Verb("reboot", wire.Order, Access.CHANGE, "restart the autopilot", CONFIGURING),
         Verb("servo", wire.SetServo, Access.CHANGE, "one output to a PWM", CONFIGURING, True),
         Verb("camera_trigger", wire.CameraTrigger, Access.CHANGE, "pictures by distance, or no more"),
+        Verb("gimbal_point", wire.PointGimbal, Access.PAYLOAD, "look at a place or a vehicle", CONFIGURING, True),
+        Verb("gimbal_turn", wire.TurnGimbal, Access.PAYLOAD, "turn the gimbal, or back", CONFIGURING, True),
+        Verb("gimbal_release", wire.Order, Access.PAYLOAD, "look no more, give the gimbal back", CONFIGURING, True),
+        Verb("gimbal_status", wire.Order, Access.READ, "where the gimbal looks, who controls it", LOOKING),
         Verb("param_set", wire.ParamSet, Access.CHANGE, "set a parameter and read it back", CONFIGURING),
         Verb("param_load", wire.ParamLoad, Access.CHANGE, "set many parameters", CONFIGURING),
         Verb("param_refresh", wire.ParamRefresh, Access.READ, "read all parameters again"),

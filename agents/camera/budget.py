@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import collections
 import math
+import statistics
 from typing import NamedTuple
 
 from agents.camera.settings import CameraSettings
@@ -55,9 +56,12 @@ MOST_READERS = 64
 
 
 class Sent:
-    """Pictures that were sent lately: bytes up to each, how long we had it ourselves."""
+    """Pictures that were sent lately: bytes up to each, how long we had it ourselves. ``reported``: so many come
+    between two reports, of whose delays a reader tells the median.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, reported: int = 1) -> None:
+        self._reported = reported
         self._pictures: collections.OrderedDict[int, tuple[int, float]] = collections.OrderedDict()
         self._times: collections.deque[tuple[float, int]] = collections.deque(maxlen=2000)
         self.total = 0
@@ -76,8 +80,15 @@ class Sent:
             return None
         return self._pictures[last][0] - self._pictures[first][0]
 
+    def took(self, seq: int, own: float) -> None:
+        """It has gone out: how long we had it is known by now."""
+        if seq in self._pictures:
+            self._pictures[seq] = self._pictures[seq][0], own
+
     def own(self, seq: int) -> float:
-        return self._pictures[seq][1] if seq in self._pictures else 0.0
+        """s that we had those ourselves which were reported with it."""
+        found = [self._pictures[each][1] for each in range(seq - self._reported + 1, seq + 1) if each in self._pictures]
+        return statistics.median(found) if found else 0.0
 
     def rate(self, now: float, window: float = 2.0) -> float:
         """B/s lately."""
@@ -117,6 +128,11 @@ class ReaderLink:
         """what must be lost after the last decrease for it to be the link's own; None: it is judged already"""
         self._step: float | None = None
         """B/s added each half second; None: there was no sign of a full link yet, and it grows by a share of itself"""
+
+    @property
+    def limited(self) -> bool:
+        """There was a sign of a full link, or the reader knows what it has."""
+        return self._step is not None or self._limited or self.most is not None
 
     def take(self, report: FrameReport, sent: Sent, now: float) -> None:
         """Judge one report; old ones, and those that say nothing, change nothing."""
@@ -220,9 +236,9 @@ class ReaderLink:
 class Budget:
     """Of one camera: the tightest of its readers' links."""
 
-    def __init__(self, settings: CameraSettings) -> None:
+    def __init__(self, settings: CameraSettings, reported: int = 1) -> None:
         self._settings = settings
-        self.sent = Sent()
+        self.sent = Sent(reported)
         self.links: dict[str, ReaderLink] = {}
 
     def report(self, reader: str, report: FrameReport, now: float) -> None:
@@ -245,6 +261,11 @@ class Budget:
         links = self.links.values()
         found = min((link.budget for link in links), default=self._settings.budget)
         return min(found, *(link.most for link in links if link.most is not None), self._settings.most)
+
+    @property
+    def searched(self) -> bool:
+        """Every reader's link was once full, or is known: before that the budget says little of it."""
+        return all(link.limited for link in self.links.values())
 
     @property
     def loss(self) -> float:

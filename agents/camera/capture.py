@@ -102,10 +102,13 @@ class Capture:
         if self.lost:
             self.lost = ""
             self._say(f"{self.source.words}: pictures come again")
-        # A source that was opened again counts from zero; its pictures are later all the same.
-        self.latest = shot._replace(seq=self.count)
+        self._keep(shot)
         self.count += 1
         self._news()
+
+    def _keep(self, shot: Shot) -> None:
+        # A source that was opened again counts from zero; its pictures are later all the same.
+        self.latest = shot._replace(seq=self.count)
 
     def _lose(self, why: str) -> None:
         if not self.lost:

@@ -17,12 +17,14 @@ import zmav
 from agents.camera.agent import CameraAgent
 from agents.camera.capture import Source
 from agents.camera.mjpeg import MjpegSource, SimulatedLens, numbers
-from agents.camera.settings import Calibration, CameraSettings
+from agents.camera.photos import PREFIX, Photos
+from agents.camera.settings import MOST_ZOOM, Calibration, CameraSettings
 from agents.camera.sources import open_source
 from mesh.units import bits_per_second
-from zmav.cli.common import fleet_option, run, zenoh_options
-from zmav.errors import BadConfig, BadInput, TimedOut
-from zmav.process import leave, say, until_stopped
+from zmav.cli.common import Work, connected, dump, fleet_option, json_option, run, zenoh_options
+from zmav.cli.vehicles import matching
+from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
@@ -98,6 +100,19 @@ USUAL_FOV = math.radians(63.0)
     help="From shutter to us, where the source does not say when a picture was taken.",
 )
 @click.option("--loop", is_flag=True, help="A folder begins again at its end.")
+@click.option(
+    "--capture",
+    callback=lambda c, o, v: None if v is None else pair(c, o, v),
+    metavar="WxH",
+    help="Asked of a device, and the size of photos.  [default: as --size]",
+)
+@click.option(
+    "--photos",
+    type=click.Path(file_okay=False, path_type=Path),
+    default="photos",
+    show_default=True,
+    help="Where photos are kept.",
+)
 @fleet_option
 @zenoh_options
 def run_camera(
@@ -105,6 +120,8 @@ def run_camera(
     rate: float,
     delay: float,
     loop: bool,
+    capture: tuple[int, int] | None,
+    photos: Path,
     calibration: Path | None,
     fov: float | None,
     mount: tuple[float, float, float] | None,
@@ -123,7 +140,7 @@ def run_camera(
     """
     if calibration is not None and fov is not None:
         raise BadConfig("give --calibration or --fov, not both", field="fov", value=fov, expected="one of the two")
-    opened = open_source(source, rate=rate, loop=loop, delay=delay, size=size)
+    opened = open_source(source, rate=rate, loop=loop, delay=delay, size=capture or size)
     found = numbers(opened.words) if isinstance(opened, MjpegSource) else None
     lens = _lens(calibration, fov, found)
     roll, pitch, yaw = (math.radians(angle) for angle in mount or (0.0, 0.0, 0.0))
@@ -135,7 +152,7 @@ def run_camera(
         offset=found.offset if found and offset is None else offset or (0.0, 0.0, 0.0),
         **rest,
     ).check()
-    run(_run(given, opened, lens, fleet, settings))
+    run(_run(given, opened, lens, photos, fleet, settings))
 
 
 def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | None) -> Calibration | float:
@@ -150,20 +167,81 @@ def _lens(calibration: Path | None, fov: float | None, found: SimulatedLens | No
 
 
 async def _run(
-    own: CameraSettings, source: Source, lens: Calibration | float, fleet: str, settings: SessionSettings
+    own: CameraSettings,
+    source: Source,
+    lens: Calibration | float,
+    folder: Path,
+    fleet: str,
+    settings: SessionSettings,
 ) -> None:
     async with (
         zmav.open(fleet=fleet, settings=settings) as z,
         CameraAgent(z, own, source, lens, settings, say) as agent,
+        Photos(z, agent, folder) as photos,
     ):
+        telling = asyncio.ensure_future(photos.run())
         say(f"{fleet}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
         stopped, finished = (asyncio.ensure_future(each) for each in (until_stopped(), agent.finished()))
         done, _ = await asyncio.wait({stopped, finished}, return_when=asyncio.FIRST_COMPLETED)
         stopped.cancel()
+        telling.cancel()
         for each in done:
             each.result()
     say(f"{agent.sent} pictures sent")
-    leave()
+
+
+def _agent_order(vehicles: str, camera: str, verb: str, as_json: bool, **args: Any) -> Work:
+    """Have the program of each vehicle's camera do something."""
+
+    async def give(z: zmav.Client) -> None:
+        failed = False
+        for vehicle in await matching(z, vehicles):
+            try:
+                said = await vehicle.tell(f"{PREFIX}{camera}", verb, **args)
+            except ZmavError as e:
+                failed = True
+                said = {"error": e.code, "message": e.message}
+            words = said.get("message") or said.get("file") or ", ".join(f"{k} {v}" for k, v in said.items())
+            click.echo(dump({"vehicle": vehicle.name, **said}) if as_json else f"{vehicle.name}/{camera}: {words}")
+        if failed:
+            raise SystemExit(1)
+
+    return give
+
+
+@camera.command("photo")
+@click.argument("vehicles")
+@name_option
+@click.option("--every", type=click.FloatRange(0.2, 3600.0), metavar="S", help="A series; ends with --stop or --count.")
+@click.option("--count", type=click.IntRange(1), help="So many of a series.")
+@click.option("--stop", is_flag=True, help="End a series.")
+@json_option
+@connected
+def take_photo(vehicles: str, camera: str, every: float | None, count: int | None, stop: bool, as_json: bool) -> Work:
+    """Take a photo: 'zmav camera photo quad1'. It is kept on the vehicle, with when and where it was taken.
+
+    The whole picture of the source, in the folder of its 'zmav camera run'; the place is in its EXIF, the attitude in
+    the .json beside it.
+    """
+    if stop and (every or count):
+        raise click.UsageError("--stop goes with neither --every nor --count")
+    if count is not None and every is None:
+        raise click.UsageError("--count goes with --every")
+    if stop:
+        return _agent_order(vehicles, camera, "stop", as_json)
+    series = {} if every is None else {"every": every, "count": count or 0}
+    return _agent_order(vehicles, camera, "photo", as_json, **series)
+
+
+@camera.command("zoom")
+@click.argument("vehicles")
+@click.argument("factor", type=click.FloatRange(1.0, MOST_ZOOM))
+@name_option
+@json_option
+@connected
+def zoom_camera(vehicles: str, factor: float, camera: str, as_json: bool) -> Work:
+    """Look closer: 'zmav camera zoom quad1 4' sends the middle of the picture; 1 all of it. Photos stay whole."""
+    return _agent_order(vehicles, camera, "zoom", as_json, factor=factor)
 
 
 COLUMNS = "file,seq,t,arrived,width,height\n"

@@ -10,12 +10,14 @@ import msgspec
 
 from zmav import keys
 from zmav.errors import BadConfig
+from zmav.vision.opencv import Image
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Angle = Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 Pixels = Annotated[int, msgspec.Meta(ge=16, le=8192)]
 Coefficient = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
+MOST_ZOOM = 8.0
 SAME_SHAPE = 0.02
 """by how much the ratio of width to height may differ from the calibrated one"""
 
@@ -113,3 +115,20 @@ class Calibration(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fiel
             focal=(fx * kx, fy * ky),
             center=((cx + 0.5) * kx - 0.5, (cy + 0.5) * ky - 0.5),
         )
+
+    def zoomed(self, factor: float) -> Calibration:
+        """For the middle of the picture, enlarged so many times to the same size."""
+        (fx, fy), (cx, cy) = self.focal, self.center
+        u, v = (self.width - 1) / 2.0, (self.height - 1) / 2.0
+        center = u + (cx - u) * factor, v + (cy - v) * factor
+        return msgspec.structs.replace(self, focal=(fx * factor, fy * factor), center=center)
+
+
+def cropped(image: Image, zoom: float) -> Image:
+    """The middle of a picture, a ``zoom``-th of it each way."""
+    if zoom <= 1.0:
+        return image
+    height, width = image.shape[:2]
+    across, down = max(round(width / zoom / 2.0), 1), max(round(height / zoom / 2.0), 1)
+    middle_x, middle_y = width // 2, height // 2
+    return image[max(middle_y - down, 0) : middle_y + down, max(middle_x - across, 0) : middle_x + across]

@@ -68,6 +68,8 @@ class CycleCounters(msgspec.Struct):
     cycles: int = 0
     late: int = 0
     """that began before the output of the one before had come"""
+    outputs: int = 0
+    """that went out"""
     clipped: int = 0
     """outputs with a thrust or a torque out of range"""
 
@@ -251,6 +253,7 @@ class Cycles:
                 self._trip(why)
                 return
             self._put(answer.output)
+            self.counters.outputs += 1
             now = time.monotonic()
             if self.phase is Phase.IN_FORCE:
                 self._applied = _applied(answer.output, self.estimate.state)

@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 
 from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Box, Cylinder, NoFly, Scene
@@ -49,6 +50,10 @@ def figure_of(scene: Scene, plan: Plan, report: Report | None) -> Figure:
             names = ("east (m)", "north (m)", "up (m)")
             ax.set(xlim=(low[x], high[x]), ylim=(low[y], high[y]), aspect="equal", ylabel=names[y])
         ax.set_xlabel("east (m)")
+        signs = [Line2D([], [], color=INK, ls="", marker="o", mfc=fill) for fill in (INK, "none")]
+        signs += [Patch(color=SOLID), Line2D([], [], color=BAD, ls="", marker="o", mfc="none", ms=9)]
+        words = ("start", "goal", "obstacle (darker: higher)", "nearest to each other")
+        figure.legend(signs, words, loc="outside lower center", ncols=4, frameon=False)
         figure.suptitle(_title(scene, plan, report), fontsize=10.5, color=BAD if plan.status == "error" else INK)
     return figure
 
@@ -112,13 +117,39 @@ def _vehicles(ax: Axes, scene: Scene, plan: Plan, report: Report | None, across:
         if goal := goals.get(v.id):
             ax.add_patch(_ring((goal[across], goal[up]), size, shade))
         if v.id in named or (len(scene.vehicles) <= NAMES and up == 1):
-            colour = BAD if v.id in blamed else INK
-            ax.annotate(v.id, at, xytext=(4, 4), textcoords="offset points", fontsize=7, zorder=6, color=colour)
+            others = [(o.start[across], o.start[up]) for o in scene.vehicles if o is not v]
+            edges = (scene.bounds.min[across], scene.bounds.max[across])
+            _name(ax, v.id, at, others, edges, BAD if v.id in blamed else INK)
     if nearest is not None and motions.keys() >= set(nearest.ids):
         ways = [motions[name] for name in nearest.ids]
         points = np.array([[np.interp(nearest.time, way[:, 0], way[:, 1 + k]) for k in (across, up)] for way in ways])
         ax.add_patch(_ring(tuple(points.mean(axis=0)), 5.0 * seen, BAD))
         ax.plot(points[:, 0], points[:, 1], color=BAD, linewidth=1.2, marker=".", markersize=4, zorder=7)
+
+
+def _name(
+    ax: Axes,
+    name: str,
+    at: tuple[float, float],
+    others: Sequence[tuple[float, float]],
+    edges: tuple[float, float],
+    colour: str,
+) -> None:
+    """On the side where neither the nearest of the others is nor the picture's edge."""
+    near = min(others, key=lambda other: math.dist(at, other), default=at)
+    share = (at[0] - edges[0]) / (edges[1] - edges[0])
+    right, above = share < 0.1 or (share < 0.9 and at[0] >= near[0]), at[1] >= near[1]
+    ax.annotate(
+        name,
+        at,
+        xytext=(4 if right else -4, 4 if above else -4),
+        textcoords="offset points",
+        ha="left" if right else "right",
+        va="bottom" if above else "top",
+        fontsize=7,
+        zorder=6,
+        color=colour,
+    )
 
 
 def _ring(at: tuple[float, float], radius: float, shade: Any) -> Circle:

@@ -20,7 +20,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import Signing, VehicleConfig, origin_of
 from zmav.errors import BadConfig, BadInput
 from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import leave, log, restart
+from zmav.process import log, restart
 from zmav.session import SessionSettings
 
 
@@ -78,8 +78,10 @@ def up(
         limits=table.limits or file.limits,
         body=table.body,
         separation=file.separation,
+        traffic=file.traffic,
         rights=file.rights,
         pilot_switch=table.pilot_switch,
+        streams={camera: table.cameras[camera].uri for camera in table.cameras},
         cache=cache,
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else table.signing,
@@ -105,7 +107,6 @@ async def _up(
     if why:
         log(f"starting again: {why}")
         restart()
-    leave()
 
 
 def _log(sample: zenoh.Sample) -> None:

@@ -20,6 +20,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 from starlette.types import Receive, Scope, Send
 
+from ground.http import video
 from ground.http.gateway import Gateway
 from ground.http.reply import Failure
 from ground.http.server import send_the_newest
@@ -232,4 +233,5 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         pictures=lambda: cameras.sent,
         pictures_left_out=lambda: cameras.left_out,
     )
-    return [Route("/camera/{vehicle}/{camera}", cameras.look, methods=["GET"])]
+    pictures = Route("/camera/{vehicle}/{camera}", cameras.look, methods=["GET"])
+    return [pictures, *video.routes(gateway, cameras.counted)]

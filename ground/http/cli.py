@@ -16,7 +16,7 @@ from zmav.cli.common import amount, dialect_option, fleet_option, run, zenoh_opt
 from zmav.errors import BadConfig, missing_extra
 from zmav.links.sockets import is_loopback
 from zmav.onboard import OnboardSettings
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 
 if TYPE_CHECKING:
@@ -167,7 +167,6 @@ async def _serve(host: str, sock: socket.socket, rules: Rules, made: Gateway) ->
         how = "".join((", with a token" if rules.token else "", ", only reading" if rules.read_only else ""))
         say(f"fleet {gateway.client.fleet_name} at http://{shown}:{port}/{how}")
         await until_stopped()
-    leave()
 
 
 def _read_token(path: str) -> str:

@@ -96,6 +96,8 @@ FIGURES: dict[str, tuple[Kind, str]] = {
     "dropped": ("counter", "Samples that they lost for want of room."),
     "cut": ("counter", "WebSockets cut off because they did not read."),
     "streams": ("gauge", "Streams of setpoints that the gateway holds leases for."),
+    "video_viewers": ("gauge", "Browsers that watch cameras' video."),
+    "video_units": ("counter", "Encoded pictures of video sent, of all viewers."),
     "camera_readers": ("gauge", "Readers of cameras' pictures."),
     "pictures": ("counter", "Pictures sent to them."),
     "pictures_left_out": ("counter", "Pictures that came while their reader still took another."),

@@ -47,6 +47,7 @@ RECORDINGS = Path("recordings")
     "--mcap/--no-mcap", default=True, show_default=True, help="Besides the .tlog files, one .mcap of everything."
 )
 @click.option("--ros2", is_flag=True, help="In the .mcap besides: what 'zmav ros2' would publish, for 3-D in Foxglove.")
+@click.option("--video", is_flag=True, help="Besides, the video of the vehicles' cameras, as .ts files (MPEG-TS).")
 @click.option(
     "--keep-free", callback=amount, default="1GB", show_default=True, help="Write nothing while less is free."
 )
@@ -74,6 +75,7 @@ def command(
     want: tuple[str, ...],
     mcap: bool,
     ros2: bool,
+    video: bool,
     keep_free: int,
     name: str | None,
     dialect: str,
@@ -107,7 +109,7 @@ def command(
     from ground.record.storage import RecordingSettings
 
     how = RecordingSettings(mcap=mcap, ros2=ros2, keep_free=keep_free)
-    whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), name=name)
+    whom = Wanted(vehicles=vehicles or ("*",), rates=dict(map(_rate, want)), video=video, name=name)
     with Folder(out) as folder:
         run(_record(folder, how, whom, dialect, fleet, settings))
 

@@ -18,6 +18,7 @@ from ground.feed import apart, patterns
 from ground.record.folder import Folder
 from ground.record.history import Answers
 from ground.record.storage import RecordingSettings, Storage
+from ground.record.video import VideoFiles
 from zmav import keys, wire
 from zmav.cli.common import size
 from zmav.client import Client
@@ -38,6 +39,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     vehicles: tuple[str, ...] = ("*",)
     rates: dict[str, float] = {}
     """Hz by message: what the autopilots are to send for the recording's sake"""
+    video: bool = False
+    """of their cameras, in files beside"""
     name: str | None = None
     """of the host; None: the credentials' or the machine's"""
 
@@ -55,6 +58,7 @@ class Recorder:
         self._fleet = z.fleet_name
         self.name = _name(z, wanted.name)
         self.storage = Storage(folder, settings, z.dialect, tell)
+        self.video: VideoFiles | None = None
         self._answers: Answers | None = None
         self._held: list[Any] = []
         self._tasks: list[asyncio.Task[None]] = []
@@ -71,18 +75,25 @@ class Recorder:
         session, instance = self._z.session, str(self._z.session.info.zid())
         self.storage.start()
         self._subscribe(patterns(self._wanted.vehicles))
-        for channel in shared_channels():
-            key = channel.key(self._fleet, topic="*", group="*", name="*")
-            self._held.append(session.declare_subscriber(key, functools.partial(self._take, ())))
+        shared = [channel.key(self._fleet, topic="*", group="*", name="*") for channel in shared_channels()]
+        for key in apart(shared):  # some of the fleet's topics are channels of their own
+            self._held.append(session.declare_subscriber(str(key), functools.partial(self._take, ())))
         self._answers = Answers(session, self.storage.history, self._fleet, self.name)
         self._held.append(session.liveliness().declare_token(self._token(instance)))
         self._tasks.append(asyncio.create_task(self._say_status()))
+        if self._wanted.video:
+            storage, own = self.storage, self._wanted
+            self.video = VideoFiles(self._z, storage.session, own.vehicles, lambda: not storage.paused, self._tell)
+            await self.video.__aenter__()
 
     async def __aexit__(self, *exception: object) -> None:
         await self.close()
 
     async def close(self) -> None:
         """Hear no more, write what came, complete the files; twice is harmless."""
+        video, self.video = self.video, None
+        if video is not None:
+            await video.__aexit__()
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             task.cancel()

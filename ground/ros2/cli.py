@@ -15,7 +15,7 @@ from zmav.client import Client, connect
 from zmav.config import load_fleet
 from zmav.config.fleet import Ros2
 from zmav.errors import BadConfig, Forbidden, missing_extra
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
 
@@ -125,7 +125,6 @@ async def _serve(shown: Settings, settings: SessionSettings, dialect: str) -> No
                 systemd.notify("WATCHDOG=1")
                 await asyncio.wait({stopped}, timeout=FED)
             systemd.notify("STOPPING=1")
-    leave()
 
 
 def may_order(z: Client, vehicle: str = "vehicles") -> bool:

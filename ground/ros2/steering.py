@@ -231,7 +231,7 @@ class Steering:
     async def _hold(self, holding: Holding, priority: int) -> None:
         name = "ros2-" + re.sub(r"[^a-z0-9_]+", "-", holding.name.lower().strip("/"))
         try:
-            # Of its own: a question for a lease by who has one renews that, whoever asks.
+            # A handle of its own: a handle that has a lease renews that lease when it asks for one.
             async with copy.copy(self._vehicle).lease(name[:60], ttl=TTL, priority=priority) as lease:
                 holding.lease.set_result(lease)
                 while not holding.stop.is_set() and lease.lost is None and self._needed(holding):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 
@@ -96,6 +97,7 @@ class VehicleReport(msgspec.Struct, kw_only=True):
     voltage: float | None = None
     gps: wire.Gps | None = None
     corrections: wire.CorrectionsInfo | None = None
+    traffic: wire.TrafficInfo | None = None
     lease: LeaseReport | None = None
     mover: str = ""
     """who moves it; see :class:`zmav.wire.VehicleState`"""
@@ -118,6 +120,8 @@ class Report(msgspec.Struct, kw_only=True):
     vehicles: list[VehicleReport]
     agents: list[AgentReport]
     """of every host, vehicles included"""
+    aircraft: list[dict[str, Any]] = []
+    """that are not of the fleet, the nearest first, as 'zmav traffic --json' has them"""
 
     def count(self) -> dict[str, int]:
         """How many vehicles are in each condition, by :func:`condition`."""
@@ -137,7 +141,7 @@ def condition(vehicle: VehicleReport) -> str:
 
 SAID = (
     *("sysid", "kind", "autopilot", "firmware", "mode", "status", "armed", "ready"),
-    *("local", "position", "gps", "corrections", "mover"),
+    *("local", "position", "gps", "corrections", "traffic", "mover"),
 )
 """what a report has of a vehicle's state as it is"""
 

@@ -140,6 +140,7 @@ def _text(v: VehicleReport) -> str:
 STYLES = {"ok": "green", "note": "cyan", "WARN": "bold yellow"}
 BAD = "bold red"
 HELP = ("q quit", "/ filter", "enter details")
+MOST_AIRCRAFT = 3
 LEAST_TABLE = 4
 """rows of the table that details leave"""
 
@@ -148,7 +149,7 @@ def draw(ui: Ui, report: Report, width: int, height: int) -> list[Line]:
     """At most ``height`` lines."""
     rows = ui.rows(report)
     chosen = ui.chosen(report) if ui.details else None
-    head = [_title(report, len(rows)), *_agents(report)]
+    head = [_title(report, len(rows)), *_agents(report), *_air(report)]
     foot = _foot(ui, width)
     room = max(height - len(head) - 2, 1)
     below: list[Line] = []
@@ -244,6 +245,20 @@ def _agents(report: Report) -> list[Line]:
         words = f"{agent.name}@{agent.host} {agent.state}{text}{silent}"
         line += [("agents: " if not line else ", ", ""), (words, BAD if silent else "")]
     return [line] if line else []
+
+
+def _air(report: Report) -> list[Line]:
+    """Who else is in the air: the nearest."""
+    lines: list[Line] = []
+    for row in report.aircraft[:MOST_AIRCRAFT]:
+        words = f"{row['callsign'] or row['icao']} {row['age']:.0f} s old"
+        if row["distance"] is not None:
+            height = "height unknown" if row["height"] is None else f"{row['height']:+d} m"
+            where = f"{row['distance'] / 1e3:.1f} km from {row['vehicle']}, {height}"
+            words += f", {where}, {row['nearest']} m in {row['time']} s"
+        lines.append([("aircraft: " if not lines else " " * 10, ""), (words, "")])
+    more = len(report.aircraft) - MOST_AIRCRAFT
+    return [*lines, [(f"{' ' * 10}and {more} more: zmav traffic", "dim")]] if more > 0 else lines
 
 
 def _foot(ui: Ui, width: int) -> Line:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 import mesh.graph
+from ground.air import Listener
 from ground.top.report import Report, describe
 from mesh.graph import Graph
 from zmav import keys, wire
@@ -81,17 +82,19 @@ class Watch:
         self._seen: dict[Place, VehicleHistory] = {}
         self._agents: dict[tuple[Place, str], LastStatus] = {}
         self._graph: Graph | None = None
+        self._air = Listener(z)
         self._first = {"network": asyncio.Event(), "trips": asyncio.Event()}
 
     async def run(self) -> None:
         fleet = self._z.fleet_name
-        await together(
-            self._hear(keys.EVENT.key(fleet, "*"), wire.Event, self._on_event, history=PAST),
-            self._hear(keys.LINK.key(fleet, "*", link="autopilot"), wire.LinkQuality, self._on_link),
-            self._hear(keys.AGENT_STATUS.key(fleet, "*", agent="*"), wire.AgentStatus, self._on_status),
-            self._ask_all(),
-            self._look(),
-        )
+        with self._air:
+            await together(
+                self._hear(keys.EVENT.key(fleet, "*"), wire.Event, self._on_event, history=PAST),
+                self._hear(keys.LINK.key(fleet, "*", link="autopilot"), wire.LinkQuality, self._on_link),
+                self._hear(keys.AGENT_STATUS.key(fleet, "*", agent="*"), wire.AgentStatus, self._on_status),
+                self._ask_all(),
+                self._look(),
+            )
 
     async def settle(self, most: float) -> None:
         """Wait until all vehicles and the network were asked once, and have had time to answer; ``most`` seconds."""
@@ -191,7 +194,12 @@ class Watch:
             others = tuple(other for other in twins if other != name)
             vehicles.append(describe(facts, fleet, others, self._graph, several))
         return Report(
-            t=time.time(), fleet=self._z.fleet_name, router=self._linked(), vehicles=vehicles, agents=list(agents)
+            t=time.time(),
+            fleet=self._z.fleet_name,
+            router=self._linked(),
+            vehicles=vehicles,
+            agents=list(agents),
+            aircraft=self._air.rows(),
         )
 
     @property

@@ -12,7 +12,7 @@ from mesh.plan import RouterPlan
 from mesh.router import Router
 from mesh.running import until_outdated
 from zmav.cli.common import run, zenoh_options
-from zmav.process import leave, log, restart
+from zmav.process import log, restart
 from zmav.session import SessionSettings
 
 
@@ -42,4 +42,3 @@ async def _route(plan: Callable[[], RouterPlan], settings: SessionSettings) -> N
     if why:
         log(f"starting again: {why}")
         restart()
-    leave()

@@ -18,6 +18,7 @@ import zenoh
 from tests.cli.test_doctor import findings, state
 from zmav import keys, wire
 from zmav.doctor import survey, topics, vehicles
+from zmav.doctor.air import RemoteId
 from zmav.doctor.facts import AgentReport
 from zmav.doctor.findings import Finding, Level
 from zmav.doctor.page import page
@@ -289,3 +290,33 @@ def test_every_topic_is_told_by_some_check(root: Path) -> None:
     names = [name for name, value in vars(topics).items() if isinstance(value, topics.Topic)]
     assert len(names) == len(topics.TOPICS)
     assert [name for name in names if f"topics.{name}" not in source] == []
+
+
+def test_feeds_of_traffic_and_modules_for_remote_identification() -> None:
+    agents = [
+        AgentReport(name="traffic", fleet="demo", host=host, state=state, text=text, age=1.0, stale=False)
+        for host, state, text in (
+            ("a", "in-charge", "2 aircraft told of"),
+            ("b", "partly", "sbs:pi:30003: refused"),
+            ("c", "silent", "no aircraft is heard"),
+            ("d", "lost", "sbs:pi:30003: refused"),
+        )
+    ]
+    good = RemoteId("DID_ENABLE", "MAV_ODID_ARM_STATUS_GOOD_TO_ARM", age=0.5)
+    told = {
+        "demo/none": RemoteId(),
+        "demo/good": good,
+        "demo/missing": RemoteId("DID_ENABLE"),
+        "demo/silent": msgspec.structs.replace(good, age=60.0),
+        "demo/not": RemoteId(None, "MAV_ODID_ARM_STATUS_PRE_ARM_FAIL_GENERIC", "no operator location", 0.5),
+    }
+    found = list(vehicles.check_air(Survey(agents=agents, remote_ids=told)))
+    assert [(each.who, each.level, each.found) for each in found] == [
+        ("demo/good", Level.OK, "its module is heard, and ready to arm"),
+        ("demo/missing", Level.RED, "DID_ENABLE asks for it, and no module is heard"),
+        ("demo/silent", Level.RED, "its module is silent for 60 s"),
+        ("demo/not", Level.RED, "its module is not ready to arm: no operator location"),
+        ("", Level.OK, "demo/a: 2 aircraft told of"),
+        ("", Level.ADVICE, "demo/b: sbs:pi:30003: refused"),
+        ("", Level.ADVICE, "demo/c: no aircraft is heard"),
+    ]

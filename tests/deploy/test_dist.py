@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -69,6 +71,28 @@ def test_the_tree_that_an_installation_lays_out_is_all_that_the_installer_wants(
     assert not list((tmp_path / "tree").rglob("__pycache__"))
 
 
+def test_each_extra_is_tried_and_those_for_users_are_what_the_installer_and_its_page_name() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = set(project["optional-dependencies"])
+    sys.path.insert(0, str(ROOT / "deploy"))
+    try:
+        assert set(script("extras").PROMISES) == extras
+    finally:
+        sys.path.remove(str(ROOT / "deploy"))
+    for_users = extras - {"build", "site", "all", "dev"}
+    helped = subprocess.run(
+        ["bash", ROOT / "deploy" / "install.sh", "--help"], capture_output=True, text=True, check=True
+    )
+    (named,) = re.findall(r"--extras LIST .*\n +(.*)\n", helped.stdout)
+    assert set(named.split(", ")) == for_users
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    assert (
+        set(re.findall(r"^\| `(\w+)` \|", page.split("| extra |")[1].split("`deploy/extras.py`")[0], re.M)) == for_users
+    )
+    (everything,) = project["optional-dependencies"]["all"]
+    assert set(everything.removeprefix("zmav[").removesuffix("]").split(",")) == for_users - {"interpreted"}
+
+
 @pytest.mark.process
 def test_an_installation_that_is_interrupted_ends_as_its_script_wants(tmp_path: Path) -> None:
     """It may be at what must not be left half done; its files stay until then."""
@@ -114,9 +138,18 @@ def test_the_bill_names_every_package_of_the_lock_with_its_hashes(bill: dict[str
 
 
 def test_the_bill_names_what_is_vendored_with_its_licence(bill: dict[str, Any]) -> None:
-    vendored = {each["name"]: each for each in bill["components"] if each["purl"].startswith("pkg:npm/")}
-    manifest = json.loads((ROOT / "ground/http/static/vendor/manifest.json").read_bytes())
-    assert set(vendored) == {each["name"] for each in manifest}
-    for each in manifest:
-        assert vendored[each["name"]]["licenses"][0]["license"]["name"] == each["licence"]
-        assert (ROOT / "ground/http/static/vendor" / f"{each['name']}.LICENSE").is_file()
+    vendored = {each["name"]: each for each in bill["components"] if not each["purl"].startswith("pkg:pypi/")}
+    page, ros = ROOT / "ground/http/static/vendor", ROOT / "ground/ros2/interfaces"
+    manifests = {folder: json.loads((folder / "manifest.json").read_bytes()) for folder in (page, ros)}
+    assert set(vendored) == {each["name"] for manifest in manifests.values() for each in manifest}
+    for folder, manifest in manifests.items():
+        listed = {"manifest.json"}
+        for each in manifest:
+            assert vendored[each["name"]]["licenses"][0]["license"]["name"] == each["licence"]
+            for name, digest in each["files"].items():
+                assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+            listed |= set(each["files"])
+        there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+        ours = {name for name in there if name.startswith("zmav_msgs/")}
+        assert there - ours == listed, "each file that others wrote is in a manifest"
+    assert all((page / f"{each['name']}.LICENSE").is_file() for each in manifests[page])

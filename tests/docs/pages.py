@@ -30,6 +30,13 @@ SWARM = (
     f"zmav up --link tcp:127.0.0.1:5780 --name rover1 {NEAR} -l tcp/127.0.0.1:7449 -e tcp/127.0.0.1:7447",
 )
 
+GIMBAL = (
+    "zmav sim --copters 1 --rovers 1",
+    QUAD[1],
+    f"zmav up --link tcp:127.0.0.1:5770 --name rover1 {ORIGIN} -l tcp/127.0.0.1:7448 -e tcp/127.0.0.1:7447",
+    "zmav param set quad1 MNT1_TYPE=1 && zmav do quad1 reboot",
+)
+
 
 class Part(NamedTuple):
     """From a page's first command that begins with ``at`` on: end what runs (if ``fresh``), then run ``before``.
@@ -80,6 +87,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "docs/gcs.md": (Part("", QUAD),),
     "docs/quickstart.md": (Part("zmav goto", (*QUAD, UP)),),
     "docs/matlab.md": (Part(),),
+    "docs/gimbal.md": (Part("", GIMBAL),),
     "docs/terrain.md": (Part("", (*QUAD, "mkdir srtm && head -c 2884802 /dev/zero > srtm/S36E149.hgt")),),
 }
 """the pages whose commands are run: of all others each command stands in NOT_RUN"""
@@ -94,8 +102,13 @@ NOT_RUN: dict[str, str] = {
         "the gateway and the planner run from docs/http.md and docs/planner.md; the page in a browser and the tiles in "
         "tests/ground/http"
     ),
+    r"docs/gallery.md: .*": "minutes of flight, or of planning; each picture is looked at where it is drawn",
+    r"docs/gimbal.md: zmav (camera|agent) .*": "wants a camera: tests/agents/camera/test_photos.py",
     r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
         "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
+    ),
+    r"docs/traffic.md: zmav (traffic|tak|sim traffic) .*|docs/traffic.md: zmav traffic": (
+        "wants a receiver or a TAK server, or serves until it is stopped: tests/ground/traffic, tests/ground/tak"
     ),
     r"docs/other-languages.md: .*": "beside what serves until it is stopped: tests/ground/test_other_languages.py",
     r"zmav sim .*--up": "it runs until it is stopped: tests/cli/test_sim.py",
@@ -138,6 +151,7 @@ NOT_RUN: dict[str, str] = {
     r"docs/(?!agents).*\.md: zmav agent .*(hex1|rover1|quad1).*|docs/controllers.md: zmav (do|up|sim) .*": (
         "README.md has them run; cycles by the clock want a machine for themselves: tests/agents/controllers"
     ),
+    r"zmav video .*|docs/video.md: zmav .*": "wants a camera, or runs until it is stopped: tests/agents/camera",
     r"zmav camera .*|docs/camera.md: zmav agent list": "wants a camera, or a video: tests/agents/camera",
     r"zmav sim --copters 1 --rovers 1 --pad .*": "renders pictures, a core for itself: tests/sim/camera",
     r"zmav sim --fleet fleet.toml": "the fleet file is the reader's: tests/sim/test_fleetfile.py",

@@ -74,6 +74,11 @@ def corrected(fix: str = "RTK_FIXED", **more: Any) -> Facts:
     return facts(state=msgspec.structs.replace(gps(fix=fix), corrections=wire.CorrectionsInfo(**(well | more))))
 
 
+def traffic(**more: Any) -> Facts:
+    known: dict[str, Any] = {"distance": 400.0, "height": 30.0, "nearest": 50.0, "time": 8.2, **more}
+    return facts(state=state(traffic=wire.TrafficInfo(icao="3c4b12", callsign="DEABC", **known)))
+
+
 CASES: list[tuple[str, Facts, str]] = [
     ("state", facts(presence="stale", age=12.2), "bad: no state for 12s"),
     ("state", facts(presence="gone", age=125.0), "bad: no state for 2m05, and its token is gone"),
@@ -111,6 +116,8 @@ CASES: list[tuple[str, Facts, str]] = [
     ),
     ("corrections-far", corrected(baseline=31_000.0), "warn: its base is 31 km away"),
     ("corrections-unused", corrected(fix="3D_FIX"), "warn: corrections come, and its GPS has 3D_FIX"),
+    ("traffic-close", traffic(close=True), "bad: traffic: DEABC 400 m away, 30 m above, 50 m in 8 s"),
+    ("traffic-coming", traffic(height=None), "warn: traffic: DEABC 400 m away, height unknown, 50 m in 8 s"),
     ("position-old", facts(state=state(ages={"position": 5.4})), "warn: position 5.4s old"),
     ("link-loss", facts(link=link(0.05)), "warn: MAVLink loss 5%"),
     ("link-loss", facts(state=state(link_loss=0.1)), "warn: MAVLink loss 10%"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ from zmav.errors import NotHolder, Refused
 from zmav.services.authority.stream import ActiveStream
 
 RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
+HOLD, LANDS = 4 << 16 | 3 << 24, 4 << 16 | 6 << 24
 
 
 async def released(b: Bench, words: str) -> None:
@@ -51,6 +54,42 @@ async def test_mode_change_on_px4(bench: StartBench) -> None:
     b.peer.mode = POSCTL
     b.peer.heartbeat()
     await released(b, "the mode is now POSCTL")
+
+
+@pytest.mark.parametrize("again", [False, True])
+async def test_a_hold_that_px4_shows_after_a_landing_was_ordered_is_nobody_s_wish(
+    bench: StartBench, again: bool
+) -> None:
+    """A segment ends, its hold is asked for, and a landing ordered before PX4 shows that hold: once LAND came, another
+    hold is the pilot's."""
+    b = await bench(autopilot=12, settings={"failsafe": Failsafe(hold_after=0.3, land_after="never")})
+    alice = await agent(b, mode=OFFBOARD)
+    await alice.fly()
+    b.peer.obedient = False
+    await b.peer.until(lambda: modes_asked(b)[-1:] == [HOLD], "the hold after the stream")
+    landing = asyncio.create_task(b.ground.do("land", lease=alice.token, wait=20.0))
+    await b.peer.until(lambda: modes_asked(b)[-1:] == [LANDS], "the landing")
+    for mode in (HOLD, LANDS, HOLD) if again else (HOLD, LANDS):
+        b.peer.mode = mode
+        b.peer.heartbeat()
+        shown = {HOLD: "HOLD", LANDS: "LAND"}[mode]
+        await b.state(_shows(shown), shown)
+    if again:
+        with pytest.raises(Refused, match="taken over: the mode is now HOLD"):
+            await landing
+        return
+    b.peer.armed = False
+    b.peer.heartbeat()
+    assert (await landing).result == {"armed": False}
+    assert [e for e in b.events.objects() if e["kind"] == "pilot"] == []
+
+
+def _shows(mode: str) -> Callable[[dict[str, Any]], bool]:
+    return lambda state: state["mode"] == mode
+
+
+def modes_asked(b: Bench) -> list[int]:
+    return [int(t.fields["param2"]) << 16 | int(t.fields["param3"]) << 24 for t in b.peer.commands(SET_MODE)]
 
 
 async def test_mode_change_while_the_mode_is_asked_for(bench: StartBench) -> None:

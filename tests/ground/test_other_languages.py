@@ -16,12 +16,15 @@ from typing import NamedTuple
 
 import pytest
 
+from mesh.credentials.ca import Authority
 from zmav.process import free_port
 from zmav.sim import Remote
+from zmav.trust.certificate import Role
 
 pytestmark = [pytest.mark.process, pytest.mark.flight, pytest.mark.slow]
 EXAMPLES = Path(__file__).resolve().parent.parent.parent / "ground" / "examples"
 RUST = Path(os.environ.get("CARGO_TARGET_DIR", EXAMPLES / "rust" / "target")) / "debug" / "fly"
+BUILD = "needs 'cargo build' in ground/examples/rust beforehand: some minutes of a processor"
 PATIENCE_S = 60.0
 AT = (6.0, 2.0, -8.0)
 """where each leads the vehicle: m, NED"""
@@ -36,27 +39,25 @@ class Flown(NamedTuple):
 
 
 class Field:
-    """A simulated copter in the key space, and the gateway, as processes."""
+    """A simulated copter, and what else is started beside it, as processes."""
 
     def __init__(self, folder: Path) -> None:
         self.router = f"tcp/127.0.0.1:{free_port()}"
-        self.gateway = f"http://127.0.0.1:{free_port()}"
         self._control = folder / "sim.sock"
-        environment = {**os.environ, "ZMAV_CONNECT": self.router}
-        port = self.gateway.rpartition(":")[2]
-        commands = (
-            ["sim", "--up", "--endpoint", "tcp:0", "--control", str(self._control)],
-            ["http", "--port", port],
-        )
         self._processes: list[subprocess.Popen[bytes]] = []
-        look = [sys.executable, "-m", "zmav", "ls", "--json", "--wait", "2", "-e", self.router]
-        for command in commands:
-            whole = [sys.executable, "-m", "zmav", *command]
-            self._processes.append(subprocess.Popen(whole, env=environment, stdout=subprocess.DEVNULL))
-            self._until('"ready": true', look)
-        self._until("quad1 ", ["curl", "--silent", f"{self.gateway}/vehicles"])
 
-    def _until(self, words: str, look: list[str]) -> None:
+    def start(self, *command: str, **environment: str) -> None:
+        whole = [sys.executable, "-m", "zmav", *command]
+        self._processes.append(subprocess.Popen(whole, env={**os.environ, **environment}, stdout=subprocess.DEVNULL))
+
+    def start_sim(self, *more: str, **environment: str) -> None:
+        self.start("sim", "--control", str(self._control), *more, **environment)
+
+    def until_ready(self, *more: str) -> None:
+        """Until the vehicle is heard and ready to fly, by 'zmav ls' with these options."""
+        self.until('"ready": true', [sys.executable, "-m", "zmav", "ls", "--json", "--wait", "2", *more])
+
+    def until(self, words: str, look: list[str]) -> None:
         deadline = time.monotonic() + PATIENCE_S
         while words not in subprocess.run(look, capture_output=True, text=True, check=False).stdout:
             assert time.monotonic() < deadline
@@ -90,11 +91,50 @@ class Field:
             process.wait(PATIENCE_S)
 
 
+class Open(Field):
+    """A fleet without credentials, and the gateway."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.gateway = f"http://127.0.0.1:{free_port()}"
+        self.start_sim("--up", "--endpoint", "tcp:0", ZMAV_CONNECT=self.router)
+        self.until_ready("-e", self.router)
+        self.start("http", "--port", self.gateway.rpartition(":")[2], ZMAV_CONNECT=self.router)
+        self.until("quad1 ", ["curl", "--silent", f"{self.gateway}/vehicles"])
+
+
+class Closed(Field):
+    """A fleet with credentials, whose vehicle's router takes TLS of members alone."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        authority = Authority.create(folder / "ca", "alpha")
+        quad1 = authority.issue("quad1", Role.VEHICLE)
+        self.alice, self.viewer = authority.issue("alice", Role.OPERATOR), authority.issue("lab", Role.VIEWER)
+        self.strangers = Authority.create(folder / "others", "alpha").issue("alice", Role.OPERATOR)
+        authority.refresh()
+        self.tls, link = f"tls/127.0.0.1:{free_port()}", f"tcp:127.0.0.1:{free_port()}"
+        self.start_sim("--endpoint", link.replace("127.0.0.1:", ""))
+        origin = ("--origin", "-35.363261", "149.165230", "584.09")
+        fleet = ("--fleet", "alpha", "--credentials", str(quad1))
+        self.start("up", "--link", link, "--name", "quad1", *origin, *fleet, "-l", self.tls)
+        self.until_ready("--fleet", "alpha", "-e", self.tls, "--credentials", str(self.alice))
+
+
 @pytest.fixture(scope="module")
-def field(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Field]:
+def field(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Open]:
     if shutil.which("curl") is None:
         pytest.skip("needs curl")
-    made = Field(tmp_path_factory.mktemp("field"))
+    made = Open(tmp_path_factory.mktemp("field"))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def closed(tmp_path: Path) -> Iterator[Closed]:
+    if not RUST.is_file():
+        pytest.skip(BUILD)
+    made = Closed(tmp_path)
     yield made
     made.close()
 
@@ -108,14 +148,14 @@ def check(flown: Flown, refusal: str) -> None:
     assert flown.nearest_m < 1.0, flown.said
 
 
-def test_curl(field: Field) -> None:
+def test_curl(field: Open) -> None:
     flown = field.fly(EXAMPLES / "curl.sh", "quad1", field.gateway)
     check(flown, "goto refused: .*bad_input")
     assert '"lease"' in flown.said and '"released":true' in flown.said
     assert re.search(r'land: .*"armed":false', flown.said)
 
 
-def test_the_zenoh_command_line(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_zenoh_command_line(field: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("zenoh_cli", reason="needs zenoh-cli")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     flown = field.fly(EXAMPLES / "zenoh.sh", "quad1", "demo", field.router)
@@ -125,7 +165,7 @@ def test_the_zenoh_command_line(field: Field, monkeypatch: pytest.MonkeyPatch) -
     assert re.search(r'land: .*"armed": false', flown.said)
 
 
-def test_javascript(field: Field) -> None:
+def test_javascript(field: Open) -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("needs node")
@@ -139,10 +179,57 @@ def test_javascript(field: Field) -> None:
     assert flown.said.endswith("landed\n")
 
 
-def test_rust(field: Field) -> None:
+def compiled(program: Path, source: str, headers: str, *flags: str) -> Path:
+    """An example in C++, where its compiler and these headers are there."""
+    compiler = shutil.which("g++")
+    if compiler is None:
+        pytest.skip("needs g++")
+    includes = "".join(f"#include <{header}>\n" for header in headers.split())
+    looked = [compiler, "-std=c++17", "-E", "-x", "c++", *flags, "-"]
+    if subprocess.run(looked, input=includes.encode(), capture_output=True, check=False).returncode:
+        pytest.skip(f"needs the headers {headers}")
+    subprocess.run([compiler, "-std=c++17", "-o", program, EXAMPLES / source, *flags], check=True)
+    return program
+
+
+def test_cpp(field: Open, tmp_path: Path) -> None:
+    program = compiled(tmp_path / "fly", "fly.cpp", "curl/curl.h nlohmann/json.hpp", "-lcurl")
+    flown = field.fly(program, "quad1", field.gateway)
+    check(flown, r"refused \(bad_input\)")
+    assert re.search(r'moved by "cpp" under \w', flown.said), flown.said
+    assert flown.said.endswith("landed\n")
+
+
+def test_cpp_over_zenoh(field: Open, tmp_path: Path) -> None:
+    """``$ZENOHCXX_FLAGS``: of a zenoh-cpp elsewhere, or on zenoh-pico."""
+    flags = os.environ.get("ZENOHCXX_FLAGS", "-DZENOHCXX_ZENOHC -lzenohc").split()
+    program = compiled(tmp_path / "fly", "fly_zenoh.cpp", "zenoh.hxx nlohmann/json.hpp", *flags)
+    flown = field.fly(program, "quad1", "demo", field.router)
+    check(flown, r"refused \(bad_input\)")
+    assert 'moved by "cpp"' in flown.said
+    assert flown.said.endswith("landed\n")
+
+
+def test_rust(field: Open) -> None:
     if not RUST.is_file():
-        pytest.skip("needs 'cargo build' in ground/examples/rust beforehand: some minutes of a processor")
+        pytest.skip(BUILD)
     flown = field.fly(RUST, "quad1", "demo", field.router)
     check(flown, r"refused \(bad_input\)")
+    assert 'moved by "rust"' in flown.said
+    assert flown.said.endswith("landed\n")
+
+
+def test_rust_on_a_fleet_with_credentials(closed: Closed) -> None:
+    """By docs/proofs.md alone: its orders are proven, its points sealed, and it believes what the vehicle signed."""
+    where = ("quad1", "alpha", closed.tls)
+    stranger = closed.fly(RUST, *where, closed.strangers)
+    assert stranger.code == 1 and "Unable to connect" in stranger.said, "another fleet's authority"
+    viewer = closed.fly(RUST, *where, closed.viewer)
+    assert viewer.code == 1 and viewer.said.endswith("arm: nobody answers 4 times\n"), "the door leaves its orders out"
+    flown = closed.fly(RUST, *where, closed.alice)
+    check(flown, r"refused \(bad_input\)")
+    assert "arm: refused (forbidden): its proof of origin is not for this start" in flown.said
+    assert "signed again" in flown.said
+    assert "not believed" not in flown.said
     assert 'moved by "rust"' in flown.said
     assert flown.said.endswith("landed\n")

@@ -39,7 +39,7 @@ def test_a_mode(make_desk: MakeDesk, autopilot: str, number: int, name: str) -> 
 
 @pytest.mark.parametrize(
     ("autopilot", "number"),
-    [("arducopter", 209), ("ardurover", 194), ("arduplane", 43000), ("arducopter", 1000), ("arducopter", 193)],
+    [("arducopter", 209), ("ardurover", 194), ("arduplane", 43000), ("arducopter", 2000), ("arducopter", 193)],
 )
 def test_a_command(make_desk: MakeDesk, autopilot: str, number: int) -> None:
     desk = make_desk([VehicleSpec(autopilot=autopilot)])

@@ -97,7 +97,7 @@ class TestIntervals:
 
 
 def test_every_message_can_be_requested(make_desk: MakeDesk) -> None:
-    desk = make_desk([VehicleSpec(params={"FENCE_ENABLE": 1, "RNGFND1_TYPE": 1, "CAM1_TYPE": 1})])
+    desk = make_desk([VehicleSpec(params={"FENCE_ENABLE": 1, "RNGFND1_TYPE": 1, "CAM1_TYPE": 1, "MNT1_TYPE": 1})])
     desk.take_off(2.0)
     desk.goto(1.0, 0.0, -2.0)
     desk.world.step(0.1)

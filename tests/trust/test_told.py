@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from ground.corrections import Publisher
 from tests.services.corrections.test_corrections import batch, given
-from zmav import keys
+from zmav import keys, wire
 from zmav.errors import Forbidden
 from zmav.trust.proof import Signer
 
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
 KEY = keys.RTCM.key("demo")
 
 
-async def refused(guarded: Any, payload: bytes, attachment: bytes | None) -> str:
+async def refused(guarded: Any, payload: bytes, attachment: bytes | None, key: str = KEY) -> str:
     gate = guarded.vehicle.gate
     with pytest.raises(Forbidden) as error:
-        gate.check_told(KEY, payload, attachment)
+        gate.check_told(key, payload, attachment)
     return str(error.value.detail["reason"])
 
 
@@ -61,6 +62,19 @@ async def test_proofs_of_corrections_are_good_once_and_now(guarded: StartGuarded
     assert await refused(g, payload + b"x", by.sign(KEY, payload, introduce=True)) == "signature"
     assert await refused(g, payload, by.sign(KEY, payload, now=1.0)) == "clock"
     assert await refused(g, payload, None) == "unsigned"
+
+
+async def test_traffic_is_believed_of_operators_and_vehicles_and_of_no_others(guarded: StartGuarded) -> None:
+    g = await guarded()
+    key = keys.TRAFFIC.key("demo")
+    payload = wire.encode(wire.Traffic(t=time.time(), source="gs", instance=1))
+    for name, role in (("gs", "operator"), ("quad7", "vehicle")):
+        by = Signer(g.authority.member(name, role))
+        assert g.vehicle.gate.check_told(key, payload, by.sign(key, payload, introduce=True)).name == name
+    for name, role in (("plan", "planner"), ("eye", "viewer")):
+        by = Signer(g.authority.member(name, role))
+        assert await refused(g, payload, by.sign(key, payload, introduce=True), key) == "role"
+    assert await refused(g, payload, None, key) == "unsigned"
 
 
 async def test_who_is_not_known_yet_is_not_complained_of(guarded: StartGuarded) -> None:

@@ -287,6 +287,13 @@ class Autopilot(ABC):
         """The mode to enter first and the command then given, to climb to ``alt_rel`` metres above home."""
         return None, Command("MAV_CMD_NAV_TAKEOFF", (0, 0, 0, 0, 0, 0, alt_rel))
 
+    takeoff_ends: ClassVar[tuple[str, float] | None] = None
+    """the mode that its own takeoff goes over to, and how far (m) below the height told it may end and stay"""
+
+    def climb_on(self, alt_rel: float, latest: Latest) -> Command:
+        """What leads it up to ``alt_rel`` metres above home from where its takeoff ended."""
+        raise self.unsupported("a climb after the takeoff")
+
     def hold(self) -> tuple[str, Message | None]:
         """The mode, and the message then sent, that stop the vehicle where it is."""
         raise self.unsupported("hold")

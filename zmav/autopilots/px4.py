@@ -169,6 +169,13 @@ class Px4(Autopilot):
         home_amsl = self._home_amsl(latest, "takeoff")
         return None, Command("MAV_CMD_NAV_TAKEOFF", (NAN, 0, 0, NAN, NAN, NAN, home_amsl + alt_rel))
 
+    # NAV_MC_ALT_RAD (0.8 m): HOLD then keeps the height that it found, up to so much below the one told.
+    takeoff_ends = ("HOLD", 1.0)
+
+    def climb_on(self, alt_rel: float, latest: Latest) -> Command:
+        amsl = self._home_amsl(latest, "a climb") + alt_rel
+        return Command("MAV_CMD_DO_REPOSITION", (-1.0, 1.0, 0.0, NAN, NAN, NAN, amsl))
+
     def placed(self, target: Target, latest: Latest) -> Target:
         """PX4 does not look at the frame of a COMMAND_INT: 10 m above home would be taken for 10 m above the sea, and
         it would fly into the ground (PX4-Autopilot issues 10246 and 28257).

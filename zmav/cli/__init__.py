@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -32,6 +33,7 @@ VERBS = (
     "doctor",
     "param",
     "terrain",
+    "gimbal",
 )
 
 
@@ -67,6 +69,15 @@ def main() -> None:
     # Before numpy is loaded, here and in processes that are started from here. Its matrices are small in zmav: further
     # threads do nothing for them, but wait for the next one by turning, which takes a helipad's agent half of its time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    code = 1  # of an exception that nobody catches
+
+    def end() -> None:
+        if "zenoh" in sys.modules:
+            from zmav.process import leave  # beside what it has to load
+
+            leave(code)
+
+    atexit.register(end)  # before all that the verb registers, so that it comes last
     try:
         code = _code()
         _end_at_once()
@@ -93,4 +104,9 @@ def _code() -> int:
         return 1
     except (click.Abort, KeyboardInterrupt):
         return 130
+    except SystemExit as e:
+        if isinstance(e.code, str):
+            click.echo(e.code, err=True)
+            return 1
+        code = e.code
     return code if isinstance(code, int) else 0

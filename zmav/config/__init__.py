@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from zmav.config.body import BodyConfig, body_of, check_body
+from zmav.config.camera import CameraConfig
 from zmav.config.fleet import (
     RETURN_LEAD,
     Failsafe,
@@ -14,6 +15,7 @@ from zmav.config.fleet import (
     Separation,
     Signing,
     StationConfig,
+    Traffic,
     VehicleConfig,
     check_failsafe,
     load_fleet,
@@ -27,6 +29,7 @@ __all__ = [
     "RETURN_LEAD",
     "Address",
     "BodyConfig",
+    "CameraConfig",
     "Failsafe",
     "FleetConfig",
     "Geofence",
@@ -39,6 +42,7 @@ __all__ = [
     "Separation",
     "Signing",
     "StationConfig",
+    "Traffic",
     "VehicleConfig",
     "body_of",
     "check_body",

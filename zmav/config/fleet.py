@@ -32,6 +32,11 @@ reserve = 0.25                  # share of its battery with which it is to be on
 [separation]                    # vehicles move aside for each other by themselves, as a last resort
 on = true
 
+[traffic]                       # aircraft that are not of the fleet: docs/traffic.md
+mates = true                    # each autopilot is told of the others in flight, as ADSB_VEHICLE (false)
+distance = 500.0                # m over the ground, and of height, within which one is warned of
+height = 150.0
+
 [rights]                        # orders that are the operators' unless they are given away here
 planner = ["servo"]             # and mission_upload, mission_clear
 
@@ -44,6 +49,9 @@ orders = true                   # what ROS says there may move and change them
 link = "/dev/ttyAMA0,921600"
 listen = ["tcp/127.0.0.1:7447", "udp/10.77.0.1:7447?rel=1;mixed_rel=1"]
 connect = ["udp/10.77.0.2:7447?rel=1;mixed_rel=1"]
+
+[vehicles.quad1.cameras.down]   # its encoded video, the stream with most bytes first: 'zmav video run'
+streams = ["rtsp://192.168.144.25:8554/main", "rtsp://192.168.144.25:8554/sub"]
 
 [vehicles.quad1.pilot_switch]   # while the radio's channel 7 is high, no agent has the vehicle
 channel = 7
@@ -68,6 +76,7 @@ import msgspec
 
 from zmav import keys, wire
 from zmav.config.body import BodyConfig, check_body
+from zmav.config.camera import CameraConfig
 from zmav.config.mesh import Host, Mesh, Profile, check_hosts
 from zmav.config.table import Positive, Table, convert, reading
 from zmav.errors import BadConfig
@@ -159,6 +168,20 @@ class Separation(Table, frozen=True):
     on: bool = False
 
 
+class Traffic(Table, frozen=True):
+    """Aircraft that are not of the fleet (:mod:`zmav.services.traffic`), and what autopilots are told of mates."""
+
+    mates: bool = False
+    """tell the autopilot of the fleet's others in flight, as ADSB_VEHICLE; what it does then, its parameters say"""
+    within: Positive = 2000.0
+    """m within which it is told of them"""
+    distance: Positive = 500.0
+    """m over the ground, now or at the closest approach within ``time`` s, within which an aircraft is warned of"""
+    height: Positive = 150.0
+    """m of height, the same"""
+    time: Positive = 60.0
+
+
 class Rights(Table, frozen=True):
     """What the fleet's operators give away, where it has credentials. The same in the files of all its routers."""
 
@@ -214,6 +237,7 @@ class VehicleConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits | None = None
     body: BodyConfig | None = None
     pilot_switch: PilotSwitch | None = None
+    cameras: dict[str, CameraConfig] = {}
     signing: Signing | None = None
     mesh: Host = Host()
     sim: dict[str, Any] | None = None
@@ -238,6 +262,7 @@ class FleetConfig(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     limits: Limits = Limits()
     body: BodyConfig | None = None
     separation: Separation = Separation()
+    traffic: Traffic = Traffic()
     rights: Rights = Rights()
     ros2: Ros2 = Ros2()
     mesh: Mesh = Mesh()
@@ -298,6 +323,8 @@ def load_fleet(path: str | Path) -> FleetConfig:
         _check_tables("", fleet)
         for name, table in fleet.vehicles.items():
             _check_tables(f"vehicles.{name}.", table)
+            for camera in table.cameras:
+                keys.check_name(camera, f"vehicles.{name}.cameras")
             check_fence(fleet.vehicle(name).geofence, fleet.origin, f"vehicles.{name}.geofence")
         _check_ros2(fleet)
         check_hosts(fleet.mesh, fleet.hosts())

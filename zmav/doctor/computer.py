@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Sequence
 
@@ -137,9 +138,35 @@ def check_versions(told: dict[str, wire.HostReport | dict[str, str]]) -> Iterato
         minor = {tuple(number.split(".")[:2]) for number in by_version}
         if package == "eclipse-zenoh" and len(minor) == 1:
             yield topics.VERSIONS.advise(found, "install one version everywhere when there is time", package)
-        else:
-            advice = f"install one version everywhere: pip install {package}==VERSION"
-            yield topics.VERSIONS.wrong(found, advice, package)
+            continue
+        newest = max(by_version, key=_order)
+        older = sorted(who for number, whose in by_version.items() if _order(number) < _order(newest) for who in whose)
+        advice = f"install one version everywhere: pip install {package}=={newest}"
+        if package == "zmav" and older:
+            advice = (
+                f"install one version everywhere: {_on(older)} pip install zmav=={newest}, where it is a service 'sudo "
+                "zmav install', too; until then the older one refuses orders and fields that came later"
+            )
+            found = f"{_who(older, by_version, newest)} ({found})"
+        yield topics.VERSIONS.wrong(found, advice, package)
+
+
+def _order(number: str) -> tuple[int, ...]:
+    """Of a version; what stands behind its three numbers (rc1, .dev0, +local) makes none older."""
+    return tuple(map(int, re.findall(r"\d{1,9}", re.split(r"[^\d.]", number)[0])[:3]))
+
+
+def _on(older: list[str]) -> str:
+    return "here" if older == ["here"] else f"on {few(older, 5)}"
+
+
+def _who(older: list[str], by_version: dict[str, list[str]], newest: str) -> str:
+    """``quad2 runs zmav 0.1.0, this is 0.2.0``."""
+    versions = {who: number for number, whose in by_version.items() for who in whose}
+    each = ", ".join(f"{'this computer' if who == 'here' else who} runs zmav {versions[who]}" for who in older[:5])
+    more = f" and {len(older) - 5} more an older one" if len(older) > 5 else ""
+    there = f"the newest is {newest} on {few(sorted(by_version[newest]), 3)}"
+    return f"{each}{more}: {f'this is {newest}' if versions['here'] == newest else there}"
 
 
 def _count(whose: list[str]) -> str:

@@ -174,6 +174,16 @@ def _why_dropped(found: wire.CorrectionsInfo) -> str:
     return f" (dropped: {words})" if words else ""
 
 
+def _traffic(close: bool) -> Callable[[Facts], str | None]:
+    """An aircraft that is near, or comes near within the time that it is warned of."""
+
+    def look(f: Facts) -> str | None:
+        found = f.state.traffic if f.state else None
+        return found.words if found is not None and found.close is close else None
+
+    return look
+
+
 def _corrections_far(f: Facts) -> str | None:
     found = f.state.corrections if f.state else None
     if found is None or found.baseline is None or found.baseline <= BASELINE:
@@ -291,10 +301,12 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule("status", "bad", _status, "its own words say why: zmav echo NAME/event"),
     Rule("battery-empty", "bad", _battery(-1.0, BATTERY_EMPTY), f"land it; {CHARGE}"),
+    Rule("traffic-close", "bad", _traffic(True), "land it, or fly it away and down"),
     Rule("gps-fix", "bad", _gps_fix, SKY),
     Rule("link-poor", "bad", _link_loses("bad"), LINE),
     Rule("agent-failed", "bad", _agent_failed, LOG),
     Rule("disbelieved", "warn", _disbelieved, "do not believe what a stranger says: zmav mesh ca"),
+    Rule("traffic-coming", "warn", _traffic(False), "watch it: zmav traffic; be ready to land or to fly away and down"),
     Rule("battery-low", "warn", _battery(BATTERY_EMPTY, BATTERY_LOW), CHARGE),
     Rule("gps-weak", "warn", _gps_weak, SKY),
     Rule(

@@ -17,6 +17,7 @@ from zmav import keys, wire
 from zmav.autopilots.safety import Safety
 from zmav.client import Answer, Client
 from zmav.config import FleetConfig
+from zmav.doctor.air import RemoteId, remote_id_of
 from zmav.doctor.credentials import Trust, look_at_trust
 from zmav.doctor.facts import AgentReport
 from zmav.doctor.failsafes import Value, read_safety
@@ -69,6 +70,9 @@ class Survey(msgspec.Struct, frozen=True):
     safety: dict[str, dict[Safety, Value | None] | ZmavError] = {}
     terrain: dict[str, wire.TerrainReport | None] = {}
     """None where it did not say"""
+    remote_ids: dict[str, RemoteId] = {}
+    gimbals: dict[str, dict[str, Any] | None] = {}
+    """where each looks and who controls it; None where there is none"""
     trust: Trust | None = None
     neighbours: dict[tuple[str, str], wire.NeighbourQuality] = {}
     """by (host, neighbour), the newest"""
@@ -102,6 +106,8 @@ async def look(
             "clocks": _of_each(present, _clock_of),
             "safety": _of_each(present, read_safety),
             "terrain": _of_each(present, _terrain_of),
+            "remote_ids": _of_each(present, remote_id_of),
+            "gimbals": _of_each(present, _gimbal_of),
             "trust": look_at_trust(z, own, [v.name for v in present]),
         }
         found: dict[str, Any] = {}
@@ -238,6 +244,13 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
 async def _terrain_of(vehicle: Vehicle) -> wire.TerrainReport | None:
     try:
         return await vehicle.terrain.report()
+    except ZmavError:
+        return None
+
+
+async def _gimbal_of(vehicle: Vehicle) -> dict[str, Any] | None:
+    try:
+        return await vehicle.gimbal("status")
     except ZmavError:
         return None
 

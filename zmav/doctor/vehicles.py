@@ -13,6 +13,7 @@ import msgspec
 
 from zmav import keys, wire
 from zmav.doctor import topics
+from zmav.doctor.air import check_remote_id, check_traffic
 from zmav.doctor.computer import check_host, check_versions
 from zmav.doctor.credentials import judge_trust
 from zmav.doctor.facts import Facts, facts_of
@@ -99,6 +100,8 @@ ALARMS: dict[str, Topic] = {
     "corrections-old": topics.CORRECTIONS,
     "corrections-far": topics.CORRECTIONS,
     "corrections-unused": topics.CORRECTIONS,
+    "traffic-close": topics.NEAR,
+    "traffic-coming": topics.NEAR,
     "battery-empty": topics.BATTERY,
     "battery-low": topics.BATTERY,
     "clock": topics.CLOCK,
@@ -210,6 +213,19 @@ def check_terrain(seen: Survey) -> Iterator[Finding]:
         elif told.pieces:
             heights = f"{told.pending} grids pending" if told.pending else "its autopilot waits for nothing"
             yield topics.TERRAIN.well(f"{len(told.pieces)} pieces of ground, {heights}", who)
+
+
+def check_air(seen: Survey) -> Iterator[Finding]:
+    yield from check_remote_id(seen.remote_ids)
+    yield from check_traffic(seen.agents)
+
+
+def check_gimbals(seen: Survey) -> Iterator[Finding]:
+    """Nothing of who has none."""
+    for who, told in seen.gimbals.items():
+        if told is not None:
+            at = f", looks at {told['at']}" if told.get("at") else ""
+            yield topics.GIMBAL.well(f"a gimbal answers, controlled by {told['controller']}{at}", who)
 
 
 def check_trust(seen: Survey) -> Iterator[Finding]:
@@ -324,6 +340,8 @@ CHECKS: tuple[Callable[[Survey], Iterator[Finding]], ...] = (
     check_clocks,
     check_safety,
     check_terrain,
+    check_air,
+    check_gimbals,
     check_trust,
     check_hosts,
     check_fleet,

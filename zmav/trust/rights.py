@@ -37,7 +37,7 @@ def acts_as(role: Role, name: str, vehicle: str | None) -> frozenset[str]:
     """As which writers a member may act on keys of ``vehicle`` (None: keys of the whole fleet)."""
     if role is not Role.VEHICLE:
         return frozenset({role.value, keys.ANYONE})
-    own = {keys.VEHICLE, keys.AGENT} if vehicle == name else set()
+    own = {keys.VEHICLE, keys.AGENT} if vehicle == name else {keys.VEHICLE} if vehicle is None else set()
     return frozenset({*own, keys.ANYONE})
 
 

@@ -22,7 +22,7 @@ from zmav.vehicle.missions import Missions
 from zmav.vehicle.params import Params
 from zmav.vehicle.rates import Rates, want_key
 from zmav.vehicle.terrain import GroundPieces
-from zmav.verbs import GRANTABLE
+from zmav.verbs import GRANTABLE, VERBS
 
 if TYPE_CHECKING:
     from zmav.client import Answer, Client
@@ -281,6 +281,13 @@ class Vehicle:
         """
         args = wire.RunCommand(command=name, params=params or {}, frame=frame)
         return await self.order("command", args, progress)
+
+    async def gimbal(self, verb: Literal["point", "turn", "release", "status"], **args: Any) -> dict[str, Any]:
+        """Have its gimbal look somewhere: the arguments are those of :class:`zmav.wire.PointGimbal` and
+        :class:`zmav.wire.TurnGimbal`. Raises :class:`Refused` where no gimbal answers, or somebody else controls it.
+        """
+        name = f"gimbal_{verb}"
+        return await self.order(name, wire.decode(msgspec.json.encode(args), VERBS[name].args, name))
 
     async def set_mode(self, mode: str) -> None:
         """Enter a flight mode by its name (``LOITER``)."""

@@ -7,8 +7,7 @@ import zlib
 from typing import NamedTuple
 
 from zmav.errors import BadMessage
-from zmav.vision import parity
-from zmav.vision.chunks import Header, parse
+from zmav.vision.chunks import PICTURES, Code, Header, parse
 
 UNDER_WAY = 3
 """pictures that are put together at one time"""
@@ -35,7 +34,8 @@ class Whole(NamedTuple):
 class _Part:
     """A picture of which something has come."""
 
-    def __init__(self, head: Header, now: float) -> None:
+    def __init__(self, head: Header, now: float, code: Code) -> None:
+        self._code = code
         self.head = head._replace(place=0)
         self.data: dict[int, bytes] = {}
         self.parity: dict[int, bytes] = {}
@@ -60,7 +60,7 @@ class _Part:
         if len(self.data) == head.pieces:
             found = b"".join(self.data[i] for i in range(head.pieces))
         else:
-            filled = parity.mend(head.pieces, head.step, self.data, self.parity)
+            filled = self._code.mend(head.pieces, head.step, self.data, self.parity)
             if filled is None:
                 return None
             found = b"".join(filled)[: head.length]
@@ -73,7 +73,8 @@ class Assembler:
     Not more than :data:`UNDER_WAY` pictures of at most a megabyte are held. Nothing that comes raises an error.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, code: Code = PICTURES) -> None:
+        self._code = code
         self.whole = 0
         self.torn = 0
         """pictures of which so much was lost that they could not be mended, all of it included"""
@@ -101,7 +102,7 @@ class Assembler:
     def add(self, chunk: bytes, now: float) -> Whole | None:
         """Take a chunk that came at ``now`` (monotonic seconds); a picture where it has completed one."""
         try:
-            head, body = parse(chunk)
+            head, body = parse(chunk, self._code)
         except BadMessage:
             self.bad += 1
             return None
@@ -113,7 +114,7 @@ class Assembler:
             return None
         part = self._parts.get(head.seq)
         if part is None:
-            part = self._parts[head.seq] = _Part(head, now)
+            part = self._parts[head.seq] = _Part(head, now, self._code)
             self._make_room()
         if part.head.picture != head.picture:
             self.bad += 1

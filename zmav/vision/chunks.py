@@ -8,7 +8,8 @@ Best-effort lanes lose chunks and mix their order, so each has the whole header 
     H   width   H  height   d  UTC seconds at the middle of the exposure
 
 Chunks 0 to count - 1 hold ceil(length / count) bytes each, the last one the rest; those from count on are parity
-(:mod:`zmav.vision.parity`). No Zenoh and no OpenCV here.
+(:mod:`zmav.vision.parity`). Access units of video go the same way, with "zV" and another code. No Zenoh and no OpenCV
+here.
 """
 
 from __future__ import annotations
@@ -16,20 +17,33 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from zmav.errors import BadInput, BadMessage
-from zmav.vision import parity
+from zmav.vision import erasure, parity
 
 MOST_CHUNK = 1100
 """bytes of a chunk with its header"""
 MOST_JPEG = 1_000_000
 """bytes of a picture"""
-MAGIC, VERSION = b"zJ", 1
+VERSION = 1
 HEADER = struct.Struct(">2sBBIIHHIIHHd")
 ROOM = MOST_CHUNK - HEADER.size
 LATEST_T = 1e11
 """UTC seconds that nobody's clock shows"""
+
+
+class Code(NamedTuple):
+    """What is cut into chunks, and how lost ones are mended."""
+
+    magic: bytes
+    encode: Callable[[Sequence[bytes], int, int], list[bytes]]
+    mend: Callable[[int, int, Mapping[int, bytes], Mapping[int, bytes]], list[bytes] | None]
+
+
+PICTURES = Code(b"zJ", parity.encode, parity.mend)
+VIDEO = Code(b"zV", erasure.encode, erasure.mend)
 
 
 class Header(NamedTuple):
@@ -67,7 +81,9 @@ def count_of(length: int) -> int:
     return -(-length // ROOM)
 
 
-def split(jpeg: bytes, *, sender: int, seq: int, t: float, size: tuple[int, int], spare: int = 0) -> list[bytes]:
+def split(
+    jpeg: bytes, *, sender: int, seq: int, t: float, size: tuple[int, int], spare: int = 0, code: Code = PICTURES
+) -> list[bytes]:
     """The chunks of a picture, data first, then ``spare`` of parity; ``size`` is width and height in pixels.
 
     Raises :class:`BadInput` for an empty or an oversized picture, or values that have no place in the header.
@@ -82,22 +98,22 @@ def split(jpeg: bytes, *, sender: int, seq: int, t: float, size: tuple[int, int]
     data = [jpeg[i : i + step] for i in range(0, len(jpeg), step)]
     try:
         return [
-            HEADER.pack(MAGIC, VERSION, *head._replace(place=i)) + chunk
-            for i, chunk in enumerate(data + parity.encode(data, step, spare))
+            HEADER.pack(code.magic, VERSION, *head._replace(place=i)) + chunk
+            for i, chunk in enumerate(data + code.encode(data, step, spare))
         ]
     except struct.error as e:
         raise BadInput(f"a picture's header cannot hold {head}: {e}", field="header", value=str(head)) from e
 
 
-def parse(data: bytes) -> tuple[Header, bytes]:
+def parse(data: bytes, code: Code = PICTURES) -> tuple[Header, bytes]:
     """A chunk's header and what it holds; raises :class:`BadMessage` for what is not a chunk."""
     if not HEADER.size < len(data) <= MOST_CHUNK:
         raise _bad("length", len(data), f"{HEADER.size + 1} to {MOST_CHUNK} bytes")
     magic, version, *rest = HEADER.unpack_from(data)
     head = Header(*rest)
     length, t = head.length, head.t
-    if (magic, version) != (MAGIC, VERSION):
-        raise _bad("magic", (magic, version), f"{MAGIC!r}, version {VERSION}")
+    if (magic, version) != (code.magic, VERSION):
+        raise _bad("magic", (magic, version), f"{code.magic!r}, version {VERSION}")
     if not 0 < length <= MOST_JPEG:
         raise _bad("length of the JPEG", length, f"1 to {MOST_JPEG}")
     fits = 0 < head.pieces <= length and head.place < head.pieces + head.parity

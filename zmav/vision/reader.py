@@ -13,7 +13,7 @@ import time
 import uuid
 from collections.abc import AsyncIterator
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import zenoh
 
@@ -21,11 +21,13 @@ from zmav import keys
 from zmav.client import Answer, Client
 from zmav.errors import VehicleError
 from zmav.services.link.port import on_loop
-from zmav.vision.assembler import Assembler
+from zmav.vision.assembler import Assembler, Whole
+from zmav.vision.chunks import PICTURES
 from zmav.vision.opencv import Image, decode
 from zmav.wire import CameraInfo, FrameReport
 from zmav.wire import decode as from_json
 
+R = TypeVar("R", bound="Reader")
 REPORT_EVERY = 1.0 / (keys.FRAME_REPORT.rate_hz or 2.0)
 """s"""
 
@@ -54,13 +56,15 @@ class Reader:
     that is known; the camera then never sends more. Raises :class:`~zmav.errors.BadKey` for what cannot be a name.
     """
 
+    channel, reports, code = keys.FRAME, keys.FRAME_REPORT, PICTURES
+
     def __init__(
         self, z: Client, vehicle: str, camera: str = "down", *, name: str = "reader", most_bytes: float | None = None
     ) -> None:
         self._z, self._vehicle, self._camera = z, keys.check_name(vehicle, "vehicle"), keys.check_name(camera, "camera")
         self._name = f"{keys.check_name(name, 'reader')}-{uuid.uuid4().hex[:8]}"
         self.most_bytes = most_bytes
-        self.assembler = Assembler()
+        self.assembler = Assembler(self.code)
         """its counts say what became of chunks and pictures"""
         self.report: FrameReport | None = None
         """the last one sent"""
@@ -75,9 +79,9 @@ class Reader:
         self._publisher: zenoh.Publisher | None = None
         self._reporting: asyncio.Task[None] | None = None
 
-    async def __aenter__(self) -> Reader:
+    async def __aenter__(self: R) -> R:
         loop = asyncio.get_running_loop()
-        key = keys.FRAME.key(self._z.fleet_name, self._vehicle, camera=self._camera)
+        key = self.channel.key(self._z.fleet_name, self._vehicle, camera=self._camera)
         self._before = (0, 0, 0, time.monotonic())
         self._subscriber = self._z.session.declare_subscriber(key, on_loop(loop, self._on_sample))
         self._reporting = loop.create_task(self._report())
@@ -112,10 +116,16 @@ class Reader:
             return
         self._fleet = key.split("/")[1]
         whole = self.assembler.add(sample.payload.to_bytes(), time.monotonic())
-        if whole is None:
-            return
-        now = time.time()
-        self._delays.append(now - whole.t)
+        if whole is not None:
+            now = time.time()
+            self._delays.append(now - whole.t)
+            self._take(whole, now)
+
+    def wants_key(self) -> bool:
+        """Whether the next report asks for a key frame: pictures need none."""
+        return False
+
+    def _take(self, whole: Whole, now: float) -> None:
         self.skipped += self._newest is not None
         self._newest = Picture(whole.jpeg, whole.t, whole.seq, whole.width, whole.height, now)
         self._news.set()
@@ -139,12 +149,13 @@ class Reader:
             delay=statistics.median(self._delays) if self._delays else None,
             rate_bytes=(counts.bytes - came) / max(now - since, 1e-3),
             most_bytes=self.most_bytes,
+            waits=self.wants_key(),
         )
         self._delays.clear()
         if self._publisher is None:
-            key = keys.FRAME_REPORT.key(self._fleet, self._vehicle, camera=self._camera, reader=self._name)
-            self._publisher = self._z.session.declare_publisher(key, **keys.FRAME_REPORT.publishing())
-        self._z.put(keys.FRAME_REPORT, str(self._publisher.key_expr), self.report, publisher=self._publisher)
+            key = self.reports.key(self._fleet, self._vehicle, camera=self._camera, reader=self._name)
+            self._publisher = self._z.session.declare_publisher(key, **self.reports.publishing())
+        self._z.put(self.reports, str(self._publisher.key_expr), self.report, publisher=self._publisher)
 
 
 async def camera_info(z: Client, vehicle: str, camera: str, timeout: float = 2.0) -> CameraInfo:

@@ -26,4 +26,5 @@ from zmav.wire.rates import *
 from zmav.wire.setpoint import *
 from zmav.wire.state import *
 from zmav.wire.terrain import *
+from zmav.wire.traffic import *
 from zmav.wire.vision import *

@@ -164,6 +164,33 @@ class CameraTrigger(Order, kw_only=True):
     """m, 0.1 to 1000; 0: no more pictures"""
 
 
+class TurnGimbal(Order, kw_only=True):
+    """``do/gimbal_turn``: to angles in rad; without a ``pitch`` back to where it looks without orders (neutral)."""
+
+    pitch: float | None = None
+    """up from the horizon"""
+    yaw: float = 0.0
+    """to the right of the nose, and it turns with the vehicle; with ``lock`` from north"""
+    lock: bool = False
+    take: bool = False
+    """its control also from somebody else who has it, such as a ground station"""
+
+
+class PointGimbal(Order, kw_only=True):
+    """``do/gimbal_point``: at a place, or at another vehicle of the fleet, until the next order to the gimbal. One of
+    ``pos``, ``vehicle`` and ``lat_deg`` with ``lon_deg``; of the height above home 0 is taken where none is given.
+    """
+
+    pos: Vector | None = None
+    """m, NED about the fleet's origin"""
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_amsl: float | None = None
+    alt_rel: float | None = None
+    vehicle: str = ""
+    take: bool = False
+
+
 class RevokeLease(Order, kw_only=True):
     """An operator takes the lease from anyone who holds it."""
 

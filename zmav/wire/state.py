@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from zmav.wire.base import Told, Vector, Wire
 from zmav.wire.swarm import SegmentInfo
+from zmav.wire.traffic import TrafficInfo
 
 
 class GlobalPosition(Told, kw_only=True):
@@ -154,6 +155,8 @@ class VehicleState(Told, kw_only=True):
     estimate: Estimate | None = None
     corrections: CorrectionsInfo | None = None
     """for its GNSS receiver; None: none came within the last ten minutes"""
+    traffic: TrafficInfo | None = None
+    """the aircraft that it warns of, the worst; None: none"""
     link: str = "closed"
     link_loss: float = 0.0
     clock: ClockInfo | None = None
@@ -186,7 +189,7 @@ class Event(Told, kw_only=True):
     t: float
     kind: str
     """statustext, numbered (an EVENT), mode, armed, autopilot, link, lease, setpoint, pilot, failsafe,
-    rate, clock, mission, clash, certificate, corrections, refused, fault"""
+    rate, clock, mission, clash, certificate, corrections, traffic, refused, fault"""
     severity: Severity
     text: str
     detail: dict[str, Any] = {}

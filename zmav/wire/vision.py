@@ -54,6 +54,31 @@ class FrameReport(Told, kw_only=True):
     """B/s that came"""
     most_bytes: float | None = None
     """B/s that this reader's link has for pictures; None: not known"""
+    waits: bool = False
+    """of video: for a key frame, without which it can show nothing"""
+
+
+class VideoInfo(Told, kw_only=True):
+    """A camera's video as it is sent now: H.264, passed through."""
+
+    t: float
+    camera: str
+    width: int
+    height: int
+    """pixels; 0: nothing came of the camera yet"""
+    rate_hz: float
+    """access units a second, as the camera gives them"""
+    rate_bytes: float
+    """B/s, as the camera gives them"""
+    stream: int
+    streams: int
+    """the one that is sent, from 1 on, of so many: the first has most bytes"""
+    key_frames_only: bool = False
+    """the link does not carry the whole stream"""
+    lost: str = ""
+    """why nothing comes of the camera at present"""
+    source: str = ""
+    """where it comes from, in words"""
 
 
 class Detection(Told, kw_only=True):

@@ -15,7 +15,7 @@ from zmav.cli.common import run, zenoh_options
 from zmav.config import load_fleet
 from zmav.errors import missing_extra
 from zmav.formats.tiles import open_source
-from zmav.process import leave, say, until_stopped
+from zmav.process import say, until_stopped
 from zmav.services.files.store import tiles_directory
 from zmav.session import SessionSettings
 from zmav.trust.credentials import Credentials
@@ -36,6 +36,9 @@ def _number(name: str, least: float, most: float, default: float, text: str) -> 
 @_number("--margin", 0.0, 20.0, 0.5, "Metres between two vehicles beyond their radii.")
 @_number("--tracking", 0.05, 5.0, 0.4, "Metres, of the margin, by which vehicles may be off their ways: more in wind.")
 @_number("--downwash", 1.0, 10.0, 1.5, "How much farther above each other than beside each other.")
+@_number(
+    "--traffic", 0.0, 2000.0, 100.0, "Metres kept from aircraft of 'zmav traffic', beyond what their places may be off."
+)
 @_number("--patience", 1.0, 600.0, 3.0, "Seconds without a planner after which it takes charge.")
 @click.option("--terrain", metavar="FOLDER|FILE.tif|URL", help="Heights of the ground, as for 'zmav terrain load'.")
 @click.option("--unknown-batteries", is_flag=True, help="Have vehicles fly that do not say what is left in theirs.")
@@ -85,4 +88,3 @@ async def _planner(own: Any, session: SessionSettings) -> None:
         say(f"{own.fleet}/{own.name}: loading the solver{more}")
         await until_stopped()
         say("ending: what is in the air comes to rest")
-    leave()

@@ -24,6 +24,7 @@ from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.run import Run
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.solver import Solver
+from agents.planner.live.traffic import TrafficWatch
 from zmav import wire
 from zmav.errors import BadInput, ZmavError
 from zmav.waiting import within
@@ -58,7 +59,8 @@ class Agent:
         )
         self.publisher = StatusPublisher(context)
         self.handlers = OrderHandlers(context, z.member.credentials if z.member else None)
-        hears = {"goal": self.on_book, "charge": self.on_charge, "obstacle": self.on_map}
+        hears = {"goal": self.on_book, "charge": self.on_charge, "obstacle": self.on_map, "traffic": self.on_traffic}
+        self._traffic = TrafficWatch(settings.traffic)
         self._tokens = Tokens(context, hears, self.on_obstacle)
         self._task: asyncio.Task[None] | None = None
         self._held = ""
@@ -131,6 +133,12 @@ class Agent:
             if self.context.charge.book is not None and told.instance == self.context.charge.book.instance:
                 self.context.world.follow(told.obstacles, time.monotonic(), time.time())
 
+    def on_traffic(self, data: bytes) -> None:
+        try:
+            self._traffic.hear(data)
+        except BadInput as e:
+            self.context.say_seldom("refused", "warning", f"refused: {e}")
+
     def on_book(self, data: bytes) -> None:
         try:
             book = wire.decode(data, swarm.Book, "book")
@@ -179,6 +187,8 @@ class Agent:
             self.context.later(self.context.clocks.ask(name))
         self.context.homes.tick()
         self.context.world.expire(now)
+        states = (state for state, _ in self.context.fleet.last.values())
+        self.context.world.traffic = self._traffic.obstacles(states, now, time.time())
         if self.context.world.revision != self._revision and now - self._looked > LEAST:
             self._revision, self._looked = self.context.world.revision, now
             for run in self.runs.values():

@@ -199,6 +199,7 @@ class LeasedVehicles:
         if not run.goes:
             executor.pause()
         watching = asyncio.create_task(self._watch(executor))
+        watching.add_done_callback(lambda task: self._unwatched(task, executor))
         try:
             outcome = await executor.run(self._flight(planned))
         finally:
@@ -337,6 +338,12 @@ class LeasedVehicles:
             self._torn = torn
             self._look_at_positions(executor)
             executor.avoid(self.movers(executor.clock.now()))
+
+    def _unwatched(self, watching: asyncio.Task[None], executor: Executor) -> None:
+        """Nothing is flown that is not watched: where the watch fails all come to rest, and there is no new plan."""
+        if not watching.cancelled() and (fault := watching.exception()) is not None:
+            self._again = None
+            executor.halt(f"the planner's own fault: {fault!r}")
 
     def _look_at_positions(self, executor: Executor) -> None:
         """Who knows much less well where it is than when the plan was made has too little room in it."""

@@ -33,6 +33,10 @@ Margins = Sequence[tuple[float, float]]
 CLEARLY, NARROW, SMALLEST = 0.15, 0.01, 0.2
 """m more than needed that vehicles draw apart, for they do not rest exactly where they should; m less than there is
 that their plan reckons with; and the share of its own radius that each has at least in it, however near another is"""
+MOST_APART = 3
+"""times that vehicles draw apart before one plan"""
+CLOSE = ("starts_overlap", "start_in_obstacle")
+"""kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 LAYER = 30.0
 """m of height for each plane above the one below it"""
 
@@ -50,8 +54,8 @@ class Planned:
     """m by which every vehicle's radius in the scene is larger than its own"""
     above_ground: float | None = None
     """m: the least; None: the ground is not known"""
-    before: bool = False
-    """it only makes room: what is to be flown is planned from where it ends"""
+    before: str = ""
+    """why it only makes room, and what is to be flown is planned from where it ends; "": it is that"""
 
 
 class Planner:
@@ -94,7 +98,7 @@ class Planner:
         or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.
         """
         own = self._context.settings.margin
-        tries = list(margins) or [(own, 1.0), (own / 2.0, 1.0)]
+        tries = list(margins or self._usual)
         while True:
             margin, share = tries.pop(0)
             try:
@@ -104,7 +108,21 @@ class Planner:
                 if not tries or e.kind == "invalid_scene":
                     raise
 
-    async def make_room(self, step: PlanTo, view: FleetView, margins: Margins) -> Planned | None:
+    async def next_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
+        """As :meth:`plan_to`; where somebody rests too near for that, what is flown first, which makes room."""
+        try:
+            return await self.plan_to(step, view, margins)
+        except PlanError as e:
+            if e.kind not in CLOSE or (first := await self._make_room(step, view, margins or self._usual)) is None:
+                raise
+            return replace(first, before=e.message)
+
+    @property
+    def _usual(self) -> Margins:
+        own = self._context.settings.margin
+        return (own, 1.0), (own / 2.0, 1.0)
+
+    async def _make_room(self, step: PlanTo, view: FleetView, margins: Margins) -> Planned | None:
         """Apart with those who rest too near to each other, or to an obstacle, for a plan with even the last of
         ``margins``: as slowly as that says, with what room there is. None where nobody does, or there is no way apart.
         """
@@ -127,7 +145,7 @@ class Planner:
                 found = await self._plan(PlanTo(step.vehicles, goals, True, step.text), slow, margin)
             except (PlanError, Refused):
                 continue
-            return replace(found, before=True, clearance=None)  # less than their radii at first
+            return replace(found, clearance=None)  # less than their radii at first
         return None
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float) -> Planned:

@@ -8,7 +8,7 @@ from typing import Any
 from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step, VehicleView
 from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.frames import ned
-from agents.planner.live.plan import Planned, Planner, motion_of
+from agents.planner.live.plan import MOST_APART, Planned, Planner, motion_of
 from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
 from agents.planner.live.tally import Tally
@@ -22,17 +22,21 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     """
     steps: list[dict[str, Any]] = []
     for step in await planner.resolve(goal, view):
-        planned, view = await _step(planner, step, view)
-        row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
-        row["above_ground"] = None if planned is None else planned.above_ground
-        motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
-        row["seconds"] = round(tally.add(step, motions), 1)
-        if planned is not None:
-            tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
-            row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
+        plans, view = await _step(planner, step, view)
+        flown: list[Planned | None] = [*plans] or [None]
+        for planned in flown:
+            row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
+            row["above_ground"] = None if planned is None else planned.above_ground
+            motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
+            row["seconds"] = round(tally.add(step, motions), 1)
+            if planned is not None:
+                tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
+                row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
+                if planned.before:
+                    row["text"] = f"first they draw apart: {planned.before}"
+            steps.append(row)
         if isinstance(step, Fly) and step.figures:
-            row["figures"] = {name: dict(figures) for name, figures in step.figures.items()}
-        steps.append(row)
+            steps[-1]["figures"] = {name: dict(figures) for name, figures in step.figures.items()}
     clearances = [row["clearance"] for row in steps if row.get("clearance") is not None]
     heights = [row["above_ground"] for row in steps if row["above_ground"] is not None]
     return {
@@ -44,21 +48,34 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     }
 
 
-async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[Planned | None, FleetView]:
-    """One step, and the fleet as it will be after it."""
-    planned: Planned | None = None
+async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[list[Planned], FleetView]:
+    """What is flown for one step, one after another, and the fleet as it will be after it."""
+    plans: list[Planned] = []
     if isinstance(step, PlanTo):
-        planned = await planner.plan_to(step, view)
+        plans, view = await _to(planner, step, view)
     elif isinstance(step, Fly):
-        planned, objection = await planner.check(step, view)
-        for instead in step.instead if planned is None else ():
-            planned = await planner.plan_to(instead, view)
-            view = moved(view, _ends(planned))
-        if planned is None:
+        prepared, objection = await planner.check(step, view)
+        if prepared is not None:
+            return [prepared], moved(view, _ends(prepared))
+        for instead in step.instead:
+            more, view = await _to(planner, instead, view)
+            plans += more
+        if not plans:
             raise Refused(f"{step.text or 'what was prepared'}: {objection}; there is no other way")
     elif isinstance(step, Orders):
-        return None, _after(step, view)
-    return planned, (moved(view, _ends(planned)) if planned is not None else view)
+        view = _after(step, view)
+    return plans, view
+
+
+async def _to(planner: Planner, step: PlanTo, view: FleetView) -> tuple[list[Planned], FleetView]:
+    """As it would be flown: where they begin too near to each other they draw apart first."""
+    plans: list[Planned] = []
+    while not plans or plans[-1].before:
+        if len(plans) > MOST_APART:
+            raise Refused("they would draw apart again and again, and still rest too near to each other")
+        plans.append(await planner.next_to(step, view))
+        view = moved(view, _ends(plans[-1]))
+    return plans, view
 
 
 def _ends(planned: Planned) -> dict[str, Vector]:

@@ -30,7 +30,7 @@ from agents.planner.live.frames import enu, ned
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
-from agents.planner.live.plan import Planned, Planner, motion_of
+from agents.planner.live.plan import MOST_APART, Planned, Planner, motion_of
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
@@ -48,13 +48,11 @@ SETTLE = 90.0
 LASTING = 60.0
 """s that a segment may last"""
 SILENCE = 60.0
-"""s that a plan waits for vehicles in the air that are not heard, where there is no room beside them"""
+"""s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
 """deaths of the solver after which a plan is given up: it dies of it; plans that nobody can begin to fly"""
-CLOSE = ("starts_overlap", "start_in_obstacle")
-"""kinds of errors of plans that cannot begin because somebody rests too near to somebody or something"""
 
 
 class Run:
@@ -286,7 +284,7 @@ class Run:
                 return sorted(missing)
             self._go_without(missing)  # from now on they are somebody else's, to be kept clear of
             made += 1
-            if made > MOST_TRIES:
+            if made > MOST_APART:
                 raise Refused("they drew apart again and again, and still rest too near to each other")
 
     async def _fly_prepared(self, leased: LeasedVehicles, step: Fly, share: tuple[float, float]) -> list[str]:
@@ -347,21 +345,22 @@ class Run:
 
     async def _planned(self, leased: LeasedVehicles, step: PlanTo, view: FleetView) -> Planned:
         """A plan, where there is room for one: what other goals have spoken for is waited for, and for a while who is
-        not heard and in the way.
+        not heard and in the way, and aircraft that pass.
         """
         tries, begun = 0, time.monotonic()
         while True:
             margins = await leased.margins()
             try:
-                return await self.planner.plan_to(step, view, margins)
-            except PlanError as e:
-                if e.kind in CLOSE and (first := await self.planner.make_room(step, view, margins)):
-                    text = f"{self.entry.id}: first they draw apart: {e.message}"
+                planned = await self.planner.next_to(step, view, margins)
+                if planned.before:
+                    text = f"{self.entry.id}: first they draw apart: {planned.before}"
                     self.context.say("room", "notice", text, goal=self.entry.id)
-                    return first
+                return planned
+            except PlanError as e:
                 others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
-                silent = sorted(self.context.fleet.hearing().unheard) if patient else []
+                passing = [*self.context.fleet.hearing().unheard, *(each.name for each in self.context.world.traffic)]
+                silent = sorted(passing) if patient else []
                 if not (others or silent) or e.kind == "invalid_scene":
                     raise
                 self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")

@@ -20,7 +20,13 @@ ROUND = 32
 FENCE = "fleet-file"
 NO_CEILING = 10_000.0
 """m"""
-BOUNDS = {"margin": (0.0, 20.0), "tracking": (0.05, 5.0), "downwash": (1.0, 10.0), "patience": (1.0, 600.0)}
+BOUNDS = {
+    "margin": (0.0, 20.0),
+    "tracking": (0.05, 5.0),
+    "downwash": (1.0, 10.0),
+    "traffic": (0.0, 2000.0),
+    "patience": (1.0, 600.0),
+}
 """of the settings, each in its own unit"""
 
 
@@ -38,6 +44,8 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     """m, of the margin, by which a vehicle may be off its trajectory before everybody waits for it, and at its goal"""
     downwash: float = 1.5
     """how much farther above each other than beside each other vehicles stay"""
+    traffic: float = 100.0
+    """m kept from aircraft that are not of the fleet, beyond what their places may be off; 0: from none"""
     patience: float = PATIENCE
     """s without token and book after which it takes charge"""
     plan_seconds: float = 15.0

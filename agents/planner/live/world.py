@@ -81,6 +81,9 @@ class World:
         """the fleet file's geofence: it holds again where another one is gone"""
         self.revision = 0
         """counts the changes"""
+        self.traffic: list[swarm.Obstacle] = []
+        """aircraft that are not of the fleet, as they are now: balls; no change in the world, for it is flown with what
+        moves as it comes"""
 
     @property
     def obstacles(self) -> list[swarm.Obstacle]:
@@ -159,6 +162,9 @@ class World:
                 movers.append(_mover(obstacle.name, what, t - obstacle.t))
             elif what is not None:
                 still.append(_still(obstacle.name, what))
+        for obstacle in self.traffic:
+            assert isinstance(obstacle.what, swarm.Ball)
+            movers.append(_mover(obstacle.name, obstacle.what, t - obstacle.t))
         return Pieces(tuple(still), fence, tuple(movers))
 
     def ball(self, name: str, t: float) -> tuple[Vector, Vector] | None:

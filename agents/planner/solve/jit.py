@@ -22,7 +22,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 PACKAGE = Path(__file__).resolve().parent.parent
 KERNEL = re.compile(rb"^@jit$", re.MULTILINE)
 COMPLETE = "complete"
-NOT_KEPT = "each time anew, as nothing can be kept: name a folder that can be written to in NUMBA_CACHE_DIR"
+NOT_KEPT = "each time again, as nothing can be kept: name a folder that can be written to in NUMBA_CACHE_DIR"
 KEPT = 3
 """How many older folders stay: those used last, for processes that still run them and for other numbas."""
 
@@ -144,7 +144,7 @@ def complete() -> None:
 
 
 def progress() -> tuple[int, int]:
-    """How many kernels are compiled, whoever compiles them, and of how many."""
+    """How many kernels are compiled, by any process, and of how many."""
     kept = folder()
     return len(list(kept.rglob("*.nbi"))) if kept is not None else 0, count(PACKAGE)
 

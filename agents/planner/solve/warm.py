@@ -1,7 +1,7 @@
 """Make the planner ready: compile its kernels (once on a machine) and load them (once in a process).
 
 A first plan would otherwise pay for that, part of a second each time and half a minute of a core the first time. The
-kernels are compiled in parts, each by one process: two work side by side where there are two cores, and whoever else
+kernels are compiled in parts, each by one process: two work side by side where there are two cores, and a third that
 wants to plan meanwhile takes a share. Run as a program this is the second of them. A fleet's planner waits for all
 parts (:func:`warm`), a plan from a file for those that nearly every plan needs (:func:`begin`): the second process goes
 on with the rest.
@@ -104,7 +104,7 @@ def load_numba() -> None:
 
 
 def compile_parts(names: Iterable[str], wait: bool) -> None:
-    """Compile what no other process does; or (``wait``) have all of it compiled, whoever does it."""
+    """Compile what no other process does; or (``wait``) wait until all of it is compiled."""
     for name in names:
         with jit.compiling(name, wait) as ours:
             if ours:

@@ -1,8 +1,10 @@
 // Pictures of a vehicle's cameras, with what was found in them; they come only while a person looks.
 
 import { make, makeButton, mark, say, toast } from "./dom.js";
+import { GimbalControls } from "./gimbal.js";
 import { readPictures } from "./mjpeg.js";
-import { REPLAY } from "./settings.js";
+import { READ_ONLY, REPLAY } from "./settings.js";
+import { canPlay, playVideo } from "./video.js";
 import { fixed, t, wordsOf } from "./words.js";
 
 /**
@@ -16,6 +18,7 @@ const STOPPED_MS = 2000;
 const SLOWEST_MS = 5000; // between two pictures of a camera that sends as slowly as it may: more was a stop
 const SLOWER = 3; // times what lay between the pictures before
 const AGAIN_MS = 3000;
+const NO_VIDEO_MS = 10000; // without a picture of a video: it is no video that this browser can play
 const SEEN_S = 0.5; // what was found in an older picture is not where it was
 const MOST_BOXES = 200;
 const COLOUR = "#3dff7a";
@@ -27,8 +30,8 @@ document.addEventListener("visibilitychange", () => {
 });
 
 class CameraView {
-  /** @param {Vehicle} vehicle @param {string} name @param {import("./link.js").Link} link */
-  constructor(vehicle, name, link) {
+  /** @param {Vehicle} vehicle @param {string} name @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(vehicle, name, link, map) {
     this.vehicle = vehicle;
     this.name = name;
     this.link = link;
@@ -40,6 +43,7 @@ class CameraView {
     this.stopped.setAttribute("role", "status");
     this.about = make("p", "muted");
     this.box = make("div", "camera", "", this.canvas, this.stopped, this.about);
+    if (!READ_ONLY) this.box.append(new GimbalControls(vehicle, name, this.canvas, map).element);
     /** @type {AbortController | null} of the stream */
     this.stream = null;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -49,6 +53,9 @@ class CameraView {
     /** @type {{image: ImageBitmap, t: number} | null} on the canvas */
     this.shown = null;
     this.decoding = false;
+    /** @type {HTMLVideoElement | null} that plays, unseen: its pictures go onto the canvas */
+    this.video = null;
+    this.noVideo = false; // it was tried: pictures are read instead
     this.at = this.between = 0; // ms: when the last picture came; what lies between two
     this.since = 0;
     this.why = "";
@@ -60,6 +67,7 @@ class CameraView {
       toast(t("camera.most", { most: MOST_OPEN, who: view.vehicle.name, name: view.name }), "warn");
     }
     open.add(this);
+    this.noVideo = false;
     this.at = this.between = 0;
     this.since = Date.now();
     this.why = "";
@@ -81,19 +89,61 @@ class CameraView {
   stop() {
     clearTimeout(this.again);
     this.stream?.abort();
-    this.stream = null;
+    this.stream = this.video = null;
+  }
+
+  /** The vehicle has a video of this camera, and this browser may show it. */
+  get hasVideo() {
+    return canPlay && !this.noVideo && Boolean(this.vehicle.videos.get(this.name)?.there);
   }
 
   async start() {
     this.stop();
     const stream = new AbortController();
     this.stream = stream;
+    const path = `camera/${this.vehicle.name}/${this.name}`;
+    const video = this.hasVideo;
     try {
-      await readPictures(`camera/${this.vehicle.name}/${this.name}`, stream.signal, (picture) => this.take(picture));
+      if (video) await this.play(path, stream);
+      else await readPictures(path, stream.signal, (picture) => this.take(picture));
     } catch (error) {
-      if (stream === this.stream) this.why = wordsOf(error);
+      if (stream === this.stream) {
+        this.why = wordsOf(error);
+        this.noVideo ||= video && this.vehicle.cameras.has(this.name); // which has pictures besides
+      }
     }
     if (stream === this.stream) this.again = setTimeout(() => this.start(), AGAIN_MS);
+  }
+
+  /** @param {string} path @param {AbortController} stream */
+  async play(path, stream) {
+    const video = make("video");
+    Object.assign(video, { muted: true, playsInline: true });
+    this.video = video;
+    const painted = async () => {
+      if (this.video !== video) return;
+      video.requestVideoFrameCallback(painted);
+      try {
+        this.display(await createImageBitmap(video), Date.now() / 1000);
+      } catch (error) {
+        // one that is not there yet
+      }
+    };
+    video.requestVideoFrameCallback(painted);
+    try {
+      await playVideo(`${path}/webrtc`, stream.signal, video);
+    } finally {
+      video.srcObject = null;
+    }
+  }
+
+  /** @param {ImageBitmap} image @param {number} taken UTC s */
+  display(image, taken) {
+    if (!open.has(this)) return image.close(); // nobody looks any more
+    this.shown?.image.close();
+    this.shown = { image, t: taken };
+    this.came();
+    this.paint();
   }
 
   /** The newest wins, also over one that is being decoded. @param {Picture} picture */
@@ -105,15 +155,7 @@ class CameraView {
       const { jpeg, t: taken } = this.next;
       this.next = null;
       try {
-        const image = await createImageBitmap(jpeg);
-        if (!open.has(this)) {
-          image.close(); // nobody looks any more
-          continue;
-        }
-        this.shown?.image.close();
-        this.shown = { image, t: taken };
-        this.came();
-        this.paint();
+        this.display(await createImageBitmap(jpeg), taken);
       } catch (error) {
         this.why = t("camera.garbled");
       }
@@ -182,7 +224,7 @@ class CameraView {
 
   /** Why no picture comes, as far as anybody says. */
   get reason() {
-    const status = this.vehicle.cameras.get(this.name);
+    const status = (this.hasVideo ? this.vehicle.videos : this.vehicle.cameras).get(this.name);
     if (this.why) return this.why;
     if (status && !status.fresh) return t("camera.silent");
     return status && status.state !== "sending" ? status.text : "";
@@ -196,6 +238,10 @@ class CameraView {
     const last = this.at || this.since;
     const stopped = Date.now() - last > Math.max(STOPPED_MS, SLOWER * this.between);
     this.box.classList.toggle("stopped", stopped);
+    if (this.video && Date.now() - last > NO_VIDEO_MS && this.vehicle.cameras.get(this.name)?.there) {
+      this.noVideo = true;
+      this.start();
+    }
     this.canvas.hidden = !this.shown;
     this.stopped.hidden = !stopped;
     if (stopped) {
@@ -204,17 +250,18 @@ class CameraView {
       say(this.stopped, [words, this.reason].filter(Boolean).join(": "));
     }
     const rate = this.between ? t("camera.rate", { hz: fixed(1000 / this.between, 1) }) : "";
-    say(this.about, stopped ? "" : this.shown ? [t("camera.size", { width: this.canvas.width, height: this.canvas.height }), rate].filter(Boolean).join(" · ") : t("camera.waits"));
+    say(this.about, stopped ? "" : this.shown ? [t("camera.size", { width: this.canvas.width, height: this.canvas.height }), rate, this.video ? t("camera.video") : ""].filter(Boolean).join(" · ") : t("camera.waits"));
     this.paint();
   }
 }
 
 /** The cameras of one vehicle: a button each, and pictures below it. */
 export class CameraViews {
-  /** @param {Vehicle} vehicle @param {import("./link.js").Link} link */
-  constructor(vehicle, link) {
+  /** @param {Vehicle} vehicle @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(vehicle, link, map) {
     this.vehicle = vehicle;
     this.link = link;
+    this.map = map;
     this.buttons = make("div", "chips");
     this.element = make("div", "cameras", "", this.buttons);
     /** @type {Map<string, CameraView>} */
@@ -222,9 +269,10 @@ export class CameraViews {
   }
 
   draw() {
-    for (const name of this.vehicle.cameras.keys()) if (!this.views.has(name)) this.add(name);
+    const { cameras, videos } = this.vehicle;
+    for (const name of [...cameras.keys(), ...videos.keys()]) if (!this.views.has(name)) this.add(name);
     for (const [name, view] of this.views) {
-      const there = open.has(view) || Boolean(this.vehicle.cameras.get(name)?.there);
+      const there = open.has(view) || Boolean(cameras.get(name)?.there || videos.get(name)?.there);
       view.button.hidden = !there;
       view.draw();
     }
@@ -233,7 +281,7 @@ export class CameraViews {
 
   /** @param {string} name */
   add(name) {
-    const view = new CameraView(this.vehicle, name, this.link);
+    const view = new CameraView(this.vehicle, name, this.link, this.map);
     this.views.set(name, view);
     this.buttons.append(view.button);
     this.element.append(view.box);

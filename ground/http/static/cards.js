@@ -12,10 +12,10 @@ const MOST_CARDS = 12;
 const SURFACE = new Set(["rover", "boat"]);
 
 class Card {
-  /** @param {import("./vehicle.js").Vehicle} vehicle @param {import("./link.js").Link} link */
-  constructor(vehicle, link) {
+  /** @param {import("./vehicle.js").Vehicle} vehicle @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(vehicle, link, map) {
     this.vehicle = vehicle;
-    this.cameras = new CameraViews(vehicle, link);
+    this.cameras = new CameraViews(vehicle, link, map);
     /** @type {Record<string, any>} */
     this.parts = {};
     this.element = this.build();
@@ -113,10 +113,11 @@ class Card {
 }
 
 export class Cards {
-  /** @param {import("./store.js").Store} store @param {import("./link.js").Link} link */
-  constructor(store, link) {
+  /** @param {import("./store.js").Store} store @param {import("./link.js").Link} link @param {import("./map.js").FleetMap} map */
+  constructor(store, link, map) {
     this.store = store;
     this.link = link;
+    this.map = map;
     /** @type {Map<string, Card>} of the selected */
     this.cards = new Map();
   }
@@ -131,7 +132,7 @@ export class Cards {
       this.cards.delete(id);
     }
     wanted.forEach((vehicle, index) => {
-      const card = this.cards.get(vehicle.id) || new Card(vehicle, this.link);
+      const card = this.cards.get(vehicle.id) || new Card(vehicle, this.link, this.map);
       this.cards.set(vehicle.id, card);
       const place = byId("fleet").children[index];
       if (place !== card.element) byId("fleet").insertBefore(card.element, place || null);

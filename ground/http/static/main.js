@@ -27,6 +27,7 @@ import { Store } from "./store.js";
 import { FleetTable } from "./table.js";
 import { wireTabs } from "./tabs.js";
 import { Teams } from "./teams.js";
+import { TrafficLayer } from "./traffic.js";
 import { wireTheme } from "./theme.js";
 import { span, t } from "./words.js";
 
@@ -56,7 +57,7 @@ export const fleetLayer = new FleetLayer(store, map);
 new Missions(store, map);
 new Replay(store);
 const teams = new Teams(store, map, plans);
-const views = [map, teams, new FleetTable(store), fleetLayer, plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link), new Events(store), new Explorer()];
+const views = [map, teams, new FleetTable(store), fleetLayer, new TrafficLayer(store, map), plans, scrubber, heights, alarms, new Sounds(store, alarms), new Goals(store), new Preflight(store), new OrderBar(store, map, plans), new Cards(store, link, map), new Events(store), new Explorer()];
 
 function drawLink() {
   const lost = store.connection === "lost";
@@ -101,7 +102,7 @@ function draw() {
 
 async function readReport() {
   if (store.connection !== "live" || document.hidden) return;
-  let report = { links: [], vehicles: [] }; // what was known before is no longer known where none comes
+  let report = { links: [], vehicles: [], aircraft: [] }; // what was known before is no longer known where none comes
   try {
     const answer = await fetch(address("report"), { signal: AbortSignal.timeout(5 * REPORT_MS) });
     if (answer.ok) report = await answer.json();
@@ -129,7 +130,7 @@ link.subscribe("*", { hz: 5, changes: true });
 link.subscribe("*/event", { history: 10 });
 for (const topic of ["charge", "goal", "plan", "obstacle"]) link.subscribe(`zmav/${FLEET}/@fleet/${topic}`, { hz: 2 });
 link.subscribe(`zmav/${FLEET}/@obstacle/*`, { hz: 2 });
-link.subscribe("*/agent/camera-*/status", { hz: 2 });
+for (const kind of ["camera", "video"]) link.subscribe(`*/agent/${kind}-*/status`, { hz: 2 });
 link.subscribe("*/agent/rtk/status", { hz: 1 });
 link.subscribe("*/HOME_POSITION", { hz: 0.1 });
 store.changed = draw;

@@ -54,7 +54,9 @@ export async function planFirst(goal, plans) {
   if (!busy) plans.preview(preview.steps);
   plans.draw();
   const clear = preview.clearance === null ? "" : t("preview.clear", { metres: metres(preview.clearance) });
-  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), [t("preview.text", { span: span(preview.makespan), clear }), ...figuresOf(preview.steps)].join("\n"), t("preview.yes"));
+  const takes = span(preview.seconds ?? preview.makespan); // the plan's own time is only part of it; an older planner says no more
+  const lines = [t("preview.text", { span: takes, clear }), ...(preview.refused ? [preview.refused] : []), ...figuresOf(preview.steps)];
+  const yes = await confirmed(t("preview.title", { goal: goal.kind, who: names }), lines.join("\n"), t("preview.yes"));
   if (!busy) plans.preview([]);
   if (yes) await askPlanner("submit", { goal });
 }

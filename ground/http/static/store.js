@@ -36,6 +36,9 @@ export class Store {
     this.plans = new Map();
     /** @type {Map<string, import("./types.js").Obstacle>} by name */
     this.obstacles = new Map();
+    /** @type {import("./types.js").Aircraft[]} that are not of the fleet, the nearest first */
+    this.aircraft = [];
+    this.aircraftAt = 0;
     /** @type {import("./types.js").MeshLink[]} */
     this.links = [];
     /** @type {Place | null} the fleet's origin; null: none is known */
@@ -156,6 +159,8 @@ export class Store {
   /** @param {import("./types.js").Report} report */
   takeReport(report) {
     this.links = report.links;
+    this.aircraft = report.aircraft;
+    this.aircraftAt = Date.now();
     for (const vehicle of this.vehicles.values()) vehicle.report = null;
     for (const each of report.vehicles) {
       const vehicle = this.vehicles.get(`${each.fleet}/${each.name}`);

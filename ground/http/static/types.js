@@ -57,7 +57,22 @@
  * @typedef {{a: string, b: string, grade: string, loss: number | null, rtt: number | null}} MeshLink
  * @typedef {{weakest: {grade: string, ends: string[]} | null, rtt: number | null} | null} Network
  * @typedef {{fleet: string, name: string, reasons: Alarm[], network: Network}} VehicleReport
- * @typedef {{links: MeshLink[], vehicles: VehicleReport[]}} Report of GET /report
+ * @typedef {object} Aircraft that is not of the fleet
+ * @property {string} icao
+ * @property {string} callsign
+ * @property {number} lat_deg
+ * @property {number} lon_deg
+ * @property {Vector | null} velocity
+ * @property {number} age s since it was there
+ * @property {string} source
+ * @property {number | null} alt_amsl m
+ * @property {string | null} vehicle the nearest
+ * @property {number | null} distance m from it
+ * @property {number | null} height m above it
+ * @property {number | null} nearest m at the closest approach
+ * @property {number | null} time s until then
+ *
+ * @typedef {{links: MeshLink[], vehicles: VehicleReport[], aircraft: Aircraft[]}} Report of GET /report
  *
  * @typedef {{key: string, t: number, value: any, alarms?: Alarm[], deleted?: boolean}} Message of a key
  * @typedef {{hz?: number, history?: number, changes?: boolean}} How a key is read

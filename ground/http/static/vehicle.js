@@ -53,6 +53,8 @@ export class Vehicle {
     this.report = null;
     /** @type {Map<string, CameraStatus>} by name */
     this.cameras = new Map();
+    /** @type {Map<string, CameraStatus>} by name: those with video */
+    this.videos = new Map();
     /** @type {Map<string, import("./types.js").Sights>} the last ones, by camera */
     this.sights = new Map();
     this.colour = "gray";
@@ -77,9 +79,10 @@ export class Vehicle {
 
   /** @param {string} agent @param {any} status */
   takeStatus(agent, status) {
-    const name = agent.replace(/^camera-/, "");
-    if (name === agent || !status || typeof status.state !== "string") return;
-    if (this.cameras.has(name) || this.cameras.size < MOST_CAMERAS) this.cameras.set(name, new CameraStatus(status.state, String(status.text)));
+    const [, kind, name] = /^(camera|video)-(.+)$/.exec(agent) ?? [];
+    if (!name || !status || typeof status.state !== "string") return;
+    const known = kind === "video" ? this.videos : this.cameras;
+    if (known.has(name) || known.size < MOST_CAMERAS) known.set(name, new CameraStatus(status.state, String(status.text)));
   }
 
   /** @param {string} camera @param {any} sights */

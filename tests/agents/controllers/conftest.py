@@ -14,15 +14,18 @@ import pytest
 import pytest_asyncio
 
 import zmav
+from agents.controllers.cycle import Cycles
 from agents.controllers.settings import ControllerSettings
 from agents.controllers.supervisor import Supervisor
 from tests.conftest import endpoint_of
 from zmav import keys, wire
 from zmav.config import PilotSwitch
+from zmav.errors import TimedOut
 from zmav.onboard import Onboard, OnboardSettings
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec, World
 from zmav.sim.autopilots.px4.modes import HOLD
+from zmav.sim.external import Externals
 
 PATIENCE_S = 60.0
 RATE_HZ = 100.0
@@ -31,15 +34,42 @@ SPEED = 6.0
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 SWITCH = PilotSwitch(channel=7)
 """PX4's radio: this channel is free for it"""
+BEHIND_S = 0.03
+"""simulated s without an output after which the world waits for one"""
+STALL_S = 0.6
+"""s that it waits: the supervisor takes more than one without an attitude for the autopilot's end"""
 HOVER = (0.0, 0.0, -10.0)
 """where each test begins, m NED"""
+
+
+class InStep(Externals):
+    """Has the world wait for the outputs of a controller that flies, as it waits for a flight stack outside: where the
+    machine stalls, simulated time does too. Not for long: a controller that hangs is to be found out.
+    """
+
+    def __init__(self) -> None:
+        self.cycles: Cycles | None = None
+        self._now = self._came = self._since = 0.0
+        self._outputs = 0
+
+    def grant(self, now: float) -> None:
+        self._now = now
+
+    def behind(self) -> bool:
+        if self.cycles is None or not self.cycles.phase:
+            return False
+        if self.cycles.counters.outputs != self._outputs:
+            self._outputs, self._came, self._since = self.cycles.counters.outputs, self._now, time.monotonic()
+        return self._now - self._came > BEHIND_S and time.monotonic() - self._since < STALL_S
 
 
 class Field:
     """One vehicle that flies, for the tests of a module, and anyone who supervises controllers for it."""
 
-    def __init__(self, world: World, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str) -> None:
+    def __init__(self, world: World, step: InStep, z: zmav.Client, vehicle: zmav.Vehicle, endpoint: str) -> None:
         self.world, self.z, self.vehicle, self.endpoint = world, z, vehicle, endpoint
+        self._step = step
+        self._supervisor: Supervisor | None = None
         self.signals: list[wire.Signals] = []
         self._stack = contextlib.AsyncExitStack()
         self._end: Callable[[], Awaitable[None]]
@@ -47,6 +77,7 @@ class Field:
     async def clear(self) -> None:
         """End what a test has started, and have the vehicle again as the first test had it."""
         await self._stack.aclose()
+        self._supervisor = self._step.cycles = None
         self.signals.clear()
         if self.world.vehicles[0].spec.autopilot == "px4":
             px4 = self.world.vehicles[0].px4
@@ -68,6 +99,7 @@ class Field:
         patient = {"guard_late": 25.0, "guard_silent": 1.0}
         supervisor = Supervisor(self.z, self.vehicle.name, settings, {**patient, **(tuned or {})})
         await self._stack.enter_async_context(supervisor)
+        self._supervisor, self._step.cycles = supervisor, supervisor.cycles
         running = asyncio.create_task(supervisor.run())
 
         async def end() -> None:
@@ -92,8 +124,22 @@ class Field:
     async def until(self, true: Callable[[], bool], otherwise: str) -> None:
         deadline = time.monotonic() + PATIENCE_S
         while not true():
-            assert time.monotonic() < deadline, otherwise
+            assert time.monotonic() < deadline, f"{otherwise}; {self._state()}"
             await asyncio.sleep(0.01)
+
+    async def wait_until(self, true: Callable[[wire.VehicleState], bool], seconds: float) -> wire.VehicleState:
+        """As the vehicle's, within so many simulated seconds: on a busy machine they last longer."""
+        end = self.world.time_s + seconds
+        while True:
+            try:
+                return await self.vehicle.wait_until(true, 1.0)
+            except TimedOut as e:
+                assert self.world.time_s < end, f"{e.message}; {self._state()}, {self.vehicle.state}"
+
+    def _state(self) -> str:
+        """What explains a failure."""
+        why = self._supervisor.why if self._supervisor is not None else "no supervisor"
+        return f"{self.mode}, {why}"
 
     @property
     def mode(self) -> str:
@@ -120,7 +166,8 @@ async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
     """Ten metres up. Its parameter is the vehicle's VehicleSpec: the hexarotor of 3.2 kg under PX4 1.13 by default."""
     spec = getattr(request, "param", VehicleSpec(name="hex1", autopilot="px4", airframe="hexa", firmware="1.13"))
     async with contextlib.AsyncExitStack() as stack:
-        world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5))
+        step = InStep()
+        world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5, externals=lambda *_, **__: step))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         session = stack.enter_context(open_session(how))
         settings = OnboardSettings(link=world.urls[0], name="hex1", origin=ORIGIN, pilot_switch=SWITCH)
@@ -137,7 +184,7 @@ async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
         await vehicle.arm()
         await vehicle.takeoff(-HOVER[2])
         world.set_speed(1.0)
-        yield Field(world, z, vehicle, endpoint)
+        yield Field(world, step, z, vehicle, endpoint)
 
 
 @pytest_asyncio.fixture(loop_scope="module")

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
-@pytest.mark.alone
 @pytest.mark.slow
 async def test_a_step_up_is_flown_and_examined(field: Field, tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
@@ -36,7 +35,7 @@ async def test_a_step_up_is_flown_and_examined(field: Field, tmp_path: Path) -> 
         there, speed = state.local, state.velocity
         return there is not None and speed is not None and abs(there[2] + 10.0) < 0.1 and abs(speed[2]) < 0.05
 
-    await field.vehicle.wait_until(rests, 60.0)
+    await field.wait_until(rests, 60.0)
     report = await respond(field.z, "hex1", "mine", args)
     found = report.found
     assert isinstance(found, StepResponse), report.notes

@@ -75,7 +75,6 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.alone
 async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     vehicle = field.vehicle
@@ -85,9 +84,9 @@ async def test_it_takes_over_goes_where_it_is_told_and_hands_back(field: Field, 
     await vehicle.tell("mine", "engage")
     assert field.mode == "OFFBOARD"
     answer = await vehicle.tell("mine", "goto", pos=[4.0, -3.0, -12.0], yaw=1.0)
-    await vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (4.0, -3.0, -12.0)) < 0.5, 30.0)
+    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (4.0, -3.0, -12.0)) < 0.5, 30.0)
     assert answer["seconds"] > 2.0
-    turned = await vehicle.wait_until(lambda s: s.attitude is not None and abs(s.attitude.yaw - 1.0) < 0.1, 30.0)
+    turned = await field.wait_until(lambda s: s.attitude is not None and abs(s.attitude.yaw - 1.0) < 0.1, 30.0)
     assert turned.lease is not None and turned.lease.holder == "mine"
     names = field.signals[-1].values.keys()
     wanted = {"is.x", "is.roll", "is.p", "ref.x", "ref.yaw", "out.rates.x", "out.thrust", "mine", "inject", "late"}
@@ -110,7 +109,7 @@ async def test_the_autopilot_has_it_back_whatever_the_controller_does(field: Fie
     assert re.search(FAULTS[fault], supervisor.why), supervisor.why
     await field.vehicle.wait_until(lambda s: s.lease is None, 10.0)
     upright = lambda s: s.attitude is not None and abs(s.attitude.roll) + abs(s.attitude.pitch) < 0.2  # noqa: E731
-    await field.vehicle.wait_until(upright, 20.0)
+    await field.wait_until(upright, 20.0)
     await field.until(lambda: supervisor.idle, "it is not over")
     # Mended, it can be had again.
     await field.vehicle.tell("mine", "set", name="fault", value=0.0)
@@ -156,7 +155,6 @@ async def test_a_mode_that_the_pilot_enters_takes_it_too(field: Field, mine: Pat
     assert field.mode == "POSCTL", "it was taken from the pilot"
 
 
-@pytest.mark.alone
 async def test_a_saved_file_is_loaded_in_flight_and_a_broken_one_is_not(field: Field, mine: Path) -> None:
     supervisor = await field.supervise(mine)
     await field.listen("mine")
@@ -201,7 +199,6 @@ async def test_parameters_are_keys_within_bounds_and_changes_are_told(field: Fie
         await field.vehicle.tell("mine", "set", name="nonsense", value=1.0)
 
 
-@pytest.mark.alone
 async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) -> None:
     page = (Path(__file__).parents[3] / "docs" / "controllers.md").read_text()
     path = tmp_path / "my_controller.py"
@@ -209,7 +206,7 @@ async def test_the_class_in_the_documents_flies(field: Field, tmp_path: Path) ->
     await field.supervise(path)
     await field.vehicle.tell("my_controller", "engage")
     await field.vehicle.tell("my_controller", "goto", pos=[3.0, 2.0, -11.0])
-    await field.vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.5, 30.0)
+    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.5, 30.0)
     assert field.mode == "OFFBOARD"
 
 
@@ -237,7 +234,7 @@ async def test_arducopter_takes_attitudes_rates_and_velocities(field: Field, con
     await field.supervise(controller)
     await field.vehicle.tell(controller, "engage")
     await field.vehicle.tell(controller, "goto", pos=[3.0, 2.0, -11.0])
-    await field.vehicle.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.7, 40.0)
+    await field.wait_until(lambda s: s.local is not None and math.dist(s.local, (3.0, 2.0, -11.0)) < 0.7, 40.0)
 
 
 @ARDUCOPTER

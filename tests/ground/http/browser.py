@@ -300,6 +300,8 @@ class Fleet:
         self.orders: list[str] = []
         self.asked: list[dict[str, Any]] = []
         """the arguments of each"""
+        self.results: dict[str, dict[str, Any]] = {}
+        """of orders, by verb"""
         self.height, self.charge = 0.0, 0.9
         self.silent: set[str] = set()
         self.names = ["quad1", "quad2"]
@@ -346,7 +348,9 @@ class Fleet:
             if (order := "/".join(key.split("/")[2:])) not in self.orders:  # one that takes long is asked again
                 self.orders.append(order)
                 self.asked.append(json.loads(query.payload.to_bytes()) if query.payload else {})
-            query.reply(key, wire.encode(wire.Outcome(verb=key.rpartition("/")[2], status="done", took=0.1)))
+            verb = key.rpartition("/")[2]
+            result = self.results.get(verb, {})
+            query.reply(key, wire.encode(wire.Outcome(verb=verb, status="done", took=0.1, result=result)))
 
 
 class FakePlanner:
@@ -377,7 +381,7 @@ class FakePlanner:
             if verb == "preview":
                 tracks = {name: [(0, 0, 0, -10), (6, 30, 20, -10)] for name in args["goal"]["vehicles"]}
                 step = {"step": "PlanTo", "text": "", "makespan": 6.0, "clearance": 3.2, "tracks": tracks}
-                result = {"makespan": 6.0, "clearance": 3.2, "steps": [step]}
+                result = {"makespan": 6.0, "seconds": 9.0, "clearance": 3.2, "steps": [step]}
             elif verb == "submit":
                 goal = msgspec.convert(args["goal"], swarm.Goal)
                 self.goals = [swarm.GoalEntry(id="g1", goal=goal, state="flying", t=time.time(), progress=0.4)]

@@ -294,7 +294,7 @@ async def test_go_here_by_the_planner_is_shown_first(
     await tab.run(f"{bar('Go here')}.click()")
     await tab.click(await on_map(tab, "quad1", 10, -5))
     await tab.until("document.getElementById('confirm').open")
-    assert "3.2 m between the nearest two" in await tab.text("#confirm-text")
+    assert "9.0 s, 3.2 m between the nearest two" in await tab.text("#confirm-text"), "all of it, not the plan alone"
     assert await tab.run("plans.previewed.length") == 1, "the ways are on the map while it asks"
     assert [verb for verb, _ in planner.asked] == ["preview"], "nothing is flown before a person agrees"
     await tab.agree()

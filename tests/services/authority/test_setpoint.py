@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -187,6 +188,25 @@ async def test_what_is_beyond_the_fence_and_the_limits(bench: StartBench) -> Non
     ]
     alice.put(vel=None, segment=points)
     await b.state(lambda s: s["setpoints"].get("speed") == 2 or s["setpoints"].get("fence") == 2, "refused segment")
+
+
+async def test_a_newer_grounds_field_is_refused_in_words_and_not_flown_without_it(bench: StartBench) -> None:
+    b = await bench(settings=NO_HOLD)
+    alice = await pilot(b)
+    alice.put()
+    await alice.counted(flown=1)
+    at = time.time()
+    point = {"lease": alice.token, "seq": 2, "deadline": at + 2.0, "vel": FORWARD}
+    alice.raw(json.dumps({**point, "wind_limit": 8}).encode())
+    await alice.counted(flown=1, bad_input=1)
+    await b.event("setpoint of alice dropped: ", kind="setpoint")
+    segment = [{"t": at + 1.0, "pos": [0, 0, -5], "jerk": 1}, {"t": at + 2.0, "pos": [1, 0, -5]}]
+    alice.raw(json.dumps({**point, "vel": None, "segment": segment}).encode())
+    await alice.counted(flown=1, bad_input=2)
+    alice.raw(json.dumps(point).encode())
+    await alice.counted(flown=2, bad_input=2)
+    said = await b.events.object(lambda e: e["detail"].get("why") == "bad_input", "the refusal")
+    assert "unknown field" in said["text"] and "wind_limit" in said["text"]
 
 
 async def test_a_disarmed_vehicle_follows_nothing(bench: StartBench) -> None:

@@ -99,6 +99,22 @@ async def test_a_plane_is_there_when_it_circles(net: Net, onboard: StartOnboard)
         await onboard.close(vehicle)
 
 
+async def test_a_takeoff_that_px4_ends_too_low_is_led_to_its_height(net: Net, onboard: StartOnboard) -> None:
+    """PX4 is there 0.8 m below (NAV_MC_ALT_RAD), and holds the height that it has then: 11.2 m of 12 for ever."""
+    with World(px4=1, endpoint="tcp:127.0.0.1:0", speed=SPEED, ready_s=2.0) as world:
+        session, endpoint = net.router()
+        ground = net.ground(endpoint)
+        flight = Flight(world, ground, ground.samples(keys.STATE), ground.samples(keys.EVENT))
+        await net.linked(session, keys.STATE.key("demo", "quad1"))
+        vehicle = await onboard(session, world.urls[0], origin=HOME)
+        await flight.state(lambda s: s["connected"], "connection")
+        await flight.done("arm")
+        assert (await flight.done("takeoff", alt_rel=12.0))["alt_rel"] >= 12.0 - 0.03 * 12.0
+        there = await flight.see(lambda s: abs(s.height_m - 12.0) < 0.3 and s.speed_mps < 0.1)
+        assert (there.mode, there.armed) == ("HOLD", True)
+        await onboard.close(vehicle)
+
+
 async def test_arm_take_off_go_and_land(flight: Flight) -> None:
     await flight.up(5.0)
     here = flight.copter.status()

@@ -8,6 +8,7 @@ import click
 
 from zmav.cli.sim.run import run_options, run_world
 from zmav.cli.sim.talk import fault, pause, pilot, resume, speed, status, step, stop
+from zmav.cli.sim.traffic import traffic
 
 
 @click.group("sim", invoke_without_command=True)
@@ -30,5 +31,5 @@ def command(ctx: click.Context, /, **options: Any) -> None:
     ctx.obj = options["control"]
 
 
-for verb in (status, pause, resume, speed, step, stop, fault, pilot):
+for verb in (status, pause, resume, speed, step, stop, fault, pilot, traffic):
     command.add_command(verb)

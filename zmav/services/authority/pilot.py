@@ -78,6 +78,7 @@ class Pilot:
             self._unsaid = None
         if self._armed and before is not None:  # else nobody flies it
             self._judge(mode, armed, before)
+        self._commander.mode_came(mode)
         self._mode, self._armed = mode, armed  # only now: the watchdog's thread may not take the mode for one let pass
 
     def _judge(self, mode: str | None, armed: bool, before: str) -> None:
@@ -90,7 +91,9 @@ class Pilot:
 
     def allowed(self, mode: str | None) -> bool:
         """``mode`` is the one that was seen and let pass, or was ordered here since."""
-        return mode is not None and mode in (self._mode, self._commander.ordered)
+        if mode is None:
+            return False
+        return mode in (self._mode, self._commander.ordered) or self._commander.overtaken(mode)
 
     def _expected(self, mode: str | None, before: str) -> bool:
         """The change was ordered here, or follows by itself from what was."""
@@ -99,7 +102,7 @@ class Pilot:
             return False
         if self._control.claimed(Mover.ORDER) and mode in self._commander.follows:
             return True
-        if mode == self._commander.ordered:
+        if mode == self._commander.ordered or self._commander.overtaken(mode):
             return True
         by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
         failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode

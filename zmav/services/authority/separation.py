@@ -72,11 +72,12 @@ class Separation:
         body: Callable[[], wire.swarm.Body],
         settings: Settings,
         is_vehicle: keys.IsVehicle,
+        mates: bool,
     ) -> None:
         self._session, self._port, self._identity = companion.session, companion.port, companion.identity
         self._bounds = bounds
         self._events, self._origin, self._body, self._on = companion.events, companion.origin, body, settings.on
-        self._is_vehicle = is_vehicle
+        self._is_vehicle, self._mates = is_vehicle, mates
         self._lock = threading.Lock()
         self._heard: dict[str, tuple[float, wire.swarm.Beacon]] = {}
         """by name: our monotonic time less its clock's, by the beacon that came soonest of all, and the last beacon"""
@@ -92,7 +93,7 @@ class Separation:
         return self._on and self._origin is not None
 
     def start(self) -> None:
-        if self.on:
+        if self.on or (self._mates and self._origin is not None):
             ours, all_of_them = (keys.BEACON.key(self._port.fleet, name) for name in (self._port.name, "*"))
             self._publisher = self._session.declare_publisher(ours, **keys.BEACON.publishing())
             self._intake = Intake(self._session.declare_subscriber, all_of_them, self._take_all, MOST_WAITING)
@@ -195,6 +196,12 @@ class Separation:
             for name, age, beacon in aged
             if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
         ]
+
+    def mates(self) -> list[tuple[str, float, wire.swarm.Beacon]]:
+        """By name: the last beacon, and its age in s, up to a minute."""
+        now = time.monotonic()
+        with self._lock:
+            return [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
         """Where the vehicle will be: as it was told to, from where it really is."""

@@ -52,7 +52,7 @@ class Corrections:
     def __init__(self, companion: Companion, told: Prove, place: Callable[[], wire.GlobalPosition | None]) -> None:
         self._port, self._events, self._session = companion.port, companion.events, companion.session
         self._identity, self._told, self._place = companion.identity, told, place
-        self._charge, self._queue = Charge(), Outgoing()
+        self._charge, self._queue = Charge[Batch](), Outgoing()
         self.pace = Pace(lambda: self._port.link.capacity)
         self._news = asyncio.Event()
         self._task: asyncio.Task[None] | None = None

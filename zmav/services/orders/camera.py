@@ -23,7 +23,7 @@ AGAIN = 1.0
 class TriggeredCamera:
     """Handler of ``camera_trigger``. Lives on the event loop.
 
-    What was switched on under a lease is switched off when that lease ends, whoever ends it: the pilot, an operator's
+    What was switched on under a lease is switched off when that lease ends, by anybody: the pilot, an operator's
     hold, a planner that died. Without a lease it goes on until somebody says 0. ``param``: the autopilot's parameter
     of that name, if known.
     """

@@ -47,8 +47,30 @@ class Commander:
         self._tasks: set[asyncio.Task[Any] | None] = set()
         self.follows: frozenset[str] = frozenset()
         """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
-        self.ordered: str | None = None
-        """the mode last asked for here: any other that the autopilot shows was somebody else's wish"""
+        self._ordered: str | None = None
+        self._overtaken, self._overtaken_at = "", 0.0
+
+    @property
+    def ordered(self) -> str | None:
+        """The mode last asked for here: any other that the autopilot shows was somebody else's wish, but for one that
+        was :meth:`overtaken`.
+        """
+        return self._ordered
+
+    @ordered.setter
+    def ordered(self, mode: str | None) -> None:
+        if mode != self._ordered:
+            self._overtaken, self._overtaken_at = (mode and self._ordered) or "", time.monotonic()
+        self._ordered = mode
+
+    def overtaken(self, mode: str) -> bool:
+        """It was asked for here right before the one last asked for, and may be shown on the way to that."""
+        return mode == self._overtaken and time.monotonic() - self._overtaken_at < self.confirm_timeout
+
+    def mode_came(self, mode: str | None) -> None:
+        """Once the mode last asked for is shown, an earlier one is somebody else's wish."""
+        if mode == self._ordered:
+            self._overtaken = ""
 
     # The one order that moves the vehicle.
 

@@ -355,10 +355,13 @@ class Flight:
         return None
 
     async def _climb(self, alt_rel: float, mode: str | None, report: Report) -> float:
+        """Until it is as high, or nearly; from where the autopilot's own takeoff ends below that it is led up."""
         deadline = time.monotonic() + 20.0 + 2.0 * alt_rel
+        autopilot, near, began = self._do.autopilot(), max(0.3, 0.03 * alt_rel), False
+        over, short = autopilot.takeoff_ends or (None, 0.0)
         with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
             altitude = -math.inf
-            while altitude < alt_rel - max(0.3, 0.03 * alt_rel):
+            while altitude < alt_rel - near:
                 late = f"only at {altitude:.1f} m of {alt_rel:.1f} m"
                 _, position = await self._do.next(inbox, deadline, late)
                 altitude = position["relative_alt"] / 1000.0
@@ -367,6 +370,10 @@ class Flight:
                     raise Refused("it disarmed during the takeoff", vehicle=self._port.name)
                 if mode:  # where a command alone takes off, the autopilot changes the mode by itself
                     self._do.check_mode(mode)
+                elif began and self._identity.mode == over and alt_rel - short <= altitude < alt_rel - near:
+                    await self._do.command(autopilot.climb_on(alt_rel, self._state.latest))
+                    over = None  # once: a later hold is the pilot's
+                began = began or self._identity.mode != over
         return altitude
 
     async def _arrive(self, action: Command | Message, target: Target, args: wire.GoTo, report: Report) -> float:

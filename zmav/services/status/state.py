@@ -155,6 +155,11 @@ class StateService:
         position, autopilot = self.last("GLOBAL_POSITION_INT"), self._identity.autopilot
         return _place(position) if position and autopilot and autopilot.has_position(self.last) else None
 
+    def velocity(self) -> wire.Vector | None:
+        """m/s, NED, as it was last; None where it does not say."""
+        p = self.last("GLOBAL_POSITION_INT")
+        return (p["vx"] / 100.0, p["vy"] / 100.0, p["vz"] / 100.0) if p else None
+
     def _add_motion(self, state: wire.VehicleState) -> None:
         position = self._heard("GLOBAL_POSITION_INT")
         if position and self._identity.autopilot and self._identity.autopilot.has_position(self.last):

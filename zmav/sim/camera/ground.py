@@ -113,7 +113,7 @@ class Backdrop:
     def _warped(self, plane: Array, view: View, level: int) -> Image:
         """(h, w, 3): one level over the whole picture."""
         s = FINEST_M * 2.0**level
-        # Texture columns go east and rows south. It begins anew near the camera: OpenCV reckons in 16 bits.
+        # Texture columns go east and rows south. It begins again near the camera: OpenCV reckons in 16 bits.
         north, east = (math.floor(c / PERIOD_M) * PERIOD_M for c in view.center[:2])
         to_ground = np.array([[0.0, -s, north - 0.5 * s], [s, 0.0, east + 0.5 * s], [0.0, 0.0, 1.0]])
         matrix = np.linalg.inv(plane @ to_ground)

@@ -11,6 +11,7 @@ from zmav.errors import BadInput
 from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.dynamics.battery import open_circuit_share
 from zmav.sim.faults.base import AutopilotFault, Fault, Undo, Victim
+from zmav.sim.protocol.gimbal import OTHER
 
 
 class MotorFailure(Fault, frozen=True):
@@ -127,3 +128,22 @@ class CameraBlackout(Fault, frozen=True):
             camera.blackout = None
 
         return show
+
+
+class GimbalFault(AutopilotFault, frozen=True):
+    """The gimbal does not answer; has no yaw axis (stiff); or a ground station's has its control (taken)."""
+
+    KIND: ClassVar[str] = "gimbal"
+    how: Literal["silent", "stiff", "taken"] = "silent"
+
+    def begin(self, victim: Victim) -> Undo:
+        gimbal = victim.vehicle.node.gimbal
+        if self.how == "taken":
+            gimbal.control = OTHER
+        else:
+            gimbal.silent, gimbal.turns = self.how == "silent", self.how != "stiff"
+
+        def mend() -> None:
+            gimbal.silent, gimbal.turns = False, True
+
+        return mend

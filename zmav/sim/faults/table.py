@@ -33,6 +33,7 @@ KINDS: Mapping[str, type[Fault]] = {
         body.Frozen,
         body.Reboot,
         body.CameraBlackout,
+        body.GimbalFault,
     )
 }
 _WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}

@@ -19,6 +19,8 @@ from zmav.sim.autopilots.px4.copter import Px4Copter
 from zmav.sim.fleets.base import Seat
 from zmav.sim.protocol.channel import FORCE, Answer, Channel, Command, Outlet, Part, Sender, read_command
 from zmav.sim.protocol.corrections import CorrectedReceiver
+from zmav.sim.protocol.gimbal import HANDLERS as GIMBAL_HANDLERS
+from zmav.sim.protocol.gimbal import SimGimbal
 from zmav.sim.protocol.router import Router
 from zmav.sim.protocol.streams import HEARTBEAT_PERIOD_S
 from zmav.sim.sensors.magnetic import earth_field
@@ -99,7 +101,9 @@ class Node(ABC):
         self.on_defect: Callable[[Exception], None] = _raise
         self.timesync_answered: Callable[[Channel, int], None] = lambda channel, question: None
         self.receiver = CorrectedReceiver(self)
+        self.gimbal = SimGimbal(self)
         self.answer("GPS_RTCM_DATA", self.receiver.take)
+        self.answer("GIMBAL_MANAGER_SET_ATTITUDE", self.gimbal.set_attitude)
         self.answer("TIMESYNC", self._timesync)
         self.answer("PING", self._ping)
         self.answer("COMMAND_LONG", self._command)
@@ -226,6 +230,7 @@ class Node(ABC):
         """Boot the autopilot again: what it had been asked to send is forgotten, and all counting starts again."""
         self.brain.power_on()
         self.receiver.restart()
+        self.gimbal.restart()
         for channel in self.channels:
             channel.restart(self.brain.now)
             self.greet(channel)
@@ -405,4 +410,5 @@ SHARED_HANDLERS: Mapping[int, Handler] = {
     510: get_interval,
     511: set_interval,
     512: request_message,
+    **GIMBAL_HANDLERS,
 }

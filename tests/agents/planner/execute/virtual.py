@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -127,9 +127,10 @@ class History:
         motions: dict[str, Motion],
         rng: np.random.Generator,
         *,
-        radius: float = 1.0,
+        radius: float | Mapping[str, float] = 1.0,
         margin: float = 0.1,
         downwash: float = 1.5,
+        accel: float = 2.5,
         loss: float = 0.3,
         delay: tuple[float, float] = (0.05, 0.2),
         skew: float = 0.02,
@@ -140,7 +141,10 @@ class History:
         going within seconds. Where there is one, they say where they are.
         """
         self.now, self.downwash = 1000.0, downwash
-        self.parts = [Part(name, Track(motion), radius, 2.5, margin, Offset()) for name, motion in motions.items()]
+        radii = dict.fromkeys(motions, radius) if isinstance(radius, float) else radius
+        self.parts = [
+            Part(name, Track(motion), radii[name], accel, margin, Offset()) for name, motion in motions.items()
+        ]
         self.crafts = {part.id: Craft(part, float(rng.uniform(-30.0, 30.0))) for part in self.parts}
         for part in self.parts:
             clock = self.crafts[part.id].clock
@@ -186,8 +190,9 @@ class History:
         def deliver(at: float) -> None:
             if self.alive:
                 self.conductor.heard(part, at, state["t"], state["stamp"], state["end"], state["instance"])
-                if self._says and part.known.taken and part.active:
-                    self.conductor.strayed(part, at, part.offset.ours(state["t"]), place)
+                stamped = part.offset.ours(state["t"])  # one from before what it is known to fly tells nothing of that
+                if self._says and part.known.taken and part.active and stamped > part.known.rows[0, 0]:
+                    self.conductor.strayed(part, at, stamped, place)
 
         self.network.send(self.now, part.id, deliver)
 

@@ -8,20 +8,26 @@ import math
 import time
 from collections.abc import AsyncIterator
 
+import msgspec
 import numpy as np
 import pytest
 import pytest_asyncio
 
 import zmav
 from agents.planner.cli.asking import find
+from agents.planner.goals.steps import FleetView, VehicleView
+from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.agent import Agent
 from agents.planner.live.apart import Surroundings, apart, free
+from agents.planner.live.plan import Planner
+from agents.planner.live.preview import preview
 from agents.planner.live.settings import PlannerSettings
+from agents.planner.live.tally import Tally
 from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Box
 from tests.agents.planner.execute.fleet import Fleet, airborne
 from zmav import keys, wire
-from zmav.config import Separation
+from zmav.config import Separation, body_of
 from zmav.waiting import within
 from zmav.wire import swarm
 from zmav.wire.swarm import Beacon
@@ -94,12 +100,15 @@ class Pair:
         given = await (await find(self.me)).order("submit", swarm.Submit(goal=goal))
         return self.agent.context.ledger.find(str(given["goal"]))[0]
 
-    async def done(self, entry: swarm.GoalEntry) -> None:
+    async def ended(self, entry: swarm.GoalEntry) -> None:
         async def ended() -> None:
             while entry.state not in ("done", "failed", "cancelled"):
                 await asyncio.sleep(0.05)
 
         await within(PATIENCE_S, ended())
+
+    async def done(self, entry: swarm.GoalEntry) -> None:
+        await self.ended(entry)
         assert entry.state == "done", entry.text
 
     def said(self, kind: str) -> list[str]:
@@ -118,12 +127,36 @@ async def pair() -> AsyncIterator[Pair]:
 
 
 async def test_two_that_rest_too_near_to_each_other_draw_apart_and_then_fly(pair: Pair) -> None:
+    goal = swarm.GoTo(vehicles=["quad1", "quad2"], to=[(12.0, 8.0, -10.0), (12.0, 0.0, -10.0)])
+    told = await (await find(pair.me)).order("preview", swarm.Preview(goal=goal))
+    first, then = told["steps"]
+    assert first["text"].startswith("first they draw apart")
+    assert math.dist(*(track[-1][1:3] for track in first["tracks"].values())) > 2.2
+    assert told["seconds"] == pytest.approx(first["seconds"] + then["seconds"], abs=0.2)
     async with pair.fleet.watch() as watch:
         await pair.done(await pair.submit((12.0, 8.0, -10.0), (12.0, 0.0, -10.0)))
         assert watch.least(1.5) > 2.1, "never nearer than they were"
     (text,) = pair.said("room")
     assert "draw apart" in text
     assert math.dist(pair.fleet.places()["quad1"], (12.0, 8.0, -10.0)) < 1.0
+
+
+async def test_a_takeoff_from_crowded_pads_is_previewed_as_it_is_flown(pair: Pair) -> None:
+    """One above the other, by what two need, is nearer than any plan keeps for positions: first they draw apart."""
+    context = pair.agent.context
+    body = msgspec.structs.replace(body_of("copter"), radius=1.0 + 0.5 + 2.5)
+    pads = {f"new{i}": (80.0, 4.0 * i, 0.0) for i in range(4)}
+    view = FleetView(
+        {name: VehicleView(name, "copter", body, pad, home_ned=pad, room=2.5) for name, pad in pads.items()}
+    )
+    goal = swarm.TakeOff(vehicles=list(pads), height=12.0)
+    tally = Tally(goal.vehicles, view)
+    told = await preview(Planner(context, "preview", context.solver), goal, view, tally)
+    kinds = [(step["step"], step["text"].startswith("first they draw apart")) for step in told["steps"]]
+    assert kinds == [("Orders", False), ("PlanTo", True), ("PlanTo", False)]
+    ends = np.array([track[-1][1:] for track in told["steps"][-1]["tracks"].values()])
+    assert least(ends, 1.5) >= 2.0 * (1.0 + 2.5), "with room for all at the end"
+    assert {part.flies for part in tally.parts.values()} == {True}
 
 
 async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Pair) -> None:
@@ -139,3 +172,27 @@ async def test_who_was_moved_aside_by_itself_is_taken_along_again(pair: Pair) ->
     assert "flies no trajectory of ours" in pair.said("halt")[0]
     await pair.done(entry)
     assert math.dist(pair.fleet.places()["quad1"], (0.0, -40.0, -10.0)) < 1.0
+
+
+class Faulty(Accuracies):
+    """Fails as soon as a vehicle has begun to move."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        super().__init__()
+        self._fleet = fleet
+
+    def error(self, name: str) -> float:
+        if self._fleet.places()["quad1"][1] < -3.0:
+            raise LookupError("oops")
+        return super().error(name)
+
+
+async def test_nothing_is_flown_that_is_not_watched(pair: Pair) -> None:
+    pair.agent.context.fleet.accuracies = Faulty(pair.fleet)
+    entry = await pair.submit((0.0, -40.0, -10.0))
+    await pair.ended(entry)
+    assert entry.state == "failed"
+    assert "the planner's own fault: LookupError('oops')" in entry.text
+    state = await pair.me.vehicle("quad1").wait_until(lambda s: s.lease is None, PATIENCE_S)
+    assert state.local is not None
+    assert -30.0 < state.local[1] < -3.0, "it came to rest on its way"

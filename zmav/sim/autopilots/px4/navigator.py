@@ -22,6 +22,8 @@ _NO_PLACE = 2**31 - 1
 _LOW_M = 1.0  # above home: from there it rises straight up first
 _MOST_STEPS = 50  # items without a way to fly that are worked off at once: jumps may go round in circles
 REACHED_M = 0.4
+TAKEN_OFF_M = 0.8
+"""NAV_MC_ALT_RAD: so far below the height of a takeoff it ends, and HOLD keeps the height that it found"""
 MIN_CLIMB_M = 0.1
 CLOSE_M = 1.0  # nearer to home than this it lands where it is
 
@@ -293,7 +295,7 @@ class Navigator:
         copter = self._copter
         copter.sp.limit("speed_up", copter.params["MPC_TKO_SPEED"])
         copter.sp.height(self._takeoff_down)
-        if copter.sense.down < self._takeoff_down + REACHED_M:
+        if copter.sense.down < self._takeoff_down + TAKEN_OFF_M:
             copter.set_mode(HOLD)  # COM_TAKEOFF_ACT 0
 
     # ---- return

@@ -23,7 +23,7 @@ from zmav.sim.protocol.params import ParamProtocol
 from zmav.sim.protocol.streams import RATE_PARAMS, RATE_PREFIX
 
 PIECE = 50  # characters of a STATUSTEXT
-_NAN_ALLOWED = (22, 192)  # NAV_TAKEOFF, DO_REPOSITION
+_NAN_ALLOWED = (22, 192, 1000)  # NAV_TAKEOFF, DO_REPOSITION, DO_GIMBAL_MANAGER_PITCHYAW
 V_co = TypeVar("V_co", bound=ArduVehicle, covariant=True)
 
 
@@ -34,10 +34,10 @@ class MavNode(Node, Generic[V_co]):
     REFUSED: ClassVar[int] = CommandResult.FAILED
     COMMANDS_NOT_SIMULATED: ClassVar[tuple[int, ...]] = (
         *(84, 85, 115, 181, 182, 184, 186, 189, 191, 193, 194, 195, 197, 201, 203, 204, 205, 207, 209, 218, 245),
-        *(601, 1000, 2000, 2001, 43000, 43001, 43002),
+        *(601, 2000, 2001, 43000, 43001, 43002),
     )
     # NAV_VTOL_*, CONDITION_YAW, relays, DO_REPEAT_SERVO, DO_CHANGE_ALTITUDE, DO_LAND_START, DO_GO_AROUND,
-    # DO_PAUSE_CONTINUE, DO_SET_REVERSE, regions of interest, camera, mount and gimbal, DO_FENCE_ENABLE, DO_MOTOR_TEST,
+    # DO_PAUSE_CONTINUE, DO_SET_REVERSE, regions of interest, camera and mount, DO_FENCE_ENABLE, DO_MOTOR_TEST,
     # DO_AUX_FUNCTION, PREFLIGHT_STORAGE; DO_JUMP_TAG, GUIDED_CHANGE_*
     TARGETS: ClassVar[Mapping[str, Target]] = {
         "SET_POSITION_TARGET_LOCAL_NED": setpoint.local_target,

@@ -20,6 +20,7 @@ from zmav.sim.geo import Position
 from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.ardupilot.node import ArduNode
 from zmav.sim.protocol.base import GIT_HASH, Fields, Report
+from zmav.sim.protocol.gimbal import REPORTS as GIMBAL_REPORTS
 from zmav.sim.protocol.reports import axes, centidegrees, e7, int16, numbered
 from zmav.sim.sensors.readings import Readings
 from zmav.sim.sensors.suite import RANGE_MAX_M, RANGE_MIN_M
@@ -428,6 +429,7 @@ def camera_feedback(node: ArduNode) -> Fields | None:
 
 
 REPORTS: dict[str, Report] = {
+    **GIMBAL_REPORTS,
     "CAMERA_FEEDBACK": camera_feedback,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,

@@ -15,6 +15,7 @@ from zmav.sim.autopilots.px4.modes import Mode
 from zmav.sim.control.setpoints import Vector
 from zmav.sim.protocol.base import SHARED_HANDLERS, Handler, request_message, send_message, set_interval
 from zmav.sim.protocol.channel import CHANGE_MODE, CUSTOM_MODE, Command
+from zmav.sim.protocol.gimbal import REPORTS as GIMBAL_REPORTS
 from zmav.sim.protocol.px4.node import UDP, Px4Node
 from zmav.sim.protocol.px4.setpoint import point
 
@@ -154,6 +155,8 @@ def _available_modes(node: Px4Node, c: Command) -> int:
 def _request_message(node: Px4Node, c: Command) -> int:
     if c.p1 == _AVAILABLE_MODES:
         return _available_modes(node, c)
+    if node.name_in(c) in GIMBAL_REPORTS and not node.gimbal.there:
+        return CommandResult.DENIED
     return request_message(node, c)
 
 

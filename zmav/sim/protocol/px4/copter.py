@@ -14,6 +14,7 @@ from zmav.sim.autopilots.px4.modes import LAND, MISSION, OFFBOARD, TAKEOFF
 from zmav.sim.autopilots.px4.offboard import Motion
 from zmav.sim.protocol import reports as base
 from zmav.sim.protocol.base import GIT_HASH, Fields, Handler, Report
+from zmav.sim.protocol.gimbal import REPORTS as GIMBAL_REPORTS
 from zmav.sim.protocol.px4.commands import HANDLERS
 from zmav.sim.protocol.px4.node import Px4Node
 from zmav.sim.protocol.reports import axes, e7, int16
@@ -354,6 +355,7 @@ def _located(report: Report) -> Report:
 
 
 REPORTS: dict[str, Report] = {
+    **GIMBAL_REPORTS,
     "HEARTBEAT": heartbeat,
     "SYS_STATUS": sys_status,
     "SYSTEM_TIME": lambda node: {"time_unix_usec": node.unix_us},

@@ -1,0 +1,1 @@
+"""``zmav tak``: the fleet as cursor on target, to a TAK server."""

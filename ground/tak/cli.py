@@ -1,0 +1,81 @@
+"""``zmav tak``."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+
+import click
+
+from zmav import keys
+from zmav.cli.common import Work, connected, dump, json_option
+from zmav.client import Client
+from zmav.errors import BadUrl, missing_extra
+from zmav.process import log, until_stopped
+
+EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
+
+
+@click.command("tak")
+@click.argument("url")
+@click.option("--cert", metavar="FILE", help="Our certificate for TLS; its password in $PYTAK_TLS_CLIENT_PASSWORD.")
+@click.option("--key", metavar="FILE", help="Its key, where that is a file of its own.")
+@click.option("--ca", metavar="FILE", help="Who signs the server's certificate.  [default: the system's authorities]")
+@click.option(
+    "--every", type=click.FloatRange(0.2, 60.0), default=1.0, show_default=True, help="Seconds between two positions."
+)
+@click.option(
+    "--geoid",
+    type=click.FloatRange(-110.0, 90.0),
+    help="Metres of the geoid above the ellipsoid there: heights are above the ellipsoid then.",
+)
+@click.option("--name", help="Name of this host.  [default: the credentials', or ground]")
+@json_option
+@connected
+def command(
+    url: str,
+    cert: str | None,
+    key: str | None,
+    ca: str | None,
+    every: float,
+    geoid: float | None,
+    name: str | None,
+    as_json: bool,
+) -> Work:
+    """Show the fleet on ATAK, WinTAK and others: cursor on target to a TAK server, or by multicast.
+
+    Every vehicle with its course, speed and height, an emergency where something is bad, and the ways and goals of
+    what the planner flies. URL: tcp://HOST:8087, tls://HOST:8089, udp://239.2.3.1:6969. It connects again by itself.
+    Nothing that comes from there is obeyed.
+    """
+    if not re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):\d{1,5}", url):
+        raise BadUrl(f"no TAK server {url!r}", field="url", value=url, expected=EXPECTED)
+    try:
+        import pytak  # noqa: F401
+    except ImportError as e:
+        raise missing_extra("'zmav tak'", e.name, "traffic") from e
+    from ground.tak.program import TakSettings, tls_of
+
+    settings = TakSettings(
+        url=url.replace("udp://", "udp+wo://"),
+        name=keys.check_name(name) if name else "",
+        every=every,
+        geoid=geoid,
+        tls=tls_of(cert, key, ca) if url.startswith("tls:") else {},
+    )
+
+    async def serve(z: Client) -> None:
+        import msgspec
+
+        from ground.tak.program import Tak
+
+        own = z.member.credentials.name if z.member is not None else ""
+        async with Tak(z, msgspec.structs.replace(settings, name=settings.name or own or "ground"), log) as tak:
+            stopped = asyncio.ensure_future(until_stopped())
+            while not stopped.done():
+                await asyncio.wait({stopped}, timeout=1.0)
+                if as_json:
+                    state, words, detail = tak.status()
+                    click.echo(dump({"state": state, "text": words, **detail}))
+
+    return serve

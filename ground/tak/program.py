@@ -1,0 +1,211 @@
+"""``zmav tak`` as it runs: what the fleet says, put together each second and sent by pytak's connections.
+
+What comes from there is read and thrown away: nobody is obeyed who has no credentials of the fleet.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from configparser import ConfigParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zenoh
+
+import zmav
+from ground.tak.cot import Cot, places_of
+from zmav import keys, wire
+from zmav.doctor.rules import of_state
+from zmav.errors import BadInput, Forbidden
+from zmav.services.link.port import on_loop
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import attached
+from zmav.trust.member import Place
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of transports that it could have, and that are not wanted
+    import pytak
+
+AGENT = "tak"
+STALE_VEHICLE, STALE_WAY, STALE_ALARM = 10.0, 60.0, 60.0
+"""s after which what was sent is not of now any more"""
+SLOW_S = 10.0
+"""s between two times that ways and alarms are sent again where nothing has changed"""
+CONNECT_S, SEND_S = 10.0, 5.0
+AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
+MOST_PLANS, MOST_TRACKS, LARGEST = 32, 200, 1_000_000
+TLS = "PYTAK_TLS_"
+"""how pytak's own settings for TLS begin, in the environment"""
+
+
+class TakSettings(msgspec.Struct, frozen=True, kw_only=True):
+    url: str
+    name: str
+    every: float = 1.0
+    """s"""
+    geoid: float | None = None
+    tls: Mapping[str, str] = {}
+    """pytak's own settings"""
+
+
+class Tak:
+    """``async with Tak(z, settings, say): ...``; on the event loop."""
+
+    def __init__(self, z: zmav.Client, settings: TakSettings, say: Callable[[str], None]) -> None:
+        self._z, self.settings, self._say = z, settings, say
+        self._cots: dict[str, Cot] = {}
+        self._plans: dict[str, wire.swarm.PlanReport] = {}
+        self._sent_at: dict[str, float] = {}
+        self._alarms: dict[tuple[str, str], str] = {}
+        self.state, self.text = "connecting", ""
+        self.sent = self.events = self.ignored = 0
+        """connections made, events sent, bytes that came and were not looked at"""
+
+    async def __aenter__(self) -> Tak:
+        hear, member = on_loop(asyncio.get_running_loop(), self._hear), self._z.member
+        newest: dict[Place, float] = {}
+
+        def take(samples: list[zenoh.Sample]) -> None:
+            for sample in samples:
+                with contextlib.suppress(Forbidden, BadInput):
+                    payload = sample.payload.to_bytes() if len(sample.payload) <= LARGEST else b""
+                    plan = wire.decode(payload, wire.swarm.PlanReport, "plan")
+                    if member is not None:
+                        member.judge(str(sample.key_expr), payload, attached(sample), newest)
+                    hear(plan)
+
+        key = keys.FLEET.key(self._z.fleet_name, topic="plan")
+        self._intake = Intake(self._z.session.declare_subscriber, key, take, MOST_PLANS)
+        self._tasks = [asyncio.create_task(self._run()), asyncio.create_task(self._say_status())]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._intake.close()
+
+    def _hear(self, plan: wire.swarm.PlanReport) -> None:
+        self._plans[plan.goal] = plan
+        if len(self._plans) > MOST_PLANS:
+            del self._plans[next(iter(self._plans))]
+
+    # Out.
+
+    async def _run(self) -> None:
+        pause = AGAIN_S
+        while True:
+            began = time.monotonic()
+            try:
+                await self._serve()
+                why = "the server closed the connection"
+            except asyncio.TimeoutError:
+                why = "no answer" if self.state != "up" else "it takes nothing any more"
+            except SyntaxError as e:  # as which pytak says it, in many lines
+                unproven = "VERIFY" in str(e)
+                why = "its certificate is not believed: give --ca" if unproven else str(e).partition("\n")[0]
+            except (OSError, ValueError) as e:
+                why = (e.strerror if isinstance(e, OSError) else None) or str(e)
+            pause = AGAIN_S if time.monotonic() - began > LONGEST_AGAIN_S else min(2 * pause, LONGEST_AGAIN_S)
+            self._turn("lost", f"{why}; again in {pause:.0f} s")
+            await asyncio.sleep(pause)
+
+    def _turn(self, state: str, text: str) -> None:
+        if (state, text) != (self.state, self.text):
+            self._say(f"{self.settings.url}: {state}{': ' if text else ''}{text}")
+        self.state, self.text = state, text
+
+    async def _serve(self) -> None:
+        config = ConfigParser(interpolation=None)
+        config["tak"] = {"COT_URL": self.settings.url, **self.settings.tls}
+        reader, writer = await asyncio.wait_for(pytak.protocol_factory(config["tak"]), CONNECT_S)
+        self.sent += 1
+        self._sent_at.clear()
+        self._turn("up", "")
+        streams = isinstance(writer, asyncio.StreamWriter)
+        reading = asyncio.ensure_future(self._ignore(reader)) if streams else None
+        try:
+            while reading is None or not reading.done():
+                for event in self._due(time.time()):
+                    if streams:
+                        writer.write(event + b"\n")
+                        await asyncio.wait_for(writer.drain(), SEND_S)
+                    else:
+                        await asyncio.wait_for(writer.send(event), SEND_S)
+                    self.events += 1
+                await asyncio.sleep(self.settings.every)
+        finally:
+            if reading is not None:
+                reading.cancel()
+                await asyncio.gather(reading, return_exceptions=True)
+            writer.close()
+            if not streams and reader is not None:
+                reader.close()
+
+    async def _ignore(self, reader: asyncio.StreamReader) -> None:
+        with contextlib.suppress(OSError):
+            while data := await reader.read(65_536):
+                self.ignored += len(data)
+
+    def _due(self, now: float) -> list[bytes]:
+        """What is to be sent now; of a vehicle that is not heard nothing is, so that it goes stale there."""
+        found: list[bytes | None] = []
+        for vehicle in self._z.fleet():
+            state, age = vehicle.last_state, vehicle.age
+            if state is None or age is None or age > (keys.STATE.stale_after or 0.0):
+                continue
+            cot = self._cots.setdefault(vehicle.fleet, Cot(vehicle.fleet, self.settings.geoid))
+            found.append(cot.vehicle(state, now, STALE_VEHICLE))
+            bad = "; ".join(reason.text for reason in of_state(state) if reason.level == "bad")
+            place = (vehicle.fleet, vehicle.name)
+            if bad or self._alarms.get(place):
+                if self._alarms.get(place, "") != bad or self._is_due(f"alarm {place}", now):
+                    found.append(cot.alarm(state, bad, now, STALE_ALARM))
+                self._alarms[place] = bad
+            for plan in self._plans.values():
+                track = plan.tracks.get(vehicle.name)
+                over = now > plan.start + plan.makespan
+                if track and not over and self._is_due(f"{place} {plan.goal} {plan.start}", now):
+                    found += cot.way(vehicle.name, plan.goal, places_of(state, track[:MOST_TRACKS]), now, STALE_WAY)
+        return [event for event in found if event is not None]
+
+    def _is_due(self, what: str, now: float) -> bool:
+        if now - self._sent_at.get(what, -SLOW_S) < SLOW_S:
+            return False
+        self._sent_at = {each: at for each, at in self._sent_at.items() if now - at < SLOW_S}
+        self._sent_at[what] = now
+        return True
+
+    def status(self) -> tuple[str, str, dict[str, Any]]:
+        """A word, a sentence and the details, as the status has them."""
+        text = self.text or f"{self.events} events to {self.settings.url}"
+        alarms = [name for (_, name), text in self._alarms.items() if text]
+        return self.state, text, {"events": self.events, "connections": self.sent, "alarms": alarms}
+
+    async def _say_status(self) -> None:
+        while True:
+            state, text, detail = self.status()
+            with contextlib.suppress(zmav.errors.ZmavError, zenoh.ZError):
+                self._z.say_status(AGENT, state, text, vehicle=self.settings.name, **detail)
+            await asyncio.sleep(1.0)
+
+
+def tls_of(cert: str | None, key: str | None, ca: str | None) -> dict[str, str]:
+    """pytak's settings: those of the environment, and these files."""
+    given = {"CLIENT_CERT": cert, "CLIENT_KEY": key, "CLIENT_CAFILE": ca}
+    for name, file in given.items():
+        if file is not None and not Path(file).is_file():
+            field = {"CLIENT_CERT": "cert", "CLIENT_KEY": "key", "CLIENT_CAFILE": "ca"}[name]
+            raise BadInput(f"no file {file}", field=field, value=file, expected="a PEM file")
+    own = {name: value for name, value in os.environ.items() if name.startswith(TLS)}
+    found = own | {TLS + name: file for name, file in given.items() if file is not None}
+    if not found.get(f"{TLS}CLIENT_CERT"):
+        text = "a TAK server by TLS is shown a certificate of ours: give --cert"
+        raise BadInput(text, field="cert", value=None, expected="a PEM file")
+    return found

@@ -1,0 +1,159 @@
+"""``zmav traffic``."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from typing import TYPE_CHECKING
+
+import click
+
+from zmav import keys
+from zmav.cli.common import Work, connected, console, dump, json_option, seconds_option
+from zmav.client import Client
+from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.process import log, until_stopped
+
+if TYPE_CHECKING:
+    from ground.traffic.program import TrafficSettings
+
+
+@click.command("traffic")
+@click.argument("feeds", nargs=-1, metavar="[FEED]...")
+@click.option("--at", metavar="LAT,LON", help="A place about which traffic is wanted, beside the vehicles'.")
+@click.option(
+    "--reach",
+    type=click.FloatRange(1.0, 400.0),
+    default=50.0,
+    show_default=True,
+    help="Kilometres from a vehicle, or that place, within which aircraft are told of.",
+)
+@click.option(
+    "--qnh",
+    type=click.FloatRange(850.0, 1100.0),
+    help="Pressure at sea level, hPa: makes heights of pressure altitudes.",
+)
+@click.option(
+    "--ours", multiple=True, metavar="HEX", help="ICAO address of a vehicle of the fleet that sends ADS-B (repeatable)."
+)
+@click.option(
+    "--priority",
+    type=click.IntRange(0, 255),
+    default=0,
+    show_default=True,
+    help="Of several processes with the same feeds the highest is in charge.",
+)
+@click.option("--name", help="Name of this host.  [default: the credentials', or ground]")
+@seconds_option
+@json_option
+@connected
+def command(
+    feeds: tuple[str, ...],
+    at: str | None,
+    reach: float,
+    qnh: float | None,
+    ours: tuple[str, ...],
+    priority: int,
+    name: str | None,
+    seconds: float,
+    as_json: bool,
+) -> Work:
+    """Tell the fleet who else is in the air, by receivers of ADS-B; without a feed, list what is told.
+
+    FEED is what dump1090, readsb and others serve: sbs:HOST (BaseStation, port 30003) or beast:HOST (raw, port 30005).
+    Several at once become one picture. A second process with the same feeds stands by. Vehicles warn of who comes near,
+    the planner keeps clear of it, 'zmav top', the page and 'zmav doctor' show it.
+    """
+    if not feeds:
+        return lambda z: _list(z, seconds, as_json)
+    from ground.traffic.feeds import parse_feed
+
+    found = tuple(dict.fromkeys(map(parse_feed, feeds)))
+    if any(feed.kind == "beast" for feed in found):
+        try:
+            import pyModeS  # noqa: F401
+        except ImportError as e:
+            raise missing_extra("a Beast feed", e.name, "traffic") from e
+    from ground.traffic.program import TrafficSettings
+
+    settings = TrafficSettings(
+        feeds=found,
+        name=name or "",
+        at=parse_at(at) if at else None,
+        reach=1e3 * reach,
+        qnh=qnh,
+        ours=tuple(map(parse_address, ours)),
+        priority=priority,
+    )
+    return lambda z: _serve(z, settings, as_json)
+
+
+def parse_at(text: str) -> tuple[float, float]:
+    """``LAT,LON``."""
+    try:
+        lat, lon = map(float, text.split(","))
+    except ValueError:
+        lat = lon = float("nan")
+    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
+        raise BadInput(f"no place {text!r}", field="at", value=text, expected="LAT,LON in degrees: 50.1,8.7")
+    return lat, lon
+
+
+def parse_address(text: str) -> int:
+    if not re.fullmatch(r"[0-9A-Fa-f]{6}", text):
+        raise BadInput(f"no ICAO address {text!r}", field="ours", value=text, expected="six hexadecimal digits: 3c4b12")
+    return int(text, 16)
+
+
+async def _list(z: Client, seconds: float, as_json: bool) -> None:
+    from rich.table import Table
+
+    from ground.air import watch
+
+    rows = await watch(z, seconds)
+    if as_json:
+        for row in rows:
+            click.echo(dump(row))
+        return
+    table = Table(
+        "icao", "callsign", "m AMSL", "±", "by", "age s", "nearest", "m away", "above m", "in s", "then m", "source"
+    )
+    for row in rows:
+        cells = (
+            "icao",
+            "callsign",
+            "alt_amsl",
+            "alt_error",
+            "alt_from",
+            "age",
+            "vehicle",
+            "distance",
+            "height",
+            "time",
+        )
+        texts = [row.get(cell) for cell in (*cells, "nearest", "source")]
+        table.add_row(*("-" if text in (None, "") else str(text) for text in texts))
+    console().print(table if rows else "no traffic is told")
+
+
+async def _serve(z: Client, settings: TrafficSettings, as_json: bool) -> None:
+    import msgspec
+
+    from ground.traffic.program import PERIOD_S, TrafficProgram
+
+    own = z.member.credentials.name if z.member is not None else ""
+    if own and settings.name not in ("", own):
+        text = f"by your credentials this host is {own}"
+        raise BadConfig(text, field="name", value=settings.name, expected=own)
+    settings = msgspec.structs.replace(settings, name=keys.check_name(settings.name or own or "ground"))
+    async with TrafficProgram(z, settings, log) as program:
+        stopped = asyncio.ensure_future(until_stopped())
+        try:
+            while not stopped.done():
+                await asyncio.wait({stopped}, timeout=PERIOD_S)
+                if as_json:
+                    state, words, detail = program.status()
+                    click.echo(dump({"state": state, "text": words, **detail, "traffic": program.listener.rows()}))
+        finally:
+            stopped.cancel()
+            await asyncio.wait({stopped})

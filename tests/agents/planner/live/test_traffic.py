@@ -1,0 +1,143 @@
+"""The planner and aircraft that are not of the fleet: as obstacles that grow with age, and flown among."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+
+import pytest
+
+import zmav
+from agents.planner.cli.asking import books, find
+from agents.planner.live.agent import Agent
+from agents.planner.live.settings import PlannerSettings
+from agents.planner.live.traffic import MOST, TrafficWatch
+from agents.planner.live.world import World
+from ground.traffic.feeds import Feed
+from ground.traffic.program import TrafficProgram, TrafficSettings
+from tests.agents.planner.execute.fleet import ORIGIN, airborne
+from tests.waiting import until
+from zmav import geo, wire
+from zmav.errors import BadInput
+from zmav.sim.sbs import MadeUp, SbsSource
+from zmav.waiting import within
+from zmav.wire import swarm
+
+PATIENCE_S = 90.0
+RADIUS = 15.0
+PLACE = wire.GlobalPosition(lat_deg=ORIGIN.lat_deg, lon_deg=ORIGIN.lon_deg, alt_amsl=ORIGIN.alt_amsl + 10, alt_rel=10.0)
+
+
+def state() -> wire.VehicleState:
+    """Of a vehicle 10 m above the fleet's origin."""
+    return wire.VehicleState(t=0.0, fleet="demo", name="quad1", instance="i", position=PLACE, local=(0.0, 0.0, -10.0))
+
+
+def told(*aircraft: wire.Aircraft) -> bytes:
+    return wire.encode(
+        wire.Traffic(t=time.time(), source="gs", instance=1, serves="x", qnh=1013.25, aircraft=list(aircraft))
+    )
+
+
+def craft(icao: int, north: float, **more: object) -> wire.Aircraft:
+    lat, lon, alt = geo.to_global(ORIGIN, (north, 0.0, -50.0))
+    known = {"alt": alt, "age": 0.0, "alt_from": "geometric", "velocity": (40.0, 30.0, 0.0), **more}
+    return wire.Aircraft(icao=f"{icao:06x}", lat_deg=lat, lon_deg=lon, **known)  # type: ignore[arg-type]
+
+
+def test_an_aircraft_is_a_ball_that_moves_and_grows_with_its_age() -> None:
+    watch, world = TrafficWatch(100.0), World()
+    watch.hear(told(craft(1, 1000.0)))
+    now = time.monotonic()
+    young, old = (watch.obstacles([state()], now + age, 100.0)[0].what for age in (0.0, 10.0))
+    assert isinstance(young, swarm.Ball)
+    assert isinstance(old, swarm.Ball)
+    assert young.center == pytest.approx((1000.0, 0.0, -50.0), abs=10.0)
+    assert old.center == pytest.approx((1400.0, 300.0, -50.0), abs=10.0)
+    assert young.radius == pytest.approx(160.0, abs=2.0), "its height may be off by 60 m"
+    assert old.radius == pytest.approx(100.0 + 0.4 * 50.0 * 10.0, abs=2.0)
+    world.traffic = watch.obstacles([state()], now, 100.0)
+    (mover,) = world.pieces(102.0).movers
+    assert mover.motion[0][1:].tolist() == pytest.approx([60.0, 1080.0, 50.0], abs=20.0)
+    assert (world.obstacles, world.revision) == ([], 0), "a standby need not be told of it"
+    assert watch.obstacles([state()], now + 60.0, 100.0) == []
+
+
+def test_what_is_far_or_stands_is_no_obstacle_and_the_nearest_are_few() -> None:
+    watch = TrafficWatch(100.0)
+    far, rolls = craft(1, 20_000.0), craft(2, 500.0, ground=True)
+    watch.hear(told(far, rolls, *(craft(3 + i, 1000.0 + i) for i in range(25, 0, -1))))
+    found = watch.obstacles([state()], time.monotonic(), 0.0)
+    assert [each.name for each in found] == [f"traffic {4 + i:06x}" for i in range(MOST)]
+    assert watch.obstacles([], time.monotonic(), 0.0) == []
+
+
+def test_a_height_that_is_not_known_is_the_vehicles_own() -> None:
+    watch = TrafficWatch(100.0)
+    watch.hear(told(craft(1, 500.0, alt=None, velocity=None)))
+    (found,) = watch.obstacles([state()], time.monotonic(), 0.0)
+    assert isinstance(found.what, swarm.Ball)
+    assert found.what.center[2] == pytest.approx(-10.0)
+
+
+def test_none_are_kept_clear_of_where_the_settings_say_so() -> None:
+    watch = TrafficWatch(0.0)
+    watch.hear(told(craft(1, 500.0)))
+    assert watch.obstacles([state()], time.monotonic(), 0.0) == []
+    with pytest.raises(BadInput):
+        watch.hear(b"{")
+
+
+async def _ended(z: zmav.Client, name: str) -> swarm.GoalEntry:
+    async for book in books(z, PATIENCE_S):
+        for entry in book.goals if book else []:
+            if entry.id == name and entry.state in ("done", "failed", "cancelled"):
+                return entry
+    raise AssertionError("no book")
+
+
+async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a feed by its socket to the copter: nothing else knows of the aircraft."""
+    monkeypatch.setattr("zmav.traffic.QNH_ERROR", 2.0)
+    far = MadeUp(0x3C4B00, "FAR", (5000.0, 0.0, -900.0), (50.0, 0.0, 0.0))
+    async with contextlib.AsyncExitStack() as stack:
+        fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 12.0))
+        z, me, ground = [await stack.enter_async_context(zmav.open(connect=[fleet.endpoint])) for _ in range(3)]
+        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0, traffic=RADIUS)))
+        source = await stack.enter_async_context(SbsSource(ORIGIN, [far]))
+        settings = TrafficSettings(feeds=(Feed("sbs", "127.0.0.1", source.port),), name="ground", qnh=1013.25)
+        await stack.enter_async_context(TrafficProgram(ground, settings, lambda said: None))
+        await agent.context.solver.until_ready(PATIENCE_S)
+        await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
+        planner = await find(me)
+        north, east, down = fleet.places()["quad1"]
+        goal = swarm.GoTo(vehicles=["quad1"], to=[(north + 150.0, east, down)])
+        name = str((await planner.order("submit", swarm.Submit(goal=goal, when="now")))["goal"])
+
+        def flies() -> bool:
+            return fleet.places()["quad1"][0] - north > 15.0
+
+        await until(flies, "the copter on its way", PATIENCE_S)
+        # It comes from the west, and crosses the way some 65 m ahead, about when the copter would be there.
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 13.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 80.0, east - v[1] * crosses, down), v)
+        source.aircraft.append(crossing)
+        nearest = math.inf
+
+        async def watch() -> None:
+            nonlocal nearest
+            while True:
+                place, _ = crossing.at(time.monotonic() - source.began)
+                nearest = min(nearest, math.dist(place, fleet.places()["quad1"]))
+                await asyncio.sleep(0.05)
+
+        watching = asyncio.create_task(watch())
+        ended = await within(PATIENCE_S, _ended(me, name))
+        watching.cancel()
+        said = [event.text for event in agent.context.events]
+        assert ended.state == "done", (ended, said)
+        assert any("traffic CROSS is about to cross the way of quad1" in text for text in said), said
+        assert any("planned again" in text for text in said), said
+        assert nearest > RADIUS, said

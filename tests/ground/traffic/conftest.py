@@ -1,0 +1,72 @@
+"""A router, clients of it, and what is heard on ``@fleet/traffic`` there."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import zmav
+from ground.traffic.feeds import Feed
+from ground.traffic.program import TrafficProgram, TrafficSettings
+from zmav import keys, wire
+from zmav.session import SessionSettings
+
+if TYPE_CHECKING:
+    from tests.conftest import Net, Samples
+
+PATIENCE_S = 30.0
+ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
+
+
+async def until(true: Callable[[], object], what: str) -> None:
+    async def wait() -> None:
+        while not true():
+            await asyncio.sleep(0.02)
+
+    try:
+        await asyncio.wait_for(wait(), PATIENCE_S)
+    except asyncio.TimeoutError:
+        raise AssertionError(f"no {what}") from None
+
+
+class Sky:
+    """One router, and the reports that are heard there."""
+
+    def __init__(self, net: Net) -> None:
+        self.net = net
+        self.router, self.endpoint = net.router()
+        self.samples: Samples = net.ground(self.endpoint).samples(keys.TRAFFIC)
+        self.said: list[str] = []
+
+    @property
+    def reports(self) -> list[wire.Traffic]:
+        return [wire.decode(payload, wire.Traffic, "traffic") for _, payload in self.samples.items]
+
+    @property
+    def last(self) -> dict[str, wire.Aircraft]:
+        """The aircraft of the last report, by callsign."""
+        reports = self.reports
+        return {each.callsign: each for each in reports[-1].aircraft} if reports else {}
+
+    @contextlib.asynccontextmanager
+    async def client(self) -> AsyncIterator[zmav.Client]:
+        async with zmav.open(settings=SessionSettings(connect=[self.endpoint])) as z:
+            yield z
+
+    @contextlib.asynccontextmanager
+    async def program(self, *feeds: Feed, **more: Any) -> AsyncIterator[TrafficProgram]:
+        known = {"name": "gs", "at": (ORIGIN.lat_deg, ORIGIN.lon_deg), **more}
+        async with (
+            self.client() as z,
+            TrafficProgram(z, TrafficSettings(feeds=feeds, **known), self.said.append) as one,
+        ):
+            yield one
+
+
+@pytest.fixture
+def sky(net: Net) -> Sky:
+    return Sky(net)

@@ -1,0 +1,73 @@
+"""Units of video to a file or to another program, as they are: MPEG-TS, or RTP with what describes it (SDP)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+from urllib.parse import urlsplit
+
+from zmav.errors import BadInput
+from zmav.vision.video import CLOCK_RATE, Unit, pyav
+
+PATIENCE_US = 5_000_000
+"""for who is to take it"""
+FORMATS = {"udp": "mpegts", "tcp": "mpegts", "rtp": "rtp"}
+DATAGRAM = 1316
+"""bytes: seven packets of MPEG-TS, as every player takes them"""
+JUMP = 10.0
+"""s between two units beyond which the camera's clock was set"""
+
+
+class Muxer:
+    """``where``: a file's name, or ``udp://``, ``tcp://`` or ``rtp://HOST:PORT``. Raises :class:`BadInput` where it
+    cannot be written; so does :meth:`add`. It blocks: a thread's.
+    """
+
+    def __init__(self, where: str, first: Unit) -> None:
+        self._av, self._pts, self._zero = pyav(), -1, first.t
+        self._where = where
+        scheme = urlsplit(where).scheme if "://" in where else ""
+        url = f"{where}{'&' if '?' in where else '?'}pkt_size={DATAGRAM}" if scheme == "udp" else where
+        options = {"flush_packets": "1", "rw_timeout": str(PATIENCE_US), "payload_type": "96"}
+        own = options if scheme == "rtp" else {name: options[name] for name in ("flush_packets", "rw_timeout")}
+        try:
+            self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
+            self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
+            self._out.start_encoding()  # writes the header: where nobody can write is found now
+        except (self._av.FFmpegError, OSError, ValueError) as e:
+            raise BadInput(f"{where}: {e}", field="to", value=where, expected="a place to write to") from e
+
+    def add(self, unit: Unit) -> None:
+        packet: Any = self._av.Packet(unit.data)
+        packet.stream, packet.is_keyframe = self._stream, unit.key
+        pts = round((unit.t - self._zero) * CLOCK_RATE)
+        if not self._pts < pts <= self._pts + JUMP * CLOCK_RATE:  # the camera's clock was set
+            self._zero = unit.t - (self._pts + CLOCK_RATE / 30) / CLOCK_RATE
+            pts = self._pts + CLOCK_RATE // 30
+        self._pts = packet.pts = packet.dts = pts
+        packet.time_base = Fraction(1, CLOCK_RATE)
+        try:
+            self._out.mux(packet)
+        except (self._av.FFmpegError, OSError, ValueError) as e:
+            raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
+
+    def close(self) -> None:
+        self._out.close()
+
+
+def sdp(where: str) -> str:
+    """What a player reads to play ``rtp://HOST:PORT`` (RFC 8866, RFC 6184). The parameter sets come with the video."""
+    parts = urlsplit(where)
+    host = parts.hostname or ""
+    family = "IP6" if ":" in host else "IP4"
+    lines = (
+        "v=0",
+        f"o=- 0 0 IN {family} {host}",
+        "s=zmav",
+        f"c=IN {family} {host}",
+        "t=0 0",
+        f"m=video {parts.port} RTP/AVP 96",
+        "a=rtpmap:96 H264/90000",
+        "a=fmtp:96 packetization-mode=1",
+    )
+    return "\r\n".join(lines) + "\r\n"
