@@ -70,7 +70,7 @@ class MissionStart(Forced, kw_only=True):
     wait_end: bool = False
 
 
-class MissionJump(Order, kw_only=True):
+class MissionJump(Forced, kw_only=True):
     """``do/mission_current``: go on with item ``index``."""
 
     index: int

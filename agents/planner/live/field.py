@@ -127,6 +127,7 @@ def check_field(
         places = _followers(goal, fleet, downwash, ball)
     else:
         places = _places(goal, fleet, downwash)
+    floors: dict[tuple[str, ...], Floor | None] = {}
     for name, north, east, down, who in places:
         for view in who:
             fence = field.fence(view.name)
@@ -137,7 +138,12 @@ def check_field(
             if beyond:
                 text = f"{name}: for {view.name}, {where}; {WIDEN}"
                 raise BadInput(text, field=name, value=beyond, expected="a place in the field")
-        if down is not None and not isinstance(goal, swarm.Search) and (floor := floor_of(field, ground, who)):
+        if down is None or isinstance(goal, swarm.Search):  # lanes are laid where there is room for them
+            continue
+        names = tuple(view.name for view in who)
+        if names not in floors:
+            floors[names] = floor_of(field, ground, who)
+        if (floor := floors[names]) is not None:
             _check_floor(name, floor, (east, north, -down))
 
 

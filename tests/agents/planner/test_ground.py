@@ -6,20 +6,24 @@ import array
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from agents.planner.live.field import field_of, ground_of
+from agents.planner.goals.goals import resolve
+from agents.planner.goals.steps import Orders, PlanTo
+from agents.planner.live.field import FleetField, check_field, field_of, floor_of, ground_of
 from agents.planner.model.ground import LEAF, MOST, NAME, SPARE, UNKNOWN, Floor, GroundMap
 from agents.planner.model.scene import Bounds, Box, Scene, Vehicle
 from agents.planner.model.verify import verify
 from agents.planner.solve.pipeline import solve
+from tests.agents.planner.goals.crew import crew
 from zmav import geo
 from zmav.config import FleetConfig, Geofence, VehicleConfig
 from zmav.errors import BadInput
 from zmav.terrain import VOID, Piece, corner_of, names_within
-from zmav.wire import Origin
+from zmav.wire import Origin, swarm
 
 ORIGIN = Origin(lat_deg=-35.3632, lon_deg=149.1652, alt_amsl=600.0)
 Height = Callable[[float, float], float | None]
@@ -192,3 +196,42 @@ def test_the_vehicle_s_home_says_what_the_ground_is_off() -> None:
     assert here.check(way, (0.0, 0.0, 0.0)) == pytest.approx(40.0)
     assert here.check(way, (0.0, 0.0, 12.0)) == pytest.approx(28.0)
     assert here.check(way, None) == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize("kind", ["return", "land"])
+def test_landings_are_approached_high_enough_and_straight_down(kind: str) -> None:
+    fleet = crew(3, (0.0, 0.0, -30.0), 6.0)
+    names = list(fleet.vehicles)
+    here = floor(ground_map(hill))
+    scene = Scene(vehicles=[], bounds=BOUNDS, obstacles=[*here.columns(BOUNDS, (), ())], downwash=1.5)
+    goal = swarm.Return(vehicles=names) if kind == "return" else swarm.Land(vehicles=names)
+    plain, high = (resolve(goal, fleet, scene, None, each) for each in (None, here))
+    for steps, least in ((plain, 8.0), (high, 15.0)):
+        there, orders = steps
+        assert isinstance(there, PlanTo)
+        assert isinstance(orders, Orders)
+        assert orders.lands
+        assert least <= there.places[:, 2].min() < least + 3.0, "the hill is far"
+
+
+def test_what_moves_is_held_above_the_ground_by_its_vehicles_own_clearance() -> None:
+    ground, view = ground_map(hill), crew(2).pick(["v000", "v001"])
+    field = FleetField(Geofence(), {"v001": Geofence(above_ground=20.0)}, ORIGIN)
+    assert floor_of(field, None, view[:1]) is None
+    nothing = floor_of(field, None, view[1:])
+    assert nothing is not None
+    assert nothing.lowest(0.0, 0.0) is None
+    both, one = floor_of(field, ground, view), floor_of(field, ground, view[:1])
+    assert both is not None
+    assert one is not None
+    assert (both.declared, one.declared) == (20.0, None)
+    driving = replace(view[0], kind="rover", name="r")
+    mixed = floor_of(field, ground, [driving, view[1]])
+    assert mixed is not None
+    assert not mixed.walls
+    assert floor_of(field, ground, [driving]) is None
+    low = swarm.GoTo(vehicles=["v000", "v001"], to=[(0.0, 0.0, -5.0), (0.0, 9.0, -5.0)])
+    with pytest.raises(BadInput, match=r"goal.to\[1\]: 3\.9 m above the ground, where 20 m are asked for"):
+        check_field(low, crew(2), field, ground, 1.5, lambda name: None)
+    with pytest.raises(BadInput, match=r"goal.to\[1\]: the ground there is not known here"):
+        check_field(low, crew(2), field, None, 1.5, lambda name: None)

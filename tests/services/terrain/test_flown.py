@@ -49,9 +49,11 @@ async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_
         kept.put(name, pack(piece))
 
     def up(north: float, east: float) -> float:
-        height = kept.height(*geo.to_global(ORIGIN, (north, east, 0.0))[:2])
-        assert height is not None
-        return height - ORIGIN.alt_amsl
+        """m of the ground above home's: heights count from where it stood."""
+        heights = [kept.height(*geo.to_global(ORIGIN, (n, e, 0.0))[:2]) for n, e in ((north, east), (0.0, 0.0))]
+        assert heights[0] is not None
+        assert heights[1] is not None
+        return heights[0] - heights[1]
 
     def item(north: float, east: float) -> wire.MissionItem:
         lat, lon, _ = geo.to_global(ORIGIN, (north, east, 0.0))

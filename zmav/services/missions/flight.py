@@ -105,7 +105,7 @@ class MissionFlight:
         plan = await self._missions.plan("mission", report)
         start = self._check(args.index, "index", plan)
         if self._identity.armed:
-            self._bounds.check_mission(plan[args.index + start :], force=False)
+            self._bounds.check_mission(plan[args.index + start :], force=args.force)
         await self._set_current(args.index + start)
         return {"current": args.index, "total": len(plan) - start}
 

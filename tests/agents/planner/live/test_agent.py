@@ -54,9 +54,7 @@ class Field:
     async def submit(self, goal: swarm.Goal, when: Any = "now") -> str:
         return str((await (await self.planner()).order("submit", swarm.Submit(goal=goal, when=when)))["goal"])
 
-    async def until(
-        self, name: str, true: Callable[[swarm.GoalEntry], bool], seconds: float = PATIENCE_S
-    ) -> swarm.GoalEntry:
+    async def until(self, name: str, true: Callable[[swarm.GoalEntry], bool]) -> swarm.GoalEntry:
         """What the book says of a goal once ``true`` holds of it."""
 
         async def look() -> swarm.GoalEntry:
@@ -71,7 +69,7 @@ class Field:
                     raise AssertionError(f"it ended as {last}")
             raise AssertionError("no book")
 
-        return await within(seconds, look())
+        return await within(PATIENCE_S, look())
 
     async def watch(self) -> None:
         """Where they truly are, for ever."""

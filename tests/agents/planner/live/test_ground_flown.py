@@ -99,10 +99,22 @@ def refused(field: Field) -> list[str]:
     return [event.text for event in field.agent.context.events if event.severity in ("warning", "error")]
 
 
+async def ended(field: Field, name: str) -> None:
+    """Once the goal is done."""
+    goals = field.agent.context.ledger
+
+    def found() -> bool:
+        (entry,) = [each for each in goals.goals if each.id == name]
+        assert entry.state not in ("failed", "cancelled"), entry
+        return entry.state == "done"
+
+    await until(found, name, LONG_S)
+
+
 async def fly(field: Field, goal: swarm.Goal) -> Watch:
     async with field.fleet.watch() as watch:
         name = await field.submit(goal)
-        await field.until(name, lambda entry: entry.state == "done", LONG_S)
+        await ended(field, name)
     return watch
 
 
@@ -154,7 +166,7 @@ async def test_a_search_follows_the_ground(field: Field) -> None:
     assert max(downs) - min(downs) > HIGH / 3.0, "it goes up and down with the hill"
     async with field.fleet.watch() as watch:
         name = await field.submit(goal)
-        await field.until(name, lambda entry: entry.state == "done", LONG_S)
+        await ended(field, name)
     assert not [text for text in refused(field) if "not as prepared" in text]
     assert least(field, watch) > LEAST - HEARD_LATE
     with pytest.raises(BadInput, match="10 m are asked for"):
