@@ -92,8 +92,8 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
 
 
 def load_numba() -> None:
-    """Without SciPy's linear algebra and cffi's parser of C, which it would load in a seventh and a twentieth of a second,
-    and which no kernel uses.
+    """Without SciPy's linear algebra and cffi's parser of C, which no kernel uses, and which it would load in a seventh
+    and a twentieth of a second.
     """
     hidden = [name for name in ("scipy.linalg", "cffi") if name not in sys.modules]
     for name in hidden:
