@@ -92,15 +92,18 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
 
 
 def load_numba() -> None:
-    """Without SciPy's linear algebra, which it would load in a seventh of a second, and which no kernel uses."""
-    name = "scipy.linalg"
-    if name in sys.modules:
-        return
-    sys.modules[name] = cast(ModuleType, None)  # what cannot be imported is done without
+    """Without SciPy's linear algebra and cffi's parser of C, which no kernel uses, and which it would load in a seventh
+    and a twentieth of a second.
+    """
+    hidden = [name for name in ("scipy.linalg", "cffi") if name not in sys.modules]
+    for name in hidden:
+        sys.modules[name] = cast(ModuleType, None)  # what cannot be imported is done without
     try:
         importlib.import_module("numba.np.arraymath")
+        importlib.import_module("numba.core.typing.cffi_utils")
     finally:
-        del sys.modules[name]
+        for name in hidden:
+            del sys.modules[name]
 
 
 def compile_parts(names: Iterable[str], wait: bool) -> None:

@@ -204,10 +204,11 @@ def test_no_kernel_uses_linear_algebra(path: Path) -> None:
             assert not any(isinstance(inner, ast.MatMult) for inner in ast.walk(node)), node.name
 
 
-def test_numba_is_loaded_without_linear_algebra_and_scipy_has_it_still() -> None:
+def test_numba_is_loaded_without_linear_algebra_and_a_parser_of_c_and_others_have_them_still() -> None:
     program = (
         "import sys; from agents.planner.solve import warm; warm.load_numba()\n"
         "assert 'scipy.linalg' not in sys.modules and 'numba.np.arraymath' in sys.modules\n"
+        "assert 'pycparser' not in sys.modules and 'cffi' not in sys.modules\n"
         "import scipy.linalg, scipy.optimize; warm.load_numba(); print(scipy.linalg.norm([3.0, 4.0]))"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -102,7 +102,7 @@ class Pilot:
             return False
         if self._control.claimed(Mover.ORDER) and mode in self._commander.follows:
             return True
-        if mode == self._commander.ordered or self._commander.overtaken(mode):
+        if mode == self._commander.ordered or (self._commander.overtaken(mode) and intended in (None, mode)):
             return True
         by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
         failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode

@@ -168,7 +168,7 @@ class Commander:
                     await self.command(mode.command)
                     await self._confirm_mode(mode.command, mode.name, since, inbox)
         except Exception:  # no cancellation: who superseded us, or the pilot, has had his say about it
-            self.ordered = before
+            self._ordered, self._overtaken = before, ""  # what was refused is not on its way
             raise
 
     def _is_in(self, mode: str) -> bool:

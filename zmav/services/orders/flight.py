@@ -38,6 +38,8 @@ ARMED = 128
 ON_GROUND = 1
 """MAV_LANDED_STATE"""
 LAND_TIMEOUT = 180.0
+RISEN, CLIMBS = 0.3, 10.0
+"""m that a takeoff rises within so many s, or it has ended too low"""
 RETURN_TIMEOUT = 900.0
 REBOOT_LOOK = 0.2
 RALLY_TIMEOUT = 20.0
@@ -360,12 +362,14 @@ class Flight:
         autopilot, near, began = self._do.autopilot(), max(0.3, 0.03 * alt_rel), False
         over, short = autopilot.takeoff_ends or (None, 0.0)
         with self._do.inbox("GLOBAL_POSITION_INT") as inbox:
-            altitude = -math.inf
+            altitude = highest = -math.inf
             while altitude < alt_rel - near:
                 late = f"only at {altitude:.1f} m of {alt_rel:.1f} m"
                 _, position = await self._do.next(inbox, deadline, late)
                 altitude = position["relative_alt"] / 1000.0
                 report({"alt_rel": altitude})
+                if altitude > highest + RISEN:  # who still climbs is waited for, however slowly
+                    highest, deadline = altitude, max(deadline, time.monotonic() + CLIMBS)
                 if not self._identity.armed:
                     raise Refused("it disarmed during the takeoff", vehicle=self._port.name)
                 if mode:  # where a command alone takes off, the autopilot changes the mode by itself

@@ -19,6 +19,7 @@ import numpy as np
 
 from agents.planner.execute.flight import TRACKING
 from agents.planner.execute.following import Following
+from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, VehicleView
 from agents.planner.live import jobs
 from agents.planner.live import plan as planning
@@ -28,7 +29,7 @@ from agents.planner.live.leased_vehicles import TIGHT
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.preview import preview
 from agents.planner.live.tally import Tally
-from agents.planner.live.worker import SolverProcess
+from agents.planner.live.worker import SolverProcess, judge
 from agents.planner.live.world import Pieces
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.separation import separation
@@ -122,13 +123,14 @@ class Keeping(planning.Planner):
         worker = SolverProcess(None)  # type: ignore[arg-type]
 
         async def do(job: jobs.Job) -> Any:
-            if not isinstance(job, jobs.Solve):
-                return worker._do(0, job)
+            if isinstance(job, jobs.Judge):
+                return judge(job)
+            if isinstance(job, jobs.Resolve):
+                return resolve(job.goal, job.view, job.scene)
             plan = worker.solve(job)
-            good = plan.error is None
-            return plan, jobs.Judgement(False, None, 0.0, ()) if not good else worker._do(
-                0, jobs.Judge(job.scene, plan.trajectories, job.movers)
-            )
+            if plan.error is not None:
+                return plan, jobs.Judgement(False, None, 0.0, ())
+            return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
 
         nothing = SimpleNamespace(walls=lambda *_: (), vehicles=lambda *_: set())
         context = SimpleNamespace(
