@@ -283,6 +283,9 @@ def test_help_lists_every_verb(here: type[Here]) -> None:
         "rtk",
         "view",
         "top",
+        "tak",
+        "traffic",
+        "video",
     }
     above |= {"camera"}
     verbs = {*cli.VERBS, *above}

@@ -96,6 +96,7 @@ class Copter:
             session.declare_subscriber(keys.SETPOINT.key(fleet, name, agent="*"), take),
             session.declare_subscriber(keys.TX.key(fleet, name, sys="*", comp="*", msg="*"), take),
             session.declare_subscriber(keys.EVENT.key(fleet, name), lambda sample: None),
+            session.declare_subscriber(keys.AGENT_STATUS.key(fleet, name, agent="photos-$*"), lambda sample: None),
             *(session.liveliness().declare_subscriber(key, lambda sample: None, history=True) for key in tokens),
         ]
 
