@@ -193,6 +193,25 @@ class Reserved:
 
     def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
         """Who could come too near to ``part`` on ``entry`` from ``since`` on; None: it is clear of everybody."""
+        return self._vehicle(part, entry, since) or self._mover(part, entry, since)
+
+    def is_better(self, part: Part, entry: Entry, since: float) -> bool:
+        """It is clear of all vehicles, and farther from what moves by itself than what ``part`` flies now: where that
+        comes too near to both, to come to rest is better than to go on.
+        """
+        return self._vehicle(part, entry, since) is None and self._room(entry, since) > self._room(part.known, since)
+
+    def _room(self, entry: Entry, since: float) -> float:
+        """m to the nearest that moves by itself, less its radius."""
+        return min(
+            (
+                least_between(entry.samples, each.motion, self._inverse, False, each.leaves, since)[0] - each.radius
+                for each in self.movers
+            ),
+            default=np.inf,
+        )
+
+    def _vehicle(self, part: Part, entry: Entry, since: float) -> str | None:
         everybody: list[Part] = [*self.parts, *self.ghosts]
         for other in everybody:
             if other is part:
@@ -205,7 +224,7 @@ class Reserved:
                 return other.id
             if other.place is not None and _near(entry.samples, other.place, need, since):
                 return other.id
-        return self._mover(part, entry, since)
+        return None
 
     def blocked_by_mover(self, part: Part, now: float) -> str | None:
         """Who, of what moves by itself, comes too near to what ``part`` may be flying."""

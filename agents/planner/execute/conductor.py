@@ -448,6 +448,8 @@ class Conductor:
         rows = np.vstack((head, onto[1:] if joined else onto))
         entry = Entry(profile, rows, d, np.inf if whole else float(profile.t[-2]), late=part.late)
         blocker = self.reserved.blocker(part, entry, now - 0.5)
+        if blocker is not None and self.halting and self.reserved.is_better(part, entry, now - 0.5):
+            blocker = None
         if blocker is None and self._homes is not None:
             blocker = self._homes.blocker(part, entry, now)
         if blocker is not None:
