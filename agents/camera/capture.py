@@ -112,7 +112,7 @@ class Capture:
 
     def _lose(self, why: str) -> None:
         if not self.lost:
-            self._say(f"{self.source.words}: {why}")
+            self._say(why if why.startswith(self.source.words) else f"{self.source.words}: {why}")
         self.lost = why
 
 

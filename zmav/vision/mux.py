@@ -28,8 +28,8 @@ class Muxer:
         self._where = where
         scheme = urlsplit(where).scheme if "://" in where else ""
         url = f"{where}{'&' if '?' in where else '?'}pkt_size={DATAGRAM}" if scheme == "udp" else where
-        options = {"flush_packets": "1", "rw_timeout": str(PATIENCE_US), "payload_type": "96"}
-        own = options if scheme == "rtp" else {name: options[name] for name in ("flush_packets", "rw_timeout")}
+        own = {"flush_packets": "1", **({"rw_timeout": str(PATIENCE_US)} if scheme else {})}
+        own |= {"payload_type": "96"} if scheme == "rtp" else {}
         try:
             self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
             self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
