@@ -29,8 +29,8 @@ GROUP = ("224.0.0.224", 7446)
 PERIOD_S = 1.0
 FOR_S = 120.0
 """after the start and after each loss; then Zenoh's own calls are enough. A call that is lost half-way has the other
-side's listener take no other for 30 s (docs/mesh.md, Zenoh's edges), and such times can follow on each other. One link
-at 30 % loss, called again 1 s after a call that failed: 2.6 s in the median, p90 13 s; after 8 s: 1.8 s and 33 s
+side's listener take no other for 30 s (docs/mesh.md, Limits of Zenoh), and such times can follow on each other. One
+link at 30 % loss, called again 1 s after a call that failed: 2.6 s in the median, p90 13 s; after 8 s: 1.8 s and 33 s
 """
 
 
