@@ -111,6 +111,7 @@ def sticks(companion: Companion, pitch: float) -> None:
 
 def test_sticks_held_in_hold_move_nothing_and_their_end_is_a_lost_pilot(companion: Companion) -> None:
     companion.take_off()
+    companion.world.step(3.0)  # it rises on for a moment where its takeoff ends
     before = companion.ned
     companion.stream(3.0, lambda: sticks(companion, 0.5))
     assert companion.flying == "HOLD" and companion.near(*before, 0.3)

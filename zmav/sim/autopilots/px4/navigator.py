@@ -293,7 +293,12 @@ class Navigator:
 
     def _rise(self) -> None:
         copter = self._copter
-        copter.sp.limit("speed_up", copter.params["MPC_TKO_SPEED"])
+        # As fast as it can still brake from, by its jerk and then its acceleration (PX4's computeMaxSpeedFromDistance).
+        accel, away = copter.params["MPC_ACC_DOWN_MAX"], max(copter.sense.down - self._takeoff_down, 0.0)
+        half = 2.0 * accel * accel / copter.params["MPC_JERK_AUTO"]
+        copter.sp.limit(
+            "speed_up", min(copter.params["MPC_TKO_SPEED"], math.sqrt(half * half + 2.0 * accel * away) - half)
+        )
         copter.sp.height(self._takeoff_down)
         if copter.sense.down < self._takeoff_down + TAKEN_OFF_M:
             copter.set_mode(HOLD)  # COM_TAKEOFF_ACT 0
