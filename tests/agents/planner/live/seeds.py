@@ -28,6 +28,7 @@ from agents.planner.live.frames import ned
 from agents.planner.live.leased_vehicles import TIGHT
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.preview import preview
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.tally import Tally
 from agents.planner.live.worker import SolverProcess, judge
 from agents.planner.live.world import Pieces
@@ -134,7 +135,7 @@ class Keeping(planning.Planner):
 
         nothing = SimpleNamespace(walls=lambda *_: (), vehicles=lambda *_: set())
         context = SimpleNamespace(
-            settings=SimpleNamespace(margin=MARGIN, downwash=DOWNWASH, plan_seconds=15.0),
+            settings=PlannerSettings(name="seeds", margin=MARGIN, downwash=DOWNWASH, plan_seconds=15.0),
             airspace=nothing,
             kin=lambda goal: (),
             world=SimpleNamespace(pieces=lambda t: Pieces()),
