@@ -37,6 +37,8 @@ BLIND, DEAF = 0.5, 1.0
 """s by the autopilot's clock without a position, or the pilot's sticks, after which the last ones are of no use"""
 SHARE = 0.02
 """of the newest cycle's time in the mean"""
+BESIDE = 0.2
+"""s that a local position may be older or newer than the global one that it is held against"""
 MOVED = 1.0
 """m by which the estimator's origin has moved, and was not only measured badly"""
 PWM_MID, PWM_HALF, PWM_LOW, PWM_SPAN = 1500.0, 500.0, 1000.0, 1000.0
@@ -124,6 +126,8 @@ class Estimate:
         about, local = self._anchor
         ms = int(f["time_boot_ms"])
         at, pos, vel = min(self._places, key=lambda place: abs(place[0] - ms))
+        if abs(ms - at) > BESIDE * 1e3:
+            return  # the links brought one of them late: the vehicle was elsewhere
         here = np.array(geo.in_fleet_frame(about, local, f))
         shift = here - (pos + vel * ((ms - at) / 1e3))
         if self._shift is not None and float(np.abs(shift - self._shift).max()) > MOVED:

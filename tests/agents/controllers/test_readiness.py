@@ -35,3 +35,18 @@ def test_a_controller_flies_at_the_rate_that_the_link_gives_and_says_so() -> Non
     assert "at 181 Hz" in check_ready(FLYING, estimate(181.0), 250.0)  # as a PX4 in software in the loop gives it
     with pytest.raises(Refused, match="at 100 Hz of 250"):
         check_ready(FLYING, estimate(100.0), 250.0)
+
+
+def test_places_of_different_moments_are_not_held_against_each_other() -> None:
+    """A local position from the ground and a global one from 10 m above it say nothing of where the origins lie."""
+    one = Estimate((1, 2, 3, 4))
+    one.anchor(wire.GlobalPosition(lat_deg=47.0, lon_deg=8.0, alt_amsl=500.0, alt_rel=0.0), (0.0, 0.0, 0.0))
+    still = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), 0.0)
+    above = {"lat": 470000000, "lon": 80000000, "alt": 510000}
+    one.local({"time_boot_ms": 1000, **still})
+    one.globally({"time_boot_ms": 6000, **above})
+    one.local({"time_boot_ms": 6100, **still, "z": -10.5})
+    assert one.state.pos == pytest.approx((0.0, 0.0, -10.5))
+    one.globally({"time_boot_ms": 6100, **above})
+    one.local({"time_boot_ms": 6120, **still, "z": -10.5})
+    assert one.state.pos == pytest.approx((0.0, 0.0, -10.0), abs=1e-6)
