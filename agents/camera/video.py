@@ -189,7 +189,8 @@ class VideoAgent(Sender):
                     await self._send(publisher, unit)
                     self.wrong = ""
                 except BadInput as e:
-                    self.failed, self.wrong, self._broken = self.failed + 1, str(e), True
+                    self.failed, self.wrong = self.failed + 1, str(e)
+                    self._drop()  # what waits behind it was encoded after it
                 await self._fit()
             if self.capture.ended:
                 self.ended.set()
