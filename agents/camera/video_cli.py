@@ -231,7 +231,7 @@ async def _pass_on(units: Units, since: list[Unit], to: str | None) -> None:
     try:
         while True:
             if muxer is not None:
-                await asyncio.shield(asyncio.to_thread(muxer.add, unit))
+                await in_thread(muxer.add, unit)  # whose end is waited for before it is closed
             unit = await units.get()
             since.append(unit)
     finally:

@@ -52,7 +52,11 @@ class Muxer:
             raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 
     def close(self) -> None:
-        self._out.close()
+        """Raises :class:`BadInput` where the end could not be written."""
+        try:
+            self._out.close()
+        except (self._av.FFmpegError, OSError, ValueError) as e:
+            raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 
 
 def sdp(where: str) -> str:
