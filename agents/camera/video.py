@@ -51,7 +51,8 @@ class Feed(Capture):
         super().__init__(stream, *said)  # type: ignore[arg-type]  # units in the place of pictures
 
     def _keep(self, shot: Any) -> None:
-        self._pass(shot)
+        if not self._closed.is_set():  # else a stream that was left long ago would come between another's units
+            self._pass(shot)
 
 
 class Rate:

@@ -60,9 +60,16 @@ class Muxer:
 
 
 def sdp(where: str) -> str:
-    """What a player reads to play ``rtp://HOST:PORT`` (RFC 8866, RFC 6184). The parameter sets come with the video."""
-    parts = urlsplit(where)
-    host = parts.hostname or ""
+    """What a player reads to play ``rtp://HOST:PORT`` (RFC 8866, RFC 6184). The parameter sets come with the video.
+    Raises :class:`BadInput` where there is no such address.
+    """
+    try:
+        parts = urlsplit(where)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise BadInput(f"{where!r} is no rtp://HOST:PORT", field="to", value=where, expected="rtp://HOST:PORT")
     family = "IP6" if ":" in host else "IP4"
     lines = (
         "v=0",
@@ -70,7 +77,7 @@ def sdp(where: str) -> str:
         "s=zmav",
         f"c=IN {family} {host}",
         "t=0 0",
-        f"m=video {parts.port} RTP/AVP 96",
+        f"m=video {port} RTP/AVP 96",
         "a=rtpmap:96 H264/90000",
         "a=fmtp:96 packetization-mode=1",
     )

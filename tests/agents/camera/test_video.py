@@ -303,6 +303,8 @@ class TestCommands:
             (("run", "--vehicle", "quad1"), "give a SOURCE, or --file"),
             (("run", "/nowhere.mp4", "--vehicle", "quad1"), "neither a device, a URL nor a file"),
             (("show", "quad1", "--sdp", "x"), "--sdp goes with --to rtp://"),
+            (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1"), "is no rtp://HOST:PORT"),
+            (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1:99999"), "is no rtp://HOST:PORT"),
             (("show", "quad1", "--wait", "0.5"), "quad1 has no video 'down'"),
         ):
             process = start(*arguments, "-e", endpoint)
