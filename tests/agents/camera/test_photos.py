@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import json
 import math
+import threading
+import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +16,7 @@ import pytest
 from PIL import Image
 
 import zmav
-from agents.camera.photos import Photos
+from agents.camera.photos import Photos, _keep
 from agents.camera.settings import Calibration, cropped
 from tests.agents.camera.conftest import Painted, scene
 from tests.waiting import until
@@ -105,6 +107,28 @@ async def test_a_series_ends_with_its_count_or_its_end(photos: Open) -> None:
     taken = (await vehicle.tell("photos-down", "stop"))["taken"]
     await asyncio.sleep(0.5)
     assert found.taken <= taken + 1  # one was being written
+
+
+async def test_a_photo_that_is_being_written_is_kept_where_its_series_ends(
+    photos: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing, keep = threading.Event(), _keep
+
+    def slowly(*args: Any) -> Any:
+        writing.set()
+        time.sleep(0.5)
+        return keep(*args)
+
+    monkeypatch.setattr("agents.camera.photos._keep", slowly)
+    _, vehicle = await photos()
+    await vehicle.tell("photos-down", "photo", every=0.2, count=2)
+    await until(writing.is_set, "a photo that is being written")
+    told = await vehicle.tell("photos-down", "photo")  # which ends the series
+    assert told["number"] == 2
+    assert sorted(path.name for path in (tmp_path / "kept").glob("*.jpg")) == [
+        "quad1-down-00001.jpg",
+        "quad1-down-00002.jpg",
+    ]
 
 
 async def test_numbers_go_on_where_they_ended(photos: Open, tmp_path: Path) -> None:
