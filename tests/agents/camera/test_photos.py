@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 import zmav
-from agents.camera.photos import Photos, _keep
+from agents.camera.photos import Photos, exif_of
 from agents.camera.settings import Calibration, cropped
 from tests.agents.camera.conftest import Painted, scene
 from tests.waiting import until
@@ -112,14 +112,14 @@ async def test_a_series_ends_with_its_count_or_its_end(photos: Open) -> None:
 async def test_a_photo_that_is_being_written_is_kept_where_its_series_ends(
     photos: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writing, keep = threading.Event(), _keep
+    writing = threading.Event()
 
-    def slowly(*args: Any) -> Any:
+    def slowly(*args: Any) -> bytes:
         writing.set()
         time.sleep(0.5)
-        return keep(*args)
+        return exif_of(*args)
 
-    monkeypatch.setattr("agents.camera.photos._keep", slowly)
+    monkeypatch.setattr("agents.camera.photos.exif_of", slowly)
     _, vehicle = await photos()
     await vehicle.tell("photos-down", "photo", every=0.2, count=2)
     await until(writing.is_set, "a photo that is being written")
