@@ -6,8 +6,7 @@ import asyncio
 import contextlib
 import json
 import math
-import threading
-import time
+import os
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ import pytest
 from PIL import Image
 
 import zmav
-from agents.camera.photos import Photos, exif_of
+from agents.camera.photos import Photos
 from agents.camera.settings import Calibration, cropped
 from tests.agents.camera.conftest import Painted, scene
 from tests.waiting import until
@@ -109,26 +108,20 @@ async def test_a_series_ends_with_its_count_or_its_end(photos: Open) -> None:
     assert found.taken <= taken + 1  # one was being written
 
 
-async def test_a_photo_that_is_being_written_is_kept_where_its_series_ends(
-    photos: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writing = threading.Event()
-
-    def slowly(*args: Any) -> bytes:
-        writing.set()
-        time.sleep(0.5)
-        return exif_of(*args)
-
-    monkeypatch.setattr("agents.camera.photos.exif_of", slowly)
-    _, vehicle = await photos()
+async def test_a_photo_that_is_being_written_is_kept_where_its_series_ends(photos: Open, tmp_path: Path) -> None:
+    slow = tmp_path / "kept" / "quad1-down-00001.json.part"
+    slow.parent.mkdir()
+    os.mkfifo(slow)  # it takes what is written once somebody reads
+    found, vehicle = await photos()
     await vehicle.tell("photos-down", "photo", every=0.2, count=2)
-    await until(writing.is_set, "a photo that is being written")
-    told = await vehicle.tell("photos-down", "photo")  # which ends the series
-    assert told["number"] == 2
-    assert sorted(path.name for path in (tmp_path / "kept").glob("*.jpg")) == [
-        "quad1-down-00001.jpg",
-        "quad1-down-00002.jpg",
-    ]
+    await asyncio.sleep(1.0)
+    assert found.taken == 0
+    second = asyncio.create_task(vehicle.tell("photos-down", "photo"))  # which ends the series
+    await asyncio.sleep(0.3)
+    await asyncio.to_thread(slow.read_bytes)
+    assert (await second)["number"] == 2
+    names = sorted(path.name for path in slow.parent.glob("*.jpg"))
+    assert names == ["quad1-down-00001.jpg", "quad1-down-00002.jpg"]
 
 
 async def test_numbers_go_on_where_they_ended(photos: Open, tmp_path: Path) -> None:
