@@ -236,7 +236,8 @@ async def _pass_on(units: Units, since: list[Unit], to: str | None) -> None:
             since.append(unit)
     finally:
         if muxer is not None:
-            await in_thread(muxer.close)
+            with contextlib.suppress(BadInput):  # why we end is known already
+                await in_thread(muxer.close)
 
 
 async def _tell(reader: VideoReader, units: Units, since: list[Unit], as_json: bool) -> None:

@@ -99,7 +99,8 @@ class VideoFiles:
                 if unit.key:
                     self._look()
         finally:
-            await in_thread(muxer.close)
+            with contextlib.suppress(BadInput):  # in the place of a cancellation it would have us begin another file
+                await in_thread(muxer.close)
 
     def _look(self) -> None:
         if not self._room():
