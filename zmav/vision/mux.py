@@ -10,7 +10,7 @@ from zmav.errors import BadInput
 from zmav.vision.video import CLOCK_RATE, Unit, pyav
 
 PATIENCE_US = 5_000_000
-"""for who is to take it"""
+"""for who is to take it by TCP"""
 FORMATS = {"udp": "mpegts", "tcp": "mpegts", "rtp": "rtp"}
 DATAGRAM = 1316
 """bytes: seven packets of MPEG-TS, as every player takes them"""
@@ -27,9 +27,10 @@ class Muxer:
         self._av, self._pts, self._zero = pyav(), -1, first.t
         self._where = where
         scheme = urlsplit(where).scheme if "://" in where else ""
-        url = f"{where}{'&' if '?' in where else '?'}pkt_size={DATAGRAM}" if scheme == "udp" else where
-        options = {"flush_packets": "1", "rw_timeout": str(PATIENCE_US), "payload_type": "96"}
-        own = options if scheme == "rtp" else {name: options[name] for name in ("flush_packets", "rw_timeout")}
+        # PyAV hands options to the format only: those of a protocol go with the address.
+        more = {"udp": f"pkt_size={DATAGRAM}", "tcp": f"timeout={PATIENCE_US}"}.get(scheme)
+        url = f"{where}{'&' if '?' in where else '?'}{more}" if more else where
+        own = {"flush_packets": "1", **({"payload_type": "96"} if scheme == "rtp" else {})}
         try:
             self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
             self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
