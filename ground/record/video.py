@@ -73,17 +73,18 @@ class VideoFiles:
 
     async def _record(self, fleet: str, vehicle: str, camera: str, name: str) -> None:
         number, told = 0, ""
-        async with VideoReader(self._z, vehicle, camera, name="record", fleet=fleet) as reader:
-            while True:
-                with reader.units() as units:
-                    number += 1
-                    try:
+        while True:
+            try:
+                self._look()  # before the camera is made to send
+                async with VideoReader(self._z, vehicle, camera, name="record", fleet=fleet) as reader:
+                    with reader.units() as units:
+                        number += 1
                         await self._write(self._session / f"{name}.{number:03d}.ts", units)
-                    except (BadInput, OSError) as e:
-                        if str(e) != told:
-                            told = str(e)
-                            self._tell(f"the video of {vehicle}/{camera} is not written: {told}")
-                await asyncio.sleep(RETRY_S)
+            except (BadInput, OSError) as e:
+                if str(e) != told:
+                    told = str(e)
+                    self._tell(f"the video of {vehicle}/{camera} is not written: {told}")
+            await asyncio.sleep(RETRY_S)
 
     async def _write(self, path: Path, units: Units) -> None:
         """Until there is no room. Raises OSError then, and :class:`BadInput` where the file cannot be written."""

@@ -39,6 +39,7 @@ async def test_it_is_written_as_it_came_and_again_when_there_is_room(net: Net, t
                 video.agent.stream.want_key()
                 await until(lambda: bool(said), "a word about the room")
                 assert said == ["the video of quad1/down is not written: there is too little room"]
+                await until(lambda: not video.agent.watched, "a camera that need not send")
                 written = files.units
                 room[0] = True
                 await until(lambda: files.units >= written + 10, "units in a second file")
