@@ -132,7 +132,7 @@ $(VENV)/.demo-%: $(VENV)/.made pyproject.toml requirements.lock
 
 $(VENV)/.site: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,site,zmav and what builds its site)
-	@touch $(VENV)/.demo $@
+	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml requirements.lock
 	$(call install,dev,zmav and its development tools)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -29,6 +30,34 @@ def test_what_nobody_reads_ends_nothing(monkeypatch: pytest.MonkeyPatch, capsys:
     monkeypatch.undo()
     with pytest.raises(OSError, match="Bad file descriptor"):
         stream.close()
+
+
+IMPATIENT = """
+import asyncio, os, signal
+from zmav.process import until_stopped
+
+async def close():
+    await asyncio.sleep(0.3)
+    print("closed", flush=True)
+
+async def main():
+    asyncio.get_running_loop().call_later(0.1, os.kill, os.getpid(), signal.SIGINT)
+    await until_stopped()
+    asyncio.get_running_loop().call_later(0.1, os.kill, os.getpid(), signal.SIGINT)
+    closing = asyncio.create_task(close())
+    try:
+        await asyncio.shield(closing)
+    finally:
+        await asyncio.wait({closing})
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="asyncio.run raises it anywhere")
+def test_a_second_interrupt_leaves_what_closes_alone() -> None:
+    done = subprocess.run([sys.executable, "-c", IMPATIENT], capture_output=True, text=True, timeout=30, check=False)
+    assert (done.stdout, done.returncode) == ("closed\n", -signal.SIGINT), done.stderr
 
 
 @pytest.mark.parametrize(("given", "found"), [(None, "1"), ("3", "3")])

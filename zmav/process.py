@@ -58,8 +58,11 @@ def run(main: Coroutine[Any, Any, int | None]) -> None:
 
 
 async def until_stopped() -> None:
-    """Return when the process is asked to end (SIGTERM, SIGINT). Run in the main thread."""
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    """Return when the process is asked to end (SIGTERM, SIGINT). Run in the main thread.
+
+    A second SIGINT, while what is open is closed, cancels the main task, as ``asyncio.run`` has it from Python 3.11 on.
+    """
+    stop, loop, before = asyncio.Event(), asyncio.get_running_loop(), signal.getsignal(signal.SIGINT)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     try:
@@ -67,6 +70,8 @@ async def until_stopped() -> None:
     finally:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.remove_signal_handler(number)
+        if before is not None:  # else KeyboardInterrupt comes anywhere: also where the loop is told of a thread's end
+            signal.signal(signal.SIGINT, before)
 
 
 def say(line: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -114,6 +115,11 @@ class Capture:
         if not self.lost:
             self._say(why if why.startswith(self.source.words) else f"{self.source.words}: {why}")
         self.lost = why
+
+
+def without_password(url: str) -> str:
+    """A URL for people; passwords with / or @ in them are about, too."""
+    return re.sub(r"//.*@", "//", url)
 
 
 def pause(closed: threading.Event, until: float) -> None:

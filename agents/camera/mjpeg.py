@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from agents.camera.capture import Lost, Shot
+from agents.camera.capture import Lost, Shot, without_password
 from agents.camera.settings import Calibration
 from zmav.errors import BadConfig
 from zmav.wire.base import Vector
@@ -45,7 +45,7 @@ class MjpegSource:
     """``http://host:port/NAME.mjpeg``; ``delay``: s from shutter to arrival where the server gives no X-Timestamp."""
 
     def __init__(self, url: str, delay: float = 0.0) -> None:
-        self.words = url
+        self.words = without_password(url)
         self._url, self._delay = url, delay
 
     def check(self) -> None:

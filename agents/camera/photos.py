@@ -6,6 +6,9 @@ A photo is the whole picture of the source, whatever is sent of it over the netw
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import errno
+import os
 import re
 import shutil
 import struct
@@ -29,6 +32,7 @@ from zmav.services.orders.orders import Report
 from zmav.trust.gate import Origin
 from zmav.verbs import Access, Verb
 from zmav.vision.opencv import decode, encode
+from zmav.waiting import in_thread
 
 PREFIX = "photos-"
 """before the camera's name: what ground stations find it by, too (zmav/services/cameras)"""
@@ -62,7 +66,7 @@ class Zoom(wire.Order, kw_only=True):
 
 class Photos(Agent):
     """``async with Photos(z, camera, folder)``: takes them from a camera that runs. Raises :class:`BadConfig` where
-    nobody may write to ``folder``, or Pillow is missing.
+    nobody may write to ``folder``; where Pillow is missing each photo is refused.
     """
 
     verbs: ClassVar[Mapping[str, Verb]] = MappingProxyType(
@@ -81,6 +85,8 @@ class Photos(Agent):
         self._stem = f"{own.vehicle}-{own.camera}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            if not os.access(folder, os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
             numbers = [re.fullmatch(rf"{self._stem}-(\d+)\.jpg", each.name) for each in folder.iterdir()]
         except OSError as e:
             text = f"cannot keep photos in {folder}: {e.strerror}"
@@ -102,7 +108,8 @@ class Photos(Agent):
         """Say how it stands, also while nothing happens."""
         while True:
             if not self._size[0] and (shot := self.camera.capture.latest) is not None:
-                self._size = (await asyncio.to_thread(_jpeg_of, shot))[1]
+                with contextlib.suppress(ZmavError):  # a picture that is none: a later one will tell
+                    self._size = (await asyncio.to_thread(_jpeg_of, shot))[1]
             self._tell()
             await asyncio.sleep(1.0)
 
@@ -180,7 +187,10 @@ class Photos(Agent):
             told = {"number": number, "file": str(file), "t": shot.t, "camera": self.camera.settings.camera}
             told |= {"position": msgspec.to_builtins(place), "attitude": msgspec.to_builtins(attitude)}
             try:
-                self._size = await asyncio.to_thread(_keep, file, shot, place, told)
+                self._size = await in_thread(_keep, file, shot, place, told)
+            except asyncio.CancelledError:
+                self.taken, self._last = (number, told) if file.exists() else (self.taken, self._last)  # kept already
+                raise
             except OSError as e:
                 raise Refused(f"cannot write {file}: {e.strerror}", reason="disk") from e
             self.taken, self._last = number, told

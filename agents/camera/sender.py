@@ -93,16 +93,23 @@ class Sender(ABC):
     async def __aexit__(self, *exc: object) -> None:
         for task in self._tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._questions is not None:
-            self._questions.close()
-        for each in self._held:
-            with contextlib.suppress(zenoh.ZError):  # the session has gone
-                each.undeclare()
-        if self._capture is not None:
-            await in_thread(self._capture.close)
-        if self._session is not None:
-            await in_thread(self._session.close)
+        try:
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+        finally:  # also where we are told to hurry: with its session open the process would never end
+            await self._close()
+
+    async def _close(self) -> None:
+        try:
+            if self._questions is not None:
+                self._questions.close()
+            for each in self._held:
+                with contextlib.suppress(zenoh.ZError):  # the session has gone
+                    each.undeclare()
+            if self._capture is not None:
+                await in_thread(self._capture.close)
+        finally:
+            if self._session is not None:
+                await in_thread(self._session.close)
 
     @abstractmethod
     def _opened(self, loop: asyncio.AbstractEventLoop) -> Capture:

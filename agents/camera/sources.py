@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from agents.camera.capture import Lost, Shot, Source, pause
+from agents.camera.capture import Lost, Shot, Source, pause, without_password
 from agents.camera.mjpeg import MjpegSource
 from zmav.errors import BadConfig
 from zmav.vision.opencv import Image, opencv
@@ -107,7 +107,7 @@ class StreamSource:
     """RTSP and whatever else FFmpeg reads from the network."""
 
     def __init__(self, url: str, delay: float) -> None:
-        self.words = re.sub(r"//[^/@]*@", "//", url)  # without the password
+        self.words = without_password(url)
         self._url, self._delay = url, delay
 
     def check(self) -> None:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from agents.camera.capture import Lost, Shot, Source, pause
+from agents.camera.capture import Lost, Shot, Source, pause, without_password
 from agents.camera.mjpeg import MjpegSource
 from agents.camera.sources import CONTAINERS, DEVICE, check_device
 from zmav.errors import BadConfig, BadMessage
@@ -27,7 +27,7 @@ from zmav.vision.video import DELIMITER, FILLER, KEY_SLICE, PPS, SPS, START, nal
 
 SCHEMES = ("rtsp", "rtsps", "rtmp", "udp", "tcp", "http", "https")
 OPEN_S, READ_S = 5.0, 5.0
-CLOCK = re.compile(r"clock(?::(\d{2,4})x(\d{2,4})(?:@(\d{1,2}))?)?\Z")
+CLOCK = re.compile(r"clock(?::([1-9]\d{1,3})x([1-9]\d{1,3})(?:@([1-9]\d?))?)?\Z")
 GROUP_S = 2.0
 """s from one key frame to the next, where we encode"""
 BITS = (100e3, 20e6)
@@ -132,7 +132,7 @@ class Contained:
     format: str | None = None
 
     def __init__(self, text: str, *, delay: float = 0.0, paced: bool = False, loop: bool = False) -> None:
-        self.words = re.sub(r"//[^/@]*@", "//", text)  # without the password
+        self.words = without_password(text)
         self._url, self._delay, self._paced, self._loop = text, delay, paced, loop
 
     def check(self) -> None:
@@ -279,13 +279,17 @@ class Encoding:
             image = np.ascontiguousarray(image[:height, :width])
             if self._stamped:
                 stamp(image, shot.t)
-            if codec is None or self._renew or (codec.width, codec.height) != (width, height):
-                codec, start, self._renew = self._codec(width, height), shot.t, False
-            frame = pyav().VideoFrame.from_ndarray(image, format="bgr24")
-            frame.pts, frame.time_base = round((shot.t - start) * 1e3), codec.time_base
-            if self._key:
-                self._key, frame.pict_type = False, pyav().video.frame.PictureType.I
-            for packet in codec.encode(frame):
+            try:
+                if codec is None or self._renew or (codec.width, codec.height) != (width, height):
+                    codec, start, self._renew = self._codec(width, height), shot.t, False
+                frame = pyav().VideoFrame.from_ndarray(image, format="bgr24")
+                frame.pts, frame.time_base = round((shot.t - start) * 1e3), codec.time_base
+                if self._key:
+                    self._key, frame.pict_type = False, pyav().video.frame.PictureType.I
+                packets = codec.encode(frame)
+            except (pyav().FFmpegError, ValueError) as e:  # no encoder in this FFmpeg, or a size that it cannot take
+                raise Lost(f"{self.words}: {getattr(e, 'strerror', None) or e}") from e
+            for packet in packets:
                 found = sets.unit(bytes(packet))
                 if found is not None:
                     yield Encoded(*found, shot.t, width, height)

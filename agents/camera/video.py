@@ -51,7 +51,8 @@ class Feed(Capture):
         super().__init__(stream, *said)  # type: ignore[arg-type]  # units in the place of pictures
 
     def _keep(self, shot: Any) -> None:
-        self._pass(shot)
+        if not self._closed.is_set():  # else a stream that was left long ago would come between another's units
+            self._pass(shot)
 
 
 class Rate:
@@ -189,7 +190,8 @@ class VideoAgent(Sender):
                     await self._send(publisher, unit)
                     self.wrong = ""
                 except BadInput as e:
-                    self.failed, self.wrong, self._broken = self.failed + 1, str(e), True
+                    self.failed, self.wrong = self.failed + 1, str(e)
+                    self._drop()  # what waits behind it was encoded after it
                 await self._fit()
             if self.capture.ended:
                 self.ended.set()

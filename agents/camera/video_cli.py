@@ -231,12 +231,13 @@ async def _pass_on(units: Units, since: list[Unit], to: str | None) -> None:
     try:
         while True:
             if muxer is not None:
-                await asyncio.shield(asyncio.to_thread(muxer.add, unit))
+                await in_thread(muxer.add, unit)  # whose end is waited for before it is closed
             unit = await units.get()
             since.append(unit)
     finally:
         if muxer is not None:
-            await in_thread(muxer.close)
+            with contextlib.suppress(BadInput):  # why we end is known already
+                await in_thread(muxer.close)
 
 
 async def _tell(reader: VideoReader, units: Units, since: list[Unit], as_json: bool) -> None:

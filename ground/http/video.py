@@ -186,8 +186,10 @@ class Video:
             offer = msgspec.json.decode(await request.body(), type=Offer)
         except msgspec.DecodeError as e:
             raise BadInput(f"no offer: {e}", field="body", expected='{"sdp": ..., "type": "offer"}') from e
-        if offer.type != "offer" or len(offer.sdp) > LONGEST_SDP or offer.sdp.count("a=candidate:") > MOST_CANDIDATES:
-            expected = f"an offer of {LONGEST_SDP} characters and {MOST_CANDIDATES} candidates at most"
+        too_long = len(offer.sdp) > LONGEST_SDP or offer.sdp.count("a=candidate:") > MOST_CANDIDATES
+        # aiortc would make a transceiver, and what belongs to it, for each of its media.
+        if offer.type != "offer" or too_long or sum(line.startswith("m=") for line in offer.sdp.splitlines()) > 1:
+            expected = f"an offer of one video, {LONGEST_SDP} characters and {MOST_CANDIDATES} candidates at most"
             raise BadInput("no offer", field="type", value=offer.type, expected=expected)
         counted = contextlib.ExitStack()
         counted.enter_context(self._counted(request.client.host if request.client else ""))

@@ -28,8 +28,9 @@ RETRY_S = 5.0
 
 
 class VideoFiles:
-    """``async with``: each camera of the vehicles that fit ``patterns`` into files of its own, ``NAME.CAMERA.001.ts``
-    in ``session``. ``room`` says whether there is room to write. Raises :class:`BadConfig` without PyAV.
+    """``async with``: each camera of the vehicles that fit ``patterns`` into files of its own in ``session``,
+    ``NAME.CAMERA.001.ts``; of a second fleet's vehicle of that name ``FLEET.NAME.CAMERA.001.ts``. ``room`` says whether
+    there is room to write. Raises :class:`BadConfig` without PyAV.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class VideoFiles:
         self.units = 0
         """that were written"""
         self._z, self._session, self._patterns, self._room, self._tell = z, session, patterns, room, tell
-        self._tasks: dict[tuple[str, str], asyncio.Task[None]] = {}
+        self._tasks: dict[tuple[str, str, str], asyncio.Task[None]] = {}
         self._held: list[Any] = []
 
     async def __aenter__(self) -> VideoFiles:
@@ -51,7 +52,8 @@ class VideoFiles:
 
     async def __aexit__(self, *exc: object) -> None:
         for each in self._held:
-            each.undeclare()
+            with contextlib.suppress(zenoh.ZError):  # the session has gone
+                each.undeclare()
         for task in self._tasks.values():
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
@@ -61,24 +63,28 @@ class VideoFiles:
         with contextlib.suppress(BadKey):
             key = str(sample.key_expr)
             _, parts = keys.match(key)
-            place = parts["vehicle"], keys.check_name(parts["agent"].removeprefix(PREFIX), "camera")
+            camera = keys.check_name(parts["agent"].removeprefix(PREFIX), "camera")
+            place = parts["fleet"], parts["vehicle"], camera
             meant = keys.hears(f"{keys.ROOT}/{self._z.fleet_name}", key) and place not in self._tasks
             if meant and len(self._tasks) < MOST_CAMERAS:
-                self._tasks[place] = asyncio.create_task(self._record(*place))
+                same = any(other[1:] == place[1:] for other in self._tasks)
+                name = ".".join(place if same else place[1:])
+                self._tasks[place] = asyncio.create_task(self._record(*place, name))
 
-    async def _record(self, vehicle: str, camera: str) -> None:
+    async def _record(self, fleet: str, vehicle: str, camera: str, name: str) -> None:
         number, told = 0, ""
-        async with VideoReader(self._z, vehicle, camera, name="record") as reader:
-            while True:
-                with reader.units() as units:
-                    number += 1
-                    try:
-                        await self._write(self._session / f"{vehicle}.{camera}.{number:03d}.ts", units)
-                    except (BadInput, OSError) as e:
-                        if str(e) != told:
-                            told = str(e)
-                            self._tell(f"the video of {vehicle}/{camera} is not written: {told}")
-                await asyncio.sleep(RETRY_S)
+        while True:
+            try:
+                self._look()  # before the camera is made to send
+                async with VideoReader(self._z, vehicle, camera, name="record", fleet=fleet) as reader:
+                    with reader.units() as units:
+                        number += 1
+                        await self._write(self._session / f"{name}.{number:03d}.ts", units)
+            except (BadInput, OSError) as e:
+                if str(e) != told:
+                    told = str(e)
+                    self._tell(f"the video of {vehicle}/{camera} is not written: {told}")
+            await asyncio.sleep(RETRY_S)
 
     async def _write(self, path: Path, units: Units) -> None:
         """Until there is no room. Raises OSError then, and :class:`BadInput` where the file cannot be written."""
@@ -88,13 +94,14 @@ class VideoFiles:
         muxer = await asyncio.to_thread(Muxer, str(path), unit)
         try:
             while True:
-                await asyncio.shield(asyncio.to_thread(muxer.add, unit))
+                await in_thread(muxer.add, unit)  # whose end is waited for before it is closed
                 self.units += 1
                 unit = await units.get()
                 if unit.key:
                     self._look()
         finally:
-            await in_thread(muxer.close)
+            with contextlib.suppress(BadInput):  # in the place of a cancellation it would have us begin another file
+                await in_thread(muxer.close)
 
     def _look(self) -> None:
         if not self._room():

@@ -75,12 +75,16 @@ def test_ci_and_build_try_every_python_that_the_project_names() -> None:
     assert re.findall(r"--python python(\S+?)'?(?= |$|\n)", runs("build.yml")) == PYTHONS
 
 
-def test_what_is_published_is_what_was_built_and_only_by_a_tag() -> None:
+def test_what_is_published_is_what_was_built_and_tested_and_only_by_a_tag() -> None:
     publish = workflow("publish.yml")
     assert publish[True] == {"push": {"tags": ["v*"]}}  # YAML 1.1 reads the key "on" as a truth value
-    assert publish["jobs"]["publish"]["needs"] == "build"
+    assert publish["jobs"]["publish"]["needs"] == ["build", "test"]
+    assert [publish["jobs"][job]["uses"] for job in ("build", "test")] == [
+        "./.github/workflows/build.yml",
+        "./.github/workflows/ci.yml",
+    ]
     assert publish["jobs"]["publish"]["permissions"]["id-token"] == "write"
-    assert workflow("build.yml")[True]["workflow_call"] is None
+    assert all(workflow(name)[True]["workflow_call"] is None for name in ("build.yml", "ci.yml"))
     names = {
         step["with"]["name"]
         for file in ("build.yml", "publish.yml")

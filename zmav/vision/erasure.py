@@ -71,13 +71,16 @@ def encode(chunks: Sequence[bytes], size: int, spare: int) -> list[bytes]:
 def mend(count: int, size: int, data: Mapping[int, bytes], spare: Mapping[int, bytes]) -> list[bytes] | None:
     """All ``count`` chunks of data, each filled up to ``size`` bytes; None where what came is not enough."""
     groups = groups_of(count)
-    whole = {i: chunk.ljust(size, b"\0") for i, chunk in data.items()}
-    for group in range(groups):
+    torn = []
+    for group in range(groups):  # before anything is computed: this is asked again with each chunk that comes
         places = range(group, count, groups)
         missing = [i for i in places if i not in data]
         rows = [j for j in sorted(spare) if j % groups == group][: len(missing)]
         if len(rows) < len(missing) or any(j // groups >= 256 - len(places) for j in rows):
             return None
+        torn.append((places, missing, rows))
+    whole = {i: chunk.ljust(size, b"\0") for i, chunk in data.items()}
+    for places, missing, rows in torn:
         equations = []
         for j in rows:
             total = int.from_bytes(spare[j], "little")

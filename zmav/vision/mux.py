@@ -10,7 +10,7 @@ from zmav.errors import BadInput
 from zmav.vision.video import CLOCK_RATE, Unit, pyav
 
 PATIENCE_US = 5_000_000
-"""for who is to take it"""
+"""for who is to take it by TCP"""
 FORMATS = {"udp": "mpegts", "tcp": "mpegts", "rtp": "rtp"}
 DATAGRAM = 1316
 """bytes: seven packets of MPEG-TS, as every player takes them"""
@@ -27,9 +27,10 @@ class Muxer:
         self._av, self._pts, self._zero = pyav(), -1, first.t
         self._where = where
         scheme = urlsplit(where).scheme if "://" in where else ""
-        url = f"{where}{'&' if '?' in where else '?'}pkt_size={DATAGRAM}" if scheme == "udp" else where
-        own = {"flush_packets": "1", **({"rw_timeout": str(PATIENCE_US)} if scheme else {})}
-        own |= {"payload_type": "96"} if scheme == "rtp" else {}
+        # PyAV hands options to the format only: those of a protocol go with the address.
+        more = {"udp": f"pkt_size={DATAGRAM}", "tcp": f"timeout={PATIENCE_US}"}.get(scheme)
+        url = f"{where}{'&' if '?' in where else '?'}{more}" if more else where
+        own = {"flush_packets": "1", **({"payload_type": "96"} if scheme == "rtp" else {})}
         try:
             self._out = self._av.open(url, "w", format=FORMATS.get(scheme, "mpegts"), options=own)
             self._stream = self._out.add_mux_stream("h264", rate=30, width=first.width, height=first.height)
@@ -52,13 +53,24 @@ class Muxer:
             raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 
     def close(self) -> None:
-        self._out.close()
+        """Raises :class:`BadInput` where the end could not be written."""
+        try:
+            self._out.close()
+        except (self._av.FFmpegError, OSError, ValueError) as e:
+            raise BadInput(f"{self._where}: {e}", field="to", value=self._where, expected="a place to write to") from e
 
 
 def sdp(where: str) -> str:
-    """What a player reads to play ``rtp://HOST:PORT`` (RFC 8866, RFC 6184). The parameter sets come with the video."""
-    parts = urlsplit(where)
-    host = parts.hostname or ""
+    """What a player reads to play ``rtp://HOST:PORT`` (RFC 8866, RFC 6184). The parameter sets come with the video.
+    Raises :class:`BadInput` where there is no such address.
+    """
+    try:
+        parts = urlsplit(where)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise BadInput(f"{where!r} is no rtp://HOST:PORT", field="to", value=where, expected="rtp://HOST:PORT")
     family = "IP6" if ":" in host else "IP4"
     lines = (
         "v=0",
@@ -66,7 +78,7 @@ def sdp(where: str) -> str:
         "s=zmav",
         f"c=IN {family} {host}",
         "t=0 0",
-        f"m=video {parts.port} RTP/AVP 96",
+        f"m=video {port} RTP/AVP 96",
         "a=rtpmap:96 H264/90000",
         "a=fmtp:96 packetization-mode=1",
     )

@@ -55,13 +55,21 @@ class Reader:
     """Pictures of one camera, whole ones, in order; who is slow gets the newest. Lives on the event loop.
 
     ``name``: who reads, for the camera's list of readers. ``most_bytes``: B/s that our link has for pictures, where
-    that is known; the camera then never sends more. Raises :class:`~zmav.errors.BadKey` for what cannot be a name.
+    that is known; the camera then never sends more. ``fleet``: the vehicle's, where the client hears several. Raises
+    :class:`~zmav.errors.BadKey` for what cannot be a name.
     """
 
     channel, reports, code = keys.FRAME, keys.FRAME_REPORT, PICTURES
 
     def __init__(
-        self, z: Client, vehicle: str, camera: str = "down", *, name: str = "reader", most_bytes: float | None = None
+        self,
+        z: Client,
+        vehicle: str,
+        camera: str = "down",
+        *,
+        name: str = "reader",
+        most_bytes: float | None = None,
+        fleet: str | None = None,
     ) -> None:
         self._z, self._vehicle, self._camera = z, keys.check_name(vehicle, "vehicle"), keys.check_name(camera, "camera")
         self._name = f"{keys.check_name(name, 'reader')}-{uuid.uuid4().hex[:8]}"
@@ -75,6 +83,7 @@ class Reader:
         self._newest: Picture | None = None
         self._news = asyncio.Event()
         self._delays: list[float] = []
+        self._wanted = z.fleet_name if fleet is None else fleet
         self._fleet = ""
         self._before = (0, 0, 0, 0.0)
         self._subscriber: zenoh.Subscriber[Any] | None = None
@@ -83,7 +92,7 @@ class Reader:
 
     async def __aenter__(self: R) -> R:
         loop = asyncio.get_running_loop()
-        key = self.channel.key(self._z.fleet_name, self._vehicle, camera=self._camera)
+        key = self.channel.key(self._wanted, self._vehicle, camera=self._camera)
         self._before = (0, 0, 0, time.monotonic())
         self._subscriber = self._z.session.declare_subscriber(key, on_loop(loop, self._on_sample))
         self._reporting = loop.create_task(self._report())
@@ -114,7 +123,7 @@ class Reader:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        if not keys.hears(f"{keys.ROOT}/{self._z.fleet_name}", key):
+        if not keys.hears(f"{keys.ROOT}/{self._wanted}", key):
             return
         self._fleet = key.split("/")[1]
         whole = self.assembler.add(sample.payload.to_bytes(), time.monotonic())

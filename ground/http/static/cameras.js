@@ -124,7 +124,9 @@ class CameraView {
       if (this.video !== video) return;
       video.requestVideoFrameCallback(painted);
       try {
-        this.display(await createImageBitmap(video), Date.now() / 1000);
+        const image = await createImageBitmap(video);
+        if (this.video === video) this.display(image, Date.now() / 1000);
+        else image.close(); // of what was left meanwhile
       } catch (error) {
         // one that is not there yet
       }

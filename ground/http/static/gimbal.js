@@ -36,7 +36,8 @@ export class GimbalControls {
     canvas.style.touchAction = "none";
     canvas.addEventListener("pointerdown", (event) => this.grab(event));
     canvas.addEventListener("pointermove", (event) => this.drag(event));
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.drop(/** @type {PointerEvent} */ (event)));
+    canvas.addEventListener("pointerup", (event) => this.drop(event));
+    canvas.addEventListener("pointercancel", () => (this.from = null)); // it says no place
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER);

@@ -44,9 +44,12 @@ function gathered(peer) {
 /** @param {RTCPeerConnection} peer @param {AbortSignal} signal @returns {Promise<void>} */
 function ended(peer, signal) {
   return new Promise((resolve, reject) => {
-    signal.addEventListener("abort", () => resolve());
-    peer.onconnectionstatechange = () => {
+    const look = () => {
       if (["failed", "closed"].includes(peer.connectionState)) reject(new Error(t("camera.no-video")));
     };
+    signal.addEventListener("abort", () => resolve());
+    peer.onconnectionstatechange = look;
+    if (signal.aborted) resolve(); // while the answer was taken
+    look();
   });
 }

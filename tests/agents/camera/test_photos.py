@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import math
+import os
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,6 +106,22 @@ async def test_a_series_ends_with_its_count_or_its_end(photos: Open) -> None:
     taken = (await vehicle.tell("photos-down", "stop"))["taken"]
     await asyncio.sleep(0.5)
     assert found.taken <= taken + 1  # one was being written
+
+
+async def test_a_photo_that_is_being_written_is_kept_where_its_series_ends(photos: Open, tmp_path: Path) -> None:
+    slow = tmp_path / "kept" / "quad1-down-00001.json.part"
+    slow.parent.mkdir()
+    os.mkfifo(slow)  # it takes what is written once somebody reads
+    found, vehicle = await photos()
+    await vehicle.tell("photos-down", "photo", every=0.2, count=2)
+    await asyncio.sleep(1.0)
+    assert found.taken == 0
+    second = asyncio.create_task(vehicle.tell("photos-down", "photo"))  # which ends the series
+    await asyncio.sleep(0.3)
+    await asyncio.to_thread(slow.read_bytes)
+    assert (await second)["number"] == 2
+    names = sorted(path.name for path in slow.parent.glob("*.jpg"))
+    assert names == ["quad1-down-00001.jpg", "quad1-down-00002.jpg"]
 
 
 async def test_numbers_go_on_where_they_ended(photos: Open, tmp_path: Path) -> None:

@@ -115,6 +115,22 @@ def test_garbage_and_another_codec_are_said(tmp_path: Path) -> None:
         units_of(Contained("rtsp://user:secret@127.0.0.1:9/x"))
 
 
+@pytest.mark.parametrize("password", ["secret", "se/cret", "sec@ret", "s@/cr:et"])
+def test_no_password_is_in_a_sources_name(password: str) -> None:
+    assert Contained(f"rtsp://user:{password}@127.0.0.1:9/x").words == "rtsp://127.0.0.1:9/x"
+
+
+def test_what_no_encoder_takes_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = open_stream("clock:64x64@20")
+    monkeypatch.setattr(av.CodecContext, "create", fails)
+    with pytest.raises(Lost, match="encoded here: no encoder"):
+        next(stream.shots(threading.Event()))
+
+
+def fails(*args: object) -> None:
+    raise ValueError("no encoder")
+
+
 def test_a_camera_that_vanishes_comes_back(tmp_path: Path) -> None:
     path, said, came = tmp_path / "film.ts", list[str](), list[Encoded]()
     made = film(path)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import json
 import random
+import socket
 import sys
 import threading
 import time
@@ -26,10 +28,11 @@ from tests.waiting import until, wait_until
 from zmav import keys, wire
 from zmav.doctor.facts import AgentReport, Facts
 from zmav.doctor.rules import reasons
-from zmav.errors import BadConfig, VehicleError
+from zmav.errors import BadConfig, BadInput, VehicleError
 from zmav.process import free_port
 from zmav.session import SessionSettings
-from zmav.vision.video import START, VideoReader, video_info
+from zmav.vision.mux import Muxer
+from zmav.vision.video import START, Unit, VideoReader, video_info
 
 if TYPE_CHECKING:
     import zenoh
@@ -246,6 +249,19 @@ async def test_a_unit_that_is_too_large_is_said(net: Net, run_video: Run) -> Non
         assert "cannot be sent" in agent.wrong
 
 
+def test_who_takes_nothing_of_what_is_passed_on_is_given_up() -> None:
+    unit = Unit(HEAD + START + b"\x65" + b"\1" * 900_000, True, 1.0, 0, 1280, 720, 1.0)
+    with socket.socket() as there:
+        there.bind(("127.0.0.1", 0))
+        there.listen()
+        muxer = Muxer(f"tcp://127.0.0.1:{there.getsockname()[1]}", unit)
+        with pytest.raises(BadInput, match="timed out"):
+            for number in range(30):
+                muxer.add(unit._replace(t=1.0 + number / 30.0))
+        with contextlib.suppress(BadInput):
+            muxer.close()
+
+
 async def test_a_camera_without_streams_is_none(net: Net, run_video: Run) -> None:
     _, endpoint = net.router()
     async with reading(endpoint) as z:
@@ -303,6 +319,8 @@ class TestCommands:
             (("run", "--vehicle", "quad1"), "give a SOURCE, or --file"),
             (("run", "/nowhere.mp4", "--vehicle", "quad1"), "neither a device, a URL nor a file"),
             (("show", "quad1", "--sdp", "x"), "--sdp goes with --to rtp://"),
+            (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1"), "is no rtp://HOST:PORT"),
+            (("show", "quad1", "--sdp", "x", "--to", "rtp://127.0.0.1:99999"), "is no rtp://HOST:PORT"),
             (("show", "quad1", "--wait", "0.5"), "quad1 has no video 'down'"),
         ):
             process = start(*arguments, "-e", endpoint)

@@ -18,8 +18,10 @@ class RunningVideo:
 
     agent: VideoAgent
 
-    def __init__(self, endpoint: str, source: Any = "clock:640x360@20", budget: float = 2e6) -> None:
-        self._endpoint, self._budget = endpoint, budget
+    def __init__(
+        self, endpoint: str, source: Any = "clock:640x360@20", budget: float = 2e6, fleet: str = "demo"
+    ) -> None:
+        self._endpoint, self._budget, self._fleet = endpoint, budget, fleet
         self._stream = open_stream(source) if isinstance(source, str) else source
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
@@ -31,7 +33,7 @@ class RunningVideo:
         settings = SessionSettings(connect=[self._endpoint])
         own = CameraSettings(vehicle="quad1", budget=self._budget)
         async with (
-            zmav.open(fleet="demo", settings=settings) as z,
+            zmav.open(fleet=self._fleet, settings=settings) as z,
             VideoAgent(z, own, [self._stream], settings) as self.agent,
         ):
             self._ready.set()

@@ -39,6 +39,7 @@ async def test_it_is_written_as_it_came_and_again_when_there_is_room(net: Net, t
                 video.agent.stream.want_key()
                 await until(lambda: bool(said), "a word about the room")
                 assert said == ["the video of quad1/down is not written: there is too little room"]
+                await until(lambda: not video.agent.watched, "a camera that need not send")
                 written = files.units
                 room[0] = True
                 await until(lambda: files.units >= written + 10, "units in a second file")
@@ -64,6 +65,33 @@ async def test_other_vehicles_are_left_alone(net: Net, tmp_path: Path, patterns:
             assert (files.units, video.agent.watched) == (0, False)
     finally:
         video.close()
+
+
+async def test_cameras_of_one_name_in_two_fleets_have_files_of_their_own(net: Net, tmp_path: Path) -> None:
+    _, endpoint = net.router()
+    sizes = {"demo": (640, 360), "alpha": (320, 240)}
+    videos = [
+        RunningVideo(endpoint, f"clock:{width}x{height}@20", fleet=fleet) for fleet, (width, height) in sizes.items()
+    ]
+    try:
+        async with (
+            zmav.open(fleet="*", settings=SessionSettings(connect=[endpoint])) as z,
+            VideoFiles(z, tmp_path, ["*"], lambda: True, print) as files,
+        ):
+            await until(lambda: len(list(tmp_path.glob("*.ts"))) == 2, "two files")
+            written = files.units
+            await until(lambda: files.units >= written + 40, "units of both")
+        found = set[tuple[int, int]]()
+        for path in tmp_path.glob("*.ts"):
+            with av.open(str(path)) as container:
+                (size,) = {(frame.width, frame.height) for frame in container.decode(video=0)}
+            found.add(size)
+        assert found == set(sizes.values())
+        (second,) = (path.name for path in tmp_path.glob("*.quad1.down.001.ts"))
+        assert (tmp_path / "quad1.down.001.ts").exists() and second.split(".")[0] in sizes
+    finally:
+        for video in videos:
+            video.close()
 
 
 async def test_a_recorder_that_is_killed_leaves_a_file_that_plays(net: Net, tmp_path: Path) -> None:

@@ -41,6 +41,8 @@ OLDER = {
 STEP, RANGE = 0, 2
 """CAMERA_ZOOM_TYPE"""
 ZOOM_STEP, MOST_STEPS = 1.25, 10.0
+MOST_PHOTOS = 1e9
+"""of a series: a float may be more than an order's number can be; the camera's own limit is far below"""
 MOST = 32
 """commands under way"""
 Tell = Callable[[str, str, dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -188,6 +190,7 @@ class Cameras:
             factor = now.zoom * ZOOM_STEP**steps if p1 == STEP else 1.0 + (now.most_zoom - 1.0) * p2 / 100.0
             verb, args = "zoom", {"factor": min(max(factor, 1.0), now.most_zoom)}
         else:
-            verb, args = ("stop", {}) if number == PHOTO_STOP else ("photo", {"every": p2, "count": int(p3)})
+            count = int(min(max(p3, -1.0), MOST_PHOTOS))
+            verb, args = ("stop", {}) if number == PHOTO_STOP else ("photo", {"every": p2, "count": count})
         await self._tell(f"{PHOTOS}{camera.name}", verb, args)
         return CommandResult.ACCEPTED
