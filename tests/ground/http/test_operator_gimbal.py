@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 from collections.abc import Iterator
@@ -143,14 +144,12 @@ async def test_zoom_and_a_photo(tab: Tab, served: Served, fleet: Fleet, photos: 
 @pytest.mark.asyncio(loop_scope="module")
 async def test_a_viewer_has_no_such_buttons(tab: Tab, serve: Serve) -> None:
     viewer = serve(Rules(token="s3cret", read_only=True))
-    camera = FakeCamera(viewer.session)
-    await tab.open(f"http://127.0.0.1:{viewer.port}/?token=s3cret")
-    await pieces(tab)
-    viewer.vehicle("quad1", 1)
-    await tab.until(f"{row('quad1')} !== null")
-    await tab.click("[data-row=quad1]")
-    await tab.until(f"{card('quad1')} !== null && {card('quad1')}.querySelector('.cameras button') !== null")
-    await tab.click("[data-vehicle=quad1] .cameras button")
-    await tab.until(f"{CANVAS} !== null")
-    assert await tab.run(f"{CAMERA}.querySelectorAll('button').length") == 0
-    camera.close()
+    with contextlib.closing(FakeCamera(viewer.session)), contextlib.closing(Fleet(viewer)):
+        await tab.open(f"http://127.0.0.1:{viewer.port}/?token=s3cret")
+        await pieces(tab)
+        await tab.until(f"{row('quad1')} !== null")
+        await tab.click("[data-row=quad1]")
+        await tab.until(f"{card('quad1')} !== null && {card('quad1')}.querySelector('.cameras button') !== null")
+        await tab.click("[data-vehicle=quad1] .cameras button")
+        await tab.until(f"{CANVAS} !== null")
+        assert await tab.run(f"{CAMERA}.querySelectorAll('button').length") == 0

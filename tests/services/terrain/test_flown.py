@@ -38,7 +38,6 @@ def tile(folder: Path) -> None:
     (folder / f"{cell_name(south, west)}.hgt").write_bytes(heights_of(heights.tobytes()).tobytes())
 
 
-@pytest.mark.alone
 @pytest.mark.timeout(300)
 async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_path: Path) -> None:
     tile(tmp_path)

@@ -27,7 +27,7 @@ from zmav.errors import BadInput
 from zmav.terrain import Piece, Terrain, corner_of, names_within, pack
 from zmav.wire import swarm
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.alone, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(400)]
 LEAST, SIDE = 10.0, 121
 NAMES = ["quad1", "quad2", "quad3"]
 STARTS = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
