@@ -28,6 +28,7 @@ from agents.planner.live.frames import ned
 from agents.planner.live.leased_vehicles import TIGHT
 from agents.planner.live.plan import Planned, motion_of
 from agents.planner.live.preview import preview
+from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.tally import Tally
 from agents.planner.live.worker import SolverProcess, judge
 from agents.planner.live.world import Pieces
@@ -126,7 +127,7 @@ class Keeping(planning.Planner):
             if isinstance(job, jobs.Judge):
                 return judge(job)
             if isinstance(job, jobs.Resolve):
-                return resolve(job.goal, job.view, job.scene)
+                return resolve(job.goal, job.view, job.scene, None, job.floor)
             plan = worker.solve(job)
             if plan.error is not None:
                 return plan, jobs.Judgement(False, None, 0.0, ())
@@ -134,7 +135,7 @@ class Keeping(planning.Planner):
 
         nothing = SimpleNamespace(walls=lambda *_: (), vehicles=lambda *_: set())
         context = SimpleNamespace(
-            settings=SimpleNamespace(margin=MARGIN, downwash=DOWNWASH, plan_seconds=15.0),
+            settings=PlannerSettings(name="seeds", margin=MARGIN, downwash=DOWNWASH),
             airspace=nothing,
             kin=lambda goal: (),
             world=SimpleNamespace(pieces=lambda t: Pieces()),
