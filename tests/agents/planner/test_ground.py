@@ -82,6 +82,38 @@ def test_columns_are_wider_where_there_would_be_too_many() -> None:
     assert min(c.max[0] - c.min[0] for c in columns) > 30.0
 
 
+def test_what_is_known_beside_voids_is_ground_however_wide_its_columns_are() -> None:
+    """... and no more than that: where no height is asked for, what is not known is no obstacle."""
+
+    def height(x: float, y: float) -> float | None:
+        return None if x % 700.0 < 80.0 and y % 900.0 < 80.0 else 640.0 + 30.0 * math.sin(x / 60.0) * math.cos(y / 70.0)
+
+    here, wide = (
+        floor(ground_map(height, 2600.0), None),
+        Bounds(min=(-2500.0, -2500.0, 0.0), max=(2500.0, 2500.0, 150.0)),
+    )
+    rng = random.Random(2)
+    places = [(rng.uniform(-2400.0, 2400.0), rng.uniform(-2400.0, 2400.0), 30.0) for _ in range(40)]
+    columns = here.columns(wide, (), places)
+    assert {c.name for c in columns} == {NAME}
+    known = 0
+    for _ in range(1000):
+        x, y = rng.uniform(-2500.0, 2500.0), rng.uniform(-2500.0, 2500.0)
+        up = here.up(x, y)
+        if up is not None and min(math.dist((x, y), place[:2]) for place in places) > 60.0:
+            top = max((c.max[2] for c in columns if c.min[0] <= x <= c.max[0] and c.min[1] <= y <= c.max[1]), default=0)
+            known += 1
+            assert top >= up + SPARE - RADII[0] - 1e-6, (x, y)
+    assert known > 900
+
+
+def test_the_edge_of_a_void_is_known() -> None:
+    here = ground_map(lambda x, y: None if x > 300.0 else 600.0)
+    edge = max(x for x in range(200, 320) if floor(here).up(float(x), 0.0) is not None)
+    assert here.highest((100.0, -50.0, edge - 1.0, 50.0)) == 600.0
+    assert here.highest((100.0, -50.0, edge + 40.0, 50.0)) is None
+
+
 def test_beside_a_place_columns_are_narrow_and_let_one_climb_that_is_too_low() -> None:
     here = floor(ground_map(hill))
     start, goal = (150.0, 10.0, here.up(150.0, 10.0) or 0.0), (60.0, 0.0, 40.0)
