@@ -48,7 +48,8 @@ def command(
     what the planner flies. URL: tcp://HOST:8087, tls://HOST:8089, udp://239.2.3.1:6969. It connects again by itself.
     Nothing that comes from there is obeyed.
     """
-    if not re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):\d{1,5}", url):
+    found = re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):(\d{1,5})", url)
+    if found is None or not 0 < int(found[3]) < 65536:
         raise BadUrl(f"no TAK server {url!r}", field="url", value=url, expected=EXPECTED)
     try:
         import pytak  # noqa: F401

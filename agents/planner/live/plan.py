@@ -158,7 +158,7 @@ class Planner:
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         try:
-            above = _above(room, views, plan.trajectories)
+            above = await asyncio.to_thread(_above, room, views, plan.trajectories)
         except BadInput as e:
             raise Refused(f"the verifier objects: {e.message}") from e
         clearance = _wider(judged.clearance, margin, views)
@@ -190,7 +190,7 @@ class Planner:
         if not judged.ok:
             return None, judged.faults[0]
         try:
-            above = _above(room, views, trajectories)
+            above = await asyncio.to_thread(_above, room, views, trajectories)
         except BadInput as e:
             return None, e.message
         clearance = _wider(judged.clearance, margin, views)
