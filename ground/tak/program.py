@@ -41,6 +41,8 @@ SLOW_S = 10.0
 """s between two times that ways and alarms are sent again where nothing has changed"""
 CONNECT_S, SEND_S = 10.0, 5.0
 AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
+UNSAID = 30.0
+"""s after which a plan that its planner does not say again is not flown any more: it was stopped, or planned again"""
 MOST_PLANS, MOST_TRACKS, LARGEST = 32, 200, 1_000_000
 TLS = "PYTAK_TLS_"
 """how pytak's own settings for TLS begin, in the environment"""
@@ -62,8 +64,8 @@ class Tak:
     def __init__(self, z: zmav.Client, settings: TakSettings, say: Callable[[str], None]) -> None:
         self._z, self.settings, self._say = z, settings, say
         self._cots: dict[str, Cot] = {}
-        self._plans: dict[tuple[str, str], wire.swarm.PlanReport] = {}
-        """by fleet and goal"""
+        self._plans: dict[tuple[str, str], tuple[wire.swarm.PlanReport, float]] = {}
+        """by fleet and goal, and when it was said last"""
         self._sent_at: dict[str, float] = {}
         self._alarms: dict[tuple[str, str], str] = {}
         self.state, self.text = "connecting", ""
@@ -96,7 +98,7 @@ class Tak:
         self._intake.close()
 
     def _hear(self, fleet: str, plan: wire.swarm.PlanReport) -> None:
-        self._plans[fleet, plan.goal] = plan
+        self._plans[fleet, plan.goal] = plan, time.monotonic()
         if len(self._plans) > MOST_PLANS:
             del self._plans[next(iter(self._plans))]
 
@@ -180,9 +182,11 @@ class Tak:
         return [event for event in found if event is not None]
 
     def _plan_of(self, fleet: str, name: str, now: float) -> wire.swarm.PlanReport | None:
-        """What it flies: of those that are not over the one that began last."""
-        plans = [plan for (of, _), plan in self._plans.items() if of == fleet and plan.tracks.get(name)]
-        return max((p for p in plans if now <= p.start + p.makespan), key=lambda p: p.start, default=None)
+        """What it flies: of those that are said and not over the one that began last."""
+        said = time.monotonic() - UNSAID
+        plans = [plan for (of, _), (plan, at) in self._plans.items() if of == fleet and at > said]
+        mine = [plan for plan in plans if plan.tracks.get(name) and now <= plan.start + plan.makespan]
+        return max(mine, key=lambda plan: plan.start, default=None)
 
     def _is_due(self, what: str) -> bool:
         now = time.monotonic()
