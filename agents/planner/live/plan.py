@@ -91,6 +91,11 @@ class Planner:
         floor = None if room.floor is None else room.floor.within(scene.bounds)
         return await self._solver.do(jobs.Resolve(goal, view, scene, floor))
 
+    async def steps(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
+        """As they are flown now: a return by the ways home that are ready."""
+        found = await self.resolve(goal, view)
+        return self._context.homes.at_once(found, view) if isinstance(goal, swarm.Return) else found
+
     async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
         or half of it. Raises :class:`PlanError`, :class:`TimedOut` and what else the solver's process may fail with.

@@ -238,8 +238,9 @@ class Floor:
         return self.ground.lowest(area) + base, highest + base
 
     def within(self, bounds: Bounds) -> Floor:
-        """The same for less ground."""
-        return replace(self, ground=self.ground.within((*bounds.min[:2], *bounds.max[:2])))
+        """The same for less ground: that of all that is looked at for a place in there."""
+        (west, south), (east, north) = bounds.min[:2], bounds.max[:2]
+        return replace(self, ground=self.ground.within((west - GRAIN, south - GRAIN, east + GRAIN, north + GRAIN)))
 
     def columns(self, bounds: Bounds, starts: Sequence[Point], places: Sequence[Point]) -> list[Box]:
         """What is to be kept out of within ``bounds``, finer beside the ``places``, and no higher than ``starts`` are:

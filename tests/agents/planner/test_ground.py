@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents.planner.goals.drape import Drape
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import Orders, PlanTo
 from agents.planner.live.field import FleetField, check_field, field_of, floor_of, ground_of
@@ -267,3 +268,17 @@ def test_what_moves_is_held_above_the_ground_by_its_vehicles_own_clearance() -> 
         check_field(low, crew(2), field, ground, 1.5, lambda name: None)
     with pytest.raises(BadInput, match=r"goal.to\[1\]: the ground there is not known here"):
         check_field(low, crew(2), field, None, 1.5, lambda name: None)
+
+
+def test_lanes_that_follow_the_ground_may_be_stopped_at_their_corners() -> None:
+    here = floor(ground_map(hill))
+    drape = Drape(15.0, here, [(0.0, -100.0), (300.0, -100.0), (300.0, 100.0), (0.0, 100.0)])
+    corners = np.array([(0.0, 0.0, 0.0), (150.0, 0.0, 0.0), (250.0, 60.0, 0.0), (300.0, 0.0, 0.0)])
+    for x, y, z in drape.over(corners, rests=True).tolist():
+        up, lowest = here.up(x, y), here.lowest(x, y)
+        assert up is not None
+        assert lowest is not None
+        assert z >= max(up + 15.0, lowest) - 1e-9
+        columns = here.columns(BOUNDS, (), ((x, y, z),))
+        beside = [c.max[2] for c in columns if c.min[0] <= x <= c.max[0] and c.min[1] <= y <= c.max[1]]
+        assert z >= max(beside, default=-math.inf) + RADII[1] - 1e-6
