@@ -101,13 +101,17 @@ class TrafficProgram:
             self._charge.hear(report, time.monotonic())
 
     async def _tell(self) -> None:
+        failure = ""
         while True:
+            before, failure = failure, ""
             try:
                 self._report()
                 state, text, detail = self.status()
                 self._z.say_status(AGENT, state, text, vehicle=self.settings.name, **detail)
             except (zmav.errors.ZmavError, zenoh.ZError) as e:  # no router at present
-                self._say(f"not told: {e}")
+                failure = f"not told: {e}"
+                if failure != before:
+                    self._say(failure)
             await asyncio.sleep(PERIOD_S)
 
     def _report(self) -> None:
