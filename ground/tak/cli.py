@@ -10,7 +10,7 @@ import click
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
-from zmav.errors import BadUrl, missing_extra
+from zmav.errors import BadConfig, BadUrl, missing_extra
 from zmav.process import log, until_stopped
 
 EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
@@ -48,7 +48,8 @@ def command(
     what the planner flies. URL: tcp://HOST:8087, tls://HOST:8089, udp://239.2.3.1:6969. It connects again by itself.
     Nothing that comes from there is obeyed.
     """
-    if not re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):\d{1,5}", url):
+    found = re.fullmatch(r"(tcp|tls|udp)://(\[[0-9a-fA-F:.]+\]|[\w.-]+):(\d{1,5})", url)
+    if found is None or not 0 < int(found[3]) < 65536:
         raise BadUrl(f"no TAK server {url!r}", field="url", value=url, expected=EXPECTED)
     try:
         import pytak  # noqa: F401
@@ -70,6 +71,9 @@ def command(
         from ground.tak.program import Tak
 
         own = z.member.credentials.name if z.member is not None else ""
+        if own and settings.name not in ("", own):
+            text = f"by your credentials this host is {own}"
+            raise BadConfig(text, field="name", value=settings.name, expected=own)
         async with Tak(z, msgspec.structs.replace(settings, name=settings.name or own or "ground"), log) as tak:
             stopped = asyncio.ensure_future(until_stopped())
             while not stopped.done():

@@ -45,7 +45,7 @@ class Cot:
 
     def uid(self, name: str) -> str:
         """Always the same for one vehicle."""
-        return f"zmav.{self._fleet}.{name}"
+        return f"zmav.{self._fleet}.{clean(name)}"
 
     def vehicle(self, state: wire.VehicleState, now: float, stale: float) -> bytes | None:
         """Where it is and how it goes; None where it does not know. ``now``: UTC s; ``stale``: s."""

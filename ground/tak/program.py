@@ -35,11 +35,14 @@ with warnings.catch_warnings():
 
 AGENT = "tak"
 STALE_VEHICLE, STALE_WAY, STALE_ALARM = 10.0, 60.0, 60.0
-"""s after which what was sent is not of now any more"""
+"""s after which what was sent is not of now any more, or after so many times ``every``:"""
+MISSED = 2.5
 SLOW_S = 10.0
 """s between two times that ways and alarms are sent again where nothing has changed"""
 CONNECT_S, SEND_S = 10.0, 5.0
 AGAIN_S, LONGEST_AGAIN_S = 1.0, 30.0
+UNSAID = 30.0
+"""s after which a plan that its planner does not say again is not flown any more: it was stopped, or planned again"""
 MOST_PLANS, MOST_TRACKS, LARGEST = 32, 200, 1_000_000
 TLS = "PYTAK_TLS_"
 """how pytak's own settings for TLS begin, in the environment"""
@@ -61,7 +64,8 @@ class Tak:
     def __init__(self, z: zmav.Client, settings: TakSettings, say: Callable[[str], None]) -> None:
         self._z, self.settings, self._say = z, settings, say
         self._cots: dict[str, Cot] = {}
-        self._plans: dict[str, wire.swarm.PlanReport] = {}
+        self._plans: dict[tuple[str, str], tuple[wire.swarm.PlanReport, float]] = {}
+        """by fleet and goal, and when it was said last"""
         self._sent_at: dict[str, float] = {}
         self._alarms: dict[tuple[str, str], str] = {}
         self.state, self.text = "connecting", ""
@@ -69,7 +73,7 @@ class Tak:
         """connections made, events sent, bytes that came and were not looked at"""
 
     async def __aenter__(self) -> Tak:
-        hear, member = on_loop(asyncio.get_running_loop(), self._hear), self._z.member
+        loop, member = asyncio.get_running_loop(), self._z.member
         newest: dict[Place, float] = {}
 
         def take(samples: list[zenoh.Sample]) -> None:
@@ -80,9 +84,9 @@ class Tak:
                     if member is not None:
                         member.judge(str(sample.key_expr), payload, attached(sample), newest)
                     if keys.hears(key, str(sample.key_expr)):
-                        hear(plan)
+                        hear(keys.match(str(sample.key_expr))[1]["fleet"], plan)
 
-        key = keys.FLEET.key(self._z.fleet_name, topic="plan")
+        hear, key = on_loop(loop, self._hear), keys.FLEET.key(self._z.fleet_name, topic="plan")
         self._intake = Intake(self._z.session.declare_subscriber, key, take, MOST_PLANS)
         self._tasks = [asyncio.create_task(self._run()), asyncio.create_task(self._say_status())]
         return self
@@ -93,8 +97,8 @@ class Tak:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._intake.close()
 
-    def _hear(self, plan: wire.swarm.PlanReport) -> None:
-        self._plans[plan.goal] = plan
+    def _hear(self, fleet: str, plan: wire.swarm.PlanReport) -> None:
+        self._plans[fleet, plan.goal] = plan, time.monotonic()
         if len(self._plans) > MOST_PLANS:
             del self._plans[next(iter(self._plans))]
 
@@ -163,22 +167,30 @@ class Tak:
             if state is None or age is None or age > (keys.STATE.stale_after or 0.0):
                 continue
             cot = self._cots.setdefault(vehicle.fleet, Cot(vehicle.fleet, self.settings.geoid))
-            found.append(cot.vehicle(state, now, STALE_VEHICLE))
+            lasts = MISSED * self.settings.every
+            found.append(cot.vehicle(state, now, max(STALE_VEHICLE, lasts)))
             bad = "; ".join(reason.text for reason in of_state(state) if reason.level == "bad")
             place = (vehicle.fleet, vehicle.name)
             if bad or self._alarms.get(place):
-                if self._alarms.get(place, "") != bad or self._is_due(f"alarm {place}", now):
-                    found.append(cot.alarm(state, bad, now, STALE_ALARM))
+                if self._alarms.get(place, "") != bad or self._is_due(f"alarm {place}"):
+                    found.append(cot.alarm(state, bad, now, max(STALE_ALARM, lasts)))
                 self._alarms[place] = bad
-            for plan in self._plans.values():
-                track = plan.tracks.get(vehicle.name)
-                over = now > plan.start + plan.makespan
-                if track and not over and self._is_due(f"{place} {plan.goal} {plan.start}", now):
-                    found += cot.way(vehicle.name, plan.goal, places_of(state, track[:MOST_TRACKS]), now, STALE_WAY)
+            plan = self._plan_of(vehicle.fleet, vehicle.name, now)
+            if plan is not None and self._is_due(f"{place} {plan.goal} {plan.start}"):
+                track = places_of(state, plan.tracks[vehicle.name][:MOST_TRACKS])
+                found += cot.way(vehicle.name, plan.goal, track, now, max(STALE_WAY, lasts))
         return [event for event in found if event is not None]
 
-    def _is_due(self, what: str, now: float) -> bool:
-        if now - self._sent_at.get(what, -SLOW_S) < SLOW_S:
+    def _plan_of(self, fleet: str, name: str, now: float) -> wire.swarm.PlanReport | None:
+        """What it flies: of those that are said and not over the one that began last."""
+        said = time.monotonic() - UNSAID
+        plans = [plan for (of, _), (plan, at) in self._plans.items() if of == fleet and at > said]
+        mine = [plan for plan in plans if plan.tracks.get(name) and now <= plan.start + plan.makespan]
+        return max(mine, key=lambda plan: plan.start, default=None)
+
+    def _is_due(self, what: str) -> bool:
+        now = time.monotonic()
+        if now - self._sent_at.get(what, now - SLOW_S) < SLOW_S:
             return False
         self._sent_at = {each: at for each, at in self._sent_at.items() if now - at < SLOW_S}
         self._sent_at[what] = now

@@ -19,7 +19,7 @@ from ground.traffic.feeds import Feed, FeedSource
 from zmav import keys, wire
 from zmav.corrections import Charge
 from zmav.errors import BadConfig
-from zmav.traffic import CURRENT_S, LATE_S, Tracks
+from zmav.traffic import CURRENT_S, LATE_S, LONGEST_NAME, Tracks
 
 AGENT = "traffic"
 PERIOD_S = 1.0
@@ -62,6 +62,9 @@ class TrafficProgram:
         if z.fleet_name == "*" or keys.is_replay(z.fleet_name):
             text = f"traffic is told to one fleet, not to {z.fleet_name!r}: name it with --fleet"
             raise BadConfig(text, field="fleet", value=z.fleet_name, expected="one fleet")
+        if len(settings.name) + len(settings.serves) > LONGEST_NAME:
+            text = "more feeds than a report can name: give some of them to another process"
+            raise BadConfig(text, field="feeds", value=len(settings.feeds), expected=f"{LONGEST_NAME} characters")
         self._z, self.settings, self._say = z, settings, say
         self._key = keys.TRAFFIC.key(z.fleet_name)
         if z.member is not None:
@@ -98,13 +101,17 @@ class TrafficProgram:
             self._charge.hear(report, time.monotonic())
 
     async def _tell(self) -> None:
+        failure = ""
         while True:
+            before, failure = failure, ""
             try:
                 self._report()
                 state, text, detail = self.status()
                 self._z.say_status(AGENT, state, text, vehicle=self.settings.name, **detail)
             except (zmav.errors.ZmavError, zenoh.ZError) as e:  # no router at present
-                self._say(f"not told: {e}")
+                failure = f"not told: {e}"
+                if failure != before:
+                    self._say(failure)
             await asyncio.sleep(PERIOD_S)
 
     def _report(self) -> None:

@@ -196,20 +196,17 @@ class Reserved:
         return self._vehicle(part, entry, since) or self._mover(part, entry, since)
 
     def is_better(self, part: Part, entry: Entry, since: float) -> bool:
-        """It is clear of all vehicles, and farther from what moves by itself than what ``part`` flies now: where that
-        comes too near to both, to come to rest is better than to go on.
+        """It is clear of all vehicles of the plan and nearer to nothing that moves by itself than that allows, but to
+        what comes too near to what ``part`` flies now, too, and from each of that it is farther: where neither is
+        clear, to come to rest is better than to go on.
         """
-        return self._vehicle(part, entry, since) is None and self._room(entry, since) > self._room(part.known, since)
-
-    def _room(self, entry: Entry, since: float) -> float:
-        """m to the nearest that moves by itself, less its radius."""
-        return min(
-            (
-                least_between(entry.samples, each.motion, self._inverse, False, each.leaves, since)[0] - each.radius
-                for each in self.movers
-            ),
-            default=np.inf,
-        )
+        if self._vehicle(part, entry, since) is not None:
+            return False
+        for mover in self.movers:
+            distance = self._away(entry, mover, since)
+            if distance < part.need + mover.radius and distance <= self._away(part.known, mover, since):
+                return False
+        return True
 
     def _vehicle(self, part: Part, entry: Entry, since: float) -> str | None:
         everybody: list[Part] = [*self.parts, *self.ghosts]
@@ -235,11 +232,14 @@ class Reserved:
 
     def _mover(self, part: Part, entry: Entry, since: float) -> str | None:
         for mover in self.movers:
-            need = part.need + mover.radius
-            distance, _ = least_between(entry.samples, mover.motion, self._inverse, False, mover.leaves, since)
-            if distance < need:
+            if self._away(entry, mover, since) < part.need + mover.radius:
                 return mover.id
         return None
+
+    def _away(self, entry: Entry, mover: MovingObstacle, since: float) -> float:
+        """m between their centres, at least, from ``since`` on."""
+        distance, _ = least_between(entry.samples, mover.motion, self._inverse, False, mover.leaves, since)
+        return float(distance)
 
     def _meet(self, one: Entry, other: Entry, need: float, inverse: float, since: float) -> bool:
         a, b = one.box, other.box

@@ -33,13 +33,14 @@ class Drape:
         self.heights = low + height, high + height
         """the lowest and the highest that it may lead"""
 
-    def over(self, path: Path) -> Path:
-        """The way (K, 3) at its heights; each end no lower than one may rest there."""
+    def over(self, path: Path, rests: bool = False) -> Path:
+        """The way (K, 3) at its heights; each end no lower than one may rest there, or (``rests``) each place."""
         if not len(path):
             return path
         along = lengths_of(path)
         levels: Floats = np.array([self._up(x, y) + self._height for x, y, _ in path.tolist()])
-        for end, near in ((path[0], along <= WINDOW), (path[-1], along >= along[-1] - WINDOW)):
+        ends = [(path[0], along <= WINDOW), (path[-1], along >= along[-1] - WINDOW)]
+        for end, near in [(place, along == at) for place, at in zip(path, along, strict=True)] if rests else ends:
             lowest = self._floor.lowest(float(end[0]), float(end[1]))
             levels[near] = np.maximum(levels[near], levels[near] if lowest is None else lowest)
         step = float(along[-1]) / max(len(path) - 1, 1)

@@ -117,7 +117,9 @@ def _steps(
     drape: Drape | None,
 ) -> list[Step]:
     """To the lanes, over them, and back to where everybody was."""
-    parts = dealt.parts if drape is None else tuple(replace(part, path=drape.over(part.path)) for part in dealt.parts)
+    parts = dealt.parts
+    if drape is not None:
+        parts = tuple(replace(part, path=drape.over(part.path, rests=True)) for part in parts)
     busy = [part for part in parts if len(part.path)]
     limits = {view.name: slots.limits_of([view]) for view in views}
     own = {view.name: view for view in views}

@@ -32,6 +32,7 @@ WIDEN = (
 WIDEST, MARGIN = 20_000.0, 200.0
 """m from the origin to which the ground is kept where the field has no end, and beyond the field"""
 NOWHERE = wire.Origin(lat_deg=0.0, lon_deg=0.0, alt_amsl=0.0)
+NOTHING = GroundMap({}, NOWHERE)
 
 Place = tuple[str, float, float, float | None, Sequence[VehicleView]]
 """the goal's field, NED, and who may come there; down None: at whatever height"""
@@ -101,7 +102,7 @@ def floor_of(field: FleetField, ground: GroundMap | None, views: Sequence[Vehicl
     asked = [above for view in flying if (above := field.above_ground(view.name)) is not None]
     if not flying or (not asked and (ground is None or ground.empty)):
         return None
-    ground = ground or GroundMap({}, NOWHERE)
+    ground = ground or NOTHING
     offsets, tops = [], [math.inf]
     for view in flying:
         north, east, down = view.home_ned or (0.0, 0.0, 0.0)

@@ -302,7 +302,9 @@ class LeasedVehicles:
         except ZmavError as e:
             run.failure = e
             return None
-        return None if planned is None else self._flight(planned)
+        if planned is None or self._again is None:  # the watch failed meanwhile
+            return None
+        return self._flight(planned)
 
     def movers(self, now: float) -> list[MovingObstacle]:
         """Anyone who is not in this plan and nobody else's, on our UTC."""

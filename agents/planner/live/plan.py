@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import msgspec
 import numpy as np
 
 from agents.planner.goals.formation import offsets_of
@@ -64,23 +63,22 @@ class Planner:
     def __init__(self, context: Context, goal: str, solver: Solver) -> None:
         self._context, self._goal, self._solver = context, goal, solver
 
-    def room(self, vehicles: Sequence[str]) -> Room:
-        """Everything that these are to keep clear of now."""
+    def room(self, vehicles: Sequence[str], ours: Sequence[VehicleView]) -> Room:
+        """Everything that these are to keep clear of now. ``ours``: as planned for, all room in their radii."""
         context = self._context
         kin = context.kin(self._goal)
         walls = context.airspace.walls(kin, context.settings.downwash)
         taken = context.airspace.vehicles(kin)
         pieces = context.world.pieces(time.time())
         views, settings = context.fleet.all(), context.settings
-        ours = [seen.view for seen in views if seen.view.name in vehicles]
-        floor = floor_of(settings.field, settings.ground, _widest(ours, settings.margin))
+        floor = floor_of(settings.field, settings.ground, ours)
         room = room_of(vehicles, views, pieces, walls, taken, settings.downwash, floor)
         lost = context.homes.movers(vehicles, context.clocks.clock.now())
         return replace(room, movers=(*room.movers, *lost))
 
     async def resolve(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
         """What the goal comes down to; raises the typed error of one that cannot be."""
-        room = self.room(goal.vehicles)
+        room = self.room(goal.vehicles, view.pick(goal.vehicles))
         points: list[Vector] = [enu(view.vehicles[name].pos_ned) for name in goal.vehicles]
         points += [enu(point) for point in points_of(goal, view)]
         if isinstance(goal, swarm.Search) and goal.above_ground and room.floor is not None:
@@ -92,6 +90,11 @@ class Planner:
         scene = room.empty(points, starts)
         floor = None if room.floor is None else room.floor.within(scene.bounds)
         return await self._solver.do(jobs.Resolve(goal, view, scene, floor))
+
+    async def steps(self, goal: swarm.Goal, view: FleetView) -> list[Step]:
+        """As they are flown now: a return by the ways home that are ready."""
+        found = await self.resolve(goal, view)
+        return self._context.homes.at_once(found, view) if isinstance(goal, swarm.Return) else found
 
     async def plan_to(self, step: PlanTo, view: FleetView, margins: Margins = ()) -> Planned:
         """With the first of ``margins`` for which there is a plan: where it is tight, less. None given: the settings',
@@ -126,7 +129,8 @@ class Planner:
         """Apart with those who rest too near to each other, or to an obstacle, for a plan with even the last of
         ``margins``: as slowly as that says, with what room there is. None where nobody does, or there is no way apart.
         """
-        room, views = self.room(step.vehicles), view.pick(step.vehicles)
+        views = view.pick(step.vehicles)
+        room = self.room(step.vehicles, views)
         if not all(each.hovers for each in views):
             return None
         around = Surroundings(room.obstacles, room.movers, room.downwash)
@@ -149,8 +153,8 @@ class Planner:
         return None
 
     async def _plan(self, step: PlanTo, view: FleetView, margin: float) -> Planned:
-        room = self.room(step.vehicles)
         views = view.pick(step.vehicles)
+        room = self.room(step.vehicles, views)
         scene = scene_of(views, step.places, step.labelled, room)
         seconds = self._context.settings.plan_seconds
         plan, judged = await self._solver.do(jobs.Solve(scene, room.movers, seconds))
@@ -159,7 +163,7 @@ class Planner:
         if not judged.ok:
             raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
         try:
-            above = _above(room, views, plan.trajectories)
+            above = await asyncio.to_thread(_above, room, views, plan.trajectories)
         except BadInput as e:
             raise Refused(f"the verifier objects: {e.message}") from e
         clearance = _wider(judged.clearance, margin, views)
@@ -180,18 +184,18 @@ class Planner:
 
     async def _check(self, step: Fly, view: FleetView, margin: float) -> tuple[Planned | None, str]:
         motions, names = step.motions, tuple(step.motions)
-        room = self.room(names)
         trajectories = {name: samples_of(motion) for name, motion in motions.items()}
         places = _array([trajectories[name][-1][1:] for name in names])
         starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
         corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
         views = moved(view, starts).pick(names)
+        room = self.room(names, views)
         scene = scene_of(views, places, True, replace(room, floor=None), corners)
         judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
         if not judged.ok:
             return None, judged.faults[0]
         try:
-            above = _above(room, views, trajectories)
+            above = await asyncio.to_thread(_above, room, views, trajectories)
         except BadInput as e:
             return None, e.message
         clearance = _wider(judged.clearance, margin, views)
@@ -210,11 +214,6 @@ def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Sequenc
     homes = {view.name: None if view.home_ned is None else enu(view.home_ned) for view in views if view.flies}
     found = [room.floor.check(flown[name], home) for name, home in homes.items()]
     return min((each for each in found if each is not None), default=None)
-
-
-def _widest(views: Sequence[VehicleView], margin: float) -> list[VehicleView]:
-    """With all the room that a plan may make."""
-    return [replace(v, body=msgspec.structs.replace(v.body, radius=v.body.radius + margin)) for v in views]
 
 
 def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:

@@ -21,7 +21,7 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     it; raises the typed error of what cannot be. ``tally`` counts it all.
     """
     steps: list[dict[str, Any]] = []
-    for step in await planner.resolve(goal, view):
+    for step in await planner.steps(goal, view):
         plans, view = await _step(planner, step, view)
         flown: list[Planned | None] = [*plans] or [None]
         for planned in flown:

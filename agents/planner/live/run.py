@@ -49,6 +49,8 @@ LASTING = 60.0
 """s that a segment may last"""
 SILENCE = 60.0
 """s that a plan waits for vehicles that are not heard and for aircraft, where there is no room beside them"""
+PASSES = ("starts_overlap", "goals_overlap", "unreachable", "timeout")
+"""kinds of errors of plans that an aircraft may be the cause of"""
 SOON = 1.0
 """s between two tries to plan where there was no room, or no solver"""
 MOST_TRIES = 3
@@ -184,9 +186,7 @@ class Run:
         lost = await self._settled(patient=True)
         await self._goes.wait()
         view = self._view(lost=lost)
-        steps = await self.planner.resolve(self.entry.goal, view)
-        if isinstance(self.entry.goal, swarm.Return):
-            steps = self.context.homes.at_once(steps, view)
+        steps = await self.planner.steps(self.entry.goal, view)
         self._go_without(lost)
         check_batteries(self.context, self.entry, self.vehicles, steps, self._view())
         self._begun = True
@@ -359,8 +359,8 @@ class Run:
             except PlanError as e:
                 others = sorted({goal for goal, _, _ in self.context.airspace.others(self.context.kin(self.entry.id))})
                 patient = time.monotonic() < begun + SILENCE
-                passing = [*self.context.fleet.hearing().unheard, *(each.name for each in self.context.world.traffic)]
-                silent = sorted(passing) if patient else []
+                passing = [each.name for each in self.context.world.traffic] if e.kind in PASSES else []
+                silent = sorted([*self.context.fleet.hearing().unheard, *passing]) if patient else []
                 if not (others or silent) or e.kind == "invalid_scene":
                     raise
                 self.text(f"waits for room beside {', '.join([*others, *silent])}: {e.message}")

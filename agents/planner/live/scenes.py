@@ -56,7 +56,8 @@ class Room:
         """High enough for ways over all that is known, below the ceiling and the fence's."""
         (x, y, top), fence = bounds.max, self.pieces.geofence
         peak = floor.peak([bounds.min[:2], bounds.max[:2]])
-        over = min(floor.ceiling, math.inf if fence is None else fence.ceiling, (peak or -math.inf) + OVER)
+        wanted = top if peak is None else peak + OVER
+        over = min(floor.ceiling, math.inf if fence is None else fence.ceiling, wanted)
         return msgspec.structs.replace(bounds, max=(x, y, max(top, over)))
 
 

@@ -23,8 +23,9 @@ from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.geometry import segment_clear, world_of
+from agents.planner.model.ground import Floor
 from agents.planner.model.problem import Floats, MovingObstacle
-from zmav.errors import Refused, Stale
+from zmav.errors import BadInput, Refused, Stale
 from zmav.wire import Vector
 
 EVERY = 1.0
@@ -153,7 +154,9 @@ class Tracking:
             return None
         number = self._parts.index(part)
         target = self.targets(now)[number]
-        room = self._planner.room(self._goal.vehicles)
+        names, context = self._goal.vehicles, self._run.context
+        views = context.fleet.view(context.settings.margin, also=names).vehicles.values()
+        room = self._planner.room(names, [view for view in views if view.name in names])
         world = world_of(room.empty([enu(target.pos), _three(state_at(part.known.rows, now)[0])]))
         entry = self._next(part, target, now)
         moved, radius = entry.samples[:, 1:], part.need
@@ -162,12 +165,24 @@ class Tracking:
             for p, q in zip(moved[:-1:2], moved[2::2], strict=False)
         )
         way = tube(moved[::3], radius)
+        clear = clear and self._is_high_enough(part.id, room.floor, entry)
         blocker = self._conductor.reserved.blocker(part, entry, now) if clear else "an obstacle"
         if blocker or self._tubes_blocked(part, way):
             self._due[part.id] = now + 0.3
             return None
         self._run.context.airspace.hold(self._run.entry.id, {part.id: [tube(part.known.samples[::3, 1:], radius), way]})
         return Send(part, entry, ahead(entry.rows, now), entry.departs - GUARD - part.error)
+
+    def _is_high_enough(self, name: str, floor: Floor | None, entry: Entry) -> bool:
+        """By the vehicle's own rule, where some of them drive and there are no columns to keep out of."""
+        view = self._view(name)
+        if floor is None or floor.walls or not view.flies:
+            return True
+        try:
+            floor.check(entry.samples[::3].tolist(), None if view.home_ned is None else enu(view.home_ned))
+        except BadInput:
+            return False
+        return True
 
     def told(self, part: Part, now: float) -> None:
         self._due[part.id] = now + EVERY

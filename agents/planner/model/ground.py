@@ -94,7 +94,7 @@ class GroundMap:
 
     def blocks(self, area: Area, lowest: float, unknown: bool) -> list[Block]:
         """What is higher than ``lowest`` (above the sea), as finely as :data:`MOST` allows; ``unknown``: and what is
-        not known.
+        not known, all of it or a part. Else a block is as high as what is known of it.
         """
         key = (area, lowest, unknown)
         if key not in self._kept:
@@ -106,11 +106,12 @@ class GroundMap:
             self._kept[key] = found
         return self._kept[key]
 
-    def halves(self, block: Block) -> list[Block]:
-        """The block as four."""
+    def halves(self, block: Block, unknown: bool) -> list[Block]:
+        """The block as four; ``unknown``: as for :meth:`blocks`."""
         row, column = (block.top + block.bottom) / 2.0, (block.left + block.right) / 2.0
         rows, columns = ((block.top, row), (row, block.bottom)), ((block.left, column), (column, block.right))
-        return [self._block(block.piece, top, left, bottom, right) for top, bottom in rows for left, right in columns]
+        name = block.piece
+        return [self._block(name, top, left, bottom, right, unknown) for top, bottom in rows for left, right in columns]
 
     def area_of(self, block: Block) -> Area:
         west, south, east, north = self._frame(block.piece)
@@ -159,12 +160,12 @@ class GroundMap:
             self._grids[name] = np.where(heights == VOID, np.nan, heights)
         return self._grids[name]
 
-    def _block(self, name: str, top: float, left: float, bottom: float, right: float) -> Block:
+    def _block(self, name: str, top: float, left: float, bottom: float, right: float, unknown: bool = True) -> Block:
         height = math.nan
         if name in self.pieces:
             grid = self._grid(name)
             level = _between(_between(grid, top, bottom).T, left, right)
-            height = float(level.max())
+            height = float(level.max() if unknown else np.fmax.reduce(level.ravel()))
         return Block(name, top, left, bottom, right, height)
 
     def _blocks(self, area: Area, lowest: float, unknown: bool, step: int) -> Iterator[Block]:
@@ -176,7 +177,8 @@ class GroundMap:
             grid, last = self._grid(name), self._last(name)
             cells = np.maximum(np.maximum(grid[1:, 1:], grid[1:, :-1]), np.maximum(grid[:-1, 1:], grid[:-1, :-1]))
             starts = np.arange(0, last, step)
-            tops = np.maximum.reduceat(np.maximum.reduceat(cells, starts, axis=0), starts, axis=1)
+            most = np.maximum if unknown else np.fmax
+            tops = most.reduceat(most.reduceat(cells, starts, axis=0), starts, axis=1)
             top, left, bottom, right = self._inside(name, area)
             row, column = np.meshgrid(starts, starts, indexing="ij")
             near = (row <= bottom) & (row + step >= top) & (column <= right) & (column + step >= left)
@@ -236,8 +238,9 @@ class Floor:
         return self.ground.lowest(area) + base, highest + base
 
     def within(self, bounds: Bounds) -> Floor:
-        """The same for less ground."""
-        return replace(self, ground=self.ground.within((*bounds.min[:2], *bounds.max[:2])))
+        """The same for less ground: that of all that is looked at for a place in there."""
+        (west, south), (east, north) = bounds.min[:2], bounds.max[:2]
+        return replace(self, ground=self.ground.within((west - GRAIN, south - GRAIN, east + GRAIN, north + GRAIN)))
 
     def columns(self, bounds: Bounds, starts: Sequence[Point], places: Sequence[Point]) -> list[Box]:
         """What is to be kept out of within ``bounds``, finer beside the ``places``, and no higher than ``starts`` are:
@@ -264,11 +267,13 @@ class Floor:
 
     def _finer(self, block: Block, beside: Sequence[tuple[Point, bool]]) -> Iterator[tuple[Area, float, str]]:
         area, known = self.ground.area_of(block), not math.isnan(block.height)
+        if not known and self.declared is None:
+            return
         top, name = (block.height + self._lift, NAME) if known else (SKY, UNKNOWN)
         under, reach = self.radii[1] + BELOW, self.radii[1] + BESIDE
         near = [each for each in beside if _away(area, each[0]) < reach and top > each[0][2] - under]
         if near and max(area[2] - area[0], area[3] - area[1]) > LEAF:
-            for part in self.ground.halves(block):
+            for part in self.ground.halves(block, self.declared is not None):
                 yield from self._finer(part, near)
             return
         yield area, min([top, *(place[2] - under for place, is_start in near if is_start)]), name
@@ -292,7 +297,8 @@ def _between(rows: Floats, first: float, last: float) -> Floats:
     at = np.unique(np.concatenate(([first], inner, [last])))
     low = np.minimum(at.astype(np.int64), len(rows) - 2)
     share = (at - low)[:, None]
-    found: Floats = rows[low] * (1.0 - share) + rows[low + 1] * share
+    lower, upper = np.where(share < 1.0, rows[low], 0.0), np.where(share > 0.0, rows[low + 1], 0.0)
+    found: Floats = lower * (1.0 - share) + upper * share  # what has no share in it may be unknown
     return found
 
 

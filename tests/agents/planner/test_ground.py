@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents.planner.goals.drape import Drape
 from agents.planner.goals.goals import resolve
 from agents.planner.goals.steps import Orders, PlanTo
 from agents.planner.live.field import FleetField, check_field, field_of, floor_of, ground_of
@@ -80,6 +81,38 @@ def test_columns_are_wider_where_there_would_be_too_many() -> None:
     columns = rough.columns(wide, (), ())
     assert MOST / 5 < len(columns) <= MOST
     assert min(c.max[0] - c.min[0] for c in columns) > 30.0
+
+
+def test_what_is_known_beside_voids_is_ground_however_wide_its_columns_are() -> None:
+    """... and no more than that: where no height is asked for, what is not known is no obstacle."""
+
+    def height(x: float, y: float) -> float | None:
+        return None if x % 700.0 < 80.0 and y % 900.0 < 80.0 else 640.0 + 30.0 * math.sin(x / 60.0) * math.cos(y / 70.0)
+
+    here, wide = (
+        floor(ground_map(height, 2600.0), None),
+        Bounds(min=(-2500.0, -2500.0, 0.0), max=(2500.0, 2500.0, 150.0)),
+    )
+    rng = random.Random(2)
+    places = [(rng.uniform(-2400.0, 2400.0), rng.uniform(-2400.0, 2400.0), 30.0) for _ in range(40)]
+    columns = here.columns(wide, (), places)
+    assert {c.name for c in columns} == {NAME}
+    known = 0
+    for _ in range(1000):
+        x, y = rng.uniform(-2500.0, 2500.0), rng.uniform(-2500.0, 2500.0)
+        up = here.up(x, y)
+        if up is not None and min(math.dist((x, y), place[:2]) for place in places) > 60.0:
+            top = max((c.max[2] for c in columns if c.min[0] <= x <= c.max[0] and c.min[1] <= y <= c.max[1]), default=0)
+            known += 1
+            assert top >= up + SPARE - RADII[0] - 1e-6, (x, y)
+    assert known > 900
+
+
+def test_the_edge_of_a_void_is_known() -> None:
+    here = ground_map(lambda x, y: None if x > 300.0 else 600.0)
+    edge = max(x for x in range(200, 320) if floor(here).up(float(x), 0.0) is not None)
+    assert here.highest((100.0, -50.0, edge - 1.0, 50.0)) == 600.0
+    assert here.highest((100.0, -50.0, edge + 40.0, 50.0)) is None
 
 
 def test_beside_a_place_columns_are_narrow_and_let_one_climb_that_is_too_low() -> None:
@@ -235,3 +268,17 @@ def test_what_moves_is_held_above_the_ground_by_its_vehicles_own_clearance() -> 
         check_field(low, crew(2), field, ground, 1.5, lambda name: None)
     with pytest.raises(BadInput, match=r"goal.to\[1\]: the ground there is not known here"):
         check_field(low, crew(2), field, None, 1.5, lambda name: None)
+
+
+def test_lanes_that_follow_the_ground_may_be_stopped_at_their_corners() -> None:
+    here = floor(ground_map(hill))
+    drape = Drape(15.0, here, [(0.0, -100.0), (300.0, -100.0), (300.0, 100.0), (0.0, 100.0)])
+    corners = np.array([(0.0, 0.0, 0.0), (150.0, 0.0, 0.0), (250.0, 60.0, 0.0), (300.0, 0.0, 0.0)])
+    for x, y, z in drape.over(corners, rests=True).tolist():
+        up, lowest = here.up(x, y), here.lowest(x, y)
+        assert up is not None
+        assert lowest is not None
+        assert z >= max(up + 15.0, lowest) - 1e-9
+        columns = here.columns(BOUNDS, (), ((x, y, z),))
+        beside = [c.max[2] for c in columns if c.min[0] <= x <= c.max[0] and c.min[1] <= y <= c.max[1]]
+        assert z >= max(beside, default=-math.inf) + RADII[1] - 1e-6

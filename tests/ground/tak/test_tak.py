@@ -244,11 +244,18 @@ class Stage:
             self.ground.session.put(keys.STATE.key("demo", "quad1"), wire.encode(self.state))
             await asyncio.sleep(0.2)
 
+    def plan(self, goal: str, start: float) -> None:
+        """The planner says what it flies for a minute."""
+        tracks = {"quad1": [(0.0, 0.0, 0.0, -20.0), (20.0, 80.0, 0.0, -20.0)]}
+        more: dict[str, Any] = {"makespan": 60.0, "clearance": None, "tracks": tracks}
+        plan = swarm.PlanReport(t=time.time(), planner="ground", goal=goal, start=start, **more)
+        self.ground.session.put(keys.FLEET.key("demo", topic="plan"), wire.encode(plan))
+
     @contextlib.asynccontextmanager
     async def tak(self, url: str, **more: object) -> AsyncIterator[Tak]:
         async with zmav.open(settings=SessionSettings(connect=[self.endpoint])) as z:
             speaking = asyncio.create_task(self.speak())
-            settings = TakSettings(url=url, name="ground", every=0.3, **more)  # type: ignore[arg-type]
+            settings = TakSettings(**{"url": url, "name": "ground", "every": 0.3, **more})  # type: ignore[arg-type]
             try:
                 async with Tak(z, settings, self.said.append) as one:
                     yield one
@@ -270,17 +277,7 @@ async def test_taky_passes_vehicles_alarms_and_goals_on(stage: Stage, tmp_path: 
         await until(lambda: server.of("b-a-o-tbl", f"{uid}-9-1-1"), "an alarm")
         stage.state = state()
         await until(lambda: server.of("b-a-o-can", f"{uid}-9-1-1"), "its end")
-        track = [(0.0, 0.0, 0.0, -20.0), (20.0, 80.0, 0.0, -20.0)]
-        plan = swarm.PlanReport(
-            t=time.time(),
-            planner="ground",
-            goal="g1",
-            start=time.time(),
-            makespan=60.0,
-            clearance=None,
-            tracks={"quad1": track},
-        )
-        stage.ground.session.put(keys.FLEET.key("demo", topic="plan"), wire.encode(plan))
+        stage.plan("g1", time.time())
         await until(lambda: server.of("b-m-p-w-GOTO", f"{uid}.goal"), "a goal")
         await until(lambda: server.of("b-m-r", f"{uid}.way"), "a way")
         assert tak.status()[0] == "up"
@@ -338,14 +335,38 @@ async def test_by_datagrams(stage: Stage) -> None:
     port = transport.get_extra_info("sockname")[1]
     async with stage.tak(f"udp+wo://127.0.0.1:{port}"):
         await until(lambda: len(heard) > 2, lambda: stage.said)
-    assert {read(data).get("uid") for data in heard} == {"zmav.demo.quad1"}
+        assert {read(data).get("uid") for data in heard} == {"zmav.demo.quad1"}
+        for goal, ago in (("g2", 1.0), ("g1", 30.0)):  # the first was stopped long before its end
+            stage.plan(goal, time.time() - ago)
+        await until(lambda: any(b"zmav.demo.quad1.way" in data for data in heard), lambda: stage.said)
+        stage.plan("g3", time.time())
+        await until(lambda: any(b"quad1 g3" in data for data in heard), lambda: stage.said)
+    assert not any(b"quad1 g1" in data for data in heard), "it is not what is flown"
     transport.close()
+
+
+async def test_what_is_said_seldom_is_of_now_until_it_is_said_again(stage: Stage) -> None:
+    heard: list[bytes] = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        heard.append(await reader.readuntil(b"</event>"))
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with stage.tak(f"tcp://127.0.0.1:{server.sockets[0].getsockname()[1]}", every=6.0):
+        await until(lambda: heard, lambda: stage.said)
+    event = read(heard[0].strip())
+    said, stale = (datetime.datetime.fromisoformat(str(event.get(what))[:-1]) for what in ("time", "stale"))
+    assert (stale - said).total_seconds() == pytest.approx(15.0)
+    server.close()
 
 
 # The command line.
 
 
-@pytest.mark.parametrize("url", ["nowhere", "http://h:1", "tcp://h", "tcp://h:x", "file:///etc/passwd", "tak://h:1"])
+@pytest.mark.parametrize(
+    "url",
+    ["nowhere", "http://h:1", "tcp://h", "tcp://h:x", "file:///etc/passwd", "tak://h:1", "tcp://h:0", "tcp://h:65536"],
+)
 def test_what_is_no_server_is_refused(url: str) -> None:
     result = CliRunner().invoke(command, [url])
     assert isinstance(result.exception, BadUrl)

@@ -98,6 +98,25 @@ def test_what_moves_by_itself_is_kept_clear_of_until_it_has_left() -> None:
     assert reserved.blocker(part, through, 0.0) is None
 
 
+def test_to_come_to_rest_near_what_moves_is_better_than_to_go_on_nearer_but_near_nobody_else() -> None:
+    part = part_of("a", (0.0, 0.0), (20.0, 0.0))
+    part.entries, rests = [entry(part, part.track.end)], entry(part, 2.0)
+    reserved = Reserved([part], 1.5)
+    aircraft = MovingObstacle("aircraft", np.array([[0.0, 20.0, 0.0, 10.0]]), 30.0)
+    reserved.movers = [aircraft]
+    assert reserved.blocker(part, rests, 0.0) == "aircraft"
+    assert reserved.is_better(part, rests, 0.0)
+    assert not reserved.is_better(part, part.known, 0.0), "it is what it flies"
+    x, y, z = rests.samples[-1, 1:]
+    mate = MovingObstacle("mate", np.array([[0.0, x, y + 60.0, z], [30.0, x, y + 60.0, z], [60.0, x, y + 2.0, z]]), 1.0)
+    reserved.movers = [mate, aircraft]
+    assert reserved.blocker(part, part.known, 0.0) == "aircraft", "it is clear of the mate, who comes there later"
+    assert not reserved.is_better(part, rests, 0.0), "however near the aircraft is to it"
+    other = part_of("other", (x, y), (x, y))
+    reserved.parts, reserved.movers = [part, other], [aircraft]
+    assert not reserved.is_better(part, rests, 0.0)
+
+
 def test_who_crosses_second_waits_for_the_first_and_the_first_for_nobody() -> None:
     first, second = part_of("first", (10.0, -10.0), (10.0, 10.0)), part_of("second", (0.0, 0.0), (20.0, 0.0), delay=4.0)
     order = Order([first, second], 1.5)

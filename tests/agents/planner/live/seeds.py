@@ -127,7 +127,7 @@ class Keeping(planning.Planner):
             if isinstance(job, jobs.Judge):
                 return judge(job)
             if isinstance(job, jobs.Resolve):
-                return resolve(job.goal, job.view, job.scene)
+                return resolve(job.goal, job.view, job.scene, None, job.floor)
             plan = worker.solve(job)
             if plan.error is not None:
                 return plan, jobs.Judgement(False, None, 0.0, ())
