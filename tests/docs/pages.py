@@ -107,6 +107,9 @@ NOT_RUN: dict[str, str] = {
     r"docs/rtk.md: zmav (rtk|sim fault|echo|get) .*": (
         "wants a caster or a base: tests/ground/rtk, tests/sim/test_corrections.py"
     ),
+    r"docs/terrain.md: zmav swarm .*": (
+        "wants a planner that knows the ground, and vehicles in the air: tests/agents/planner/live/test_ground_flown.py"
+    ),
     r"docs/traffic.md: (zmav (traffic|tak).*|python -m tests.sbs .*)": (
         "wants a receiver or a TAK server, or serves until it is stopped: tests/ground/traffic, tests/ground/tak"
     ),
