@@ -222,7 +222,7 @@ class Onboard:
         self.payload = Payload(companion, commander, bounds)
         self.camera = TriggeredCamera(companion, commander, self.params.value)
         is_vehicle = gate.is_vehicle if gate else keys.anything
-        self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check)
+        self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check, self.params.value)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
