@@ -343,3 +343,13 @@ async def test_a_goto_by_command_from_another_mode(bench: StartBench, after: str
         with pytest.raises(Refused, match="taken over"):
             await order
         await released(b, "the mode is now LOITER")
+
+
+async def test_his_switch_is_read_whatever_else_has_read_the_radio(bench: StartBench) -> None:
+    """What looks at a place reads the gimbal's channels for a while, and then no more."""
+    b = await (await bench(settings={"pilot_switch": PilotSwitch(channel=7)})).connected()
+    rates = b.vehicle.rates
+    for hz in (5.0, 0.0):
+        rates.need("RC_CHANNELS", hz)
+        wanted = {row.name: row.wanted_hz for row in rates.table().messages}
+        assert wanted["RC_CHANNELS"] == 10.0
