@@ -294,7 +294,9 @@ class Gimbal:
             return f"the gimbal is controlled by {self._words(_primary(said))} now"
         # ArduPilot obeys its pilot's sticks besides, and does not tell: the next angles would take it from him.
         radio = fields_of(self._port, "RC_CHANNELS", self._identity.source, FRESH)
-        for channel in CHANNELS if radio is not None else ():
+        if radio is None:
+            return ""
+        for channel in CHANNELS:
             pwm = int(radio[f"chan{channel}_raw"])
             if pwm in UNHEARD or self._param(f"RC{channel}_OPTION") not in STICKS:
                 continue
