@@ -69,8 +69,8 @@ async def test_proofs_of_corrections_are_good_once_and_now(guarded: StartGuarded
 async def test_traffic_is_believed_of_operators_and_vehicles_and_of_no_others(guarded: StartGuarded) -> None:
     g = await guarded()
     key = keys.TRAFFIC.key("demo")
-    payload = wire.encode(wire.Traffic(t=time.time(), source="gs", instance=1))
     for name, role in (("gs", "operator"), ("quad7", "vehicle")):
+        payload = wire.encode(wire.Traffic(t=time.time(), source=name, instance=1))
         by = Signer(g.authority.member(name, role))
         assert g.vehicle.gate.check_told(key, payload, by.sign(key, payload, introduce=True)).name == name
     for name, role in (("plan", "planner"), ("eye", "viewer")):
@@ -95,6 +95,8 @@ async def test_a_vehicle_tells_of_its_own_receiver_alone(guarded: StartGuarded) 
         b.ground.session.put(key, payload, attachment=by.sign(key, payload, introduce=True))
     await b.event("traffic: 3c0003", kind="traffic")
     assert [e["text"] for e in b.events.objects() if "3c0001" in e["text"] or "3c0002" in e["text"]] == []
+    assert g.vehicle.gate is not None
+    assert g.vehicle.gate.counts["name"] == 2
 
 
 async def test_who_is_not_known_yet_is_not_complained_of(guarded: StartGuarded) -> None:
