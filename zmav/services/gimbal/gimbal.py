@@ -266,25 +266,35 @@ class Gimbal:
         return wire.Origin(lat_deg=said["lat"] / 1e7, lon_deg=said["lon"] / 1e7, alt_amsl=said["alt"] / 1e3)
 
     async def _track(self, target: Target, info: Fields) -> None:
-        """Until the next order, until control is seen to have gone, or until the pilot moves it; an autopilot that is
-        silent is waited for.
+        """Until the next order, until control is seen to have gone, or until the pilot moves it. While it is not known
+        who has control, an autopilot's that is silent for example, nothing is sent: it may be another's by now.
         """
         self._need(STATUS, 1.0)
         self._need("RC_CHANNELS", RC_HZ)
         rest: dict[int, int] = {}
         try:
             while True:
+                known = await self._tells()
                 if why := self._gone(rest):
                     self._aim = ""
                     self._events.emit("gimbal", "notice", f"{why}: it looks at {target.words} no more")
                     return
-                with contextlib.suppress(ZmavError):
-                    self._look(target, info)
-                await asyncio.sleep(PERIOD)
+                if known:
+                    with contextlib.suppress(ZmavError):
+                        self._look(target, info)
+                await asyncio.sleep(PERIOD if known else ANSWER)
         finally:
             target.close()
             self._need(STATUS, 0.0)
             self._need("RC_CHANNELS", 0.0)
+
+    async def _tells(self) -> bool:
+        """It has told of late who controls it; it is asked where that does not come by itself."""
+        if fields_of(self._port, STATUS, self._identity.source, FRESH) is not None:
+            return True
+        with contextlib.suppress(ZmavError):
+            return await self._asked(STATUS) is not None
+        return False
 
     def _gone(self, rest: dict[int, int]) -> str:
         """Who has it now instead of us; empty: nobody. ``rest``: where the pilot's sticks were, in µs, at first."""
