@@ -35,8 +35,8 @@ class FrameForwarder:
     ``prove`` raises :class:`~zmav.errors.Forbidden` for what does not come from who may put it, and says so;
     ``may_send`` a :class:`~zmav.errors.ZmavError` for a frame that may not be sent now (a clash of ids, a lease).
     The adapter's bus is told of each :class:`FrameForwarded` and :class:`FrameRefused`. ``sign_forwarded``: frames that
-    are not signed are signed as our own, where the link signs. ``take``: whether a frame for a component is one that
-    this program speaks for: it has taken it then, and it goes to no link.
+    are not signed are signed as our own, where the link signs. ``take``: whether a frame for a system and a
+    component is one that this program speaks for: it has taken it then, and it goes to no link.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class FrameForwarder:
         prove: Prove,
         may_send: MayMove[[Frame]],
         sign_forwarded: bool = False,
-        take: Callable[[Frame, int], bool] = lambda frame, component: False,
+        take: Callable[[Frame, int, int], bool] = lambda frame, system, component: False,
     ) -> None:
         self._take = take
         self._adapter, self._prove, self._may_send = adapter, prove, may_send
@@ -80,7 +80,8 @@ class FrameForwarder:
             self._prove(key, payload, attached(sample))
             frame = self._checked(key, payload)
             self._may_send(frame)
-            if self._take(frame, int(keys.match(key)[1]["comp"])):
+            _, parts = keys.match(key)
+            if self._take(frame, int(parts["sys"]), int(parts["comp"])):
                 return
             data = self._signed(frame)
         except Forbidden:

@@ -222,7 +222,7 @@ class Onboard:
         self.payload = Payload(companion, commander, bounds)
         self.camera = TriggeredCamera(companion, commander, self.params.value)
         is_vehicle = gate.is_vehicle if gate else keys.anything
-        self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check)
+        self.gimbal = Gimbal(companion, commander, self.rates.need, is_vehicle, self.presence.check, self.params.value)
         self.missions = Missions(companion, commander, bounds)
         self.flight = Flight(
             companion,
@@ -426,10 +426,11 @@ class Onboard:
                 self.separation.tick(self.authority.watchdog.future())
                 self.state.publish()
                 if beat % 5 == 0:
+                    self._send_heartbeat()  # first: whatever fails behind it
                     self.quality.tick()
                     self.corrections.tick()
-                    self.traffic.tick(self.state.place(), self.state.velocity())
-                    self._send_heartbeat()
+                    known = self.state.latest("GLOBAL_POSITION_INT") is not None
+                    self.traffic.tick(self.state.place() if known else None, self.state.velocity())
                     self.cameras.tick()
                     self.rates.tick()
             except Exception as e:

@@ -207,7 +207,9 @@ def read(payload: bytes) -> wire.Traffic:
     if len(report.source) + len(report.serves) > LONGEST_NAME:
         raise BadInput.wrong("traffic.serves", report.serves[:80], f"at most {LONGEST_NAME} characters")
     for each in report.aircraft:
-        if len(each.icao) != 6 or len(each.callsign) > 8 or len(each.emergency) > 4:
+        said = each.icao + each.callsign + each.emergency  # which are shown to people, and name things
+        well = len(each.icao) == 6 and len(each.callsign) <= 8 and len(each.emergency) <= 4
+        if not well or not (said.isascii() and said.isprintable() and each.icao.isalnum()):
             raise BadInput.wrong(
                 "traffic.icao", each.icao[:8], "six digits, and a callsign of eight characters at most"
             )

@@ -62,6 +62,8 @@ def test_none_is_an_error(vehicle: Vehicle) -> None:
         ("--take", "--take goes with what moves it"),
         ("--release --take", "--take goes with what moves it"),
         ("--pitch 400", "not in the range"),
+        ("--pitch nan", "finite"),
+        ("--at nan 0", "finite"),
     ],
 )
 def test_what_does_not_go_together(words: str, error: str) -> None:

@@ -15,7 +15,7 @@ from zmav.errors import NotHolder, Refused
 from zmav.services.authority.stream import ActiveStream
 
 RTL, BRAKE, POSCTL, OFFBOARD = 6, 17, 3 << 16, 6 << 16
-HOLD, LANDS = 4 << 16 | 3 << 24, 4 << 16 | 6 << 24
+HOLD, LANDS, MISSION = 4 << 16 | 3 << 24, 4 << 16 | 6 << 24, 4 << 16 | 4 << 24
 
 
 async def released(b: Bench, words: str) -> None:
@@ -82,6 +82,36 @@ async def test_a_hold_that_px4_shows_after_a_landing_was_ordered_is_nobody_s_wis
     b.peer.heartbeat()
     assert (await landing).result == {"armed": False}
     assert [e for e in b.events.objects() if e["kind"] == "pilot"] == []
+
+
+async def test_a_mode_that_was_shown_and_left_is_the_pilot_s_if_it_comes_again(bench: StartBench) -> None:
+    """A mission ends in HOLD by itself, and a hold is ordered, which it shows already: MISSION again is his wish."""
+    b = await bench(autopilot=12, settings={"failsafe": PATIENT})
+    alice = await agent(b, mode=HOLD)
+    b.vehicle.commander.ordered = "MISSION"
+    for mode, shown in ((MISSION, "MISSION"), (HOLD, "HOLD")):
+        b.peer.mode = mode
+        b.peer.heartbeat()
+        await b.state(_shows(shown), shown)
+    await b.ground.do("hold", lease=alice.token)
+    b.peer.mode = MISSION
+    b.peer.heartbeat()
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert (end["reason"], "the mode is now MISSION" in end["text"]) == ("pilot", True)
+
+
+async def test_an_overtaken_mode_that_stays_is_somebody_s_wish(bench: StartBench) -> None:
+    """OFFBOARD is asked for, a hold ordered before it is shown, and then OFFBOARD is shown, and nothing after it."""
+    b = await bench(autopilot=12, settings={"failsafe": PATIENT})
+    alice = await agent(b, mode=HOLD)
+    b.vehicle.commander.ordered = "OFFBOARD"
+    await b.ground.do("hold", lease=alice.token)
+    b.peer.mode = OFFBOARD
+    b.peer.heartbeat()
+    await b.state(_shows("OFFBOARD"), "OFFBOARD")
+    assert [e for e in b.events.objects() if e["kind"] == "pilot"] == []
+    end = (await b.state(lambda s: s["lease"] is None, "no lease"))["lease_end"]
+    assert "the mode is still OFFBOARD, and HOLD was ordered here since" in end["text"]
 
 
 def _shows(mode: str) -> Callable[[dict[str, Any]], bool]:
@@ -313,3 +343,13 @@ async def test_a_goto_by_command_from_another_mode(bench: StartBench, after: str
         with pytest.raises(Refused, match="taken over"):
             await order
         await released(b, "the mode is now LOITER")
+
+
+async def test_his_switch_is_read_whatever_else_has_read_the_radio(bench: StartBench) -> None:
+    """What looks at a place reads the gimbal's channels for a while, and then no more."""
+    b = await (await bench(settings={"pilot_switch": PilotSwitch(channel=7)})).connected()
+    rates = b.vehicle.rates
+    for hz in (5.0, 0.0):
+        rates.need("RC_CHANNELS", hz)
+        wanted = {row.name: row.wanted_hz for row in rates.table().messages}
+        assert wanted["RC_CHANNELS"] == 10.0

@@ -6,10 +6,12 @@ import asyncio
 import time
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from ground.corrections import Publisher
 from tests.services.corrections.test_corrections import batch, given
+from tests.services.traffic.test_traffic import HOME, craft
 from zmav import keys, wire
 from zmav.errors import Forbidden
 from zmav.trust.proof import Signer
@@ -67,14 +69,34 @@ async def test_proofs_of_corrections_are_good_once_and_now(guarded: StartGuarded
 async def test_traffic_is_believed_of_operators_and_vehicles_and_of_no_others(guarded: StartGuarded) -> None:
     g = await guarded()
     key = keys.TRAFFIC.key("demo")
-    payload = wire.encode(wire.Traffic(t=time.time(), source="gs", instance=1))
     for name, role in (("gs", "operator"), ("quad7", "vehicle")):
+        payload = wire.encode(wire.Traffic(t=time.time(), source=name, instance=1))
         by = Signer(g.authority.member(name, role))
         assert g.vehicle.gate.check_told(key, payload, by.sign(key, payload, introduce=True)).name == name
     for name, role in (("plan", "planner"), ("eye", "viewer")):
         by = Signer(g.authority.member(name, role))
         assert await refused(g, payload, by.sign(key, payload, introduce=True), key) == "role"
     assert await refused(g, payload, None, key) == "unsigned"
+
+
+async def test_a_vehicle_tells_of_its_own_receiver_alone(guarded: StartGuarded) -> None:
+    """... and does not take the charge of the ground's feeds, nor speaks as another vehicle."""
+    g = await guarded()
+    b, key = g.b, keys.TRAFFIC.key("demo")
+    b.peer.send("GPS_RAW_INT", fix_type=3)
+    b.peer.place = HOME
+    await b.state(lambda s: bool(s.get("position")), "its position")
+    by = Signer(g.authority.member("quad7", "vehicle"))
+    for icao, source, serves in (("3c0001", "quad7", "sbs:gs:1"), ("3c0002", "quad8", ""), ("3c0003", "quad7", "")):
+        near = msgspec.structs.replace(craft(300.0), icao=icao, callsign="")
+        payload = wire.encode(
+            wire.Traffic(t=time.time(), source=source, instance=1, serves=serves, priority=9, aircraft=[near])
+        )
+        b.ground.session.put(key, payload, attachment=by.sign(key, payload, introduce=True))
+    await b.event("traffic: 3c0003", kind="traffic")
+    assert [e["text"] for e in b.events.objects() if "3c0001" in e["text"] or "3c0002" in e["text"]] == []
+    assert g.vehicle.gate is not None
+    assert g.vehicle.gate.counts["name"] == 2
 
 
 async def test_who_is_not_known_yet_is_not_complained_of(guarded: StartGuarded) -> None:

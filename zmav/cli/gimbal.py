@@ -48,6 +48,8 @@ def command(
     Without an option: where it looks, and who controls it. A place or a vehicle is looked at until the next order. It
     is the autopilot's gimbal manager that is told, and never the vehicle that is moved.
     """
+    if not all(math.isfinite(each) for each in (pitch or 0.0, yaw or 0.0, alt or 0.0, *(at or ()))):
+        raise click.UsageError("angles and places are finite numbers")  # JSON would have none in their place
     given = [to is not None, at is not None, vehicle is not None, pitch is not None, neutral, release]
     if sum(given) > 1:
         raise click.UsageError("give one of --to, --at, --vehicle, --pitch, --neutral and --release")

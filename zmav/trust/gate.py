@@ -21,7 +21,7 @@ from zmav.trust import proof
 from zmav.trust.certificate import Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.proof import WINDOW
-from zmav.trust.rights import may
+from zmav.trust.rights import check_source, may
 from zmav.trust.seal import Tags
 from zmav.trust.verify import BUSY, Verifier
 
@@ -150,6 +150,7 @@ class Gate(Verifier):
             channel, parts = keys.match(key)
             found, by = self.verify(key, payload, attachment)
             may(by.role, by.name, channel, parts, self._given)
+            check_source(by.role, by.name, channel, payload)
             with self._using:
                 # Both were of now when they came: one that is farther ahead shows that the clocks were set.
                 if found.t <= self._told.get((key, by.name), 0.0) <= found.t + 2 * WINDOW:

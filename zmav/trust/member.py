@@ -15,7 +15,7 @@ from zmav.trust.certificate import Certificate, Role
 from zmav.trust.credentials import Credentials
 from zmav.trust.gate import EPOCH, Gate
 from zmav.trust.proof import ANSWERS, NONCE, NOTHING, WINDOW, Signer, challenge
-from zmav.trust.rights import acts_as, may
+from zmav.trust.rights import acts_as, check_source, may
 from zmav.trust.roster import read_signed
 from zmav.trust.verify import Allowance, Verifier
 
@@ -187,6 +187,7 @@ class Member:
             if topic:
                 place = (key, certificate.name)
                 may(certificate.role, certificate.name, channel, parts)
+                check_source(certificate.role, certificate.name, channel, payload)
             else:
                 self._check_speaker(certificate, place)
             if channel is keys.STATE:

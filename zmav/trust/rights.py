@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from zmav import keys
-from zmav.errors import Forbidden
+from zmav import keys, wire
+from zmav.errors import BadInput, Forbidden
 from zmav.trust.certificate import Role
 from zmav.verbs import GIVEN, SWARM_VERBS, VERBS
 
@@ -48,6 +48,21 @@ def may(role: Role, name: str, channel: keys.Channel, parts: Mapping[str, str], 
         raise _forbidden(role, name, channel, parts, allowed)
     if channel is keys.ALIVE and (vehicle != name or role not in SPEAKERS.get(parts["role"], tuple(Role))):
         raise _forbidden(role, name, channel, parts, (f"{parts['role']} {vehicle}",))
+
+
+def check_source(role: Role, name: str, channel: keys.Channel, payload: bytes) -> None:
+    """Raise :class:`Forbidden` where a vehicle tells of aircraft for another than its own receiver: in another's name,
+    or for the feeds of a ground process, whose charge it would take.
+    """
+    if channel is not keys.TRAFFIC or role is not Role.VEHICLE:
+        return
+    try:
+        report = wire.decode(payload, wire.Traffic, "traffic")
+    except BadInput:
+        return  # who reads it says so
+    if report.serves or report.source != name:
+        text = f"{name} (vehicle) tells of aircraft as {report.serves or report.source}, and not for its own receiver"
+        raise Forbidden(text[:200], reason="name", origin=name, role=role.value)
 
 
 def _forbidden(

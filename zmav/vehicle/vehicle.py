@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -287,6 +288,9 @@ class Vehicle:
         :class:`zmav.wire.TurnGimbal`. Raises :class:`Refused` where no gimbal answers, or somebody else controls it.
         """
         name = f"gimbal_{verb}"
+        for field, value in args.items():
+            if isinstance(value, float) and not math.isfinite(value):  # JSON would have none in its place
+                raise BadInput.wrong(field, value, "a finite number")
         return await self.order(name, wire.decode(msgspec.json.encode(args), VERBS[name].args, name))
 
     async def set_mode(self, mode: str) -> None:

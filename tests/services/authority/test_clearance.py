@@ -119,6 +119,15 @@ def test_a_way_climbs_away_and_comes_down_where_it_lands(
         judge.check_way(way, start, HOME, lands=lands)
 
 
+def test_a_way_that_is_too_low_does_not_go_far_so() -> None:
+    judge, here = Clearance(Ridge(), 20.0), place(0, 0, 5)
+    judge.check_way([here, place(0, 40, 5)], here, HOME, lands=False)
+    judge.check_way([here, place(0, 40, 12), place(0, 80, 20), place(0, 120, 19.6)], here, HOME, lands=False)
+    with pytest.raises(BadInput, match=r"5\.0 m above"):
+        judge.check_way([here, place(0, 40, 5), place(0, 80, 5)], here, HOME, lands=False)
+    Clearance(Ridge(), None).check_way([place(0, 0, -12), place(0, 80, -12)], place(0, 0, -12), HOME, lands=False)
+
+
 def test_a_way_comes_down_nowhere_but_where_it_lands() -> None:
     judge, here = Clearance(Ridge(), 20.0), place(0, 0, 40)
     judge.check_way([here, place(0, 50, 40), place(0, 50, 4)], here, HOME, lands=True)

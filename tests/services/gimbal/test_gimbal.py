@@ -12,7 +12,9 @@ import pytest
 
 from zmav import geo, keys, wire
 from zmav.errors import BadInput, Refused
+from zmav.rotation import from_euler
 from zmav.sim import VehicleSpec, World
+from zmav.sim.autopilots.ardupilot.vehicle import ArduVehicle
 from zmav.sim.protocol.gimbal import NOBODY, OTHER
 
 if TYPE_CHECKING:
@@ -173,6 +175,27 @@ async def test_who_takes_it_while_it_looks_is_left_with_it(aboard: Aboard) -> No
     await asyncio.sleep(0.5)
     assert aboard.gimbal.control == before == OTHER
     assert (await aboard.do("release"))["controller"] == "255/190"
+
+
+async def test_the_pilot_s_stick_ends_what_is_looked_at(net: Net, onboard: StartOnboard) -> None:
+    """ArduPilot does not tell that he moves it: his channel does. What is asked for by another need goes on."""
+    spec = VehicleSpec(name="quad1", params={**FITTED["arducopter"], "RC6_OPTION": 213})
+    with World([spec], endpoint="tcp:0", ready_s=0.5) as world:
+        aboard = await start(world, net, onboard)
+        node = world.vehicles[0].node
+        assert isinstance(node.brain, ArduVehicle)
+        radio = node.brain.rc
+        await aboard.do("point", **aboard.place(10.0, 10.0))
+        radio.pwm[6] += 200  # another channel moves nothing of it
+        await asyncio.sleep(1.0)
+        assert (await aboard.do("status"))["at"] == "a place"
+        radio.pwm[5] += 200
+        await aboard.events.object(lambda e: "the pilot moves the gimbal (channel 6)" in e["text"], "words")
+        assert (await aboard.do("status"))["at"] == ""
+        aboard.gimbal.set_attitude(node.channels[0], {"q": from_euler(0.0, -1.0, 0.0), "flags": 0}, OTHER)
+        await asyncio.sleep(0.5)
+        await aboard.looks(-1.0, 0.0)
+        await onboard.close(aboard.vehicle)
 
 
 async def test_a_gimbal_that_does_not_answer_is_refused(aboard: Aboard) -> None:

@@ -185,3 +185,29 @@ async def test_by_default_no_autopilot_is_told_of_mates(bench: StartBench) -> No
     await mates(b)
     await asyncio.sleep(1.5)
     assert not b.peer.heard("ADSB_VEHICLE")
+
+
+async def test_of_several_that_are_close_the_nearest_is_told_of(bench: StartBench) -> None:
+    b = await placed(bench)
+    goes, comes = craft(450.0, v=(60.0, 0.0, 0.0), icao="3c0001"), craft(-200.0, v=(10.0, 0.0, 0.0), icao="3c0002")
+    put(b, report(goes, comes))
+    state = await b.state(lambda s: bool(s.get("traffic")), "a warning")
+    assert state["traffic"]["icao"] == "3c0002"
+
+
+async def test_who_is_not_heard_any_more_is_not_called_clear(bench: StartBench) -> None:
+    b = await placed(bench)
+    put(b, report(craft(300.0)))
+    await b.event("traffic: DEABC", kind="traffic")
+    put(b, report())
+    await b.event("3c4b12 is not heard any more", kind="traffic")
+
+
+async def test_a_mate_that_says_what_cannot_be_disturbs_nothing(bench: StartBench) -> None:
+    b = await placed(bench, settings={"origin": ORIGIN, "traffic": Traffic(mates=True)})
+    for name, north, speed in (("odd1", 1e308, 1e308), ("odd2", 100.0, 1e200), ("ümlaut", 50.0, 0.0)):
+        beacon = wire.swarm.Beacon(t=time.time(), pos=(north, 0.0, -20.0), vel=(speed, 0.0, 0.0), radius=0.5, ahead=[])
+        b.ground.session.put(f"zmav/demo/{name}/beacon", wire.encode(beacon))
+    await mates(b)
+    await b.peer.until(lambda: len(b.peer.heard("ADSB_VEHICLE")) > 3, "a mate")
+    assert [e for e in b.events.objects() if e["kind"] == "fault"] == []

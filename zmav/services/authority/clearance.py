@@ -19,6 +19,8 @@ MOST_OFFSET = 30.0
 TERRAIN_OFS_MAX"""
 EDGE = 0.5
 """m: a way that is level over level ground is no lower than it was"""
+LEAVES = 50.0
+"""m over the ground from where a vehicle is that is lower than is declared: within them it climbs away"""
 COLUMN = 3.0
 """m over the ground from where a way ends to land: there it may come down"""
 
@@ -60,8 +62,8 @@ class Clearance:
 
     def check_way(self, places: Iterable[Place], here: Place | None, stood: Place | None, *, lands: bool) -> None:
         """Raise :class:`~zmav.errors.BadInput` where the way leads too low: lower than is asked for, than the vehicle
-        is ``here`` and than it has got by then. So one that is too low may climb away. ``lands``: at the way's end it
-        may come down.
+        is ``here`` and than it has got by then. So one that is too low may climb away; beyond :data:`LEAVES` it has to
+        be as high as is declared. ``lands``: at the way's end it may come down.
         """
         offset, way = self._offset(stood), list(places)
         least, end = self._least if here is None else self._as_low_as(here, offset), way[-1]
@@ -70,7 +72,8 @@ class Clearance:
             if above is None:
                 continue
             down = lands and geo.horizontal_distance(*place[:2], *end[:2]) <= COLUMN
-            if above < (USUAL if down else least):
+            away = self._declared is not None and here and geo.horizontal_distance(*here[:2], *place[:2]) > LEAVES
+            if above < (USUAL if down else self._least - EDGE if away else least):
                 raise self._too_low(place, above, None)
             least = max(least, min(self._least, above - EDGE))
 

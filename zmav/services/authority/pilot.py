@@ -5,6 +5,7 @@ Nobody gives it back but an agent that asks for a lease again, and not while the
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import NamedTuple
 
@@ -53,6 +54,8 @@ class Pilot:
         self._unsaid: str | None = None
         """the mode before one that was let pass while the autopilot did not say what it intends"""
         self._what, self._grace = "", 0.0
+        self._passing: asyncio.TimerHandle | None = None
+        """until an overtaken mode that was let pass must have been left"""
         self._rc = AutopilotMessages(companion, {"RC_CHANNELS": self._on_rc} if switch else {})
 
     def start(self) -> None:
@@ -60,6 +63,8 @@ class Pilot:
 
     def close(self) -> None:
         self._rc.close()
+        if self._passing is not None:
+            self._passing.cancel()
 
     def order_begins(self, what: str) -> None:
         """What the autopilot does until it ends, and in the next seconds, may be what its command asks for.
@@ -102,7 +107,10 @@ class Pilot:
             return False
         if self._control.claimed(Mover.ORDER) and mode in self._commander.follows:
             return True
-        if mode == self._commander.ordered or (self._commander.overtaken(mode) and intended in (None, mode)):
+        if mode == self._commander.ordered:
+            return True
+        if self._commander.overtaken(mode) and intended in (None, mode):
+            self._let_pass(mode)
             return True
         by_order = self._under_order() and intended in (None, mode) and mode in by_command(autopilot, self._what)
         failsafe = int(heartbeat["system_status"]) >= CRITICAL if intended is None else intended != mode
@@ -110,6 +118,19 @@ class Pilot:
         if by_itself and intended is None:
             self._unsaid = before
         return by_itself
+
+    def _let_pass(self, mode: str) -> None:
+        """An overtaken mode: where it stays, it was somebody's wish after all."""
+        if self._passing is not None:
+            self._passing.cancel()
+        loop = asyncio.get_running_loop()
+        ordered = self._commander.ordered
+        self._passing = loop.call_later(self._commander.confirm_timeout, self._judge_passed, mode, ordered)
+
+    def _judge_passed(self, mode: str, ordered: str | None) -> None:
+        """``ordered``: what was to come after it."""
+        if self._armed and self._mode == mode and self._commander.ordered == ordered is not None:
+            self._tell(f"the mode is still {mode}, and {ordered} was ordered here since")
 
     def _under_order(self) -> bool:
         return self._control.claimed(Mover.ORDER) or time.monotonic() < self._grace

@@ -186,14 +186,10 @@ class Separation:
 
     def neighbours(self) -> list[Other]:
         """Who is about to be where, by the beacons of vehicles."""
-        now, radius = time.monotonic(), self._body().radius
-        with self._lock:
-            aged = [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]
-            for name in [name for name, age, _ in aged if age > FORGET]:
-                del self._heard[name]
+        radius = self._body().radius
         return [
             Other(name, _ahead(beacon, age), SHARE * (radius + beacon.radius))
-            for name, age, beacon in aged
+            for name, age, beacon in self.mates()
             if age <= (SILENCE if _moves(beacon) else SILENCE_AT_REST)
         ]
 
@@ -201,7 +197,10 @@ class Separation:
         """By name: the last beacon, and its age in s, up to a minute."""
         now = time.monotonic()
         with self._lock:
-            return [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]
+            aged = [(name, now - beacon.t - shift, beacon) for name, (shift, beacon) in self._heard.items()]
+            for name in [name for name, age, _ in aged if age > FORGET]:
+                del self._heard[name]
+        return [each for each in aged if each[1] <= FORGET]
 
     def _track(self, future: Future, pos: wire.Vector) -> Track:
         """Where the vehicle will be: as it was told to, from where it really is."""

@@ -141,8 +141,13 @@ class Cameras:
 
     # What they are told.
 
-    def take(self, frame: Frame, component: int) -> bool:
-        """Any thread: a station's frame that is for one of them, and not for the autopilot's link."""
+    def take(self, frame: Frame, system: int, component: int) -> bool:
+        """Any thread: a station's frame that is for one of them, and not for the autopilot's link nor for another
+        vehicle's camera there.
+        """
+        source = self._identity.source
+        if source is None or system not in (0, source[0]):
+            return False
         camera = next((each for each in list(self.cameras.values()) if each.component == component), None)
         if camera is not None:
             self._on_command(camera, frame)

@@ -22,6 +22,7 @@ from zmav.autopilots import Command
 from zmav.errors import BadInput, Refused, Unsupported, ZmavError
 from zmav.rotation import euler, from_euler, wrap
 from zmav.services.authority.may_move import MayMove
+from zmav.services.authority.pilot import UNHEARD
 from zmav.services.authority.targets import MAX_ANGLE, number, resolve
 from zmav.services.companion import Companion
 from zmav.services.link.port import on_loop
@@ -49,6 +50,10 @@ FRESH = 2.0
 """s: age up to which a position says where somebody is"""
 HEARD = 3.0
 """s for the vehicle to be heard that is to be looked at"""
+STICKS = (212.0, 213.0, 214.0)
+"""RCn_OPTION of ArduPilot by which a channel moves the first gimbal: roll, pitch, yaw"""
+CHANNELS, RC_HZ, MOVED = range(1, 17), 5.0, 20
+"""of RC_CHANNELS: which may move it, how often they are read, and µs by which a stick that is moved differs"""
 NOBODY = (0, 0)
 NAN = math.nan
 Fields = Any
@@ -62,7 +67,7 @@ class Gimbal:
 
     ``need`` has messages flow from the autopilot (:meth:`zmav.services.rates.rates.Rates.need`); ``is_vehicle`` says
     of whom it is believed where they are; ``may_move`` is asked before each set of angles, and raises while two claim
-    to be the vehicle.
+    to be the vehicle; ``param``: the autopilot's parameter of that name, if known.
     """
 
     def __init__(
@@ -72,10 +77,11 @@ class Gimbal:
         need: Callable[[str, float], None],
         is_vehicle: keys.IsVehicle,
         may_move: MayMove[[]],
+        param: Callable[[str], float | None],
     ) -> None:
         self._session, self._port, self._identity = companion.session, companion.port, companion.identity
         self._events, self._origin, self._do = companion.events, companion.origin, commander
-        self._need, self._is_vehicle, self._may_move = need, is_vehicle, may_move
+        self._need, self._is_vehicle, self._may_move, self._param = need, is_vehicle, may_move, param
         self._task: asyncio.Task[None] | None = None
         self._aim = ""
         """what it looks at, in words"""
@@ -144,8 +150,8 @@ class Gimbal:
 
     async def release(self, args: wire.Order, report: Report) -> dict[str, Any]:
         """Look at nothing any more, and give control back where it is ours."""
+        self._stop()  # first: also where it does not answer now
         await self._find()
-        self._stop()
         await self._do.command(_configure(-3, -3))
         self._held = False
         return {"controller": self._words(await self._holder(lambda holder: holder != self._port.address))}
@@ -209,6 +215,7 @@ class Gimbal:
         self._stop()
         if holder != ours:
             await self._do.command(_configure(*ours))
+            self._held = True  # it may yet become so, and is given back then
             if (now := await self._holder(lambda holder: holder == ours)) != ours:
                 raise Refused(f"the gimbal is still controlled by {self._words(now)}", vehicle=self._port.name)
             if holder != NOBODY:
@@ -259,23 +266,53 @@ class Gimbal:
         return wire.Origin(lat_deg=said["lat"] / 1e7, lon_deg=said["lon"] / 1e7, alt_amsl=said["alt"] / 1e3)
 
     async def _track(self, target: Target, info: Fields) -> None:
-        """Until the next order, or until control is seen to have gone; an autopilot that is silent is waited for."""
+        """Until the next order, until control is seen to have gone, or until the pilot moves it. While it is not known
+        who has control, an autopilot's that is silent for example, nothing is sent: it may be another's by now.
+        """
         self._need(STATUS, 1.0)
+        self._need("RC_CHANNELS", RC_HZ)
+        rest: dict[int, int] = {}
         try:
             while True:
-                said = fields_of(self._port, STATUS, self._identity.source, FRESH)
-                if said is not None and _primary(said) != self._port.address:
-                    self._held, self._aim = False, ""
-                    who = self._words(_primary(said))
-                    text = f"the gimbal is controlled by {who} now: it looks at {target.words} no more"
-                    self._events.emit("gimbal", "notice", text)
+                known = await self._tells()
+                if why := self._gone(rest):
+                    self._aim = ""
+                    self._events.emit("gimbal", "notice", f"{why}: it looks at {target.words} no more")
                     return
-                with contextlib.suppress(ZmavError):
-                    self._look(target, info)
-                await asyncio.sleep(PERIOD)
+                if known:
+                    with contextlib.suppress(ZmavError):
+                        self._look(target, info)
+                await asyncio.sleep(PERIOD if known else ANSWER)
         finally:
             target.close()
             self._need(STATUS, 0.0)
+            self._need("RC_CHANNELS", 0.0)
+
+    async def _tells(self) -> bool:
+        """It has told of late who controls it; it is asked where that does not come by itself."""
+        if fields_of(self._port, STATUS, self._identity.source, FRESH) is not None:
+            return True
+        with contextlib.suppress(ZmavError):
+            return await self._asked(STATUS) is not None
+        return False
+
+    def _gone(self, rest: dict[int, int]) -> str:
+        """Who has it now instead of us; empty: nobody. ``rest``: where the pilot's sticks were, in µs, at first."""
+        said = fields_of(self._port, STATUS, self._identity.source, FRESH)
+        if said is not None and _primary(said) != self._port.address:
+            self._held = False
+            return f"the gimbal is controlled by {self._words(_primary(said))} now"
+        # ArduPilot obeys its pilot's sticks besides, and does not tell: the next angles would take it from him.
+        radio = fields_of(self._port, "RC_CHANNELS", self._identity.source, FRESH)
+        if radio is None:
+            return ""
+        for channel in CHANNELS:
+            pwm = int(radio[f"chan{channel}_raw"])
+            if pwm in UNHEARD or self._param(f"RC{channel}_OPTION") not in STICKS:
+                continue
+            if abs(pwm - rest.setdefault(channel, pwm)) > MOVED:
+                return f"the pilot moves the gimbal (channel {channel})"
+        return ""
 
     def _look(self, target: Target, info: Fields) -> None:
         self._may_move()

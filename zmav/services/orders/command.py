@@ -48,6 +48,8 @@ class Commander:
         self.follows: frozenset[str] = frozenset()
         """modes that the order which moves the vehicle leads to by itself: a mission that ends in a return"""
         self._ordered: str | None = None
+        self._asked, self._came = 0.0, True
+        """when ``_ordered`` was last asked for, and whether it has been shown since it was first"""
         self._overtaken, self._overtaken_at = "", 0.0
 
     @property
@@ -59,18 +61,24 @@ class Commander:
 
     @ordered.setter
     def ordered(self, mode: str | None) -> None:
+        now = time.monotonic()
         if mode != self._ordered:
-            self._overtaken, self._overtaken_at = (mode and self._ordered) or "", time.monotonic()
-        self._ordered = mode
+            comes = not self._came and now - self._asked < self.confirm_timeout
+            self._overtaken, self._overtaken_at = (mode and comes and self._ordered) or "", now
+        if mode != self._ordered or mode != self._identity.mode:
+            self._came = False
+        self._ordered, self._asked = mode, now
 
     def overtaken(self, mode: str) -> bool:
-        """It was asked for here right before the one last asked for, and may be shown on the way to that."""
+        """It was asked for here right before the one last asked for, has not been shown yet, and may be on the way to
+        that.
+        """
         return mode == self._overtaken and time.monotonic() - self._overtaken_at < self.confirm_timeout
 
     def mode_came(self, mode: str | None) -> None:
         """Once the mode last asked for is shown, an earlier one is somebody else's wish."""
         if mode == self._ordered:
-            self._overtaken = ""
+            self._overtaken, self._came = "", True
 
     # The one order that moves the vehicle.
 
@@ -168,7 +176,7 @@ class Commander:
                     await self.command(mode.command)
                     await self._confirm_mode(mode.command, mode.name, since, inbox)
         except Exception:  # no cancellation: who superseded us, or the pilot, has had his say about it
-            self._ordered, self._overtaken = before, ""  # what was refused is not on its way
+            self._ordered, self._overtaken, self._came = before, "", True  # what was refused is not on its way
             raise
 
     def _is_in(self, mode: str) -> bool:

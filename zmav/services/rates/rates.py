@@ -59,7 +59,7 @@ class Rates:
     def __init__(self, companion: Companion, needs: Mapping[str, float], clock: AutopilotClock) -> None:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self.meter, self.demands = Meter(companion.port), Demands(companion, self.plan)
-        self._needs, self._clock = dict(needs), clock
+        self._always, self._needs, self._clock = needs, dict(needs), clock
         self._shedder = Shedder(companion.port.dialect)
         self._targets: list[Target] = []
         self._standing: dict[str, RequestedRate] = {}
@@ -113,7 +113,8 @@ class Rates:
     # What is wanted.
 
     def need(self, name: str, hz: float) -> None:
-        """The companion itself reads this from now on; 0: no more."""
+        """The companion itself reads this from now on; 0: no more, but for what it always does."""
+        hz = max(hz, self._always.get(name, 0.0))
         if self._needs.get(name, 0.0) == hz:
             return
         self._needs[name] = hz

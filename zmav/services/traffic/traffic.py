@@ -24,7 +24,7 @@ from zmav.services.corrections.outgoing import Pace
 from zmav.services.link.port import on_loop
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
-from zmav.traffic import BYTES, AirPicture, Alarm, Seen, Sighting, Tracks, approach, mate_address, read
+from zmav.traffic import BYTES, FASTEST, AirPicture, Alarm, Seen, Sighting, Tracks, approach, mate_address, read
 from zmav.trust.gate import Prove
 from zmav.trust.proof import Signer
 
@@ -35,6 +35,8 @@ BUSY_S = 1.0
 """s for which the intake waits for an event loop that has no time for them"""
 REACH_M = 50_000.0
 """m within which an autopilot's receiver is listened to"""
+FAR_M = 1e6
+"""m from the fleet's origin that a mate may be"""
 HZ = 5.0
 """of ADSB_VEHICLE, an aircraft each: ArduPilot sends none unless it is asked to"""
 COORDS, ALTITUDE, HEADING, VELOCITY, CALLSIGN, SQUAWK = 1, 2, 4, 8, 16, 32
@@ -164,11 +166,16 @@ class Traffic:
             self._tell_mates(here, now)
 
     def _warn(self, here: wire.GlobalPosition | None, velocity: wire.Vector | None, now: float) -> None:
+        if here is None:  # how near anybody is, is not known: that is no word of anybody's being clear
+            self.worst = None
+            return
         before, self._warned = self._warned, {}
+        heard: set[str] = set()
         worst: tuple[bool, float, wire.TrafficInfo] | None = None
-        for seen in self._picture.aircraft(now) if here is not None else ():
+        for seen in self._picture.aircraft(now):
             icao = seen.aircraft.icao
-            if seen.aircraft.ground or here is None:
+            heard.add(icao)
+            if seen.aircraft.ground:
                 continue
             found = approach(seen, here, velocity)
             word = self._alarm.of(seen, found, icao in before)
@@ -186,11 +193,13 @@ class Traffic:
             )
             if before.get(icao) not in (word, "close"):
                 self._say(seen, info)
-            if worst is None or (info.close, -found.time) > worst[:2]:
-                worst = info.close, -found.time, info
+            urgent = -found.distance if info.close else -found.time
+            if worst is None or (info.close, urgent) > worst[:2]:
+                worst = info.close, urgent, info
         self.worst = None if worst is None else worst[2]
         for icao in before.keys() - self._warned.keys():
-            self._events.emit("traffic", "info", f"traffic: {icao} is clear", limit=f"traffic clear {icao}")
+            what = "is clear" if icao in heard else "is not heard any more"
+            self._events.emit("traffic", "info", f"traffic: {icao} {what}", limit=f"traffic clear {icao}")
 
     def _say(self, seen: Seen, info: wire.TrafficInfo) -> None:
         severity: wire.Severity = "warning" if info.close else "notice"
@@ -209,9 +218,11 @@ class Traffic:
                 continue
             on = min(max(age, 0.0), MATE_GOES_ON_S)
             n, e, d = (p + v * on for p, v in zip(beacon.pos, beacon.vel, strict=True))
+            if max(map(abs, (n, e, d))) > FAR_M or max(map(abs, beacon.vel)) > FASTEST:
+                continue  # numbers that a beacon may hold, and no vehicle has
             lat, lon, alt = geo.to_global(origin, (n, e, d))
             far = geo.horizontal_distance(here.lat_deg, here.lon_deg, lat, lon)
-            if far <= self._settings.within and abs(alt) < 1e6:
+            if far <= self._settings.within:
                 near.append((far, name, _frame(self._port.fleet, name, (lat, lon, alt), beacon.vel, age)))
         for _, _, fields in sorted(near, key=lambda each: each[:2]):
             if self._pace.wait(now) > 1.0:
@@ -238,7 +249,7 @@ def _frame(fleet: str, name: str, place: tuple[float, float, float], vel: wire.V
         "heading": round(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36000,
         "hor_velocity": min(round(math.hypot(north, east) * 100.0), 65535),
         "ver_velocity": max(-32768, min(round(-down * 100.0), 32767)),
-        "callsign": name.upper()[:8].encode("ascii"),
+        "callsign": name.upper()[:8].encode("ascii", "replace"),
         "emitter_type": UAV,
         "tslc": min(max(round(age), 0), 255),
         "flags": COORDS | ALTITUDE | HEADING | VELOCITY | CALLSIGN,
