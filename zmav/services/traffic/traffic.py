@@ -78,6 +78,7 @@ class Traffic:
         self._warned: dict[str, str] = {}
         """by address: close or coming"""
         self.worst: wire.TrafficInfo | None = None
+        self._publisher: zenoh.Publisher | None = None
         self._introduced = 0.0
         self._heard = False
         """the autopilot's receiver was told of to the fleet within the last seconds"""
@@ -110,13 +111,13 @@ class Traffic:
                     logger.debug("traffic that is none: %s", e)
 
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
-        self._publisher = self._session.declare_publisher(self._key, **keys.TRAFFIC.publishing())
         self._stop = self._port.listen("ADSB_VEHICLE", on_loop(loop, self._on_aircraft))
 
     def close(self) -> None:
         self._stop()
         self._intake.close()
-        self._publisher.undeclare()
+        if self._publisher is not None:
+            self._publisher.undeclare()
 
     # What the autopilot's receiver hears.
 
@@ -153,6 +154,8 @@ class Traffic:
             introduce = now - self._introduced >= 1.0
             self._introduced = now if introduce else self._introduced
             proof = self._signer.sign(self._key, payload, introduce=introduce)
+        if self._publisher is None:  # most vehicles have no receiver
+            self._publisher = self._session.declare_publisher(self._key, **keys.TRAFFIC.publishing())
         self._publisher.put(payload, attachment=proof)
 
     # Each second.
