@@ -119,7 +119,7 @@ async def fly(field: Field, goal: swarm.Goal) -> Watch:
 
 
 async def test_three_copters_come_across_the_hill_and_back(field: Field) -> None:
-    across = swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -14.0) for _, east in STARTS])
+    across = swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -16.0) for _, east in STARTS])
     preview = await (await field.planner()).order("preview", swarm.Preview(goal=across))
     assert LEAST <= preview["above_ground"] < 15.0
     watch = await fly(field, across)
@@ -127,7 +127,7 @@ async def test_three_copters_come_across_the_hill_and_back(field: Field) -> None
     assert watch.least(1.5) > 2.0
     states = [field.me.vehicle(name).last_state for name in NAMES]
     assert not any(state and state.setpoints.get("ground") for state in states), "no vehicle refused any of it"
-    back = swarm.Formation(vehicles=NAMES, shape="line", at=(0.0, 9.0, -14.0), spacing=9.0)
+    back = swarm.Formation(vehicles=NAMES, shape="line", at=(0.0, 9.0, -16.0), spacing=9.0)
     watch = await fly(field, back)
     assert least(field, watch) > LEAST - HEARD_LATE
     assert not any(state and state.setpoints.get("ground") for state in states)
@@ -152,7 +152,7 @@ async def test_what_would_be_too_low_is_refused_with_the_height_that_is_needed(f
         check_field(far, context.fleet.view(), wide, context.settings.ground, 1.5, lambda name: None)
     watch = await fly(field, swarm.GoTo(vehicles=NAMES[:1], to=[(*TOP, -needed)]))
     assert least(field, watch) > LEAST - HEARD_LATE
-    await fly(field, swarm.GoTo(vehicles=NAMES[:1], to=[(0.0, 0.0, -14.0)]))
+    await fly(field, swarm.GoTo(vehicles=NAMES[:1], to=[(0.0, 0.0, -16.0)]))
 
 
 async def test_a_search_follows_the_ground(field: Field) -> None:
@@ -176,7 +176,7 @@ async def test_a_search_follows_the_ground(field: Field) -> None:
 
 async def test_ways_home_lead_over_the_hill_and_are_kept_by_the_vehicles(field: Field) -> None:
     async with field.fleet.watch() as watch:
-        await field.submit(swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -14.0) for _, east in STARTS]))
+        await field.submit(swarm.GoTo(vehicles=NAMES, to=[(90.0, east, -16.0) for _, east in STARTS]))
         await until(lambda: min(place[0] for place in watch.rows[-1][1].values()) > 60.0, "behind the hill", LONG_S)
         segments = [field.me.vehicle(each).last_state for each in NAMES]
         assert all(state and state.segment and state.segment.home is not None for state in segments)
