@@ -6,11 +6,12 @@ import asyncio
 
 import click
 
+from ground.host import host_name
 from ground.rtk.options import Fixed, parse_place, parse_source, parse_survey
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
-from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.errors import BadInput, missing_extra
 from zmav.process import log, until_stopped
 
 
@@ -82,11 +83,7 @@ async def _serve(z: Client, settings: object, as_json: bool) -> None:
     from ground.rtk.program import STATUS_S, Rtk, RtkSettings
 
     assert isinstance(settings, RtkSettings)
-    own = z.member.credentials.name if z.member is not None else ""
-    if own and settings.name not in ("", own):
-        text = f"by your credentials this host is {own}"
-        raise BadConfig(text, field="name", value=settings.name, expected=own)
-    settings = msgspec.structs.replace(settings, name=keys.check_name(settings.name or own or "ground"))
+    settings = msgspec.structs.replace(settings, name=host_name(z, settings.name))
     async with Rtk(z, settings, log) as rtk:
         running = asyncio.ensure_future(rtk.run())
         stopped = asyncio.ensure_future(until_stopped())

@@ -7,10 +7,11 @@ import re
 
 import click
 
+from ground.host import host_name
 from zmav import keys
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.client import Client
-from zmav.errors import BadConfig, BadUrl, missing_extra
+from zmav.errors import BadUrl, missing_extra
 from zmav.process import log, until_stopped
 
 EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
@@ -70,11 +71,7 @@ def command(
 
         from ground.tak.program import Tak
 
-        own = z.member.credentials.name if z.member is not None else ""
-        if own and settings.name not in ("", own):
-            text = f"by your credentials this host is {own}"
-            raise BadConfig(text, field="name", value=settings.name, expected=own)
-        async with Tak(z, msgspec.structs.replace(settings, name=settings.name or own or "ground"), log) as tak:
+        async with Tak(z, msgspec.structs.replace(settings, name=host_name(z, settings.name)), log) as tak:
             stopped = asyncio.ensure_future(until_stopped())
             while not stopped.done():
                 await asyncio.wait({stopped}, timeout=1.0)

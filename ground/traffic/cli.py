@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from zmav import keys
+from ground.host import host_name
 from zmav.cli.common import Work, connected, console, dump, json_option, seconds_option
 from zmav.client import Client
-from zmav.errors import BadConfig, BadInput, missing_extra
+from zmav.errors import BadInput, missing_extra
 from zmav.process import log, until_stopped
 
 if TYPE_CHECKING:
@@ -141,11 +141,7 @@ async def _serve(z: Client, settings: TrafficSettings, as_json: bool) -> None:
 
     from ground.traffic.program import PERIOD_S, TrafficProgram
 
-    own = z.member.credentials.name if z.member is not None else ""
-    if own and settings.name not in ("", own):
-        text = f"by your credentials this host is {own}"
-        raise BadConfig(text, field="name", value=settings.name, expected=own)
-    settings = msgspec.structs.replace(settings, name=keys.check_name(settings.name or own or "ground"))
+    settings = msgspec.structs.replace(settings, name=host_name(z, settings.name))
     async with TrafficProgram(z, settings, log) as program:
         stopped = asyncio.ensure_future(until_stopped())
         try:

@@ -15,9 +15,9 @@ from ground.rtk.options import Caster as Where
 from ground.rtk.options import Recording
 from ground.rtk.program import Rtk, RtkSettings
 from tests.ground.rtk.casters import MOUNTPOINT, STREAM, Caster, hangs, hostile, sends
-from tests.ground.rtk.conftest import until
 from tests.rtcm import base_at, message, satellites
 from tests.services.conftest import peer  # noqa: F401  (a fixture)
+from tests.waiting import until
 from zmav import keys, wire
 from zmav.mavlink.rtcm import Joiner
 from zmav.sim import VehicleSpec, World

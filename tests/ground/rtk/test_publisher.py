@@ -10,8 +10,8 @@ import pytest
 
 import zmav
 from ground.corrections import BURST, MOST_RATE, Publisher, may_publish
-from tests.ground.rtk.conftest import until
 from tests.rtcm import HOME, base_at, message
+from tests.waiting import until
 from zmav import geo, keys
 from zmav.corrections import HEADER, MOST_NAME, ROOM, Batch
 from zmav.errors import BadConfig

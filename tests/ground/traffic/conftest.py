@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,19 +17,7 @@ from zmav.session import SessionSettings
 if TYPE_CHECKING:
     from tests.conftest import Net, Samples
 
-PATIENCE_S = 30.0
 ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
-
-
-async def until(true: Callable[[], object], what: str) -> None:
-    async def wait() -> None:
-        while not true():
-            await asyncio.sleep(0.02)
-
-    try:
-        await asyncio.wait_for(wait(), PATIENCE_S)
-    except asyncio.TimeoutError:
-        raise AssertionError(f"no {what}") from None
 
 
 class Sky:

@@ -14,8 +14,9 @@ from click.testing import CliRunner
 
 from ground.traffic.cli import command
 from ground.traffic.feeds import BeastReader, Feed, SbsReader, parse_feed
-from tests.ground.traffic.conftest import ORIGIN, until
+from tests.ground.traffic.conftest import ORIGIN
 from tests.sbs import MadeUp, SbsSource, line
+from tests.waiting import until
 from zmav import geo
 from zmav.errors import BadConfig, BadInput, BadUrl
 from zmav.traffic import MOST_TOLD, MOST_TRACKS, Tracks
