@@ -266,6 +266,7 @@ async def test_orders_that_make_no_sense_are_bad_input(airborne: Scene) -> None:
         (quad.goto(pos=(0.0, 0.0, -5.0), lat_deg=1.0, lon_deg=1.0), "lat_deg"),
         (quad.goto(pos=(1e7, 0.0, 0.0)), "pos"),
         (quad.goto(pos=(0.0, 0.0, -5.0), speed=300.0, radius=20.0), "speed"),
+        (quad.goto(pos=(0.0, 0.0, -5.0), speed=math.nan), "speed"),
         (quad.goto(lat_deg=95.0, lon_deg=0.0, alt_rel=5.0), "lat_deg"),
         (quad.goto(lat_deg=5.0, lon_deg=0.0), "alt_rel"),
         (quad.goto(lat_deg=5.0, lon_deg=0.0, alt_rel=5.0, alt_amsl=5.0), "alt_rel"),

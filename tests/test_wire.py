@@ -130,3 +130,19 @@ def test_units_and_frames_are_in_the_names() -> None:
     for kind in (wire.VehicleState, wire.GlobalPosition, wire.Attitude, wire.Setpoint, wire.GoTo, wire.Origin):
         for name in kind.__struct_fields__:
             assert name not in ("lat", "lon", "alt", "altitude", "heading", "yaw_deg", "roll_deg"), (kind, name)
+
+
+def test_no_number_of_a_request_is_lost_on_the_way() -> None:
+    """In JSON NaN is null: not given, which asks for something else."""
+    for asked, field in (
+        (wire.GoTo(pos=(0.0, 0.0, -5.0), speed=math.nan), "speed"),
+        (wire.Setpoint(lease="a", seq=1, deadline=2.0, vel=(1.0, math.inf, 0.0)), "vel"),
+        (wire.Setpoint(lease="a", seq=1, deadline=2.0, vel=(1.0, 0.0, 0.0), yaw=math.nan), "yaw"),
+    ):
+        with pytest.raises(BadInput, match=f"{field} is .*expected a finite number"):
+            wire.encode_request(asked)
+    with pytest.raises(BadInput, match="pitch is nan"):
+        wire.build({"pitch": math.nan}, wire.PointGimbal, "gimbal_point")
+    # MAVLink's own word for a parameter that is not given.
+    command = wire.RunCommand(command="MAV_CMD_DO_SET_ROI", params={"param5": math.nan})
+    assert json.loads(wire.encode_request(command))["params"] == {"param5": None}

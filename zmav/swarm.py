@@ -271,7 +271,7 @@ class FleetOrder:
 
     async def _ask(self, fleet: str, planner: str, verb: str, order: wire.Order) -> dict[str, Any]:
         key = keys.SWARM.key(fleet, planner, verb=verb)
-        for answer in await self._z.ask(key, wire.encode(order), self.answer, keys.SWARM, lambda _: True):
+        for answer in await self._z.ask(key, wire.encode_request(order), self.answer, keys.SWARM, lambda _: True):
             if isinstance(answer, Answer):
                 return wire.decode(answer.payload, wire.Outcome, f"reply to {key}").result
             raise answer
@@ -313,7 +313,7 @@ async def order_planner(
     """Ask a planner until it says how an order with an id ended; raises its typed error, or :class:`TimedOut` where
     ``silent`` questions in a row got no answer within ``answer_s`` s, or no end was told by ``ends`` (monotonic s).
     """
-    key, payload, unanswered = keys.SWARM.key(fleet, planner, verb=verb), wire.encode(order), 0
+    key, payload, unanswered = keys.SWARM.key(fleet, planner, verb=verb), wire.encode_request(order), 0
     while unanswered < silent:
         if time.monotonic() >= ends:
             raise TimedOut(f"planner {planner} does not say how {verb} ended", planner=planner)

@@ -62,7 +62,7 @@ class FleetOrders:
         values = await arguments_of(request, VERBS[verb].args)
         payload = msgspec.json.encode(values, order="sorted")
         patterns = values.pop("vehicles", ["*"])
-        args = wire.decode(msgspec.json.encode(values), VERBS[verb].args, f"fleet/{verb}")
+        args = wire.build(values, VERBS[verb].args, f"fleet/{verb}")
 
         def begin(report: Report) -> Coroutine[Any, Any, dict[str, Any]]:
             vehicles, absent = matching(self._gateway.client, patterns)
@@ -137,7 +137,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
             values = await arguments_of(request, SWARM_VERBS[_known(verb, (*SWARM_VERBS, *GOALS))].args)
         kind = SWARM_VERBS[verb].args
         values["id"] = values.get("id") or uuid.uuid4().hex
-        args = wire.decode(msgspec.json.encode(values), kind, f"swarm/{verb}")
+        args = wire.build(values, kind, f"swarm/{verb}")
         return answer({"verb": verb, "result": await order_chief(gateway.client, verb, args)})
 
     async def told(request: Request) -> Response:
@@ -158,7 +158,7 @@ async def give(gateway: Gateway, vehicle: Vehicle, verb: str, request: Request) 
     :class:`~zmav.errors.BadInput` for arguments that do not fit, before anything is sent.
     """
     kind = VERBS[_known(verb)].args
-    args = wire.decode(msgspec.json.encode(await arguments_of(request, kind)), kind, f"do/{verb}")
+    args = wire.build(await arguments_of(request, kind), kind, f"do/{verb}")
     if args.id:
         return await _once(gateway, vehicle, keys.DO.key(vehicle.fleet, vehicle.name, verb=verb), wire.encode(args))
     start = time.monotonic()

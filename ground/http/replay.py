@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import msgspec
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -47,7 +46,7 @@ def routes(gateway: Gateway) -> list[BaseRoute]:
         """Pause it or go on, play it faster, or from elsewhere."""
         played = player()
         values = await arguments_of(request, Steer)
-        wanted = wire.decode(msgspec.json.encode(values), Steer, "replay")
+        wanted = wire.build(values, Steer, "replay")
         if wanted.speed is not None and not SPEEDS[0] <= wanted.speed <= SPEEDS[1]:
             raise BadInput.wrong("speed", wanted.speed, f"{SPEEDS[0]:g} to {SPEEDS[1]:g} times real time")
         if wanted.to is not None and not math.isfinite(wanted.to):

@@ -153,7 +153,7 @@ class SetpointStreams:
     async def setpoint(self, request: Request) -> Response:
         """Fly to a point: m, north, east, down about the fleet's origin, as long as it is called once a second."""
         caller = _caller(request)
-        point = wire.decode(msgspec.json.encode(await arguments_of(request, Point)), Point, "setpoint")
+        point = wire.build(await arguments_of(request, Point), Point, "setpoint")
         fields = point.fields()
         stream = self._streams.get(caller)
         if stream is not None and stream.over:

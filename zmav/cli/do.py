@@ -6,7 +6,6 @@ import asyncio
 from typing import Any
 
 import click
-import msgspec
 
 from zmav import wire
 from zmav.cli.common import Work, assignments, connected, dump, json_option
@@ -31,7 +30,7 @@ def command(vehicles: str, verb: str, arguments: tuple[str, ...], as_json: bool)
 
 def order(vehicles: str, verb: str, arguments: dict[str, Any], as_json: bool) -> Work:
     """Give the order to all that match, at once, and tell how each ended; ends with an error if any of them refused."""
-    args = wire.decode(msgspec.json.encode(arguments), VERBS[verb].args, verb)
+    args = wire.build(arguments, VERBS[verb].args, verb)
 
     async def give(z: Client) -> None:
         over = set[str]()

@@ -137,7 +137,7 @@ class Lease:
         self._seq += 1
         until = time.time() + valid if deadline is None else deadline
         point = wire.Setpoint(lease=self.token, seq=self._seq, deadline=until, **fields)
-        data = wire.encode(point)
+        data = wire.encode_request(point)
         proof = seal(self._secret, self._key, data) if self._secret else None
         self._client.put(keys.SETPOINT, self._key, data, proof, None if repeated else self._points)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -288,10 +287,7 @@ class Vehicle:
         :class:`zmav.wire.TurnGimbal`. Raises :class:`Refused` where no gimbal answers, or somebody else controls it.
         """
         name = f"gimbal_{verb}"
-        for field, value in args.items():
-            if isinstance(value, float) and not math.isfinite(value):  # JSON would have none in its place
-                raise BadInput.wrong(field, value, "a finite number")
-        return await self.order(name, wire.decode(msgspec.json.encode(args), VERBS[name].args, name))
+        return await self.order(name, wire.build(args, VERBS[name].args, name))
 
     async def set_mode(self, mode: str) -> None:
         """Enter a flight mode by its name (``LOITER``)."""
@@ -302,7 +298,7 @@ class Vehicle:
         args = msgspec.structs.replace(
             args, id=uuid.uuid4().hex, lease=args.lease or self._lease, given=args.given or time.time()
         )
-        payload = wire.encode(args)
+        payload = wire.encode_request(args)
         again = wire.encode(wire.Again(again=args.id)) if len(payload) >= LARGE else payload
         return await self._see_through(keys.DO.key(self.fleet, self.name, verb=verb), payload, again, progress)
 
@@ -313,6 +309,7 @@ class Vehicle:
         :class:`TimedOut` where none of that name answers, and what the agent refuses it with.
         """
         key = keys.AGENT_DO.key(self.fleet, self.name, agent=keys.check_name(agent, "agent"), verb=verb)
+        wire.check_finite(arguments)
         try:
             payload = msgspec.json.encode({**arguments, "id": uuid.uuid4().hex})
             return await self._see_through(key, payload, payload, progress)

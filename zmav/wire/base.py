@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import json
+import math
 import re
 from typing import Any, TypeVar
 
@@ -41,6 +42,28 @@ _NAMED_FIELD = re.compile(r"field `([^`]*)`")
 def encode(payload: msgspec.Struct) -> bytes:
     """JSON bytes; NaN and infinities become null."""
     return _encoder.encode(payload)
+
+
+def encode_request(payload: Wire) -> bytes:
+    """JSON bytes of what asks for something. Raises :class:`BadInput` for a number that JSON does not have: null in its
+    place would mean that it was not given, and something else be done.
+    """
+    check_finite(msgspec.structs.asdict(payload))
+    return encode(payload)
+
+
+def build(values: dict[str, Any], kind: type[W], what: str) -> W:
+    """A ``kind`` from plain values by their names; raises as :func:`decode` and :func:`encode_request` do."""
+    check_finite(values)
+    return decode(_encoder.encode(values), kind, what)
+
+
+def check_finite(values: dict[str, Any]) -> None:
+    """Raise :class:`BadInput` that names the field which is NaN or infinite, or has such a number in it."""
+    for field, value in values.items():
+        for number in value if isinstance(value, (tuple, list)) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise BadInput.wrong(field, value, "a finite number")
 
 
 def decode(data: bytes, kind: type[W], what: str) -> W:
