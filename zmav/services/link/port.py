@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import collections
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
@@ -167,7 +166,7 @@ class Inbox:
         self._port.awaited += 1
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._port.awaited -= 1
         for stop in self._stops:
             stop()
