@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -16,6 +17,8 @@ from zmav.mavlink.signing import Signing
 from zmav.waiting import within
 
 Listener = Callable[[Frame], None]
+BUSY_S = 1.0
+"""s for which an intake waits for an event loop that has no time: the newest wait in its ring meanwhile"""
 
 
 class LastFrame(NamedTuple):
@@ -109,6 +112,25 @@ def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Cal
                 raise
 
     return relay
+
+
+def one_waits(loop: asyncio.AbstractEventLoop, call: Callable[[Any], object]) -> Callable[[Any], None]:
+    """As :func:`on_loop`, for an intake: one call at a time waits for the loop, and is left out where that is busy."""
+    room = threading.Semaphore()
+
+    def look(what: Any) -> None:
+        try:
+            call(what)
+        finally:
+            room.release()
+
+    hand = on_loop(loop, look)
+
+    def put(what: Any) -> None:
+        if room.acquire(timeout=BUSY_S):
+            hand(what)
+
+    return put
 
 
 class RoundTrip:
