@@ -12,7 +12,6 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 
 from zmav import guard
 from zmav.client import Client, connect
@@ -52,7 +51,7 @@ class Children:
         self._before = {number: signal.signal(number, self._on_signal) for number in self._signals}
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         for number in self._before:
             signal.signal(number, signal.SIG_IGN)
         running = list(reversed(self._running.values()))

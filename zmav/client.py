@@ -13,7 +13,6 @@ import logging
 import os
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Any, NamedTuple, TypeVar, overload
 
 import msgspec
@@ -115,9 +114,7 @@ class Client:
         self._session, folder = session, self._settings.credentials
         self.member = Member(own_credentials(folder, self.fleet_name)) if folder else None
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         if self._rosters is not None:
             self._rosters.close()
         if self._session is not None:

@@ -6,7 +6,6 @@ import asyncio
 import collections
 import threading
 from collections.abc import AsyncIterator, Callable
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import zenoh
@@ -65,9 +64,7 @@ class Subscription(Generic[T]):
             self._token = self._session.liveliness().declare_token(self._token_key)
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         if self._token is not None:
             self._token.undeclare()
             self._token = None

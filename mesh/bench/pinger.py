@@ -11,6 +11,7 @@ from mesh.bench.statistics import SECOND, Samples
 from zmav import keys, wire
 from zmav.direct import direct
 from zmav.errors import BadInput
+from zmav.services.link.port import on_loop
 from zmav.wire.bench import BenchClock, BenchTrip, Pong
 
 TIMEOUT = 2.0
@@ -67,6 +68,7 @@ class Pinger:
         self._sent = self._settled = self._answered = 0
         self._news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
+        self._over = on_loop(self._loop, self._settle)
 
     def ask(self) -> None:
         """Send one."""
@@ -86,18 +88,11 @@ class Pinger:
 
         # Straight on Zenoh's thread: handing over to another would be part of the time.
         self._session.get(
-            self._key, direct(on_reply, self._on_end), payload=self._payload, timeout=TIMEOUT, **self._options
+            self._key, direct(on_reply, self._over), payload=self._payload, timeout=TIMEOUT, **self._options
         )
 
-    def _on_end(self) -> None:
-        """The query is over, answered or not."""
-        try:
-            self._loop.call_soon_threadsafe(self._settle)
-        except RuntimeError:
-            if not self._loop.is_closed():
-                raise
-
     def _settle(self) -> None:
+        """A query is over, answered or not."""
         self._settled += 1
         self._news.set()
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from zmav.cli.param import comparison, shown
+from zmav.cli.param import comparison
 from zmav.errors import BadInput, NoSuchVehicle
 from zmav.formats import paramfile
+from zmav.formats.paramfile import shown
 from zmav.vehicle.params import differences
 
 if TYPE_CHECKING:

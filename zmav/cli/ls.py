@@ -5,11 +5,10 @@ from __future__ import annotations
 import click
 import msgspec
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 import zmav
-from zmav.cli.common import Work, connected, console, dump, json_option
+from zmav.cli.common import Work, connected, console, dump, json_option, table
 from zmav.doctor.facts import facts_of
 from zmav.doctor.rules import reasons
 
@@ -45,19 +44,17 @@ def fleet_view(vehicles: list[zmav.Vehicle]) -> Group:
 
     A vehicle of which something is bad is red, an armed one green.
     """
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in COLUMNS:
-        table.add_column(name, justify="right" if name in ("id", "batt", "age", "loss") else "left", no_wrap=True)
+    drawn = table(COLUMNS, right=("id", "batt", "age", "loss"))
     notes = []
     for vehicle in vehicles:
         found, state = reasons(facts_of(vehicle)), vehicle.last_state
         bad = any(reason.level == "bad" for reason in found)
         style = "red" if bad else "green" if state is not None and state.armed else ""
-        table.add_row(*_row(vehicle), style=style)
+        drawn.add_row(*_row(vehicle), style=style)
         if found:
             texts = [reason.text for reason in found if reason.rule == RECORDING] or [reason.text for reason in found]
             notes.append(Text(f"{vehicle.name}: {'; '.join(texts)}", style=style))
-    return Group(table, *notes)
+    return Group(drawn, *notes)
 
 
 def _row(vehicle: zmav.Vehicle) -> list[str]:

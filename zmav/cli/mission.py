@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,9 @@ import msgspec
 
 from zmav import wire
 from zmav.cli.common import Work, connected, dump, force_option, json_option, show_table
-from zmav.cli.progress import Progress
-from zmav.cli.vehicles import Line, attempt, for_each, matching, show
+from zmav.cli.vehicles import Line, attempt, fault, for_each, matching, on_all, show
 from zmav.client import Client
-from zmav.errors import BadInput, Unsupported
+from zmav.errors import Unsupported
 from zmav.formats import plans
 from zmav.formats.items import Plan
 from zmav.mavlink import load_dialect
@@ -54,17 +52,14 @@ def upload(vehicles: str, file: str, kind: MissionKind | None, force: bool, as_j
     """
     by_kind = plans_of(file, kind, load_dialect())
 
-    async def one_kind(vehicle: Vehicle, each: MissionKind, tell: Tell) -> Line:
-        done = await vehicle.missions.upload(by_kind[each], each, force=force, progress=tell)
-        return {"result": done[each]}
-
-    async def on_one(vehicle: Vehicle, tell: Tell) -> list[Line]:
-        return [await attempt(one_kind(vehicle, each, tell), kind=each) for each in by_kind]
+    async def send(vehicle: Vehicle, tell: Tell, kind: MissionKind) -> Line:
+        done = await vehicle.missions.upload(by_kind[kind], kind, force=force, progress=tell)
+        return {"result": done[kind]}
 
     def words(line: Line) -> str:
         return f"{line['kind']} uploaded, {line['result']['count']} items{_kept(line['result'])}"
 
-    return _on_all(vehicles, "upload", on_one, words, as_json)
+    return on_all(vehicles, "upload", send, words, as_json, [{"kind": each} for each in by_kind])
 
 
 @command.command("download")
@@ -97,14 +92,11 @@ def download(vehicles: str, file: str, kind: MissionKind | None, as_json: bool) 
         plans.save(path, plan, load_dialect().enums)
         return {"file": path, "result": {each: len(items) for each, items in found.items()}}
 
-    async def on_one(vehicle: Vehicle, tell: Tell) -> list[Line]:
-        return [await attempt(read(vehicle, tell))]
-
     def words(line: Line) -> str:
         counts = ", ".join(f"{each} {count} items" for each, count in line["result"].items())
         return f"{line['file']}: {counts}"
 
-    return _on_all(vehicles, "download", on_one, words, as_json, one_file="{vehicle}" not in file)
+    return on_all(vehicles, "download", read, words, as_json, file=file)
 
 
 @command.command("clear")
@@ -115,14 +107,12 @@ def download(vehicles: str, file: str, kind: MissionKind | None, as_json: bool) 
 def clear(vehicles: str, kind: str, as_json: bool) -> Work:
     """Leave no items: 'zmav mission clear quad1 --kind all'."""
 
-    async def one_kind(vehicle: Vehicle, each: MissionKind) -> Line:
-        await vehicle.missions.clear(each)
+    async def empty(vehicle: Vehicle, tell: Tell, kind: MissionKind) -> Line:
+        await vehicle.missions.clear(kind)
         return {"result": {}}
 
-    async def on_one(vehicle: Vehicle, tell: Tell) -> list[Line]:
-        return [await attempt(one_kind(vehicle, each), kind=each) for each in KINDS if kind in (each, "all")]
-
-    return _on_all(vehicles, "clear", on_one, lambda line: f"{line['kind']} cleared", as_json)
+    parts = [{"kind": each} for each in KINDS if kind in (each, "all")]
+    return on_all(vehicles, "clear", empty, lambda line: f"{line['kind']} cleared", as_json, parts)
 
 
 @command.command("start")
@@ -138,10 +128,7 @@ def start(vehicles: str, first: int, wait: bool, force: bool, as_json: bool) -> 
     async def fly(vehicle: Vehicle, tell: Tell) -> Line:
         return {"result": await vehicle.missions.start(first, wait_end=wait, force=force, progress=tell)}
 
-    async def on_one(vehicle: Vehicle, tell: Tell) -> list[Line]:
-        return [await attempt(fly(vehicle, tell))]
-
-    return _on_all(vehicles, "mission", on_one, lambda line: f"mission {'at its end' if wait else 'started'}", as_json)
+    return on_all(vehicles, "mission", fly, lambda line: f"mission {'at its end' if wait else 'started'}", as_json)
 
 
 @command.command("show")
@@ -160,7 +147,7 @@ def show_(vehicles: str, kind: MissionKind, as_json: bool) -> Work:
             _print(vehicle.name, mission["mission"], as_json)
             return []
 
-        show(await for_each(await matching(z, vehicles), on_one), _fault, as_json)
+        show(await for_each(await matching(z, vehicles), on_one), fault, as_json)
 
     return read
 
@@ -170,32 +157,6 @@ def show_(vehicles: str, kind: MissionKind, as_json: bool) -> Work:
 
 async def _mission(vehicle: Vehicle, kind: MissionKind) -> Line:
     return {"mission": await vehicle.missions.get(kind)}
-
-
-def _on_all(
-    pattern: str,
-    what: str,
-    work: Callable[[Vehicle, Tell], Awaitable[list[Line]]],
-    words: Callable[[Line], str],
-    as_json: bool,
-    one_file: bool = False,
-) -> Work:
-    """Do the work with all vehicles that match, side by side; ends with an error if any of it failed."""
-
-    async def do(z: Client) -> None:
-        vehicles = await matching(z, pattern)
-        if one_file and len(vehicles) > 1:
-            names = ", ".join(vehicle.name for vehicle in vehicles)
-            raise BadInput(f"one file for {names}: put {{vehicle}} into its name", field="file", expected="{vehicle}")
-        with Progress(what, quiet=as_json) as progress:
-            lines = await for_each(vehicles, lambda vehicle: work(vehicle, partial(progress.tell, vehicle.name)))
-        show(lines, lambda line: _fault(line) if "error" in line else words(line), as_json)
-
-    return do
-
-
-def _fault(line: Line) -> str:
-    return f"{line['kind']} not done: {line['message']}" if "kind" in line else f"not done: {line['message']}"
 
 
 def _kept(result: dict[str, Any]) -> str:

@@ -16,11 +16,12 @@ import msgspec
 from zmav import wire
 from zmav.cli.common import Work, assignments, connected, dump, json_option, show_table, tell
 from zmav.cli.progress import Progress
-from zmav.cli.vehicles import Line, attempt, for_each, matching, show, together
+from zmav.cli.vehicles import Line, attempt, check_apart, for_each, matching, show, together
 from zmav.client import Client
 from zmav.errors import BadInput
 from zmav.formats import paramfile
-from zmav.mavlink.paramvalue import Value, same
+from zmav.formats.paramfile import shown
+from zmav.mavlink.paramvalue import same
 from zmav.vehicle import Difference, Vehicle, differences
 from zmav.vehicle.params import own_params, values
 
@@ -122,9 +123,7 @@ def save(vehicles: str, file: str, pattern: str) -> Work:
 
     async def read(z: Client) -> None:
         targets = await matching(z, vehicles)
-        if len(targets) > 1 and "{vehicle}" not in file:
-            expected = "a name with {vehicle} in it"
-            raise BadInput(f"{len(targets)} vehicles, one file: {file}", field="file", value=file, expected=expected)
+        check_apart(targets, file)
         found = await _tables(targets)
         for v in targets:
             table, path, state = found[v.name], Path(file.replace("{vehicle}", v.name)), v.last_state
@@ -286,13 +285,6 @@ def _print(rows: list[tuple[str, wire.Param]], as_json: bool) -> None:
     several = len({name for name, _ in rows}) > 1
     table = [[*([name] if several else []), p.name, shown(p.value), p.type] for name, p in rows]
     show_table([*(["vehicle"] if several else []), "name", "value", "type"], table, right=("value",))
-
-
-def shown(value: Value) -> str:
-    """A value for a person: 3 and not 3.0, nan for none."""
-    if value is None:
-        return "nan"
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
 
 
 def comparison(found: Sequence[Difference], columns: Sequence[str]) -> tuple[list[str], Iterable[list[str]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import click
@@ -11,9 +10,7 @@ import msgspec
 from zmav import geo, wire
 from zmav.cli.common import Work, connected, dump, json_option
 from zmav.cli.places import numbers
-from zmav.cli.progress import Progress
-from zmav.cli.vehicles import Line, attempt, for_each, matching, show
-from zmav.client import Client
+from zmav.cli.vehicles import Line, on_all
 from zmav.errors import BadInput, TimedOut
 from zmav.formats.tiles import open_source, pieces_within
 from zmav.services.files.store import tiles_directory
@@ -70,17 +67,7 @@ def load(vehicles: str, source: str, radius: float, area: str | None, as_json: b
         size = await vehicle.terrain.put(pieces, tell)
         return {"pieces": len(pieces), "bytes": size}
 
-    async def do(z: Client) -> None:
-        found = await matching(z, vehicles)
-        with Progress("terrain", quiet=as_json) as progress:
-
-            async def on_one(vehicle: Vehicle) -> list[Line]:
-                return [await attempt(bring(vehicle, functools.partial(progress.tell, vehicle.name)))]
-
-            lines = await for_each(found, on_one)
-        show(lines, lambda line: _fault(line) or f"{line['pieces']} pieces, {line['bytes']} bytes", as_json)
-
-    return do
+    return on_all(vehicles, "terrain", bring, lambda line: f"{line['pieces']} pieces, {line['bytes']} bytes", as_json)
 
 
 @command.command("show")
@@ -90,17 +77,11 @@ def load(vehicles: str, source: str, radius: float, area: str | None, as_json: b
 def show_(vehicles: str, as_json: bool) -> Work:
     """What vehicles keep of the ground, and what their autopilots say: 'zmav terrain show "quad*"'."""
 
-    async def look(vehicle: Vehicle) -> Line:
+    async def look(vehicle: Vehicle, tell: Any) -> Line:
         found: Line = msgspec.to_builtins(await vehicle.terrain.report())
         return found
 
-    async def do(z: Client) -> None:
-        async def on_one(vehicle: Vehicle) -> list[Line]:
-            return [await attempt(look(vehicle))]
-
-        show(await for_each(await matching(z, vehicles), on_one), lambda line: _fault(line) or _words(line), as_json)
-
-    return do
+    return on_all(vehicles, "terrain", look, _words, as_json)
 
 
 @command.command("clear")
@@ -110,17 +91,10 @@ def show_(vehicles: str, as_json: bool) -> Work:
 def clear(vehicles: str, as_json: bool) -> Work:
     """Have vehicles forget the ground: 'zmav terrain clear quad1'. Their autopilots keep what they were told."""
 
-    async def forget(vehicle: Vehicle) -> Line:
+    async def forget(vehicle: Vehicle, tell: Any) -> Line:
         return {"cleared": await vehicle.terrain.clear()}
 
-    async def do(z: Client) -> None:
-        async def on_one(vehicle: Vehicle) -> list[Line]:
-            return [await attempt(forget(vehicle))]
-
-        lines = await for_each(await matching(z, vehicles), on_one)
-        show(lines, lambda line: _fault(line) or f"{line['cleared']} pieces cleared", as_json)
-
-    return do
+    return on_all(vehicles, "terrain", forget, lambda line: f"{line['cleared']} pieces cleared", as_json)
 
 
 @command.command("height")
@@ -152,10 +126,6 @@ async def _about(vehicle: Vehicle, radius: float) -> tuple[float, float, float, 
     assert place is not None
     here = wire.Origin(lat_deg=place.lat_deg, lon_deg=place.lon_deg, alt_amsl=place.alt_amsl)
     return (*geo.to_global(here, (-radius, -radius, 0.0))[:2], *geo.to_global(here, (radius, radius, 0.0))[:2])
-
-
-def _fault(line: Line) -> str:
-    return f"{line['error']}: {line['message']}" if "error" in line else ""
 
 
 def _words(line: Line) -> str:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import fnmatch
 from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from zmav.cli.common import tell
+from zmav.cli.common import Work, tell
+from zmav.cli.progress import Progress
 from zmav.errors import BadInput, NoSuchVehicle, ZmavError
 
 if TYPE_CHECKING:
@@ -52,6 +54,50 @@ async def for_each(vehicles: list[Vehicle], work: Callable[[Vehicle], Awaitable[
     """Every vehicle's lines, in the order of the vehicles, each with its name first."""
     found = await asyncio.gather(*map(work, vehicles))
     return [{"vehicle": v.name, **line} for v, lines in zip(vehicles, found, strict=True) for line in lines]
+
+
+def on_all(
+    pattern: str,
+    what: str,
+    work: Callable[..., Awaitable[Line]],
+    words: Callable[[Line], str],
+    as_json: bool,
+    parts: Sequence[Line] = ({},),
+    file: str | None = None,
+) -> Work:
+    """A verb that does its work with all vehicles that match, side by side, and tells how each ended.
+
+    ``work`` is given the vehicle, whom to tell how it goes, and each of ``parts`` by name; ``file``: where each one's
+    goes.
+    """
+
+    async def do(z: Client) -> None:
+        vehicles = await matching(z, pattern)
+        if file is not None:
+            check_apart(vehicles, file)
+        with Progress(what, quiet=as_json) as progress:
+
+            async def on_one(vehicle: Vehicle) -> list[Line]:
+                tell = partial(progress.tell, vehicle.name)
+                return [await attempt(work(vehicle, tell, **part), **part) for part in parts]
+
+            lines = await for_each(vehicles, on_one)
+        show(lines, lambda line: fault(line) if "error" in line else words(line), as_json)
+
+    return do
+
+
+def check_apart(vehicles: Sequence[Vehicle], file: str) -> None:
+    """Raise :class:`BadInput` where several vehicles' would go to one file."""
+    if len(vehicles) > 1 and "{vehicle}" not in file:
+        names = ", ".join(vehicle.name for vehicle in vehicles)
+        text = f"one file for {names}: put {{vehicle}} into its name"
+        raise BadInput(text, field="file", value=file, expected="{vehicle}")
+
+
+def fault(line: Line) -> str:
+    """What failed, and why."""
+    return f"{line['kind']} not done: {line['message']}" if "kind" in line else f"not done: {line['message']}"
 
 
 def show(lines: list[Line], words: Callable[[Line], str], as_json: bool) -> None:

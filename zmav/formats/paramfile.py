@@ -85,7 +85,7 @@ def write(file: ParamFile) -> bytes:
     """The file's bytes in its format, by name; raises :class:`BadInput` where a line lacks what the format needs."""
     params = sorted(file.params, key=lambda p: (p.compid or 0, p.name))
     if file.format == "planner":
-        lines = [f"{p.name},{_text(p)}" for p in params]
+        lines = [f"{p.name},{shown(p.value)}" for p in params]
         about = " ".join(filter(None, (file.stack, file.vehicle, file.version)))
         return "\n".join([f"#NOTE: {about}" if about else "#NOTE: parameters", *lines, ""]).encode()
     header = [
@@ -107,11 +107,11 @@ def _qgc_row(file: ParamFile, param: FileParam) -> str:
         raise BadInput(text, field=param.name, value=param.type, expected=f"one of {', '.join(PARAM_TYPES)}")
     number = PARAM_TYPES.index(param.type) + 1
     sysid, compid = (1 if each is None else each for each in (file.sysid, param.compid))
-    return f"{sysid}\t{compid}\t{param.name}\t{_text(param)}\t{number}"
+    return f"{sysid}\t{compid}\t{param.name}\t{shown(param.value)}\t{number}"
 
 
-def _text(param: FileParam) -> str:
-    value = param.value
+def shown(value: float | int | None) -> str:
+    """A value for a person, and in a file: 3 and not 3.0, nan for none."""
     if value is None:
         return "nan"
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)

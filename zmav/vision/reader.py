@@ -12,7 +12,6 @@ import statistics
 import time
 import uuid
 from collections.abc import AsyncIterator
-from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
@@ -98,9 +97,7 @@ class Reader:
         self._reporting = loop.create_task(self._report())
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         if self._reporting is not None:
             self._reporting.cancel()
         held: tuple[Any, ...] = (self._subscriber, self._publisher)

@@ -10,7 +10,6 @@ import asyncio
 import collections
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable
 
@@ -23,7 +22,7 @@ from zmav.formats.rtcm3 import Ecef
 from zmav.mavlink.rtcm import fields
 from zmav.services.companion import Companion
 from zmav.services.corrections.outgoing import AROUND, Outgoing, Pace, Waiting
-from zmav.services.link.port import on_loop
+from zmav.services.link.port import on_loop, one_waits
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.trust.gate import Prove
@@ -31,8 +30,6 @@ from zmav.trust.gate import Prove
 logger = logging.getLogger(__name__)
 MOST_WAITING = 16
 """batches that are looked at in 5 ms, the newest"""
-BUSY_S = 1.0
-"""s for which the intake waits for an event loop that has no time for them: the newest wait in its ring meanwhile"""
 FORGET_S = 600.0
 """s after the last ones from which the state has nothing of corrections any more"""
 MOVED_M = 0.5
@@ -74,26 +71,16 @@ class Corrections:
         """that the autopilot was given"""
 
     def start(self) -> None:
-        self._loop, room = asyncio.get_running_loop(), threading.Semaphore()
-
-        def looked_at(batch: Batch) -> None:
-            try:
-                self._hear(batch)
-            finally:
-                room.release()
-
-        hear = on_loop(self._loop, looked_at)
-        drop = on_loop(self._loop, self._drop)
+        loop = asyncio.get_running_loop()
+        hear, drop = one_waits(loop, self._hear), on_loop(loop, self._drop)
 
         def take(samples: list[zenoh.Sample]) -> None:
-            """In the intake's thread: what is not proven comes no further. One batch at a time waits for the loop."""
+            """In the intake's thread: what is not proven comes no further."""
             for sample in samples:
                 payload = sample.payload.to_bytes() if len(sample.payload) <= MOST else b""
                 try:
                     self._told(str(sample.key_expr), payload, attached(sample))
-                    batch = unpack(payload)
-                    if room.acquire(timeout=BUSY_S):
-                        hear(batch)
+                    hear(unpack(payload))
                 except Forbidden:
                     continue  # said and counted by the gate
                 except BadMessage as e:
@@ -102,7 +89,7 @@ class Corrections:
 
         key = keys.RTCM.key(self._port.fleet)
         self._intake = Intake(self._session.declare_subscriber, key, take, MOST_WAITING)
-        self._task = self._loop.create_task(self._send())
+        self._task = loop.create_task(self._send())
 
     def close(self) -> None:
         if self._task is not None:

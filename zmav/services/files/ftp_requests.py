@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import NamedTuple
 
 from zmav.errors import TimedOut
@@ -61,8 +60,8 @@ class Talk:
         self._mail.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self._mail.__exit__(kind, error, tb)
+    def __exit__(self, *_: object) -> None:
+        self._mail.__exit__()
 
     @property
     def patience(self) -> float:

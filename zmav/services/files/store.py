@@ -11,7 +11,6 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
 
 import msgspec
 
@@ -69,9 +68,7 @@ class PartialFile:
     async def __aenter__(self) -> PartialFile:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         try:
             with contextlib.suppress(OSError):  # a full disk must not hide what went wrong before
                 await asyncio.to_thread(self._save)

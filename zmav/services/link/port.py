@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import threading
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
@@ -17,6 +17,8 @@ from zmav.mavlink.signing import Signing
 from zmav.waiting import within
 
 Listener = Callable[[Frame], None]
+BUSY_S = 1.0
+"""s for which an intake waits for an event loop that has no time: the newest wait in its ring meanwhile"""
 
 
 class LastFrame(NamedTuple):
@@ -112,6 +114,25 @@ def on_loop(loop: asyncio.AbstractEventLoop, call: Callable[..., object]) -> Cal
     return relay
 
 
+def one_waits(loop: asyncio.AbstractEventLoop, call: Callable[[Any], object]) -> Callable[[Any], None]:
+    """As :func:`on_loop`, for an intake: one call at a time waits for the loop, and is left out where that is busy."""
+    room = threading.Semaphore()
+
+    def look(what: Any) -> None:
+        try:
+            call(what)
+        finally:
+            room.release()
+
+    hand = on_loop(loop, look)
+
+    def put(what: Any) -> None:
+        if room.acquire(timeout=BUSY_S):
+            hand(what)
+
+    return put
+
+
 class RoundTrip:
     """How many seconds to wait for an answer before it counts as lost, as in RFC 6298."""
 
@@ -167,7 +188,7 @@ class Inbox:
         self._port.awaited += 1
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._port.awaited -= 1
         for stop in self._stops:
             stop()

@@ -14,7 +14,7 @@ import zenoh
 from zmav import geo, keys, wire
 from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.queries.questions import Reply
 from zmav.session import is_read
 from zmav.trust.gate import anybody
@@ -51,7 +51,7 @@ class StateService:
         """s for which a battery's estimate holds: one comes each two seconds, of several batteries in turn"""
         self._times: dict[int, tuple[float, float]] = {}
         """s left, and when that was heard, by battery"""
-        self._stop: Callable[[], None] | None = None
+        self._batteries = AutopilotMessages(companion, {"BATTERY_STATUS": self._on_battery})
         self.read = True
         """somebody subscribes to it"""
 
@@ -60,22 +60,19 @@ class StateService:
         self._questions.declare(
             self._key, lambda query: self._answer(query, loop), admit=anybody
         )  # it is published, too
-        self._stop = self._port.listen("BATTERY_STATUS", on_loop(loop, self._on_battery))
+        self._batteries.start()
         if self._signer is not None:
             key, der = keys.CERTIFICATE.key(self._port.fleet, self._port.name), self._signer.certificate.der
             introduction = Reply(key, der, keys.CERTIFICATE.encoding)
             self._questions.declare(key, lambda query: iter([introduction]), admit=anybody)
 
     def close(self) -> None:
-        if self._stop is not None:
-            self._stop()
+        self._batteries.close()
         self._publisher.undeclare()
 
-    def _on_battery(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) == self._identity.source:
-            told = decode(frame, self._port.dialect)
-            left = told["time_remaining"] if told["time_remaining"] > 0 else math.inf  # 0: it gives none
-            self._times[told["id"]] = left, time.monotonic()
+    def _on_battery(self, told: Mapping[str, Any], frame: Frame) -> None:
+        left = told["time_remaining"] if told["time_remaining"] > 0 else math.inf  # 0: it gives none
+        self._times[told["id"]] = left, time.monotonic()
 
     def _time_left(self) -> float | None:
         now = time.monotonic()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import zenoh
@@ -16,7 +16,7 @@ import zenoh
 from zmav import keys, wire
 from zmav.mavlink import Frame, decode
 from zmav.services.companion import Companion
-from zmav.services.link.port import on_loop
+from zmav.services.link.heard import AutopilotMessages
 from zmav.services.link.reported import fields_of
 from zmav.services.orders.orders import Handler, Report
 from zmav.services.queries.questions import Reply
@@ -74,6 +74,7 @@ class TerrainRequests:
         self._port, self._identity, self._events = companion.port, companion.identity, companion.events
         self._key = keys.TERRAIN.key(companion.port.fleet, companion.port.name)
         companion.questions.declare(self._key, self._answer)
+        self._requests = AutopilotMessages(companion, {"TERRAIN_REQUEST": self._on_request})
         self.terrain, self._need = terrain, need
         self.answered = 0
         self._asked: dict[Block, int] = {}
@@ -87,13 +88,12 @@ class TerrainRequests:
         return {"terrain_put": self.put, "terrain_clear": self.clear}
 
     def start(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._stop = self._port.listen("TERRAIN_REQUEST", on_loop(loop, self._on_request))
-        self._task = loop.create_task(self._work())
+        self._requests.start()
+        self._task = asyncio.get_running_loop().create_task(self._work())
         self._ask_for()
 
     def close(self) -> None:
-        self._stop()
+        self._requests.close()
         if self._task is not None:
             self._task.cancel()
 
@@ -123,10 +123,7 @@ class TerrainRequests:
             self._need(name, hz if kept else 0.0)
         return kept
 
-    def _on_request(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        fields = decode(frame, self._port.dialect)
+    def _on_request(self, fields: Mapping[str, Any], frame: Frame) -> None:
         block, mask = Block(fields["lat"], fields["lon"], fields["grid_spacing"]), fields["mask"] % (1 << BITS)
         if not mask or block.spacing < 1 or not (abs(block.lat) < 900_000_000 and abs(block.lon) <= 1_800_000_000):
             return

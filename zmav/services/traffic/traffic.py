@@ -8,20 +8,20 @@ import asyncio
 import logging
 import math
 import random
-import threading
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
 
 from zmav import config, geo, keys, wire
 from zmav.errors import BadInput, Forbidden
-from zmav.mavlink import Frame, decode
+from zmav.mavlink import Frame
 from zmav.services.companion import Companion
 from zmav.services.corrections.outgoing import Pace
-from zmav.services.link.port import on_loop
+from zmav.services.link.heard import AutopilotMessages
+from zmav.services.link.port import one_waits
 from zmav.services.queries.intake import Intake
 from zmav.services.queries.proven import attached
 from zmav.traffic import BYTES, FASTEST, AirPicture, Alarm, Seen, Sighting, Tracks, approach, mate_address, read
@@ -31,8 +31,6 @@ from zmav.trust.proof import Signer
 logger = logging.getLogger(__name__)
 MOST_WAITING = 64
 """reports that are looked at in 5 ms, the newest"""
-BUSY_S = 1.0
-"""s for which the intake waits for an event loop that has no time for them"""
 REACH_M = 50_000.0
 """m within which an autopilot's receiver is listened to"""
 FAR_M = 1e6
@@ -74,6 +72,7 @@ class Traffic:
         self._key = keys.TRAFFIC.key(companion.port.fleet)
         self._instance = random.getrandbits(32)
         self._picture, self._tracks = AirPicture(), Tracks()
+        self._receiver = AutopilotMessages(companion, {"ADSB_VEHICLE": self._on_aircraft})
         self._pace = Pace(lambda: self._port.link.capacity)
         self._warned: dict[str, str] = {}
         """by address: close or coming"""
@@ -84,18 +83,12 @@ class Traffic:
         """the autopilot's receiver was told of to the fleet within the last seconds"""
 
     def start(self) -> None:
-        loop, room = asyncio.get_running_loop(), threading.Semaphore()
-
-        def looked_at(report: wire.Traffic) -> None:
-            try:
-                self._picture.hear(report, time.monotonic(), time.time())
-            finally:
-                room.release()
-
-        hear = on_loop(loop, looked_at)
+        hear = one_waits(
+            asyncio.get_running_loop(), lambda report: self._picture.hear(report, time.monotonic(), time.time())
+        )
 
         def take(samples: list[zenoh.Sample]) -> None:
-            """In the intake's thread: what is not proven comes no further. One report at a time waits for the loop."""
+            """In the intake's thread: what is not proven comes no further."""
             for sample in samples:
                 payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
                 try:
@@ -103,28 +96,24 @@ class Traffic:
                     if report.instance == self._instance:
                         continue
                     self._told(str(sample.key_expr), payload, attached(sample))
-                    if room.acquire(timeout=BUSY_S):
-                        hear(report)
+                    hear(report)
                 except Forbidden:
                     continue  # said and counted by the gate
                 except BadInput as e:
                     logger.debug("traffic that is none: %s", e)
 
         self._intake = Intake(self._session.declare_subscriber, self._key, take, MOST_WAITING)
-        self._stop = self._port.listen("ADSB_VEHICLE", on_loop(loop, self._on_aircraft))
+        self._receiver.start()
 
     def close(self) -> None:
-        self._stop()
+        self._receiver.close()
         self._intake.close()
         if self._publisher is not None:
             self._publisher.undeclare()
 
     # What the autopilot's receiver hears.
 
-    def _on_aircraft(self, frame: Frame) -> None:
-        if (frame.sysid, frame.compid) != self._identity.source:
-            return
-        f = decode(frame, self._port.dialect)
+    def _on_aircraft(self, f: Mapping[str, Any], frame: Frame) -> None:
         flags, now = f["flags"], time.monotonic()
         if f["tslc"] > OLDEST_TSLC:
             return
