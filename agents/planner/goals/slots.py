@@ -85,7 +85,7 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
         Vehicle(
             id=view.name,
             type="copter",
-            start=_point(start),
+            start=frames.vector(start),
             radius=view.body.radius,
             vmax=view.body.speed,
             amax=view.accel,
@@ -95,13 +95,8 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
         for view, start in zip(views, starts, strict=True)
     ]
     both = np.vstack((starts, ends))
-    bounds = Bounds(min=_point(both.min(axis=0) - 1.0), max=_point(both.max(axis=0) + 1.0))
-    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in ends], bounds=bounds)
+    bounds = Bounds(min=frames.vector(both.min(axis=0) - 1.0), max=frames.vector(both.max(axis=0) + 1.0))
+    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[frames.vector(p) for p in ends], bounds=bounds)
     chosen = assign(scene, world_of(scene))
     assert chosen is not None
     return chosen
-
-
-def _point(values: Floats) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return (x, y, z)

@@ -178,9 +178,7 @@ def _opened(scene: Scene) -> Scene:
     """Each polygon without corners that repeat the one before, or the first at the end."""
     for each in (*scene.obstacles, *([scene.geofence] if scene.geofence else [])):
         if isinstance(each, NoFly | Fence):
-            following = [*each.polygon[1:], *each.polygon[:1]]
-            kept = [corner for corner, after in zip(each.polygon, following, strict=True) if corner != after]
-            each.polygon = kept or each.polygon[:1]
+            each.polygon = open_ring(each.polygon) or each.polygon[:1]
     return scene
 
 
@@ -272,7 +270,7 @@ def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
 
 def polygon_fault(polygon: Sequence[Corner]) -> str:
     """Why it is no simple polygon, of which one can say what is inside; empty: it is one."""
-    corners = [c for k, c in enumerate(polygon) if c != polygon[k - 1]]
+    corners = open_ring(polygon)
     if not all(_near(value) for corner in corners for value in corner):
         return "a corner is no place"
     if len(corners) < 3:
@@ -281,6 +279,11 @@ def polygon_fault(polygon: Sequence[Corner]) -> str:
         one, other = crossing
         return f"the sides after corners {corners[one]} and {corners[other]} cross or touch"
     return ""
+
+
+def open_ring(polygon: Sequence[Corner]) -> list[Corner]:
+    """The corners without repeats, and without the first said again at the end."""
+    return [corner for i, corner in enumerate(polygon) if corner != polygon[i + 1 - len(polygon)]]
 
 
 def _near(value: float) -> bool:
