@@ -18,7 +18,7 @@ from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
-from agents.planner.live.plan import Planned, motion_of
+from agents.planner.live.plan import Planned
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
@@ -261,9 +261,9 @@ class LeasedVehicles:
         self._planned = planned
         self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
-        run.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
+        run.publisher.plan(run.entry.id, time.time(), planned.motions, planned.clearance)
         return Flight(
-            motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
+            motions=planned.motions,
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash,
