@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from agents.planner.model.geometry import world_of
 from agents.planner.model.problem import Floats
 from agents.planner.model.scene import Bounds, Scene, Vehicle
 from agents.planner.solve.assign import assign
-from zmav.errors import BadInput, Refused, Unsupported
+from zmav.errors import Refused, Unsupported
 
 
 def present(views: Sequence[VehicleView]) -> Floats:
@@ -55,13 +54,6 @@ def check_hovering(views: Sequence[VehicleView], what: str) -> None:
     if winged:
         text = f"{', '.join(winged)} cannot hover, as a {what} needs it; leave planes out of it"
         raise Unsupported(text, field="vehicles", vehicles=winged)
-
-
-def check_count(views: Sequence[VehicleView], given: Sequence[Any], field: str) -> None:
-    """Raise :class:`BadInput` where there is not one for each vehicle."""
-    if len(given) != len(views):
-        text = f"{field}: {len(given)} for {len(views)} vehicles"
-        raise BadInput(text, field=field, value=len(given), expected=f"{len(views)}, one for each vehicle")
 
 
 def at_own_height(views: Sequence[VehicleView], places: Floats) -> Floats:
