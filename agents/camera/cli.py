@@ -24,7 +24,7 @@ from mesh.units import bits_per_second
 from zmav.cli.common import Work, connected, dump, fleet_option, json_option, run, zenoh_options
 from zmav.cli.vehicles import matching
 from zmav.errors import BadConfig, BadInput, TimedOut, ZmavError
-from zmav.process import say, until_stopped
+from zmav.process import say
 from zmav.session import SessionSettings
 from zmav.vision.reader import Picture, Reader, camera_info
 from zmav.waiting import together, within
@@ -181,12 +181,10 @@ async def _run(
     ):
         telling = asyncio.ensure_future(photos.run())
         say(f"{fleet}/{own.vehicle}/{own.camera}: {source.words}, {own.budget / 1e3:.0f} kB/s to begin with")
-        stopped, finished = (asyncio.ensure_future(each) for each in (until_stopped(), agent.finished()))
-        done, _ = await asyncio.wait({stopped, finished}, return_when=asyncio.FIRST_COMPLETED)
-        stopped.cancel()
-        telling.cancel()
-        for each in done:
-            each.result()
+        try:
+            await agent.serve()
+        finally:
+            telling.cancel()
     say(f"{agent.sent} pictures sent")
 
 

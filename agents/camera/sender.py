@@ -19,6 +19,7 @@ from agents.camera.settings import CameraSettings
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import BadInput
+from zmav.process import until_stopped
 from zmav.services.link.port import on_loop
 from zmav.services.queries.proven import Answers
 from zmav.services.queries.questions import Questions, Reply
@@ -138,9 +139,13 @@ class Sender(ABC):
             raise RuntimeError("the camera's agent does not run: use 'async with'")
         return self._capture
 
-    async def finished(self) -> None:
-        """Return at the source's end; raises what ended the sending otherwise."""
-        await asyncio.shield(self._tasks[0])
+    async def serve(self) -> None:
+        """Return at the source's end, or when we are told to stop; raises what ended the sending otherwise."""
+        stopped = asyncio.ensure_future(until_stopped())
+        await asyncio.wait({stopped, self._tasks[0]}, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
+        if self._tasks[0].done():
+            self._tasks[0].result()
 
     # What others say.
 

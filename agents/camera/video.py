@@ -104,7 +104,6 @@ class VideoAgent(Sender):
         """what is not a key frame is of no use until one was sent"""
         self._asked = self._looked = self._since = 0.0
         self._aimed = False
-        self._reopen = False
 
     @property
     def stream(self) -> Stream:

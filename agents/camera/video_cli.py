@@ -23,7 +23,7 @@ from zmav.cli.common import dump, fleet_option, json_option, run, show_table, ze
 from zmav.client import Answer
 from zmav.config import load_fleet
 from zmav.errors import BadConfig, BadInput, TimedOut
-from zmav.process import say, until_stopped
+from zmav.process import say
 from zmav.session import SessionSettings
 from zmav.vision.mux import Muxer, sdp
 from zmav.vision.video import Unit, Units, VideoReader, video_info
@@ -110,11 +110,7 @@ async def _run(own: CameraSettings, streams: list[Stream], fleet: str, settings:
         VideoAgent(z, own, streams, settings, say) as agent,
     ):
         say(f"{fleet}/{own.vehicle}/{own.camera}: {agent.stream.words}, {own.budget / 1e3:.0f} kB/s to begin with")
-        stopped, finished = (asyncio.ensure_future(each) for each in (until_stopped(), agent.finished()))
-        done, _ = await asyncio.wait({stopped, finished}, return_when=asyncio.FIRST_COMPLETED)
-        stopped.cancel()
-        for each in done:
-            each.result()
+        await agent.serve()
     say(f"{agent.sent} units sent, {agent.dropped} dropped")
 
 

@@ -86,15 +86,9 @@ class Backstepping:
 
         # The filter's derivative as its mean over the step, which stays stable however long that is.
         goal = _within(omega_d, k.rate_max)
-        share = [(1.0 - math.exp(-each * dt)) / dt for each in k.gamma_bar]
-        omega_dot = _within(
-            (
-                share[0] * (goal[0] - self.omega_ref[0]),
-                share[1] * (goal[1] - self.omega_ref[1]),
-                share[2] * (goal[2] - self.omega_ref[2]),
-            ),
-            k.turn_max,
-        )
+        fade, kept = _fading(k.gamma_bar, dt), _fading(k.gamma1, dt)
+        share = scaled(1.0 / dt, less((1.0, 1.0, 1.0), fade))
+        omega_dot = _within(times(share, less(goal, self.omega_ref)), k.turn_max)
         back = _push(angles, z1_bar)
         ix, iy, iz = k.inertia
         p, q, r = rates
@@ -105,13 +99,8 @@ class Backstepping:
         )
 
         missed = angle_rates(angles, less(self.omega_ref, omega_d))
-        kept = [math.exp(-each * dt) for each in k.gamma1]
-        self.epsilon = (
-            kept[0] * self.epsilon[0] - dt * missed[0],
-            kept[1] * self.epsilon[1] - dt * missed[1],
-            kept[2] * self.epsilon[2] - dt * missed[2],
-        )
-        self.omega_ref = add(self.omega_ref, (omega_dot[0] * dt, omega_dot[1] * dt, omega_dot[2] * dt))
+        self.epsilon = less(times(kept, self.epsilon), scaled(dt, missed))
+        self.omega_ref = add(self.omega_ref, scaled(dt, omega_dot))
         self.z1, self.z1_bar, self.z2, self.omega_d = z1, z1_bar, z2, omega_d
         return torque
 
@@ -160,6 +149,10 @@ def times(a: Vec, b: Vec) -> Vec:
 
 def scaled(size: float, a: Vec) -> Vec:
     return size * a[0], size * a[1], size * a[2]
+
+
+def _fading(rates: Vec, dt: float) -> Vec:
+    return math.exp(-rates[0] * dt), math.exp(-rates[1] * dt), math.exp(-rates[2] * dt)
 
 
 def _within(a: Vec, limit: Vec) -> Vec:

@@ -107,7 +107,7 @@ class Play:
             await self._run(step, step.run)
         elif step.start is not None:
             self._command(step, step.start)
-            words_, where = self._words(step.start), self._environment(step)
+            words_, where = self._words(step.start), self.stage.environment(step.on)
             self.processes.start(called(step), *words_, environment=where, may_end=step.ends)
             if step.ends:
                 self._brief.append(called(step))
@@ -139,7 +139,9 @@ class Play:
     async def _run(self, step: Step, command: str) -> None:
         self._command(step, command)
         name = f"{len(self.marks)} {' '.join(words(command)[:3])}"
-        process = self.processes.start(name, *self._words(command), may_end=True, environment=self._environment(step))
+        process = self.processes.start(
+            name, *self._words(command), may_end=True, environment=self.stage.environment(step.on)
+        )
         told = 0
 
         def ended() -> bool:
@@ -155,16 +157,12 @@ class Play:
             raise ZmavError(f"'{command}' ended with {process.returncode}")
 
     async def _join(self, name: str, within: float) -> None:
-        def words() -> str:
-            return f"{name} did not end within {within:g} s; it said last:\n{self.processes.said(name)}"
-
-        await self._until(lambda: self.processes.ended(name) is not None, within, words)
+        await self._until(
+            lambda: self.processes.ended(name) is not None, within, lambda: self._not_yet(name, "end", within)
+        )
         self._mark(f"{name} has ended")
 
     async def _said(self, name: str, text: str, within: float) -> None:
-        def words() -> str:
-            return f"{name} did not say {text!r} within {within:g} s; it said last:\n{self.processes.said(name)}"
-
         told = 0
 
         def said() -> bool:
@@ -172,7 +170,10 @@ class Play:
             told = self._echo(name, told)
             return any(text in line for line in self.processes.lines(name)[:told])
 
-        await self._until(said, within, words)
+        await self._until(said, within, lambda: self._not_yet(name, f"say {text!r}", within))
+
+    def _not_yet(self, name: str, what: str, within: float) -> str:
+        return f"{name} did not {what} within {within:g} s; it said last:\n{self.processes.said(name)}"
 
     async def _until(self, true: Callable[[], bool], within: float, words: Callable[[], str]) -> None:
         """Look until it is so, but not for processes that are gone. Raises :class:`TimedOut` with those words."""
@@ -224,9 +225,6 @@ class Play:
         for name, value in places.items():
             found = [word.replace(name, value) for word in found]
         return found
-
-    def _environment(self, step: Step) -> dict[str, str]:
-        return self.stage.environment(step.on)
 
     def _command(self, step: Step, command: str) -> None:
         where = "" if step.on == "ground" else f"{step.on}: "

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -80,7 +80,6 @@ class Truth:
 
 PING = 1.0
 """s between two round trips to a vehicle"""
-W = TypeVar("W", bound=msgspec.Struct)
 
 
 class LinkFigures(msgspec.Struct):
@@ -102,19 +101,13 @@ class Watch:
     async def run(self) -> None:
         await asyncio.gather(self._links(), *(self._ping(name, track) for name, track in self.tracks.items()))
 
-    def _samples(self, key: str, kind: type[W]) -> zmav.Subscription[tuple[str, W]]:
-        """The vehicle's name and what was published under ``key``; what is not a ``kind`` is left out."""
-
-        def convert(sample: zenoh.Sample) -> tuple[str, W]:
-            key = str(sample.key_expr)
-            return key.split("/")[2], wire.decode(sample.payload.to_bytes(), kind, key)
-
-        return self._z.subscribe(key, convert)
-
     async def _links(self) -> None:
-        async with self._samples(
-            keys.LINK.key(self._z.fleet_name, "*", link="autopilot"), wire.LinkQuality
-        ) as qualities:
+        def convert(sample: zenoh.Sample) -> tuple[str, wire.LinkQuality]:
+            key = str(sample.key_expr)
+            return key.split("/")[2], wire.decode(sample.payload.to_bytes(), wire.LinkQuality, key)
+
+        key = keys.LINK.key(self._z.fleet_name, "*", link="autopilot")
+        async with self._z.subscribe(key, convert) as qualities:
             async for name, quality in qualities:
                 if track := self.tracks.get(name):
                     track.mavlink_lost, track.mavlink_frames = quality.lost, quality.rx_frames

@@ -15,7 +15,6 @@ from agents.planner.cli.asking import Planner, find
 from agents.planner.cli.watching import show_preview, until_ended
 from zmav.cli import places
 from zmav.cli.common import Work, connected, json_option, tell
-from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
 GROUND, POLYGON = "N,E", "'N,E N,E ...'"
@@ -114,9 +113,6 @@ def goto(vehicles: tuple[str, ...], to: tuple[Vector, ...], unlabelled: bool, ti
     def make(planner: Planner) -> swarm.Goal:
         found = planner.names(names)
         wanted = places or list(to)
-        if len(found) != len(wanted):
-            text = f"{len(found)} vehicles ({', '.join(found)}), and {len(wanted)} places"
-            raise BadInput(text, field="to", value=len(wanted), expected=f"{len(found)} places")
         return swarm.GoTo(vehicles=found, to=wanted, labelled=not unlabelled, tight=tight)
 
     return make

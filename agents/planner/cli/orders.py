@@ -10,7 +10,8 @@ import msgspec
 import zmav
 from agents.planner.cli.asking import find, planners
 from agents.planner.cli.goals import GROUND, POLYGON, ground, polygon
-from agents.planner.cli.watching import ENDED, few, show_goals
+from agents.planner.cli.watching import few, show_goals
+from agents.planner.live.ledger import ENDED
 from zmav import keys, wire
 from zmav.cli import places
 from zmav.cli.common import Work, connected, dump, json_option, show_table, tell

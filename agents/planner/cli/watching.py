@@ -9,11 +9,11 @@ import msgspec
 
 import zmav
 from agents.planner.cli.asking import Planner, books
+from agents.planner.live.ledger import ENDED, kind_of
 from zmav.cli.common import dump, show_table, tell
 from zmav.errors import TimedOut
 from zmav.wire import swarm
 
-ENDED = ("done", "failed", "cancelled")
 SILENCE = 3.0
 GIVE_UP = 60.0
 """s without a book after which nobody is waited for any more: a standby has taken over long before"""
@@ -45,10 +45,6 @@ async def until_ended(z: zmav.Client, name: str, as_json: bool) -> swarm.GoalEnt
 def line(entry: swarm.GoalEntry) -> str:
     figures = f" ({_figures(entry)})" if entry.makespan is not None else ""
     return f"{entry.id} {kind_of(entry.goal)}: {entry.state}, {100.0 * entry.progress:.0f} %: {entry.text}{figures}"
-
-
-def kind_of(goal: swarm.Goal) -> str:
-    return str(type(goal).__struct_config__.tag)
 
 
 def _figures(entry: swarm.GoalEntry) -> str:

@@ -15,9 +15,9 @@ import numpy as np
 
 from agents.planner.execute.commit import Entry, Order, Part, Reserved, Stamp
 from agents.planner.execute.homes import Home, Homes
-from agents.planner.execute.rows import SAME, ahead, head_of, knot, place_of, standing
+from agents.planner.execute.rows import SAME, ahead, head_of, knot, standing
 from agents.planner.execute.track import CommonClock, Profile, behind, braked, crept, knots, onward
-from agents.planner.model.problem import Floats
+from agents.planner.model.problem import Floats, places_at
 from zmav.wire.state import Severity
 
 START = 2.0
@@ -193,7 +193,7 @@ class Conductor:
             part.following.heard(part.place_at, at, place)
             if self._source is None and abs(part.following.late - part.late) > LATER:
                 self.delay(part, part.following.late, now)
-        meant = [np.linalg.norm(place - place_of(entry, at)) for entry in part.entries]
+        meant = [np.linalg.norm(place - places_at(entry.samples, at)) for entry in part.entries]
         off = float(min(meant))
         self.worst[part.id] = max(self.worst.get(part.id, 0.0), off)
         allowed = part.margin + part.track.speed * part.error

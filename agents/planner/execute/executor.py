@@ -183,17 +183,16 @@ class Executor:
             if part.active and (who := conductor.reserved.blocked_by_mover(part, now)):
                 conductor.halt(f"{who} is about to cross the way of {part.id}", vehicle=part.id, mover=who)
 
-    def obstructed(self, clear: Callable[[Floats, Floats, float], bool], why: str) -> list[str]:
+    def obstructed(self, clear: Callable[[Floats, Floats, float], bool], why: str) -> None:
         """The world has changed: ``clear(p, q, radius)`` says whether a straight piece is. Who has something in its way
-        stops before it, as far as it can, and a new plan is made. Gives their names.
+        stops before it, as far as it can, and a new plan is made.
         """
-        conductor, now, found = self._conductor, self.clock.now(), []
-        for part in conductor.parts if conductor else []:
-            moment = part.first_hit(now, clear)
-            if moment is not None and conductor is not None:
+        if (conductor := self._conductor) is None:
+            return
+        now = self.clock.now()
+        for part in conductor.parts:
+            if (moment := part.first_hit(now, clear)) is not None:
                 conductor.hinder(part, moment - 0.5, f"{why} in the way of {part.id}")
-                found.append(part.id)
-        return found
 
     async def run(self, flight: Flight) -> Outcome:
         """Fly it to its end, replanned as often as needed. Raises :class:`~zmav.errors.Refused` before anything moves

@@ -23,11 +23,6 @@ def standing(place: Floats, now: float) -> Entry:
     return Entry(Profile.resting(0.0, now), rows, now, now)
 
 
-def place_of(entry: Entry, at: float) -> Floats:
-    k = np.array([at])
-    return np.array([np.interp(k, entry.samples[:, 0], entry.samples[:, axis])[0] for axis in (1, 2, 3)])
-
-
 def knot(entry: Entry, at: float) -> float:
     """The first of its points at ``at`` or later; after the last, any time will do."""
     times = entry.rows[:, 0]

@@ -333,7 +333,11 @@ def _bend(track: Track, profile: Profile, rows: Floats) -> Floats:
 def flown(rows: Floats) -> Motion:
     """What a vehicle flies by these points, as samples: (T, 4), within millimetres in between."""
     count = max(1, int(np.ceil((rows[-1, 0] - rows[0, 0]) / DENSE)))
-    t = np.unique(np.concatenate((rows[:, 0], np.linspace(rows[0, 0], rows[-1, 0], count + 1))))
+    return sampled(rows, np.unique(np.concatenate((rows[:, 0], np.linspace(rows[0, 0], rows[-1, 0], count + 1)))))
+
+
+def sampled(rows: Floats, t: Floats) -> Motion:
+    """Where a vehicle is at the times ``t`` by these points: (T, 4)."""
     place, _ = _hermite(rows[:, 0], rows[:, 1:4], rows[:, 4:7], t)
     return np.ascontiguousarray(np.column_stack((t, place)))
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
+from agents.planner.goals.formation import check_apart
 from agents.planner.model.problem import Floats, Motion
 from zmav.errors import BadInput
 from zmav.wire import Vector
@@ -63,17 +63,9 @@ def offsets_of(goal: Follow, bodies: Sequence[Body], leader_radius: float, downw
         text = f"{len(offsets)} offsets for {count} vehicles"
         raise BadInput(text, field="offsets", value=len(offsets), expected=f"{count}, or none")
     radii = [leader_radius, *(body.radius for body in bodies)]
-    _check_apart(["the leader", *goal.vehicles], [(0.0, 0.0, 0.0), *offsets], radii, downwash)
+    names, places = ["the leader", *goal.vehicles], np.array([(0.0, 0.0, 0.0), *offsets])
+    check_apart(names, places, radii, downwash, labelled=True, what="followers", field="offsets")
     return offsets
-
-
-def _check_apart(names: Sequence[str], places: Sequence[Vector], radii: Sequence[float], downwash: float) -> None:
-    for i, j in combinations(range(len(names)), 2):
-        n, e, d = (a - b for a, b in zip(places[i], places[j], strict=True))
-        away, keep = math.sqrt(n * n + e * e + (d / downwash) ** 2), radii[i] + radii[j]
-        if away < keep:
-            text = f"the places of {names[i]} and {names[j]} are {away:.1f} m apart; they need {keep:.1f} m"
-            raise BadInput(text, field="offsets", value=round(away, 2), expected=f"{keep:.2f} m or more")
 
 
 def doing(goal: Follow, age: float) -> Doing:

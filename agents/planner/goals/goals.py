@@ -123,7 +123,6 @@ def _follow(goal: wire.swarm.Follow, views: Sequence[VehicleView], fleet: FleetV
 def _goto(goal: wire.swarm.GoTo, views: Sequence[VehicleView], downwash: float) -> list[Step]:
     """Planes to circles about their places, all others to stand there."""
     slots.check_flying(views, "go-to")
-    slots.check_count(views, goal.to, "to")
     planes = [i for i, view in enumerate(views) if not view.hovers]
     if planes and not goal.labelled:
         text = f"{views[planes[0]].name} is a plane, which circles where it is sent: say who goes where"

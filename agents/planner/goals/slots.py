@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from agents.planner.model.geometry import world_of
 from agents.planner.model.problem import Floats
 from agents.planner.model.scene import Bounds, Scene, Vehicle
 from agents.planner.solve.assign import assign
-from zmav.errors import BadInput, Refused, Unsupported
+from zmav.errors import Refused, Unsupported
 
 
 def present(views: Sequence[VehicleView]) -> Floats:
@@ -57,13 +56,6 @@ def check_hovering(views: Sequence[VehicleView], what: str) -> None:
         raise Unsupported(text, field="vehicles", vehicles=winged)
 
 
-def check_count(views: Sequence[VehicleView], given: Sequence[Any], field: str) -> None:
-    """Raise :class:`BadInput` where there is not one for each vehicle."""
-    if len(given) != len(views):
-        text = f"{field}: {len(given)} for {len(views)} vehicles"
-        raise BadInput(text, field=field, value=len(given), expected=f"{len(views)}, one for each vehicle")
-
-
 def at_own_height(views: Sequence[VehicleView], places: Floats) -> Floats:
     """(N, 3) the places, but a rover's at the height where it is: it has no other."""
     own = places.copy()
@@ -85,7 +77,7 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
         Vehicle(
             id=view.name,
             type="copter",
-            start=_point(start),
+            start=frames.vector(start),
             radius=view.body.radius,
             vmax=view.body.speed,
             amax=view.accel,
@@ -95,13 +87,8 @@ def choose(views: Sequence[VehicleView], places: Floats) -> list[int]:
         for view, start in zip(views, starts, strict=True)
     ]
     both = np.vstack((starts, ends))
-    bounds = Bounds(min=_point(both.min(axis=0) - 1.0), max=_point(both.max(axis=0) + 1.0))
-    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[_point(p) for p in ends], bounds=bounds)
+    bounds = Bounds(min=frames.vector(both.min(axis=0) - 1.0), max=frames.vector(both.max(axis=0) + 1.0))
+    scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=[frames.vector(p) for p in ends], bounds=bounds)
     chosen = assign(scene, world_of(scene))
     assert chosen is not None
     return chosen
-
-
-def _point(values: Floats) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return (x, y, z)

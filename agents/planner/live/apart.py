@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.planner.goals.pads import rings
+from agents.planner.live.frames import vector
 from agents.planner.model.problem import Floats, MovingObstacle
 from agents.planner.model.scene import Obstacle
 from agents.planner.model.validate import distance
@@ -28,8 +29,7 @@ class Surroundings:
 
     def wall(self, place: Floats) -> float:
         """m to the nearest obstacle; 0 inside of one."""
-        x, y, z = map(float, place)
-        return min((distance(each, (x, y, z)) for each in self._obstacles), default=np.inf)
+        return min((distance(each, vector(place)) for each in self._obstacles), default=np.inf)
 
     def mover(self, place: Floats) -> float:
         """m to the nearest mover."""
@@ -54,8 +54,7 @@ def apart(places: Floats, radii: Floats, around: Surroundings) -> Floats | None:
     """Places near ``places``, on the same level, with the ``radii`` kept; who has room stays. None: no room."""
     found, taken = places.astype(np.float64).copy(), list[int]()
     for i in np.argsort(-free(places, radii, around), kind="stable").tolist():
-        x, y, z = map(float, places[i])
-        for spot in map(np.array, rings((x, y, z), STEP)):
+        for spot in map(np.array, rings(vector(places[i]), STEP)):
             gaps = np.linalg.norm((found[taken] - spot) * around.scale, axis=1) - radii[taken] - radii[i]
             if gaps.min(initial=np.inf) >= 0.0 and min(around.wall(spot), around.mover(spot)) >= radii[i]:
                 found[i] = spot

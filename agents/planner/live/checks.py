@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from agents.planner.goals.sweeping import spacing_of
 from agents.planner.model.scene import polygon_fault
 from zmav import keys, wire
 from zmav.errors import BadInput
@@ -82,7 +83,7 @@ def _check_survey(goal: swarm.Survey) -> None:
             raise BadInput.wrong(field, share, f"a share from 0 to {MOST_OVERLAP:g}")
     if not 0 <= goal.pixels <= MOST_PIXELS:
         raise BadInput.wrong("goal.pixels", goal.pixels, f"0 (not known) to {MOST_PIXELS}")
-    every = goal.height * goal.camera[1] * (1.0 - goal.front)
+    every = spacing_of(goal)
     if goal.trigger and not EVERY[0] <= every <= EVERY[1]:
         expected = f"pictures {EVERY[0]:g} to {EVERY[1]:g} m apart"
         raise BadInput.wrong("goal.trigger", goal.trigger, expected, f"a picture every {every:.3g} m is not triggered")

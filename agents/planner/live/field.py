@@ -16,7 +16,7 @@ from agents.planner.goals import follow
 from agents.planner.goals.formation import offsets_of, placed
 from agents.planner.goals.steps import FleetView, VehicleView
 from agents.planner.goals.sweeping import sweepers_of
-from agents.planner.live.frames import course_of, enu, ned
+from agents.planner.live.frames import course_of, enu, ned, vector
 from agents.planner.model.ground import Floor, GroundMap
 from zmav import geo, wire
 from zmav.config import FleetConfig, Geofence, usual_fence
@@ -171,8 +171,8 @@ def _places(goal: swarm.Goal, fleet: FleetView, downwash: float) -> Iterator[Pla
     elif isinstance(goal, swarm.Formation):
         offsets = offsets_of(goal, len(views))
         for field, centre in [*((f"goal.via[{i}]", via) for i, via in enumerate(goal.via)), ("goal.at", goal.at)]:
-            for x, y, z in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
-                yield field, *ned((float(x), float(y), float(z))), views
+            for place in placed(offsets, np.array(enu(centre)), course_of(goal.heading)):
+                yield field, *ned(vector(place)), views
     elif isinstance(goal, swarm.Search):
         for k, (view, sweeper) in enumerate(zip(views, sweepers_of(goal, views), strict=True)):
             down = None if goal.above_ground else -sweeper.height

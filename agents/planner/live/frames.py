@@ -27,6 +27,12 @@ def enu_array(ned: Floats) -> Floats:
     return out
 
 
+def vector(place: Floats) -> Vector:
+    """(3,) as three numbers."""
+    x, y, z = map(float, place)
+    return (x, y, z)
+
+
 def course_of(heading: float) -> float:
     """rad clockwise from north -> rad counter-clockwise from east, in (-pi, pi]; and back: it is its own inverse."""
     return math.remainder(math.pi / 2.0 - heading, math.tau)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -90,8 +89,7 @@ class Homeward:
     def movers(self, but: Iterable[str], now: float) -> list[MovingObstacle]:
         """The ways home of those who are not heard, and may be on them, from ``now`` on our clock."""
         unheard = self._fleet.hearing().unheard - set(but)
-        shift = np.array([now, 0.0, 0.0, 0.0])
-        return [replace(each, motion=each.motion - shift) for each in self.keeper.futures.movers(unheard)]
+        return [each.later(-now) for each in self.keeper.futures.movers(unheard)]
 
     # What the keeper asks.
 
@@ -142,7 +140,7 @@ class Homeward:
             return bool(segment_clear(free if np.array_equal(p[:2], q[:2]) else walled, p, q, radius))
 
         now = self._clocks.clock.now()
-        later = [replace(each, motion=each.motion + np.array([now, 0.0, 0.0, 0.0])) for each in room.movers]
+        later = [each.later(now) for each in room.movers]
         return Surroundings(clear, later, lowest, ceiling - UNDER, spacing)
 
     def _tell(self, vehicle: str, why: str) -> None:

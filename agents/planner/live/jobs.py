@@ -13,9 +13,9 @@ from typing import Any, BinaryIO
 
 from agents.planner.goals.steps import FleetView, Step
 from agents.planner.model.ground import Floor
-from agents.planner.model.plans import Plan, Sample
-from agents.planner.model.problem import MovingObstacle
+from agents.planner.model.problem import Motion, MovingObstacle
 from agents.planner.model.scene import Scene
+from agents.planner.model.verify import Report
 from zmav.wire import swarm
 
 HEAD = struct.Struct("<Q")
@@ -23,7 +23,7 @@ HEAD = struct.Struct("<Q")
 
 @dataclass(frozen=True)
 class Solve:
-    """Plan a scene; answered by a plan, which may hold a typed error, and what the verifier says of it."""
+    """Plan a scene; answered by motions and what the verifier says of them, or a typed error."""
 
     scene: Scene
     movers: tuple[MovingObstacle, ...] = ()
@@ -44,25 +44,15 @@ class Resolve:
 
 @dataclass(frozen=True)
 class Judge:
-    """Verify trajectories; answered by a :class:`Judgement`."""
+    """Verify motions; answered by the verifier's report."""
 
     scene: Scene
-    trajectories: Mapping[str, list[Sample]]
+    motions: Mapping[str, Motion]
     movers: tuple[MovingObstacle, ...] = ()
 
 
-@dataclass(frozen=True)
-class Judgement:
-    ok: bool
-    clearance: float | None
-    """m: the least distance of two vehicles less their radii; None: there is one only"""
-    makespan: float
-    faults: tuple[str, ...] = ()
-    """in words"""
-
-
 Job = Solve | Resolve | Judge
-JudgedPlan = tuple[Plan, Judgement]
+JudgedPlan = tuple[dict[str, Motion], Report]
 
 
 @dataclass(frozen=True)
@@ -79,16 +69,9 @@ class Ready:
 
 
 @dataclass(frozen=True)
-class Solved:
-    """There is a plan for the job; now it is judged."""
-
-    number: int
-
-
-@dataclass(frozen=True)
 class Done:
     number: int
-    result: JudgedPlan | list[Step] | Judgement
+    result: JudgedPlan | list[Step] | Report
 
 
 @dataclass(frozen=True)

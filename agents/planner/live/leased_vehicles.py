@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -19,7 +18,7 @@ from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
-from agents.planner.live.plan import Planned, motion_of
+from agents.planner.live.plan import Planned
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
@@ -85,25 +84,11 @@ class LeasedVehicles:
     """``async with LeasedVehicles(run)``: takes every vehicle's lease; raises :class:`NotHolder` where it gets none."""
 
     def __init__(self, run: GoalUnderWay) -> None:
-        self._run = run
-        self._stack = contextlib.AsyncExitStack()
-        self.executor: Executor | None = None
-        self._margin = run.context.settings.margin
-        self._again: Again | None = None
-        self._planned: Planned | None = None
-        self._share, self._words = (0.0, 1.0), ""
-        self._torn = False
-        self._errors: dict[str, float] = {}
-        """m that each one's position was taken to be off when what is flown was planned"""
-        self._gone: list[str] = []
-
-    async def __aenter__(self) -> LeasedVehicles:
-        run, settings = self._run, self._run.context.settings
-        executor = Executor(
+        self._run, settings = run, run.context.settings
+        self.executor = Executor(
             run.context.z,
             run.vehicles,
             holder=settings.name,
-            tracking=self.tracking,
             say=self._say,
             replan=self._replan,
             clock=run.context.clocks.clock,
@@ -113,16 +98,26 @@ class LeasedVehicles:
             waits=lambda why: run.text(f"waits for a lease: {why}"),
             homes=run.context.homes.keeper,
         )
-        self.executor = await self._stack.enter_async_context(executor)
+        self._margin = settings.margin
+        self._again: Again | None = None
+        self._planned: Planned | None = None
+        self._share, self._words = (0.0, 1.0), ""
+        self._torn = False
+        self._errors: dict[str, float] = {}
+        """m that each one's position was taken to be off when what is flown was planned"""
+        self._gone: list[str] = []
+
+    async def __aenter__(self) -> LeasedVehicles:
+        await self.executor.__aenter__()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await self._stack.aclose()
+        await self.executor.__aexit__(*exc)
 
     @property
     def left(self) -> set[str]:
         """Who did not answer when the leases were taken: they stay where they rest."""
-        return set(self.executor.left) if self.executor is not None else set()
+        return set(self.executor.left)
 
     @property
     def gone(self) -> set[str]:
@@ -131,28 +126,24 @@ class LeasedVehicles:
 
     def vehicle(self, name: str) -> zmav.Vehicle:
         """Under our lease."""
-        assert self.executor is not None
         return self.executor.commands[name].vehicle
 
     def following(self, name: str) -> Following:
         """How it follows what it is told, as far as that was seen."""
-        assert self.executor is not None
         return self.executor.followings[name]
 
     @property
     def commands(self) -> dict[str, VehicleCommand]:
-        assert self.executor is not None
         return self.executor.commands
 
     @property
     def paused(self) -> bool:
         """Everybody rests on the way, until it goes on."""
-        return self.executor is not None and self.executor.phase == "paused"
+        return self.executor.phase == "paused"
 
     @property
     def now(self) -> float:
         """Our UTC, by which everything is flown."""
-        assert self.executor is not None
         return self.executor.clock.now()
 
     async def margins(self) -> tuple[tuple[float, float], ...]:
@@ -180,7 +171,6 @@ class LeasedVehicles:
     def _needed(self, share: float = 1.0) -> float:
         """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
         executor, fleet = self.executor, self._run.context.fleet
-        assert executor is not None
         executor.tracking = self.tracking
         seen = {name: fleet.seen(name) for name in executor.commands}
         speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
@@ -194,7 +184,6 @@ class LeasedVehicles:
         Raises :class:`~zmav.errors.Refused` where it cannot even begin.
         """
         executor, run = self.executor, self._run
-        assert executor is not None
         self._again, self._share, self._gone, self._words = again, share, [], run.entry.text
         if not run.goes:
             executor.pause()
@@ -209,36 +198,32 @@ class LeasedVehicles:
 
     async def follow(self, conductor: Conductor, goes: Callable[[], bool]) -> str:
         """Fly what the conductor's source has for as long as it ``goes()``; why it was ended before, or nothing."""
-        assert self.executor is not None
         self._words = self._run.entry.text
         return await self.executor.follow(conductor, goes)
 
     def pause(self) -> None:
-        if self.executor is not None:
-            self.executor.pause()
+        self.executor.pause()
 
     def resume(self) -> None:
-        if self.executor is not None and not self._torn:
+        if not self._torn:
             self.executor.resume()
 
     @property
     def committed(self) -> list[MovingObstacle]:
         """What its vehicles are sure to fly, on our UTC."""
-        return self.executor.committed if self.executor is not None else []
+        return self.executor.committed
 
     def refresh(self) -> None:
         """Others are committed to something new."""
-        if self.executor is not None:
-            self.executor.avoid(self.movers(self.now))
+        self.executor.avoid(self.movers(self.now))
 
     def stop(self, why: str) -> None:
-        if self.executor is not None:
-            self.executor.halt(why)
+        self.executor.halt(why)
 
     def world_changed(self) -> None:
         """Anyone who has something in its way from now on stops before it, and a new plan is made."""
-        planned, executor, context = self._planned, self.executor, self._run.context
-        if planned is None or executor is None:
+        planned, context = self._planned, self._run.context
+        if planned is None:
             return
         pieces = context.world.pieces(time.time())
         told = msgspec.structs.replace(planned.scene, obstacles=list(pieces.obstacles), geofence=pieces.geofence)
@@ -247,7 +232,7 @@ class LeasedVehicles:
         def clear(p: Floats, q: Floats, radius: float) -> bool:
             return bool(segment_clear(world, p, q, radius))
 
-        executor.obstructed(clear, "an obstacle or the fence")
+        self.executor.obstructed(clear, "an obstacle or the fence")
 
     @property
     def tracking(self) -> float:
@@ -263,7 +248,7 @@ class LeasedVehicles:
     def _clocks(self) -> float:
         """m that clocks ask for at full speed, as well as they are known now."""
         worst = 0.0
-        for name, command in self.commands.items() if self.executor is not None else ():
+        for name, command in self.commands.items():
             if (seen := self._run.context.fleet.seen(name)) is not None:
                 error = min(command.offset.error(self.now), MAX_CLOCK)
                 worst = max(worst, 1.02 * seen.view.body.speed * error)
@@ -272,14 +257,13 @@ class LeasedVehicles:
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
         run, executor = self._run, self.executor
-        assert executor is not None
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
         self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
         tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
-        run.publisher.plan(run.entry.id, time.time(), planned.trajectories, planned.clearance)
+        run.publisher.plan(run.entry.id, time.time(), planned.motions, planned.clearance)
         return Flight(
-            motions={name: motion_of(samples) for name, samples in planned.trajectories.items()},
+            motions=planned.motions,
             radius={name: vehicle.radius - planned.margin for name, vehicle in vehicles.items()},
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash,
@@ -312,12 +296,7 @@ class LeasedVehicles:
         kin = context.committed(run.entry.id)
         taken = context.airspace.vehicles({run.entry.id}) | {mover.id for mover in kin}
         movers = moving(run.vehicles, context.fleet.all(), context.world.pieces(time.time()), taken)
-        later = kin
-        for mover in movers:
-            motion = mover.motion.copy()
-            motion[:, 0] += now
-            later.append(MovingObstacle(mover.id, motion, mover.radius, mover.leaves))
-        return later
+        return kin + [mover.later(now) for mover in movers]
 
     async def _watch(self, executor: Executor) -> None:
         """While a plan is flown: its progress, who comes near, whether we hear enough of the fleet."""

@@ -8,8 +8,14 @@ from zmav.errors import BadInput
 from zmav.wire import swarm
 
 ENDED = ("done", "failed", "cancelled")
+"""states that are the last"""
 MOST_ENDED, MOST_OPEN = 10, 200
 """goals that have ended and are still told of; goals that wait"""
+
+
+def kind_of(goal: swarm.Goal) -> str:
+    """As it is called on the wire."""
+    return str(type(goal).__struct_config__.tag)
 
 
 class GoalBook:
@@ -23,7 +29,7 @@ class GoalBook:
 
     def add(self, goal: swarm.Goal, when: str, t: float, term: int, by: str = "") -> swarm.GoalEntry:
         """Enter a goal; ``now`` cancels those that share a vehicle with it. Raises :class:`BadInput` when full."""
-        if sum(entry.state not in ENDED for entry in self.goals) >= MOST_OPEN:
+        if len(self.open) >= MOST_OPEN:
             text = f"the book is full: {MOST_OPEN} goals have not ended yet; cancel some"
             raise BadInput(text, field="goal", value=MOST_OPEN, expected=f"fewer than {MOST_OPEN}")
         self._count += 1
@@ -40,12 +46,12 @@ class GoalBook:
     def sharing(self, vehicles: list[str]) -> list[swarm.GoalEntry]:
         """The goals that have not ended and have one of these vehicles."""
         wanted = set(vehicles)
-        return [entry for entry in self.goals if entry.state not in ENDED and wanted & set(entry.goal.vehicles)]
+        return [entry for entry in self.open if wanted & set(entry.goal.vehicles)]
 
     def find(self, name: str) -> list[swarm.GoalEntry]:
         """The goal of that id, or all that have not ended where it is empty. Raises :class:`BadInput` for no such."""
         if not name:
-            return [entry for entry in self.goals if entry.state not in ENDED]
+            return self.open
         found = [entry for entry in self.goals if entry.id == name]
         if not found:
             known = ", ".join(entry.id for entry in self.goals) or "none"
@@ -57,9 +63,7 @@ class GoalBook:
     def ready(self) -> list[swarm.GoalEntry]:
         """The goals that wait and share no vehicle with an earlier one that has not ended."""
         found, taken = [], set[str]()
-        for entry in self.goals:
-            if entry.state in ENDED:
-                continue
+        for entry in self.open:
             if entry.state == "queued" and not taken & set(entry.goal.vehicles):
                 found.append(entry)
             taken |= set(entry.goal.vehicles)
@@ -84,7 +88,7 @@ class GoalBook:
     def take_over(self, book: swarm.Book) -> list[swarm.GoalEntry]:
         """Go on from another planner's book; the goals that are to be begun again, from wherever their vehicles are."""
         self.goals = [msgspec.structs.replace(entry) for entry in book.goals]
-        again = [entry for entry in self.goals if entry.state not in ENDED]
+        again = self.open
         for entry in again:
             entry.state = "paused" if entry.state == "paused" else "queued"
             entry.text = f"taken over from {book.planner}"

@@ -14,7 +14,7 @@ from agents.planner.live.checks import FARTHEST, MOST_BYTES, check_goal, check_o
 from agents.planner.live.context import Context
 from agents.planner.live.energy import warning_of
 from agents.planner.live.field import check_field
-from agents.planner.live.ledger import ENDED
+from agents.planner.live.ledger import ENDED, kind_of
 from agents.planner.live.plan import Planner
 from agents.planner.live.preview import positions, preview
 from agents.planner.live.solver import Solver
@@ -231,6 +231,5 @@ def _by(origin: Origin | None) -> str:
 
 
 def _words(goal: swarm.Goal) -> str:
-    kind = str(type(goal).__struct_config__.tag)
     names = goal.vehicles
-    return f"{kind} of {', '.join(names[:6])}" + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    return f"{kind_of(goal)} of {', '.join(names[:6])}" + (f" and {len(names) - 6} more" if len(names) > 6 else "")

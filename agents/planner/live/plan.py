@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +16,13 @@ from agents.planner.live import jobs
 from agents.planner.live.apart import Surroundings, apart, free
 from agents.planner.live.context import Context
 from agents.planner.live.field import floor_of
-from agents.planner.live.frames import enu, ned
+from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.scenes import Room, moved, resized, room_of, scene_of
 from agents.planner.live.solver import Solver
 from agents.planner.model.errors import PlanError
-from agents.planner.model.plans import Sample
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.scene import Scene
+from agents.planner.model.verify import Report
 from agents.planner.solve.loiter import loiter_radius
 from zmav.errors import BadInput, Refused
 from zmav.wire import Vector, swarm
@@ -44,8 +44,8 @@ LAYER = 30.0
 class Planned:
     """What is to be flown, verified."""
 
-    trajectories: dict[str, list[Sample]]
-    """by vehicle: t, x, y, z (ENU)"""
+    motions: Mapping[str, Motion]
+    """by vehicle: (T, 4) t, x, y, z (ENU)"""
     scene: Scene
     makespan: float
     clearance: float | None
@@ -157,17 +157,12 @@ class Planner:
         room = self.room(step.vehicles, views)
         scene = scene_of(views, step.places, step.labelled, room)
         seconds = self._context.settings.plan_seconds
-        plan, judged = await self._solver.do(jobs.Solve(scene, room.movers, seconds))
-        if plan.error is not None:
-            raise PlanError(plan.error.code, plan.error.ids, plan.error.message)
-        if not judged.ok:
-            raise Refused(f"the verifier objects: {judged.faults[0]}", faults=list(judged.faults))
+        motions, judged = await self._solver.do(jobs.Solve(scene, room.movers, seconds))
         try:
-            above = await asyncio.to_thread(_above, room, views, plan.trajectories)
+            above = await asyncio.to_thread(_above, room, views, motions)
         except BadInput as e:
             raise Refused(f"the verifier objects: {e.message}") from e
-        clearance = _wider(judged.clearance, margin, views)
-        return Planned(plan.trajectories, scene, plan.makespan, clearance, margin, above)
+        return Planned(motions, scene, judged.makespan, _wider(judged, margin, views), margin, above)
 
     async def check(self, step: Fly, view: FleetView, margins: Margins = ()) -> tuple[Planned | None, str]:
         """Prepared motions as a plan, where the verifier lets them pass among all that is there now; or why not. With
@@ -184,49 +179,36 @@ class Planner:
 
     async def _check(self, step: Fly, view: FleetView, margin: float) -> tuple[Planned | None, str]:
         motions, names = step.motions, tuple(step.motions)
-        trajectories = {name: samples_of(motion) for name, motion in motions.items()}
-        places = _array([trajectories[name][-1][1:] for name in names])
-        starts = {name: ned(trajectories[name][0][1:]) for name in names}  # the vehicles hover about there
-        corners = [_corner(motion, end) for motion in motions.values() for end in (np.min, np.max)]
+        places = np.array([motion[-1, 1:] for motion in motions.values()])
+        # The vehicles hover about where their motions start.
+        starts = {name: ned(vector(motion[0, 1:])) for name, motion in motions.items()}
+        corners = [vector(end(motion[:, 1:], axis=0)) for motion in motions.values() for end in (np.min, np.max)]
         views = moved(view, starts).pick(names)
         room = self.room(names, views)
         scene = scene_of(views, places, True, replace(room, floor=None), corners)
-        judged = await self._solver.do(jobs.Judge(scene, trajectories, room.movers))
+        judged = await self._solver.do(jobs.Judge(scene, motions, room.movers))
         if not judged.ok:
-            return None, judged.faults[0]
+            return None, str(judged.faults[0])
         try:
-            above = await asyncio.to_thread(_above, room, views, trajectories)
+            above = await asyncio.to_thread(_above, room, views, motions)
         except BadInput as e:
             return None, e.message
-        clearance = _wider(judged.clearance, margin, views)
-        return Planned(trajectories, scene, judged.makespan, clearance, margin, above), ""
+        return Planned(motions, scene, judged.makespan, _wider(judged, margin, views), margin, above), ""
 
 
-def _wider(clearance: float | None, margin: float, views: Sequence[VehicleView]) -> float | None:
-    """Between the vehicles themselves, where they say that they are: what was planned for is larger."""
-    return None if clearance is None else clearance + 2.0 * margin + sum(sorted(view.room for view in views)[:2])
+def _wider(judged: Report, margin: float, views: Sequence[VehicleView]) -> float | None:
+    """m between the vehicles themselves, where they say that they are: what was planned for is larger. None: of one."""
+    room = 2.0 * margin + sum(sorted(view.room for view in views)[:2])
+    return None if judged.closest is None else judged.clearance + room
 
 
-def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Sequence[Sample]]) -> float | None:
+def _above(room: Room, views: Sequence[VehicleView], flown: Mapping[str, Motion]) -> float | None:
     """The least height above the ground of all that fly. Raises :class:`BadInput` for what a vehicle would refuse."""
     if room.floor is None:
         return None
     homes = {view.name: None if view.home_ned is None else enu(view.home_ned) for view in views if view.flies}
-    found = [room.floor.check(flown[name], home) for name, home in homes.items()]
+    found = [room.floor.check(flown[name].tolist(), home) for name, home in homes.items()]
     return min((each for each in found if each is not None), default=None)
-
-
-def _corner(motion: Motion, end: Callable[..., Floats]) -> Vector:
-    x, y, z = map(float, end(motion[:, 1:], axis=0))
-    return (x, y, z)
-
-
-def samples_of(motion: Motion) -> list[Sample]:
-    return [(round(t, 6), round(x, 6), round(y, 6), round(z, 6)) for t, x, y, z in motion.tolist()]
-
-
-def motion_of(samples: list[Sample]) -> Motion:
-    return _array(samples)
 
 
 def _array(rows: Sequence[Sequence[float]]) -> Floats:

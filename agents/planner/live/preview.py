@@ -7,8 +7,8 @@ from typing import Any
 
 from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step, VehicleView
 from agents.planner.live.accuracy import Accuracies
-from agents.planner.live.frames import ned
-from agents.planner.live.plan import MOST_APART, Planned, Planner, motion_of
+from agents.planner.live.frames import ned, vector
+from agents.planner.live.plan import MOST_APART, Planned, Planner
 from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
 from agents.planner.live.tally import Tally
@@ -27,10 +27,9 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
         for planned in flown:
             row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
             row["above_ground"] = None if planned is None else planned.above_ground
-            motions = {name: motion_of(samples) for name, samples in planned.trajectories.items()} if planned else None
-            row["seconds"] = round(tally.add(step, motions), 1)
+            row["seconds"] = round(tally.add(step, planned.motions if planned else None), 1)
             if planned is not None:
-                tracks = {name: thin(samples) for name, samples in planned.trajectories.items()}
+                tracks = {name: thin(motion) for name, motion in planned.motions.items()}
                 row |= {"makespan": planned.makespan, "clearance": planned.clearance, "tracks": tracks}
                 if planned.before:
                     row["text"] = f"first they draw apart: {planned.before}"
@@ -79,7 +78,7 @@ async def _to(planner: Planner, step: PlanTo, view: FleetView) -> tuple[list[Pla
 
 
 def _ends(planned: Planned) -> dict[str, Vector]:
-    return {name: ned(samples[-1][1:]) for name, samples in planned.trajectories.items()}
+    return {name: ned(vector(motion[-1, 1:])) for name, motion in planned.motions.items()}
 
 
 def _after(step: Orders, view: FleetView) -> FleetView:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections.abc import Mapping
 
 import msgspec
+import numpy as np
 import zenoh
 
 from agents.planner.live.context import Context
 from agents.planner.live.frames import ned
 from agents.planner.live.leadership.election import BEAT, HEARTBEAT
-from agents.planner.model.plans import Sample
+from agents.planner.model.problem import Motion
 from zmav import keys, wire
 from zmav.errors import BadKey
 from zmav.waiting import within
@@ -94,10 +96,10 @@ class StatusPublisher:
         )
         self._put("obstacle", told)
 
-    def plan(self, goal: str, start: float, trajectories: dict[str, list[Sample]], clearance: float | None) -> None:
+    def plan(self, goal: str, start: float, motions: Mapping[str, Motion], clearance: float | None) -> None:
         """What is flown for a goal from now on; ``start`` is UTC."""
-        tracks = {name: thin(samples) for name, samples in trajectories.items()}
-        makespan = max((samples[-1][0] for samples in trajectories.values()), default=0.0)
+        tracks = {name: thin(motion) for name, motion in motions.items()}
+        makespan = max((float(motion[-1, 0]) for motion in motions.values()), default=0.0)
         report = swarm.PlanReport(
             t=time.time(),
             planner=self._context.settings.name,
@@ -138,12 +140,8 @@ class StatusPublisher:
             return
 
 
-def thin(samples: list[Sample]) -> list[tuple[float, float, float, float]]:
+def thin(motion: Motion) -> list[tuple[float, float, float, float]]:
     """At most :data:`POINTS` of them, the first and the last among them; NED, centimetres."""
-    step = max(1, -(-len(samples) // POINTS))
-    kept = [*samples[:-1:step], samples[-1]] if samples else []
-    found = []
-    for t, x, y, z in kept:
-        north, east, down = ned((x, y, z))
-        found.append((round(t, 2), round(north, 2), round(east, 2), round(down, 2)))
-    return found
+    step = max(1, -(-len(motion) // POINTS))
+    kept = np.round(np.vstack((motion[:-1:step], motion[-1:])), 2) + 0.0
+    return [(t, *ned((x, y, z))) for t, x, y, z in kept.tolist()]

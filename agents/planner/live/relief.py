@@ -15,7 +15,7 @@ from agents.planner.live.energy import CALLED_BACK, check, told
 from agents.planner.live.fleet import FRESH
 from agents.planner.live.frames import ned
 from agents.planner.live.tally import Tally
-from agents.planner.model.problem import Floats, Motion
+from agents.planner.model.problem import Floats, Motion, places_at
 from zmav.errors import BadInput
 from zmav.wire import Vector, swarm
 
@@ -63,8 +63,7 @@ def left_over(motion: Motion, moment: float) -> Motion:
     begin = max(float(motion[0, 0]), min(moment, float(motion[-1, 0])) - BACK_S)
     if begin <= motion[0, 0]:
         return motion
-    place = [float(np.interp(begin, motion[:, 0], motion[:, axis])) for axis in (1, 2, 3)]
-    return np.vstack(([begin, *place], motion[motion[:, 0] > begin]))
+    return np.vstack(([begin, *places_at(motion, begin)], motion[motion[:, 0] > begin]))
 
 
 def way_of(motion: Motion) -> list[Vector]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from typing import Any
 
 import numpy as np
 
@@ -26,11 +25,11 @@ from agents.planner.live import resting
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.cameras import Cameras, check_cameras
 from agents.planner.live.context import Context
-from agents.planner.live.frames import enu, ned
+from agents.planner.live.frames import enu, ned, vector
 from agents.planner.live.leased_vehicles import Again, Landed, LeasedVehicles
 from agents.planner.live.ledger import ENDED
 from agents.planner.live.orders import carry_out, halt, loiter
-from agents.planner.live.plan import MOST_APART, Planned, Planner, motion_of
+from agents.planner.live.plan import MOST_APART, Planned, Planner
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.relief import bring_home, check_batteries, left_over, low_of, relieve
 from agents.planner.live.reserved import tube
@@ -256,7 +255,7 @@ class Run:
             if not rest.vehicles or self.stopping:
                 return None
             self._state("planning", f"planned again: {trouble.reason}")
-            places = {name: _vector(place) for name, place in trouble.places.items()}
+            places = {name: ned(vector(place)) for name, place in trouble.places.items()}
             flown = await self._planned(leased, rest, moved(self._view(rest.vehicles), places, airborne=None))
             self._speak_for(flown)
             self._state("flying", step.text or "flies")
@@ -392,9 +391,7 @@ class Run:
     def _speak_for(self, planned: Planned) -> None:
         """From now on no other goal plans through the room that this one needs."""
         radii = {vehicle.id: vehicle.radius for vehicle in planned.scene.vehicles}
-        airspace = {
-            name: [tube(motion_of(samples)[:, 1:], radii[name])] for name, samples in planned.trajectories.items()
-        }
+        airspace = {name: [tube(motion[:, 1:], radii[name])] for name, motion in planned.motions.items()}
         self.context.airspace.hold(self.entry.id, airspace)
         self.entry.makespan, self.entry.clearance = planned.makespan, planned.clearance
 
@@ -473,8 +470,3 @@ class Run:
         if seen is None:
             raise Stale(f"{name} is not heard any more", vehicle=name)
         return enu(seen.view.pos_ned)
-
-
-def _vector(place: Any) -> Vector:
-    x, y, z = map(float, place)
-    return ned((x, y, z))

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.planner.goals.steps import GROUND, WINGED, FleetView, VehicleView
 from agents.planner.live.fleet import FRESH, HeardVehicle
-from agents.planner.live.frames import enu
+from agents.planner.live.frames import enu, vector
 from agents.planner.live.world import Pieces
 from agents.planner.model import scene
 from agents.planner.model.ground import Floor
@@ -119,7 +119,7 @@ def scene_of(
 ) -> scene.Scene:
     """From where they are to ``places`` (N, 3) ENU. Rovers keep their height. ``also``: what the bounds are to hold."""
     starts = [enu(view.pos_ned) for view in views]
-    goals: list[Vector] = [(float(x), float(y), float(z)) for x, y, z in places]
+    goals = [vector(place) for place in places]
     if labelled:
         goals = [
             (g[0], g[1], s[2]) if view.kind in GROUND else g for view, s, g in zip(views, starts, goals, strict=True)

@@ -14,6 +14,7 @@ from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
 from agents.planner.model.deadline import WALL
 from agents.planner.model.errors import PlanError
+from agents.planner.model.verify import Report
 from agents.planner.solve import jit
 from zmav.errors import TimedOut, ZmavError, from_code
 from zmav.waiting import within
@@ -28,7 +29,7 @@ START_LIMIT = 600.0
 GRACE = 5.0
 """s beyond its own limit after which a job is given up"""
 OTHER_JOBS = 30.0
-"""s for a job that has no limit of its own, and for judging a plan once it is solved"""
+"""s for a job that has no limit of its own"""
 AGAIN = (0.1, 1.0, 5.0, 15.0)
 """s before it is started again, by how often it has died without doing a job in between"""
 
@@ -51,8 +52,6 @@ class Solver:
         self._turn = asyncio.Lock()
         self._number = 0
         self._job: asyncio.Future[Any] | None = None
-        self._solved = asyncio.Event()
-        """its plan is there and is being judged, or the job has ended"""
         self._keeper: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Solver:
@@ -86,7 +85,7 @@ class Solver:
     async def do(self, job: jobs.Solve) -> jobs.JudgedPlan: ...
 
     @overload
-    async def do(self, job: jobs.Judge) -> jobs.Judgement: ...
+    async def do(self, job: jobs.Judge) -> Report: ...
 
     @overload
     async def do(self, job: jobs.Resolve) -> list[Step]: ...
@@ -109,15 +108,10 @@ class Solver:
             assert process.stdin is not None
             self._number += 1
             self._job = asyncio.get_running_loop().create_future()
-            self._solved.clear()
-            self._job.add_done_callback(lambda done: self._solved.set())
             try:
                 process.stdin.write(jobs.frame((self._number, job)))
                 with contextlib.suppress(ConnectionError):  # its death is what the job hears of
                     await process.stdin.drain()
-                if isinstance(job, jobs.Solve):
-                    await within(seconds + GRACE, self._solved.wait())
-                    seconds = OTHER_JOBS
                 return await within(seconds + GRACE, _result(self._job))
             except asyncio.TimeoutError:
                 self._kill(process)
@@ -180,15 +174,13 @@ class Solver:
             what = "load" if self.doing == "loads" else "load and compile"
             self._say(f"the {self._name} is ready ({time.monotonic() - start:.1f} s to {what})")
             self._ready.set()
-        elif isinstance(message, jobs.Solved | jobs.Done | jobs.Failed):
+        elif isinstance(message, jobs.Done | jobs.Failed):
             if self._job is None or self._job.done() or message.number != self._number:
                 return  # of a job that was given up
             if isinstance(message, jobs.Done):
                 self._job.set_result(message.result)
-            elif isinstance(message, jobs.Failed):
-                self._job.set_exception(error_of(message))
             else:
-                self._solved.set()
+                self._job.set_exception(error_of(message))
 
 
 async def _result(future: asyncio.Future[T]) -> T:

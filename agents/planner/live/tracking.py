@@ -18,7 +18,7 @@ from agents.planner.execute.track import Profile, Track, state_at
 from agents.planner.goals import follow
 from agents.planner.goals.steps import GROUND, VehicleView
 from agents.planner.goals.steps import Track as Step
-from agents.planner.live.frames import enu, enu_array, ned
+from agents.planner.live.frames import enu, enu_array, ned, vector
 from agents.planner.live.leased_vehicles import GoalUnderWay, LeasedVehicles
 from agents.planner.live.plan import Planner
 from agents.planner.live.reserved import Tube, tube
@@ -157,7 +157,7 @@ class Tracking:
         names, context = self._goal.vehicles, self._run.context
         views = context.fleet.view(context.settings.margin, also=names).vehicles.values()
         room = self._planner.room(names, [view for view in views if view.name in names])
-        world = world_of(room.empty([enu(target.pos), _three(state_at(part.known.rows, now)[0])]))
+        world = world_of(room.empty([enu(target.pos), vector(state_at(part.known.rows, now)[0])]))
         entry = self._next(part, target, now)
         moved, radius = entry.samples[:, 1:], part.need
         clear = all(
@@ -197,7 +197,7 @@ class Tracking:
         """From where its trajectory has it soon, towards its place, and to rest."""
         d = now + LEAD
         pos, vel = state_at(part.known.rows, d)
-        begin = follow.MovingTarget(d, ned(_three(pos)), ned(_three(vel)))
+        begin = follow.MovingTarget(d, ned(vector(pos)), ned(vector(vel)))
         view = self._view(part.id)
         level = view.kind in GROUND
         motion = follow.segment(begin, target, view.body, level=level)
@@ -235,8 +235,3 @@ def head_of(rows: Floats, d: float, now: float) -> Floats:
     rest = rows[-1:].copy()
     rest[0, 0], rest[0, 4:] = now - 0.3, 0.0
     return rest
-
-
-def _three(place: Floats) -> Vector:
-    x, y, z = map(float, place)
-    return (x, y, z)

@@ -5,24 +5,21 @@ It ends when its parent is gone, in the middle of a job, too. What the static ma
 
 from __future__ import annotations
 
-import math
 import os
 import queue
 import sys
 import threading
-import time
 import traceback
 from typing import Any, BinaryIO
 
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
-from agents.planner.model import verify
 from agents.planner.model.errors import PlanError
 from agents.planner.model.geometry import world_of
-from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Bounds, Fence, Obstacle, Scene, check
 from agents.planner.model.staticmap import StaticMap
+from agents.planner.model.verify import Report, verify
 from agents.planner.solve import jit, pipeline, warm
 from zmav.errors import ZmavError
 
@@ -38,7 +35,7 @@ class SolverProcess:
     def warm(self) -> None:
         """Load every stage and have its kernels compiled, by planning for a few vehicles; not where they never are."""
         if not jit.interpreted():
-            warm.flown(warm.warm(tell=self._compiling).trajectories)
+            warm.flown(warm.warm(tell=self._compiling).motions())
         jobs.write(self._out, jobs.Ready())
 
     def _compiling(self, done: int, of: int) -> None:
@@ -46,7 +43,7 @@ class SolverProcess:
 
     def serve(self, number: int, job: jobs.Job) -> None:
         try:
-            jobs.write(self._out, jobs.Done(number, self._do(number, job)))
+            jobs.write(self._out, jobs.Done(number, self.do(job)))
         except PlanError as e:
             jobs.write(self._out, jobs.Failed(number, e.code, e.message, {"kind": e.kind, "ids": e.ids}))
         except ZmavError as e:
@@ -56,25 +53,14 @@ class SolverProcess:
             self._static = None
             jobs.write(self._out, jobs.Failed(number, ZmavError.code, f"the solver's own fault: {e!r}"))
 
-    def _do(self, number: int, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | jobs.Judgement:
-        if isinstance(job, jobs.Solve):
-            plan = self.solve(job)
-            if plan.error is not None:  # the scene itself may be none that can be judged
-                return plan, jobs.Judgement(False, None, 0.0, (plan.error.message,))
-            jobs.write(self._out, jobs.Solved(number))
-            return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
+    def do(self, job: jobs.Job) -> jobs.JudgedPlan | list[Step] | Report:
+        """What was found; raises the typed error of what cannot be. No plan is found that the verifier objects to."""
         if isinstance(job, jobs.Judge):
-            return judge(job)
-        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene), job.floor))
-
-    def solve(self, job: jobs.Solve) -> Plan:
-        start = time.monotonic()
-        try:
+            return verify(job.scene, job.motions, job.movers)
+        if isinstance(job, jobs.Solve):
             check(job.scene)  # before anything is counted by its numbers
-            static = self._map(job.scene)
-            return pipeline.solve(job.scene, static=static, movers=job.movers, seconds=job.seconds)
-        except PlanError as e:
-            return Plan.failed(e, time.monotonic() - start)
+            return pipeline.Pipeline(job.scene, self._map(job.scene), job.movers, job.seconds).run()
+        return list(goals.resolve(job.goal, job.view, job.scene, self._map(job.scene), job.floor))
 
     def _map(self, scene: Scene) -> StaticMap:
         """The map of the scene's obstacles: the last one, where nothing has changed."""
@@ -82,13 +68,6 @@ class SolverProcess:
         if self._static is None or self._key != key:
             self._static, self._key = StaticMap(world_of(scene)), key
         return self._static
-
-
-def judge(job: jobs.Judge) -> jobs.Judgement:
-    """No plan leaves unverified, and by how much it passes is told."""
-    report = verify.verify(job.scene, job.trajectories, job.movers)
-    clearance = report.clearance if math.isfinite(report.clearance) else None
-    return jobs.Judgement(report.ok, clearance, report.makespan, tuple(str(fault) for fault in report.faults[:20]))
 
 
 def _listen(pipe: BinaryIO, waiting: queue.SimpleQueue[Any]) -> None:

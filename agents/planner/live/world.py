@@ -116,12 +116,10 @@ class World:
         self.revision += 1
         return True
 
-    def expire(self, now: float) -> list[str]:
-        """Forget what was not said again in time; who that was."""
-        old = [name for name, told in self._told.items() if told.until is not None and told.until <= now]
-        for name in old:
+    def expire(self, now: float) -> None:
+        """Forget what was not said again in time."""
+        for name in [name for name, told in self._told.items() if told.until is not None and told.until <= now]:
             self._gone(name)
-        return old
 
     def follow(self, obstacles: list[swarm.Obstacle], now: float, t: float) -> None:
         """Know what another planner knows: no more, and what is to be forgotten as late as it does."""

@@ -6,7 +6,7 @@ ENU metres and seconds, float64, C order. A stage takes a :class:`Problem` and n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,14 @@ class MovingObstacle:
     radius: float
     leaves: bool = False
     """it is gone after its last sample; else it stays there"""
+
+    def later(self, seconds: float) -> MovingObstacle:
+        return replace(self, motion=self.motion + np.array([seconds, 0.0, 0.0, 0.0]))
+
+
+def places_at(motion: Motion, times: Floats | float) -> Floats:
+    """Where a motion is at the times, (K, 3), or at one, (3,): held before its beginning and after its end."""
+    return np.stack([np.interp(times, motion[:, 0], motion[:, axis]) for axis in (1, 2, 3)], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -178,9 +178,7 @@ def _opened(scene: Scene) -> Scene:
     """Each polygon without corners that repeat the one before, or the first at the end."""
     for each in (*scene.obstacles, *([scene.geofence] if scene.geofence else [])):
         if isinstance(each, NoFly | Fence):
-            following = [*each.polygon[1:], *each.polygon[:1]]
-            kept = [corner for corner, after in zip(each.polygon, following, strict=True) if corner != after]
-            each.polygon = kept or each.polygon[:1]
+            each.polygon = open_ring(each.polygon) or each.polygon[:1]
     return scene
 
 
@@ -272,7 +270,7 @@ def _wrong_with_prism(each: NoFly | Fence) -> Iterator[str]:
 
 def polygon_fault(polygon: Sequence[Corner]) -> str:
     """Why it is no simple polygon, of which one can say what is inside; empty: it is one."""
-    corners = [c for k, c in enumerate(polygon) if c != polygon[k - 1]]
+    corners = open_ring(polygon)
     if not all(_near(value) for corner in corners for value in corner):
         return "a corner is no place"
     if len(corners) < 3:
@@ -281,6 +279,11 @@ def polygon_fault(polygon: Sequence[Corner]) -> str:
         one, other = crossing
         return f"the sides after corners {corners[one]} and {corners[other]} cross or touch"
     return ""
+
+
+def open_ring(polygon: Sequence[Corner]) -> list[Corner]:
+    """The corners without repeats, and without the first said again at the end."""
+    return [corner for i, corner in enumerate(polygon) if corner != polygon[i + 1 - len(polygon)]]
 
 
 def _near(value: float) -> bool:
@@ -296,23 +299,19 @@ def _span(name: str, low: Sequence[float], high: Sequence[float]) -> Iterator[st
 
 def _crossing(corners: Sequence[Corner]) -> tuple[int, int] | None:
     """Two sides of a polygon that have more in common than a corner between them."""
-    n = len(corners)
-    sides = [(corners[k], corners[(k + 1) % n]) for k in range(n)]
-    ends = np.array(sides)
-    (left, low), (right, high) = ends.min(axis=1).T, ends.max(axis=1).T
+    n, ends = len(corners), np.array([corners, [*corners[1:], corners[0]]])
+    low, high = ends.min(axis=0), ends.max(axis=0)
     for i in range(n):
         # Only sides whose boxes touch can meet: with thousands of corners that matters.
-        near = (left[i + 1 :] <= right[i]) & (right[i + 1 :] >= left[i])
-        near &= (low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])
+        near = ((low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])).all(axis=1)
         for j in (np.flatnonzero(near) + i + 1).tolist():
-            (a, b), (c, d) = sides[i], sides[j]
+            a, b, c, d = corners[i], corners[i + 1 - n], corners[j], corners[j + 1 - n]
             if j == i + 1 or (i == 0 and j == n - 1):
                 # Neighbours share a corner; folded back onto each other they share more.
                 shared, one, other = (b, a, d) if j == i + 1 else (a, b, c)
-                folded = _turn(shared, one, other) == 0.0 and _ahead(shared, one, other) > 0.0
-                if folded:
+                if _turn(shared, one, other) == 0.0 and _ahead(shared, one, other) > 0.0:
                     return i, j
-            elif _meet(a, b, c, d):
+            elif _astride(a, b, c, d) and _astride(c, d, a, b):
                 return i, j
     return None
 
@@ -325,18 +324,7 @@ def _ahead(a: Corner, b: Corner, c: Corner) -> float:
     return (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
 
 
-def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
-    """Whether two straight lines have a point in common."""
-    one, other, three, four = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
-    if ((one > 0.0) != (other > 0.0)) and ((three > 0.0) != (four > 0.0)) and 0.0 not in (one, other, three, four):
-        return True
-
-    def on(p: Corner, q: Corner, r: Corner) -> bool:
-        return min(p[0], q[0]) <= r[0] <= max(p[0], q[0]) and min(p[1], q[1]) <= r[1] <= max(p[1], q[1])
-
-    return (
-        (one == 0.0 and on(a, b, c))
-        or (other == 0.0 and on(a, b, d))
-        or (three == 0.0 and on(c, d, a))
-        or (four == 0.0 and on(c, d, b))
-    )
+def _astride(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
+    """Whether no side of the line through ``a`` and ``b`` has both ``c`` and ``d``."""
+    one, other = _turn(a, b, c), _turn(a, b, d)
+    return min(one, other) <= 0.0 <= max(one, other)

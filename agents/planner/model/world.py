@@ -7,13 +7,12 @@ infinity.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.model.problem import Floats, Ints
-from agents.planner.model.scene import Box, Corner, Cylinder, Scene, extent_of
+from agents.planner.model.scene import Box, Corner, Cylinder, Scene, extent_of, open_ring
 
 FINEST_BIN = 2.0
 """m"""
@@ -66,11 +65,6 @@ def world_of(scene: Scene) -> World:
         np.array(corners, dtype=np.float64).reshape(-1, 2),
         *_binned(bounds, solids),
     )
-
-
-def open_ring(polygon: Sequence[Corner]) -> list[Corner]:
-    """The corners without repeats of the one before, and without the first said again at the end."""
-    return [corner for i, corner in enumerate(polygon) if corner != polygon[i - 1]]
 
 
 def _binned(bounds: Floats, solids: Floats) -> tuple[Floats, Ints, Ints]:

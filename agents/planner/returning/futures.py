@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +38,6 @@ class StoredWay:
     """after which no vehicle takes it any more, by the vehicle's clock"""
     entry: Entry | None = None
     """what it was sent with; None: long ago"""
-
-
-class KnownWay(NamedTuple):
-    """... where there is one."""
-
-    way: Way
-    need: float
 
 
 def need_of(part: Part, speed: float, lasts: float) -> float:
@@ -120,9 +112,9 @@ class Futures:
                 if self._below(way, sky, need + part.need):
                     return other
         end = way.corners[-1]
-        for other, each in self._others(vehicle):
-            both = need + each.need
-            if self._below(way, each.way.corners[-1], both) or self._below(each.way, end, both):
+        for other, home, needs in self._others(vehicle):
+            both = need + needs
+            if self._below(way, home.corners[-1], both) or self._below(home, end, both):
                 return other
         return None
 
@@ -138,10 +130,10 @@ class Futures:
                 both = need + part.need
                 if self._near(way.boxes, entry.box, both) and self._meet(motion, entry.samples, both, since):
                     return other
-        for other, each in self._others(vehicle):
-            both, boxes = need + each.need, each.way.boxes.tolist()
+        for other, home, needs in self._others(vehicle):
+            both, boxes = need + needs, home.boxes.tolist()
             near = any(self._near(way.boxes, tuple(box), both) for box in boxes)
-            if near and self._meet(motion, each.way.motion, both, since):
+            if near and self._meet(motion, home.motion, both, since):
                 return other
         for mover in movers:
             if mover.id not in self.parts and self._meet(motion, mover.motion, need + mover.radius, since):
@@ -150,11 +142,11 @@ class Futures:
 
     def blocker(self, part: Part, entry: Entry, since: float) -> str | None:
         """Whose way home would come too near to ``part`` on ``entry``, or to where it would land at its end."""
-        for other, each in self._others(part.id):
-            need, begins = part.need + each.need, max(since, each.way.begins)
-            if self._below(each.way, entry.samples[-1, 1:], need):
+        for other, home, needs in self._others(part.id):
+            need, begins = part.need + needs, max(since, home.begins)
+            if self._below(home, entry.samples[-1, 1:], need):
                 return other
-            if self._near(each.way.boxes, entry.box, need) and self._meet(each.way.motion, entry.samples, need, begins):
+            if self._near(home.boxes, entry.box, need) and self._meet(home.motion, entry.samples, need, begins):
                 return other
         return None
 
@@ -169,11 +161,11 @@ class Futures:
 
     # How it is done.
 
-    def _others(self, vehicle: str) -> Iterator[tuple[str, KnownWay]]:
-        """Every way home that another may have stored."""
+    def _others(self, vehicle: str) -> Iterator[tuple[str, Way, float]]:
+        """Every way home that another may have stored, with its need."""
         for other, ways in self.stored.items():
             if other != vehicle:
-                yield from ((other, KnownWay(each.way, each.need)) for each in ways if each.way is not None)
+                yield from ((other, each.way, each.need) for each in ways if each.way is not None)
 
     def _meet(self, one: Floats, other: Floats, need: float, since: float) -> bool:
         distance, _ = least_between(one, other, self._inverse, False, False, since)

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from agents.planner.execute.track import sampled
 from agents.planner.model.problem import Floats, Motion
 
 SAMPLE = 0.25
@@ -114,13 +115,9 @@ def _leg(t: float, here: Floats, unit: Floats, length: float, pace: Pace) -> Ite
 
 def _sampled(rows: Floats) -> Motion:
     """Where its speed stays the ends of a piece are enough."""
-    found = [rows[:1, :4]]
+    times = [rows[:1, 0]]
     for a, b in pairwise(rows):
         steady = np.abs(a[4:] - b[4:]).max() < 0.02
         count = 1 if steady else max(1, int(np.ceil((b[0] - a[0]) / SAMPLE)))
-        u = (np.arange(1, count + 1) / count)[:, None]
-        h, rest = b[0] - a[0], 1.0 - u
-        place = rest * rest * (a[1:4] * (1.0 + 2.0 * u) + h * a[4:] * u)
-        place = place + u * u * (b[1:4] * (3.0 - 2.0 * u) - h * b[4:] * rest)
-        found.append(np.column_stack((a[0] + u * h, place)))
-    return np.ascontiguousarray(np.vstack(found))
+        times.append(np.linspace(a[0], b[0], count + 1)[1:])
+    return sampled(rows, np.concatenate(times))

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.planner.model import verify
 from agents.planner.model.deadline import Deadline
 from agents.planner.model.errors import Code, PlanError
 from agents.planner.model.geometry import World, away, world_of
@@ -26,6 +25,7 @@ from agents.planner.model.problem import (
 from agents.planner.model.scene import Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.validate import validate
+from agents.planner.model.verify import Report, verify
 from agents.planner.solve import jit
 from agents.planner.solve.assign import assign
 from agents.planner.solve.planes import plan_planes
@@ -61,25 +61,28 @@ def solve(
     same seed gives the same plan unless time runs out.
     Raises :class:`PlanError`.
     """
-    least = 60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds
-    return Pipeline(scene, static, tuple(movers), time.monotonic(), least, Deadline.after(least), seed, margin).run()
+    begun, least = time.monotonic(), 60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds
+    tracks, _ = Pipeline(scene, static, tuple(movers), least, seed, margin).run()
+    samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
+    return Plan(status="ok", planning_time_s=time.monotonic() - begun, trajectories=samples)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Pipeline:
-    """One scene on its way through the stages."""
+    """One scene on its way through the stages; arguments as of :func:`solve`."""
 
     scene: Scene
     static: StaticMap | None
     movers: tuple[MovingObstacle, ...]
-    begun: float
-    """of :func:`time.monotonic`"""
     seconds: float
-    deadline: Deadline
-    seed: int
-    margin: float
+    seed: int = 0
+    margin: float = 0.0
 
-    def run(self) -> Plan:
+    def __post_init__(self) -> None:
+        self.deadline, self.begun = Deadline.after(self.seconds), time.monotonic()
+
+    def run(self) -> tuple[dict[str, Motion], Report]:
+        """Verified motions by vehicle, and what the verifier says of them. Raises :class:`PlanError`."""
         validate(self.scene)
         static = self.static or StaticMap(world_of(self.scene))
         world = static.world
@@ -88,10 +91,9 @@ class Pipeline:
         for motions in self.candidates(problem, world, planes, others, paths):
             if isinstance(motions, list):
                 tracks = dict(zip(problem.ids, motions, strict=True))
-                report = verify.verify(self.scene, tracks, self.movers)
+                report = verify(self.scene, tracks, self.movers)
                 if report.ok:
-                    samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
-                    return Plan(status="ok", planning_time_s=time.monotonic() - self.begun, trajectories=samples)
+                    return tracks, report
                 stuck = report.culprits()
             else:
                 stuck = [problem.ids[i] for i in others[motions]] or stuck

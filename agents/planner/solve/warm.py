@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import ModuleType
 from typing import cast
 
@@ -26,7 +26,7 @@ from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track
 from agents.planner.model.deadline import Deadline
 from agents.planner.model.geometry import world_of
-from agents.planner.model.plans import Plan, Sample
+from agents.planner.model.plans import Plan
 from agents.planner.model.problem import PLANE, Motion, Path, Problem, problem_of
 from agents.planner.model.scene import Bounds, Box, Cylinder, Fence, NoFly, Obstacle, Point, Scene, Vehicle
 from agents.planner.model.staticmap import StaticMap
@@ -193,8 +193,7 @@ def _judged() -> None:
 
 
 def _flown() -> None:
-    motions = {v.id: np.array([[0.0, *v.start], [60.0, *(v.goal or v.start)]]) for v in example(planes=False).vehicles}
-    flown({name: [tuple(row) for row in motion.tolist()] for name, motion in motions.items()})
+    flown({v.id: np.array([[0.0, *v.start], [60.0, *(v.goal or v.start)]]) for v in example(planes=False).vehicles})
 
 
 def _shaped() -> None:
@@ -230,12 +229,12 @@ def _straight(problem: Problem) -> list[Path]:
     return [np.array(ends, dtype=np.float64) for ends in zip(problem.start, problem.goal, strict=True)]
 
 
-def flown(trajectories: Mapping[str, Sequence[Sample]]) -> None:
+def flown(motions: Mapping[str, Motion]) -> None:
     """What the agent's own process calls when a plan is flown: it must not stop to compile then."""
     parts = []
-    for name, samples in trajectories.items():
-        part = Part(name, Track(np.array(samples, dtype=np.float64)), 1.0, 2.5, 0.3, Offset())
-        row = np.array([0.0, *samples[0][1:], 0.0, 0.0, 0.0])
+    for name, motion in motions.items():
+        part = Part(name, Track(motion), 1.0, 2.5, 0.3, Offset())
+        row = np.array([0.0, *motion[0, 1:], 0.0, 0.0, 0.0])
         part.entries.append(Entry(Profile.resting(0.0, 1.0), np.array([row, row + np.eye(7)[0]]), 1.0, 1.0))
         parts.append(part)
     Order(parts, 1.5)

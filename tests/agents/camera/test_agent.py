@@ -160,7 +160,7 @@ async def test_a_source_that_ends_ends_the_sending(net: Net, run_camera: Run) ->
     _, endpoint = net.router()
     async with reading(endpoint) as z, Reader(z, "quad1") as reader:
         agent = await run_camera(endpoint, Painted(count=3), budget=1e6)
-        await within(PATIENCE_S, agent.finished())
+        await within(PATIENCE_S, agent.ended.wait())
         key = keys.AGENT_STATUS.key("demo", "quad1", agent="camera-down")
         async with z.subscribe(
             key, lambda sample: wire.decode(sample.payload.to_bytes(), wire.AgentStatus, "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Motion, Path, Problem
+from agents.planner.model.problem import Floats, Motion, Path, Problem, places_at
 
 
 def durations(problem: Problem, paths: list[Path]) -> Floats:
@@ -58,11 +58,7 @@ def knots_of_paths(problem: Problem, paths: list[Path], seconds: float, knots: i
 def knots_of_motions(motions: list[Motion], seconds: float, knots: int, stretch: float = 1.0) -> Floats:
     """(N, knots + 1, 3): motions sampled, their clocks slowed by ``stretch``."""
     times = np.linspace(0.0, seconds, knots + 1) / stretch
-    result = np.empty((len(motions), knots + 1, 3))
-    for i, motion in enumerate(motions):
-        for axis in range(3):
-            result[i, :, axis] = np.interp(times, motion[:, 0], motion[:, 1 + axis])
-    return result
+    return np.array([places_at(motion, times) for motion in motions]).reshape(-1, knots + 1, 3)
 
 
 def resampled(place: Floats, knots: int) -> Floats:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agents.planner.model.geometry import World
-from agents.planner.model.problem import ROVER, Floats, Ints, Problem
+from agents.planner.model.problem import ROVER, Floats, Ints, Problem, places_at
 from agents.planner.solve.refine import kernels
 
 # Lengths in radii, and times in what a vehicle takes for some of its radii from rest, so that all sizes of vehicles
@@ -72,8 +72,7 @@ class Swarm:
         self.last = np.full(self.free + len(movers), knots + 1, dtype=np.int64)
         times = np.linspace(0.0, seconds, knots + 1)
         for m, mover in enumerate(movers, self.free):
-            for axis in range(3):
-                self.all[m, :, axis] = np.interp(times, mover.motion[:, 0], mover.motion[:, 1 + axis])
+            self.all[m] = places_at(mover.motion, times)
             if mover.leaves:
                 self.last[m] = int(np.ceil(mover.motion[-1, 0] / self.h))
         self.band = np.zeros((self.free, 3 * (knots + 1), kernels.BAND))

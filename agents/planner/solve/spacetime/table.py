@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.model.problem import Floats, Ints, MovingObstacle, Problem
+from agents.planner.model.problem import Floats, Ints, MovingObstacle, Problem, places_at
 from agents.planner.solve.jit import jit
 
 SPREAD = 9
@@ -235,7 +235,7 @@ def stepped(mover: MovingObstacle, step: float, steps: int) -> tuple[Floats, flo
     """A mover's places at the beginning of each step, and by how much its motion strays from straight lines between."""
     times: Floats = np.arange(steps + 1, dtype=np.float64) * step
     motion = mover.motion
-    places = at(motion, times)
+    places = places_at(motion, times)
     inner = motion[(motion[:, 0] > 0.0) & (motion[:, 0] < times[-1])]
     index = np.minimum((inner[:, 0] / step).astype(np.int64), steps - 1)
     share = (inner[:, 0] / step - index)[:, None]
@@ -244,8 +244,3 @@ def stepped(mover: MovingObstacle, step: float, steps: int) -> tuple[Floats, flo
     if mover.leaves:
         places[times > motion[-1, 0] + step] = GONE
     return places, strays
-
-
-def at(motion: Floats, times: Floats) -> Floats:
-    """(T, 3): a motion's places, held before its beginning and after its end."""
-    return np.stack([np.interp(times, motion[:, 0], motion[:, axis]) for axis in (1, 2, 3)], axis=1)

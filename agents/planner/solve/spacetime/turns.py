@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.planner.model.deadline import Deadline
-from agents.planner.model.problem import Floats, Ints, Motion, Path, Problem
+from agents.planner.model.problem import Floats, Ints, Motion, Path, Problem, places_at
 from agents.planner.model.scene import Cylinder, Scene
 from agents.planner.model.staticmap import StaticMap
 from agents.planner.model.world import World, world_of
 from agents.planner.solve.jit import jit
 from agents.planner.solve.refine.knots import leg_times, ramped
-from agents.planner.solve.spacetime.table import at, distances, least, stepped
+from agents.planner.solve.spacetime.table import distances, least, stepped
 
 Bools = NDArray[np.bool_]
 Alone = Callable[[int, World, Path], Motion | None]
@@ -230,7 +230,7 @@ def turns_of(problem: Problem, motions: Sequence[Motion], until: Deadline) -> Tu
 def _places(motion: Motion) -> Floats:
     """(K + 1, 3): where a motion is at each step, at its end at last."""
     steps = max(1, int(np.ceil(motion[-1, 0] / STEP - 1e-9)))
-    return np.ascontiguousarray(at(motion, np.arange(steps + 1, dtype=np.float64) * STEP))
+    return np.ascontiguousarray(places_at(motion, np.arange(steps + 1, dtype=np.float64) * STEP))
 
 
 def posts_of(problem: Problem, i: int, motion: Motion | None = None) -> Ints:

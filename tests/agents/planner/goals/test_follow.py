@@ -26,7 +26,7 @@ def test_a_place_goes_as_fast_as_its_leader() -> None:
 def test_places_too_near_each_other_are_refused() -> None:
     assert follow.offsets_of(GOAL, [BODY] * 3, 1.0, 1.5) == follow.default_offsets([BODY] * 3, 1.0)
     for offsets, words in (
-        ([(-6.0, 0.0, 0.0), (-6.0, 1.5, 0.0), (-12.0, 0.0, 0.0)], "a and b are 1.5 m apart"),
+        ([(-6.0, 0.0, 0.0), (-6.0, 1.5, 0.0), (-12.0, 0.0, 0.0)], "those of a and b, are 1.50 m apart"),
         ([(-6.0, 0.0, 0.0), (-6.0, 4.0, 0.0), (0.0, 0.0, -2.5)], "the leader and c"),
         ([(-6.0, 0.0, 0.0)], "1 offsets for 3"),
     ):

@@ -56,7 +56,6 @@ def test_a_plane_stands_in_no_formation() -> None:
 @pytest.mark.parametrize(
     ("goal", "field"),
     [
-        (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0)]), "to"),
         (swarm.GoTo(vehicles=["c1", "c2"], to=[(0.0, 0.0, -10.0), (0.0, 1.0, -10.0)]), "to"),
         (swarm.Formation(vehicles=["c1", "c2"], shape="line", at=(0.0, 0.0, -9.0), spacing=1.9), "spacing"),
         (swarm.Search(vehicles=["c1"], polygon=[(0.0, 0.0), (9.0, 9.0)], height=10.0), "polygon"),

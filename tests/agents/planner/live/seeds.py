@@ -26,11 +26,11 @@ from agents.planner.live import plan as planning
 from agents.planner.live.accuracy import position_error, rooms
 from agents.planner.live.frames import ned
 from agents.planner.live.leased_vehicles import TIGHT
-from agents.planner.live.plan import Planned, motion_of
+from agents.planner.live.plan import Planned
 from agents.planner.live.preview import preview
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.tally import Tally
-from agents.planner.live.worker import SolverProcess, judge
+from agents.planner.live.worker import SolverProcess
 from agents.planner.live.world import Pieces
 from agents.planner.model.problem import Floats, Motion
 from agents.planner.model.separation import separation
@@ -124,14 +124,9 @@ class Keeping(planning.Planner):
         worker = SolverProcess(None)  # type: ignore[arg-type]
 
         async def do(job: jobs.Job) -> Any:
-            if isinstance(job, jobs.Judge):
-                return judge(job)
             if isinstance(job, jobs.Resolve):
                 return resolve(job.goal, job.view, job.scene, None, job.floor)
-            plan = worker.solve(job)
-            if plan.error is not None:
-                return plan, jobs.Judgement(False, None, 0.0, ())
-            return plan, judge(jobs.Judge(job.scene, plan.trajectories, job.movers))
+            return worker.do(job)
 
         nothing = SimpleNamespace(walls=lambda *_: (), vehicles=lambda *_: set())
         context = SimpleNamespace(
@@ -208,7 +203,7 @@ class Crew:
 
     async def _through(self, planned: Planned, stops: list[str]) -> float:
         """Flown to its end, and planned again from where they rest as long as it is not; gives the nearest two."""
-        nearest, ends = math.inf, np.array([rows[-1][1:] for rows in planned.trajectories.values()])
+        nearest, ends = math.inf, np.array([motion[-1, 1:] for motion in planned.motions.values()])
         for _ in range(MOST_PLANS):
             history = self._history(planned)
             rows = np.repeat(self.places[None], len(history.places), axis=0)
@@ -219,15 +214,14 @@ class Crew:
                 return nearest
             blocked = ", ".join(f"{one} for {other}" for one, other in history.conductor.blocked.items())
             stops.append(history.conductor.halting or f"{phase}: {blocked}")
-            planned = await self.planner.next_to(PlanTo(tuple(planned.trajectories), ends, True), self.view())
+            planned = await self.planner.next_to(PlanTo(tuple(planned.motions), ends, True), self.view())
         raise AssertionError(f"crew {self.seed} did not come to its places: {stops}")
 
     def _history(self, planned: Planned) -> History:
         """As LeasedVehicles and the executor have it flown, for copters whose clocks are known well."""
-        motions: dict[str, Motion] = {name: motion_of(rows) for name, rows in planned.trajectories.items()}
         tracking = self.sort.tracking
         history = History(
-            motions,
+            dict(planned.motions),
             self.rng,
             radius={vehicle.id: vehicle.radius - planned.margin for vehicle in planned.scene.vehicles},
             margin=max(tracking / TIGHT, tracking + min(0.0, planned.margin - self.sort.margin)),
