@@ -47,11 +47,11 @@ rerun.disconnect()
 assert pathlib.Path("try.rrd").stat().st_size
 """
 LAY = """
-import pathlib
-from PIL import Image
+import numpy, pathlib, rasterio
 from ground.http.geotiff import lay
 from zmav.errors import BadConfig
-Image.new("L", (4, 4)).save("try.tif")
+with rasterio.open("try.tif", "w", driver="GTiff", width=4, height=4, count=1, dtype="uint8") as made:
+    made.write(numpy.zeros((1, 4, 4), dtype="uint8"))
 try:
     lay(pathlib.Path("try.tif"))
 except BadConfig as e:  # it was read, and says no place

@@ -8,16 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import zenoh
 
 import zmav
+from ground.program import hear_proven
 from zmav import keys, wire
-from zmav.errors import BadInput, Forbidden
 from zmav.services.link.port import on_loop
-from zmav.services.queries.intake import Intake
-from zmav.services.queries.proven import attached
 from zmav.traffic import BYTES, MOST_SOURCES, AirPicture, Seen, approach, read
-from zmav.trust.member import Place
 
 
 class Listener:
@@ -30,25 +26,13 @@ class Listener:
         """reports that were none, or of nobody who may tell"""
 
     def __enter__(self) -> Listener:
-        hear, member = on_loop(asyncio.get_running_loop(), self._hear), self._z.member
-        newest: dict[Place, float] = {}
-
-        def take(samples: list[zenoh.Sample]) -> None:
-            """In a thread of its own: anybody may put there, however fast."""
-            for sample in samples:
-                payload = sample.payload.to_bytes() if len(sample.payload) <= BYTES else b""
-                try:
-                    report = read(payload)
-                    if member is not None:
-                        member.judge(str(sample.key_expr), payload, attached(sample), newest)
-                    if keys.hears(key, str(sample.key_expr)):
-                        hear(report)
-                except (Forbidden, BadInput):
-                    self.refused += 1
-
-        key = keys.TRAFFIC.key(self._z.fleet_name)
-        self._intake = Intake(self._z.session.declare_subscriber, key, take, 2 * MOST_SOURCES)
+        hear, key = on_loop(asyncio.get_running_loop(), self._hear), keys.TRAFFIC.key(self._z.fleet_name)
+        how: dict[str, Any] = {"largest": BYTES, "most": 2 * MOST_SOURCES, "refuse": self._refuse}
+        self._intake = hear_proven(self._z, key, read, lambda _, report: hear(report), **how)
         return self
+
+    def _refuse(self) -> None:
+        self.refused += 1
 
     def __exit__(self, *_: object) -> None:
         self._intake.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import collections
 import contextlib
+import functools
 import random
 import time
 from collections.abc import Callable
@@ -15,14 +16,12 @@ from collections.abc import Callable
 import zenoh
 
 import zmav
+from ground.program import hear_proven
 from zmav import keys
 from zmav.corrections import MOST, MOST_NAME, OLDEST_S, PATIENCE_S, Batch, Charge, batches, unpack
 from zmav.errors import BadConfig, BadMessage, Forbidden
 from zmav.formats.rtcm3 import Cutter, Ecef, Message
 from zmav.services.link.port import on_loop
-from zmav.services.queries.intake import Intake
-from zmav.services.queries.proven import attached
-from zmav.trust.member import Place
 
 GATHER_S, MOST_GATHER_S = 0.05, 0.3
 """s without a message after which a moment is over, and s that it lasts at most: a base's line may be slow"""
@@ -78,21 +77,16 @@ class Publisher:
 
     def __enter__(self) -> Publisher:
         self._publisher = self._z.session.declare_publisher(self._key, **keys.RTCM.publishing())
-        hear, member = on_loop(asyncio.get_running_loop(), self._hear), self._z.member
-        newest: dict[Place, float] = {}
+        hear = on_loop(asyncio.get_running_loop(), self._hear)
 
-        def take(samples: list[zenoh.Sample]) -> None:
-            """In a thread of its own: anybody may put there, however fast."""
-            for sample in samples:
-                payload = sample.payload.to_bytes() if len(sample.payload) <= MOST else b""
-                with contextlib.suppress(Forbidden, BadMessage):
-                    batch = unpack(payload)
-                    if batch.instance != self._instance:
-                        if member is not None:
-                            member.judge(self._key, payload, attached(sample), newest)
-                        hear(batch)
+        def read(payload: bytes) -> Batch:
+            batch = unpack(payload)
+            if batch.instance == self._instance:
+                raise BadMessage("it is our own")
+            return batch
 
-        self._others = Intake(self._z.session.declare_subscriber, self._key, take, MOST_OTHERS)
+        take = functools.partial(hear_proven, self._z, self._key, read, lambda _, batch: hear(batch))
+        self._others = take(largest=MOST, most=MOST_OTHERS)
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -15,6 +15,7 @@ import msgspec
 import zenoh
 
 from ground.feed import apart, patterns
+from ground.host import host_name
 from ground.record.folder import Folder
 from ground.record.history import Answers
 from ground.record.storage import RecordingSettings, Storage
@@ -22,7 +23,6 @@ from ground.record.video import VideoFiles
 from zmav import keys, wire
 from zmav.cli.common import size
 from zmav.client import Client
-from zmav.errors import BadConfig
 from zmav.trust.certificate import Role
 from zmav.vehicle.rates import want_key
 from zmav.waiting import in_thread
@@ -56,7 +56,7 @@ class Recorder:
     ) -> None:
         self._z, self._folder, self._wanted, self._tell = z, folder, wanted, tell
         self._fleet = z.fleet_name
-        self.name = _name(z, wanted.name)
+        self.name = host_name(z, wanted.name or "", _host())
         self.storage = Storage(folder, settings, z.dialect, tell)
         self.video: VideoFiles | None = None
         self._answers: Answers | None = None
@@ -184,16 +184,6 @@ def shared_channels() -> list[keys.Channel]:
     """What is recorded and is nobody's own."""
     found = [channel for channel in keys.CHANNELS.values() if channel.recorded and channel.kind in ("pub", "put")]
     return [channel for channel in found if "{vehicle}" not in channel.template]
-
-
-def _name(z: Client, given: str | None) -> str:
-    own = z.member.credentials.name if z.member else None
-    if given is None:
-        return own or _host()
-    if own is not None and given != own:
-        text = f"the credentials are those of {own}: nobody would hear what it says as {given}"
-        raise BadConfig(text, field="name", value=given, expected=own)
-    return keys.check_name(given)
 
 
 def _host() -> str:

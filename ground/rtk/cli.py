@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
+from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from ground.host import host_name
 from ground.rtk.options import Fixed, parse_place, parse_source, parse_survey
 from zmav import keys
-from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.common import Work, connected, json_option
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
-from zmav.process import log, until_stopped
+from zmav.process import log
+
+if TYPE_CHECKING:
+    from ground.rtk.program import RtkSettings
 
 
 @click.command("rtk")
@@ -54,7 +58,6 @@ def command(
     A second source stands by. 'zmav top', the page and 'zmav doctor' show what comes of it at each vehicle.
     """
     try:
-        import pygnssutils  # noqa: F401
         import pyubx2  # noqa: F401
     except ImportError as e:
         raise missing_extra("'zmav rtk'", e.name, "rtk") from e
@@ -77,25 +80,9 @@ def command(
     return lambda z: _serve(z, settings, as_json)
 
 
-async def _serve(z: Client, settings: object, as_json: bool) -> None:
-    import msgspec
+async def _serve(z: Client, settings: RtkSettings, as_json: bool) -> None:
+    from ground.program import until_over
+    from ground.rtk.program import Rtk
 
-    from ground.rtk.program import STATUS_S, Rtk, RtkSettings
-
-    assert isinstance(settings, RtkSettings)
-    settings = msgspec.structs.replace(settings, name=host_name(z, settings.name))
-    async with Rtk(z, settings, log) as rtk:
-        running = asyncio.ensure_future(rtk.run())
-        stopped = asyncio.ensure_future(until_stopped())
-        try:
-            while not (running.done() or stopped.done()):
-                await asyncio.wait({running, stopped}, timeout=STATUS_S, return_when=asyncio.FIRST_COMPLETED)
-                if as_json:
-                    state, words, detail = rtk.status()
-                    click.echo(dump({"state": state, "text": words, **detail}))
-            if running.done():
-                running.result()
-        finally:
-            running.cancel()
-            stopped.cancel()
-            await asyncio.wait({running, stopped})
+    async with Rtk(z, msgspec.structs.replace(settings, name=host_name(z, settings.name)), log) as rtk:
+        await until_over(rtk.status, as_json, rtk.run())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -11,12 +10,12 @@ import msgspec
 
 import zmav
 from ground.corrections import LISTEN_S, Publisher
+from ground.program import say_status
 from ground.rtk.options import Caster, Fixed, Receiver, Recording, Survey, Where
 from zmav import geo
 
 AGENT = "rtk"
 """under which its status is found"""
-STATUS_S = 1.0
 SILENT_S = 5.0
 """s without a message of the source after which its corrections are old"""
 MOST_NUMBERS = 20
@@ -68,7 +67,7 @@ class Rtk:
 
     async def __aenter__(self) -> Rtk:
         self.publisher.__enter__()
-        self._task = asyncio.create_task(self._say_status())
+        self._task = asyncio.create_task(say_status(self._z, AGENT, self.settings.name, self.status))
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -126,13 +125,6 @@ class Rtk:
         if progress is not None:
             detail["survey"] = dict(progress._asdict())
         return state, text, detail
-
-    async def _say_status(self) -> None:
-        while True:
-            state, text, detail = self.status()
-            with contextlib.suppress(zmav.errors.ZmavError):
-                self._z.say_status(AGENT, state, text, vehicle=self.settings.name, **detail)
-            await asyncio.sleep(STATUS_S)
 
 
 def check(settings: RtkSettings) -> None:

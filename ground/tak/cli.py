@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 
 import click
+import msgspec
 
 from ground.host import host_name
 from zmav import keys
-from zmav.cli.common import Work, connected, dump, json_option
+from zmav.cli.common import Work, connected, json_option
 from zmav.client import Client
 from zmav.errors import BadUrl, missing_extra
-from zmav.process import log, until_stopped
+from zmav.process import log
 
 EXPECTED = "tcp://HOST:8087, tls://HOST:8089, or udp://239.2.3.1:6969"
 
@@ -67,16 +67,10 @@ def command(
     )
 
     async def serve(z: Client) -> None:
-        import msgspec
-
+        from ground.program import until_over
         from ground.tak.program import Tak
 
         async with Tak(z, msgspec.structs.replace(settings, name=host_name(z, settings.name)), log) as tak:
-            stopped = asyncio.ensure_future(until_stopped())
-            while not stopped.done():
-                await asyncio.wait({stopped}, timeout=1.0)
-                if as_json:
-                    state, words, detail = tak.status()
-                    click.echo(dump({"state": state, "text": words, **detail}))
+            await until_over(tak.status, as_json)
 
     return serve

@@ -16,17 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import zenoh
 
 import zmav
+from ground.program import hear_proven, say_status
 from ground.tak.cot import Cot, places_of
 from zmav import keys, wire
 from zmav.doctor.rules import of_state
-from zmav.errors import BadInput, Forbidden
+from zmav.errors import BadInput
 from zmav.services.link.port import on_loop
-from zmav.services.queries.intake import Intake
-from zmav.services.queries.proven import attached
-from zmav.trust.member import Place
 from zmav.waiting import within
 
 with warnings.catch_warnings():
@@ -73,22 +70,14 @@ class Tak:
         """connections made, events sent, bytes that came and were not looked at"""
 
     async def __aenter__(self) -> Tak:
-        loop, member = asyncio.get_running_loop(), self._z.member
-        newest: dict[Place, float] = {}
+        hear, key = on_loop(asyncio.get_running_loop(), self._hear), keys.FLEET.key(self._z.fleet_name, topic="plan")
 
-        def take(samples: list[zenoh.Sample]) -> None:
-            for sample in samples:
-                with contextlib.suppress(Forbidden, BadInput):
-                    payload = sample.payload.to_bytes() if len(sample.payload) <= LARGEST else b""
-                    plan = wire.decode(payload, wire.swarm.PlanReport, "plan")
-                    if member is not None:
-                        member.judge(str(sample.key_expr), payload, attached(sample), newest)
-                    if keys.hears(key, str(sample.key_expr)):
-                        hear(keys.match(str(sample.key_expr))[1]["fleet"], plan)
+        def read(payload: bytes) -> wire.swarm.PlanReport:
+            return wire.decode(payload, wire.swarm.PlanReport, "plan")
 
-        hear, key = on_loop(loop, self._hear), keys.FLEET.key(self._z.fleet_name, topic="plan")
-        self._intake = Intake(self._z.session.declare_subscriber, key, take, MOST_PLANS)
-        self._tasks = [asyncio.create_task(self._run()), asyncio.create_task(self._say_status())]
+        self._intake = hear_proven(self._z, key, read, hear, largest=LARGEST, most=MOST_PLANS)
+        work = (self._run(), say_status(self._z, AGENT, self.settings.name, self.status))
+        self._tasks = [asyncio.create_task(each) for each in work]
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -97,8 +86,8 @@ class Tak:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._intake.close()
 
-    def _hear(self, fleet: str, plan: wire.swarm.PlanReport) -> None:
-        self._plans[fleet, plan.goal] = plan, time.monotonic()
+    def _hear(self, key: str, plan: wire.swarm.PlanReport) -> None:
+        self._plans[keys.match(key)[1]["fleet"], plan.goal] = plan, time.monotonic()
         if len(self._plans) > MOST_PLANS:
             del self._plans[next(iter(self._plans))]
 
@@ -201,13 +190,6 @@ class Tak:
         text = self.text or f"{self.events} events to {self.settings.url}"
         alarms = [name for (_, name), text in self._alarms.items() if text]
         return self.state, text, {"events": self.events, "connections": self.sent, "alarms": alarms}
-
-    async def _say_status(self) -> None:
-        while True:
-            state, text, detail = self.status()
-            with contextlib.suppress(zmav.errors.ZmavError, zenoh.ZError):
-                self._z.say_status(AGENT, state, text, vehicle=self.settings.name, **detail)
-            await asyncio.sleep(1.0)
 
 
 def tls_of(cert: str | None, key: str | None, ca: str | None) -> dict[str, str]:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 from ground.host import host_name
 from zmav.cli.common import Work, connected, console, dump, json_option, seconds_option
 from zmav.client import Client
 from zmav.errors import BadInput, missing_extra
-from zmav.process import log, until_stopped
+from zmav.process import log
 
 if TYPE_CHECKING:
     from ground.traffic.program import TrafficSettings
@@ -137,19 +137,14 @@ async def _list(z: Client, seconds: float, as_json: bool) -> None:
 
 
 async def _serve(z: Client, settings: TrafficSettings, as_json: bool) -> None:
-    import msgspec
-
-    from ground.traffic.program import PERIOD_S, TrafficProgram
+    from ground.program import until_over
+    from ground.traffic.program import TrafficProgram
 
     settings = msgspec.structs.replace(settings, name=host_name(z, settings.name))
     async with TrafficProgram(z, settings, log) as program:
-        stopped = asyncio.ensure_future(until_stopped())
-        try:
-            while not stopped.done():
-                await asyncio.wait({stopped}, timeout=PERIOD_S)
-                if as_json:
-                    state, words, detail = program.status()
-                    click.echo(dump({"state": state, "text": words, **detail, "traffic": program.listener.rows()}))
-        finally:
-            stopped.cancel()
-            await asyncio.wait({stopped})
+
+        def status() -> tuple[str, str, dict[str, Any]]:
+            state, text, detail = program.status()
+            return state, text, detail | {"traffic": program.listener.rows()}
+
+        await until_over(status, as_json)

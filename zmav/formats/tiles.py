@@ -155,10 +155,10 @@ class Raster:
 
     def __init__(self, path: Path) -> None:
         try:
-            import rasterio  # type: ignore[import-not-found, import-untyped, unused-ignore]
-            import rasterio.transform  # type: ignore[import-not-found, import-untyped, unused-ignore]
-            from rasterio.enums import Resampling  # type: ignore[import-not-found, import-untyped, unused-ignore]
-            from rasterio.vrt import WarpedVRT  # type: ignore[import-not-found, import-untyped, unused-ignore]
+            import rasterio
+            import rasterio.transform
+            from rasterio.enums import Resampling
+            from rasterio.vrt import WarpedVRT
         except ImportError as e:
             raise missing_extra("a GeoTIFF", e.name, "terrain") from e
         self._errors: Any = rasterio.errors.RasterioError

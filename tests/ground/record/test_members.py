@@ -81,7 +81,7 @@ async def test_any_member_may_record_and_answer(fleet: Fleet, tmp_path: Path, ro
             (answer,) = [answer for answer in answers if isinstance(answer, Answer)]
             every = wire.decode(answer.payload, wire.History, "history")
             assert {entry.value["mode"] for entry in every.entries} == {"AUTO"}
-            with pytest.raises(BadConfig, match="the credentials are those of gs"):
+            with pytest.raises(BadConfig, match="by your credentials this host is gs"):
                 Recorder(z, folder, RecordingSettings(), Wanted(name="other"), lambda line: None)
 
 

@@ -1,0 +1,87 @@
+"""What ``zmav rtk``, ``traffic`` and ``tak`` share: what others prove is heard, and how they do is said."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
+
+import click
+import zenoh
+
+from zmav import keys
+from zmav.cli.common import dump
+from zmav.client import Client
+from zmav.errors import BadInput, Forbidden, ZmavError
+from zmav.process import until_stopped
+from zmav.services.queries.intake import Intake
+from zmav.services.queries.proven import attached
+from zmav.trust.member import Place
+
+T = TypeVar("T")
+STATUS_S = 1.0
+
+
+def hear_proven(
+    z: Client,
+    key: str,
+    read: Callable[[bytes], T],
+    hear: Callable[[str, T], object],
+    *,
+    largest: int,
+    most: int,
+    refuse: Callable[[], object] = lambda: None,
+) -> Intake:
+    """``hear(key, read(payload))`` for what comes on ``key``, in a thread of its own: anybody may put there, however
+    fast. ``refuse()`` for what has more than ``largest`` bytes, what ``read`` refuses, and with credentials what nobody
+    proves who may put it. ``most``: that wait to be looked at, the newest.
+    """
+    member, newest = z.member, dict[Place, float]()
+
+    def take(samples: list[zenoh.Sample]) -> None:
+        for sample in samples:
+            where, payload = str(sample.key_expr), sample.payload.to_bytes() if len(sample.payload) <= largest else b""
+            try:
+                found = read(payload)
+                if member is not None:
+                    member.judge(where, payload, attached(sample), newest)
+                if keys.hears(key, where):
+                    hear(where, found)
+            except (Forbidden, BadInput):
+                refuse()
+
+    return Intake(z.session.declare_subscriber, key, take, most)
+
+
+Status = Callable[[], tuple[str, str, dict[str, Any]]]
+"""a word, a sentence and the details"""
+
+
+async def say_status(z: Client, agent: str, host: str, status: Status) -> None:
+    """Once a second, until cancelled."""
+    while True:
+        state, text, detail = status()
+        with contextlib.suppress(ZmavError, zenoh.ZError):  # no router at present
+            z.say_status(agent, state, text, vehicle=host, **detail)
+        await asyncio.sleep(STATUS_S)
+
+
+async def until_over(status: Status, as_json: bool, work: Coroutine[Any, Any, None] | None = None) -> None:
+    """Until the process is asked to end or ``work`` has ended, whose error is raised; with ``as_json`` a line of the
+    status is printed each second.
+    """
+    ends = [asyncio.ensure_future(each) for each in (until_stopped(), work) if each is not None]
+    try:
+        while not any(end.done() for end in ends):
+            await asyncio.wait(ends, timeout=STATUS_S, return_when=asyncio.FIRST_COMPLETED)
+            if as_json:
+                state, text, detail = status()
+                click.echo(dump({"state": state, "text": text, **detail}))
+        for end in ends:
+            if end.done():
+                end.result()
+    finally:
+        for end in ends:
+            end.cancel()
+        await asyncio.wait(ends)
