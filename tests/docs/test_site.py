@@ -55,6 +55,10 @@ def test_every_page_is_in_exactly_one_place(settings: dict[str, Any]) -> None:
     }
 
 
+def test_programs_of_the_folder_are_left_out(settings: dict[str, Any]) -> None:
+    assert settings["exclude_docs"].split() == ["*.py", "__pycache__/"]
+
+
 def test_no_two_files_have_one_place() -> None:
     pages = {*DOCS.glob("*.md"), ROOT / "README.md"}
     everything = pages | site.outside(pages)
