@@ -244,6 +244,9 @@ async def test_a_topic_of_its_own_is_heard(desk: Desk) -> None:
     assert wire.decode(sample.payload.to_bytes(), wire.Signals, "out") == wire.Signals(t=5.0, values={"north": 1.5})
     with pytest.raises(BadKey, match="topic 'Wind Speed' cannot stand in a key"):
         desk.agent.publish("Wind Speed", {})
+    for wrong in (5.0, [1.0], {"north": "hard"}, {"north": None}):
+        with pytest.raises(BadInput, match=r"what is published is .*; expected numbers by their names"):
+            desk.agent.publish("wind", wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -265,3 +268,14 @@ def test_a_mistake_is_said_from_its_own_line_on(net: Net, tmp_path: Path, text: 
     assert first == "Traceback (most recent call last):"
     assert second.endswith(", in run") and str(path) in second
     assert last.startswith(said)
+
+
+def test_a_topic_that_is_published_wrongly_is_said_with_its_line(net: Net, tmp_path: Path) -> None:
+    path, (_, endpoint) = tmp_path / "mine.py", net.router()
+    path.write_text(MINE.replace("await asyncio.Event().wait()", "self.publish('my topic', {})"))
+    run = ["-m", "zmav", "agent", "run", str(path), "--vehicle", "quad1", "-e", endpoint]
+    done = subprocess.run([sys.executable, *run], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    (said,) = [line for line in done.stderr.splitlines() if line.startswith("zmav: ")]
+    assert said.startswith("zmav: topic 'my topic' cannot stand in a key")
+    assert said.endswith(f"({path}, line 9)")

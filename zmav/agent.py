@@ -193,14 +193,18 @@ class Agent:
     def publish(self, topic: str, values: Mapping[str, float], t: float | None = None) -> None:
         """Stream numbers by their names on ``agent/{name}/out/{topic}``, as of ``t`` (UTC seconds; None: now), where
         'zmav echo', 'zmav view' and the recorder find them. Those that are not finite are left out. Raises
-        :class:`~zmav.errors.BadKey` for a topic that cannot be a name. From one thread, any.
+        :class:`~zmav.errors.BadKey` for a topic that cannot be a name, :class:`~zmav.errors.BadInput` for what are no
+        numbers. From one thread, any.
         """
         if topic not in self._topics:
             key = keys.AGENT_OUT.key(
                 self.vehicle.fleet, self.vehicle.name, agent=self.name, topic=keys.check_name(topic, "topic")
             )
             self._topics[topic] = self.z.session.declare_publisher(key, **keys.AGENT_OUT.publishing())
-        finite = {name: value for name, value in values.items() if math.isfinite(value)}
+        try:
+            finite = {name: value for name, value in values.items() if math.isfinite(value)}
+        except (AttributeError, TypeError) as e:
+            raise BadInput.wrong("what is published", values, "numbers by their names: {'speed': 1.5}") from e
         self._topics[topic].put(wire.encode(wire.Signals(t=time.time() if t is None else t, values=finite)))
 
     def _speak(self) -> None:

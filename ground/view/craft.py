@@ -265,9 +265,8 @@ class Craft:
             self._redraw_trail(canvas, shade)
         if (looks, text) != (self._looks, self._name):
             self._looks, self._name = looks, text
-            name = rr.Points3D(
-                [(0.0, 0.0, -1.5 * self._size)], radii=style.points(1.5), colors=shade, labels=text, show_labels=True
-            )
+            below = [(0.0, 0.0, 0.4 * self._size)]  # words stand under their point: so they leave the model free
+            name = rr.Points3D(below, radii=style.points(0.5), colors=shade, labels=text, show_labels=True)
             canvas.put((*self.path, "pose", "name"), name)
 
     def _text(self, crowded: bool) -> str:

@@ -227,6 +227,8 @@ def _camera_path(label: str, camera: str) -> Path:
 
 
 PATH = (*NED, "mesh")
+FIGURES = (*PATH, "figures")
+"""of the links that are not good: those of all would stand over each other, and over the names of vehicles"""
 LABELLED = 12
 """links at most whose figures stand beside them"""
 
@@ -241,15 +243,23 @@ def _paint_mesh(canvas: Canvas, graph: Graph, places: Mapping[str, Vector]) -> N
     _paint_stations(canvas, {name: where[name] for name in stations})
     drawn = [link for link in graph.links if link.a in where and link.b in where]
     if not drawn:
+        canvas.clear(FIGURES)
         return canvas.clear(PATH)
     strips = rr.LineStrips3D(
         [[where[link.a], where[link.b]] for link in drawn],
         colors=[style.GRADES.get(link.grade, style.GREY) for link in drawn],
         radii=[style.points(style.WIDTHS.get(link.grade, 1.0)) for link in drawn],
-        labels=[_link_words(link) for link in drawn],
-        show_labels=len(drawn) <= LABELLED,
     )
-    return canvas.put(PATH, strips)
+    canvas.put(PATH, strips)
+    worse = [link for link in drawn if link.grade != "good"]
+    figures = rr.Points3D(
+        [[(a + b) / 2.0 for a, b in zip(where[link.a], where[link.b], strict=True)] for link in worse],
+        colors=[style.GRADES.get(link.grade, style.GREY) for link in worse],
+        radii=style.points(0.5),
+        labels=[_link_words(link) for link in worse],
+        show_labels=len(worse) <= LABELLED,
+    )
+    canvas.put(FIGURES, figures if worse else None)
 
 
 def _role(graph: Graph, name: str) -> str | None:

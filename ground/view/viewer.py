@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import http.client
 import importlib.util
 import os
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote
 
@@ -62,11 +65,44 @@ def page(sink: Sink) -> str:
     return f"http://{HOST}:{sink.web_port}/?url={quote(sink.url, safe='')}"
 
 
+def serve_page(sink: Sink, source: int) -> None:
+    """Serve Rerun's page, which is at port ``source``, with a policy by which the browser lets it reach nobody but us.
+    By itself it sends statistics of its use, which no setting ends.
+    """
+    policy = f"connect-src 'self' http://{HOST}:{sink.port} data: blob:"
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            try:
+                asked = http.client.HTTPConnection(HOST, source, timeout=START)
+                asked.request("GET", self.path, headers={"Accept-Encoding": self.headers["Accept-Encoding"] or ""})
+                answer = asked.getresponse()
+                body = answer.read()
+            except (OSError, http.client.HTTPException) as e:
+                self.send_error(502, explain=f"Rerun's viewer does not answer: {e}")
+                return
+            told = {name: answer.getheader(name) for name in ("Content-Type", "Content-Encoding")}
+            told |= {"Content-Length": str(len(body)), "Content-Security-Policy": policy}
+            self.send_response(answer.status)
+            for name, value in told.items():
+                if value is not None:
+                    self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Not in the terminal of who flies."""
+
+    threading.Thread(target=ThreadingHTTPServer((HOST, sink.web_port), Handler).serve_forever, daemon=True).start()
+
+
 def start_viewer(sink: Sink) -> subprocess.Popen[bytes]:
     """Start it and wait until it listens. Raises :class:`BadConfig` where it does not."""
     command = [*program(), "--bind", HOST, "--port", str(sink.port), "--server-memory-limit", SERVER_MEMORY]
     if sink.kind == "web":
-        command += ["--serve-web", "--web-viewer-port", str(sink.web_port)]
+        source = free_port()
+        command += ["--serve-web", "--web-viewer-port", str(source)]
+        serve_page(sink, source)
     else:
         command += ["--memory-limit", MEMORY, "--hide-welcome-screen", "--expect-data-soon"]
     # With CI set, Rerun sends no usage statistics: nobody who flies was asked for them.

@@ -165,12 +165,16 @@ async def _run(
     for name, value in tuned.items():
         if not isinstance(value, (int, float)):
             raise BadInput.wrong(name, value, "a number")
+    file = inspect.getfile(kind)
     try:
         await _live(kind, vehicle, own, tuned, fleet, settings)
+    except BadInput as e:
+        called = [line for path, line, *_ in traceback.extract_tb(e.__traceback__) if Path(path) == Path(file)]
+        raise type(e)(f"{e} ({file}, line {called[-1]})" if called else str(e), **e.detail) from e
     except ZmavError:
         raise
     except Exception as e:
-        raise ZmavError(f"{kind.name} failed:\n{own_lines(e, inspect.getfile(kind))}") from e
+        raise ZmavError(f"{kind.name} failed:\n{own_lines(e, file)}") from e
 
 
 async def _live(

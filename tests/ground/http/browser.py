@@ -275,7 +275,7 @@ async def browser(*more: str) -> AsyncIterator[Tab]:
         try:
             assert process.stderr is not None
             url = await within(PATIENCE_S, _address(process.stderr))
-            async with connect(url, max_size=None) as connection:
+            async with connect(url, max_size=None, ping_interval=None) as connection:
                 tab = Tab(connection, process.pid)
                 yield tab
                 await tab.close()

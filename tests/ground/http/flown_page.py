@@ -73,9 +73,9 @@ async def flown_from_the_page(demo: str) -> AsyncIterator[Page]:
     begun, port, router = time.monotonic(), free_port(), f"tcp/127.0.0.1:{free_port()}"
     with Children(at_once=True, by_signals=True) as processes:
         processes.start("demo", "demo", demo, "--stay", "--endpoint", router)
-        await _said(processes, "demo", "Ctrl-C", START_S)
+        await said(processes, "demo", "Ctrl-C", START_S)
         processes.start("http", "http", "--port", str(port), "-e", router)
-        await _said(processes, "http", "http://", 60.0)
+        await said(processes, "http", "http://", 60.0)
         async with browser() as tab:
             page = Page(tab, begun, router)
             page.say("the page is there")
@@ -83,7 +83,7 @@ async def flown_from_the_page(demo: str) -> AsyncIterator[Page]:
             yield page
 
 
-async def _said(processes: Children, name: str, words: str, seconds: float) -> None:
+async def said(processes: Children, name: str, words: str, seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while not any(re.search(re.escape(words), line) for line in processes.lines(name)):
         processes.check()

@@ -168,7 +168,9 @@ def test_links_are_coloured_by_grade_and_end_at_their_hosts(paint: Make, state: 
     mesh = rows["/world/ned/mesh"][0].values
     assert [rgba(c) for c in mesh["LineStrips3D:colors"]] == [style.GRADES["good"], style.GRADES["poor"]]
     assert mesh["LineStrips3D:strips"][1] == [[10.0, 20.0, -5.0], [0.0, 50.0, -9.0]], "where both vehicles are"
-    assert mesh["LineStrips3D:labels"] == ["4 ms", "200 ms 30% lost"]
+    figures = rows["/world/ned/mesh/figures"][0].values
+    assert figures["Points3D:labels"] == ["200 ms 30% lost"], "of a good one the plots tell"
+    assert figures["Points3D:positions"] == [[5.0, 35.0, -7.0]]
     assert rows["/world/ned/mesh/stations"][0].values["Points3D:labels"] == ["ground"]
     assert rows["/plots/rtt/quad2"][-1].values["Scalars:scalars"] == pytest.approx([204.0])
     assert rows["/plots/loss/quad2"][-1].values["Scalars:scalars"] == pytest.approx([30.0])

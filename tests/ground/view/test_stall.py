@@ -166,8 +166,11 @@ async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) 
     try:
         said = (await within(PATIENCE_S, process.stderr.readline())).decode()
         assert said.startswith("open http://127.0.0.1:"), said
-        page = await asyncio.to_thread(lambda: urllib.request.urlopen(said.split()[1], timeout=PATIENCE_S).read())
+        page, policy = await asyncio.to_thread(_fetched, said.split()[1])
         assert b"<html" in page.lower()
+        assert policy == f"connect-src 'self' http://127.0.0.1:{port + 1} data: blob:", "it sends statistics elsewhere"
+        program, policy = await asyncio.to_thread(_fetched, f"http://127.0.0.1:{port}/re_viewer_bg.wasm")
+        assert program.startswith((b"\0asm", b"\x1f\x8b"))
         family = children(process.pid)
         assert len(family) == 2, "the painter and the viewer's server"
         assert not _beyond_loopback(family[-1])
@@ -178,6 +181,12 @@ async def test_a_stopped_viewer_does_not_keep_the_program_from_ending(net: Net) 
     finally:
         if process.returncode is None:
             process.kill()
+
+
+def _fetched(url: str) -> tuple[bytes, str]:
+    """A page, and what a browser lets it do."""
+    with urllib.request.urlopen(url, timeout=PATIENCE_S) as answer:
+        return answer.read(), answer.headers["Content-Security-Policy"]
 
 
 def _beyond_loopback(pid: int) -> list[str]:
