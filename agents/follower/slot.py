@@ -7,7 +7,6 @@ the two sides of a torn network, see each other's tokens later: the one with the
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 import uuid
 from collections.abc import Callable
@@ -19,16 +18,18 @@ from zmav import keys
 from zmav.errors import BadKey, Refused
 from zmav.services.link.port import on_loop
 from zmav.tokens import TokenTable, find_tokens
-from zmav.waiting import in_thread, within
+from zmav.waiting import in_thread
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""
 LEAVES = 2.0
 """s in which the token of who has just left the slot is gone everywhere"""
-MOST_GONE = 64
-"""tokens that are remembered to have gone"""
+AGAIN = 0.1
+"""s until it is looked for again"""
 Claim = tuple[int, str]
 """when (UTC ms), and which instance"""
+Claimed = tuple[Claim, str]
+"""and of which vehicle"""
 
 
 class Slot:
@@ -47,31 +48,26 @@ class Slot:
         on_lost: Callable[[str], None] = lambda who: None,
     ) -> None:
         self._session, self._fleet, self._vehicle, self._on_lost = session, fleet, vehicle, on_lost
+        self._is_vehicle = is_vehicle
         self._target, self._slot = keys.check_name(target, "target"), keys.check_name(slot, "slot")
         self._claim: Claim = (int(1e3 * time.time()), uuid.uuid4().hex)
-        self._others: TokenTable[str, tuple[Claim, str]] = TokenTable(
+        self._others: TokenTable[str, Claimed] = TokenTable(
             lambda who: is_vehicle(fleet, who), lambda claim: -claim[0][0]
         )
         self._token: zenoh.LivelinessToken | None = None
         self._subscriber: Any = None
-        self._free = asyncio.Event()
-        self._gone: set[str] = set()
-        """keys of tokens that were said to be gone"""
 
     async def __aenter__(self) -> Slot:
-        wide = self._key("*", ("*", "*"))
-        take = on_loop(asyncio.get_running_loop(), self._on_token)
-        self._subscriber = self._session.liveliness().declare_subscriber(wide, take, history=True)
-        try:
-            await asyncio.sleep(SETTLE)
-            if self._claims():
-                await self._forget_gone(wide)
-            if self._claims():
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await within(LEAVES, self._free.wait())
-            if claims := self._claims():
+        end = time.monotonic() + LEAVES
+        while claims := await self._find_claims():
+            if time.monotonic() > end:
                 raise self._taken(min(claims)[1])
-            self._token = self._session.liveliness().declare_token(self._key(self._vehicle, self._claim))
+            await asyncio.sleep(AGAIN)
+        liveliness = self._session.liveliness()
+        take = on_loop(asyncio.get_running_loop(), self._on_token)
+        try:
+            self._subscriber = liveliness.declare_subscriber(self._key("*", ("*", "*")), take, history=True)
+            self._token = liveliness.declare_token(self._key(self._vehicle, self._claim))
             await asyncio.sleep(SETTLE)
             if who := self.better:
                 raise self._taken(who)
@@ -99,43 +95,38 @@ class Slot:
         since, instance = claim
         return keys.SLOT.key(self._fleet, vehicle, target=self._target, slot=self._slot, since=since, instance=instance)
 
-    async def _forget_gone(self, wide: str) -> None:
-        """Forget the claims that were said to be gone, and are.
-
-        Zenoh hands the history of a session's second subscriber over in a thread of its own, and so may tell of a token
-        when it has told already that the token is gone. Neither that nor its list of those that are there is proof
-        enough alone: a token comes back when a link does, and of two lists asked for at once one may lack some.
+    async def _find_claims(self) -> list[Claimed]:
+        """Who claims the slot. It is asked for: who subscribes just as a token goes may be told that it is gone before
+        it is told that it was there, as routers send such things from two threads, and believes it for ever.
         """
-        doubtful = {
-            key: vehicle for claim, vehicle in self._claims() if (key := self._key(vehicle, claim)) in self._gone
-        }
-        if doubtful:
-            with contextlib.suppress(TimeoutError):
-                for key in doubtful.keys() - set(await in_thread(find_tokens, self._session, wide, LEAVES, True)):
-                    self._others.remove(doubtful[key], key)
+        found = await in_thread(find_tokens, self._session, self._key("*", ("*", "*")), LEAVES)
+        read = [self._read(key) for key in found]
+        return [claim for claim in read if claim is not None and self._is_vehicle(self._fleet, claim[1])]
+
+    @staticmethod
+    def _read(key: str) -> Claimed | None:
+        try:
+            _, parts = keys.match(key)
+            return (int(parts["since"]), parts["instance"]), parts["vehicle"]
+        except (BadKey, ValueError):
+            return None
 
     def _taken(self, who: str) -> Refused:
         text = f"{who} keeps the place {self._slot} {self._target} already: end that one first"
         return Refused(text, holder=who, target=self._target, slot=self._slot)
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        try:
-            _, parts = keys.match(str(sample.key_expr))
-            claim = (int(parts["since"]), parts["instance"])
-        except (BadKey, ValueError):
+        key = str(sample.key_expr)
+        read = self._read(key)
+        if read is None or read[0] == self._claim:
             return
-        if claim == self._claim:
-            return
+        claim, vehicle = read
         if sample.kind == zenoh.SampleKind.PUT:
-            self._others.add(parts["vehicle"], str(sample.key_expr), (claim, parts["vehicle"]))
+            self._others.add(vehicle, key, read)
             if self._token is not None and claim < self._claim and (who := self.better):
                 self._on_lost(who)
         else:
-            self._others.remove(parts["vehicle"], str(sample.key_expr))
-            if len(self._gone) < MOST_GONE:
-                self._gone.add(str(sample.key_expr))
-            if not self._claims():
-                self._free.set()
+            self._others.remove(vehicle, key)
 
-    def _claims(self) -> list[tuple[Claim, str]]:
+    def _claims(self) -> list[Claimed]:
         return [claim for vehicle in self._others for claim in self._others.of(vehicle)]

@@ -53,7 +53,7 @@ async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open) ->
 
 
 async def test_what_was_left_is_free_at_once_for_who_was_refused(net: Net, client: Open) -> None:
-    """Of many: Zenoh may tell a session's second subscriber of a token after it told that the token is gone."""
+    """Of many: a router may tell who subscribes as a token goes that it is gone, and only then that it is there."""
     _, endpoint = net.router()
     one, two = client(endpoint), client(endpoint)
 

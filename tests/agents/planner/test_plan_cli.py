@@ -100,6 +100,7 @@ def test_several_are_planned_and_the_broken_one_is_named(scene: Path, tmp_path: 
     assert sorted(path.name for path in pictures.iterdir()) == ["bad.png", "ring.png", "swap.png"]
 
 
+@pytest.mark.usefixtures("hasty")
 def test_walled_in_vehicles_are_all_named(tmp_path: Path) -> None:
     names = ("a goal in a cell and a start in another", "a wall from end to end")
     cases = {name.replace(" ", "_"): broken(name) for name in names}

@@ -38,7 +38,6 @@ def faults(scene: Scene, plan: Plan) -> Any:
         ("forest", 12),
         ("gate", 8),
         ("gate_opposing", 8),
-        ("windows", 12),
         ("city", 12),
         ("fence", 8),
         ("mixed", 10),
@@ -59,6 +58,7 @@ def test_crowds_are_solved_in_seconds(name: str, n: int, seconds: float) -> None
     used = time.thread_time()
     plan = solve(scene)
     assert time.thread_time() - used < seconds
+    assert plan.status == "ok" and list(plan.trajectories) == [v.id for v in scene.vehicles]
     assert not faults(scene, plan)
 
 
@@ -97,6 +97,7 @@ def test_a_margin_is_kept_in_flight_where_starts_leave_room() -> None:
     assert verify(scene, solve(scene).trajectories).clearance < 0.4
 
 
+@pytest.mark.usefixtures("hasty")
 def test_ways_are_found_with_the_margin_that_they_are_held_to() -> None:
     """Through a window, or round the wall where the margin does not fit through the window."""
     walls: list[Obstacle] = [
@@ -165,6 +166,7 @@ def test_a_map_from_before_is_used_again() -> None:
     assert solve(scene, static=static).trajectories == first.trajectories
 
 
+@pytest.mark.usefixtures("hasty")
 def test_a_goal_behind_walls_is_named() -> None:
     scene = CLASSES["swap_circle"](16, 0)
     inside = scene.vehicles[2].start[2]
@@ -179,24 +181,25 @@ def test_a_goal_behind_walls_is_named() -> None:
     assert (caught.value.kind, caught.value.ids) == ("unreachable", [scene.vehicles[2].id])
 
 
+@pytest.mark.usefixtures("hasty")
 def test_a_goal_behind_walls_goes_to_who_is_there() -> None:
     walls: list[Obstacle] = [
-        Box(min=(-10.0, -10.0, 0.0), max=(10.0, -9.0, 12.0)),
-        Box(min=(-10.0, 9.0, 0.0), max=(10.0, 10.0, 12.0)),
-        Box(min=(-10.0, -9.0, 0.0), max=(-9.0, 9.0, 12.0)),
-        Box(min=(9.0, -9.0, 0.0), max=(10.0, 9.0, 12.0)),
+        Box(min=(-6.0, -6.0, 0.0), max=(6.0, -5.0, 6.0)),
+        Box(min=(-6.0, 5.0, 0.0), max=(6.0, 6.0, 6.0)),
+        Box(min=(-6.0, -5.0, 0.0), max=(-5.0, 5.0, 6.0)),
+        Box(min=(5.0, -5.0, 0.0), max=(6.0, 5.0, 6.0)),
     ]
-    starts = [(-7.0, 0.0, 5.0), (12.0, 0.0, 5.0), (12.0, 8.0, 5.0)]
+    starts = [(-3.0, 0.0, 3.0), (8.0, 0.0, 3.0), (8.0, 6.0, 3.0)]
     vehicles = [
         Vehicle(id=f"v{i}", type="copter", start=at, radius=1.0, vmax=5.0, amax=2.5) for i, at in enumerate(starts)
     ]
-    goals = [(-12.0, 0.0, 5.0), (14.0, 14.0, 5.0), (7.0, 0.0, 5.0)]
-    bounds = Bounds(min=(-18.0, -18.0, 0.0), max=(18.0, 18.0, 12.0))  # small: all of it is looked at
+    goals = [(-8.0, 0.0, 3.0), (9.0, 9.0, 3.0), (3.0, 0.0, 3.0)]
+    bounds = Bounds(min=(-11.0, -11.0, 0.0), max=(11.0, 11.0, 6.0))  # small: all of it is looked at
     scene = Scene(vehicles=vehicles, assignment="unlabelled", goals=goals, obstacles=walls, bounds=bounds)
     plan = solve(scene)
     assert not faults(scene, plan)
-    assert plan.trajectories["v0"][-1][1:] == (7.0, 0.0, 5.0)
-    scene.goals = [goals[0], (3.0, 5.0, 5.0), goals[2]]
+    assert plan.trajectories["v0"][-1][1:] == (3.0, 0.0, 3.0)
+    scene.goals = [goals[0], (1.0, 3.0, 3.0), goals[2]]
     with pytest.raises(PlanError) as caught:
         solve(scene)
     assert caught.value.kind == "unreachable"

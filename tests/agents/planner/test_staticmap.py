@@ -60,6 +60,7 @@ def walls(x: float) -> list[Obstacle]:
     return [Box(min=(a, b, c), max=(d, e, f)) for a, b, c, d, e, f in sides]
 
 
+@pytest.mark.usefixtures("hasty")
 def test_all_that_cannot_get_to_their_goals_are_named() -> None:
     obstacles = [*walls(-20.0), *walls(20.0)]
     problem = copters(
