@@ -124,9 +124,10 @@ class Program:
 
 
 class Hurry:
-    """The simulators with control sockets in ``folder`` go faster from when one of their vehicles flies until the end.
+    """The simulators with control sockets in ``folder`` go faster while one of their vehicles flies, or none is armed
+    and one may have to become ready.
 
-    On the ground they do not: an autopilot would disarm before the next command comes.
+    Armed on the ground they do not: an autopilot would disarm before the next command comes.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -149,7 +150,8 @@ class Hurry:
             while not self._over.wait(LOOK_S):
                 for simulator in simulators:
                     status = simulator.status()
-                    speed = HURRY if any(vehicle.flying for vehicle in status.vehicles) else 1.0
+                    armed = [vehicle for vehicle in status.vehicles if vehicle.armed]
+                    speed = HURRY if not armed or any(vehicle.flying for vehicle in armed) else 1.0
                     if status.speed != speed:
                         simulator.speed(speed)
 
