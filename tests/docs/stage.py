@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
@@ -123,9 +124,10 @@ class Program:
 
 
 class Hurry:
-    """The simulators with control sockets in ``folder`` go faster from when one of their vehicles flies until the end.
+    """The simulators with control sockets in ``folder`` go faster while one of their vehicles flies, or none is armed
+    and one may have to become ready.
 
-    On the ground they do not: an autopilot would disarm before the next command comes.
+    Armed on the ground they do not: an autopilot would disarm before the next command comes.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -148,16 +150,19 @@ class Hurry:
             while not self._over.wait(LOOK_S):
                 for simulator in simulators:
                     status = simulator.status()
-                    speed = HURRY if any(vehicle.flying for vehicle in status.vehicles) else 1.0
+                    armed = [vehicle for vehicle in status.vehicles if vehicle.armed]
+                    speed = HURRY if not armed or any(vehicle.flying for vehicle in armed) else 1.0
                     if status.speed != speed:
                         simulator.speed(speed)
 
 
 class Stage:
-    """Runs commands one after another; those of :data:`SERVICES` stay beside them until :meth:`clear`."""
+    """Runs the commands of a :meth:`part` one after another; those of :data:`SERVICES` stay beside them until it ends.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    The programs ``on`` which it stands run since a part before that stands on them, too, or start with it.
+    """
+
+    def __init__(self) -> None:
         self.network = Network()
         self.programs: list[Program] = []
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
@@ -167,15 +172,10 @@ class Stage:
         self.environment |= {
             "XDG_RUNTIME_DIR": self._runtime.name,  # short: a socket's path may have some 100 letters
             "PATH": path,
-            "HOME": str(folder),
-            "XDG_CACHE_HOME": str(folder / ".cache"),
             "MPLBACKEND": "Agg",
             "PYTHONUNBUFFERED": "1",
             "TERM": "dumb",
         }
-        for name in LINKED:
-            (folder / name).symlink_to(ROOT / name)
-        (folder / ".venv").symlink_to(sys.prefix)
 
     def __enter__(self) -> Stage:
         self.network.__enter__()
@@ -184,20 +184,47 @@ class Stage:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         try:
             if kind is None:
-                self.clear()
+                self._clear(())
         finally:
-            for program in self.programs:
-                program.signal(signal.SIGKILL)
-                program.process.wait()
+            self._kill()
             self.network.__exit__(kind, error, tb)
             self._runtime.cleanup()
 
-    def clear(self) -> None:
-        """End what runs, the last first."""
-        while self.programs:
+    @contextlib.contextmanager
+    def part(self, folder: Path, on: tuple[str, ...] = ()) -> Iterator[None]:
+        """What runs in this folder, beside nothing but ``on``; of a part that fails nothing runs on."""
+        for name in LINKED:
+            (folder / name).symlink_to(ROOT / name)
+        (folder / ".venv").symlink_to(sys.prefix)
+        self.folder = folder
+        self.environment |= {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache")}
+        try:
+            self._clear(on)
+            for text in on[len(self.programs) :]:
+                self._start(text, r".")
+            yield
+            self._clear(on)
+        except BaseException:
+            self._kill()
+            raise
+
+    def _clear(self, on: tuple[str, ...]) -> None:
+        """End what runs, the last first, but for what there is of ``on``."""
+        kept = 0
+        for program, text in zip(self.programs, on, strict=False):
+            if program.text != text or program.process.poll() is not None:
+                break
+            kept += 1
+        while len(self.programs) > kept:
             program = self.programs[-1]
             program.end()
             self.programs.pop()
+
+    def _kill(self) -> None:
+        while self.programs:
+            program = self.programs.pop()
+            program.signal(signal.SIGKILL)
+            program.process.wait()
 
     def run(self, line: str, where: str = "") -> None:
         """Run a line of a page; each part of it that ends in ``&`` runs on.
@@ -210,6 +237,8 @@ class Stage:
         for part in behind:
             self._start(part, r".")
         if not last:
+            return
+        if any(program.text == last for program in self.programs):  # the part stands on it
             return
         for pattern, ready in SERVICES:
             if re.fullmatch(pattern, last):

@@ -13,6 +13,7 @@ import click
 import pytest
 
 from agents.controllers.inject import Inject, Kind, check
+from agents.planner.solve.jit import compiled
 from agents.planner.solve.warm import warm
 from tests.agents.planner.generate import as_json, swap_circle
 from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose, words_of
@@ -100,25 +101,26 @@ def test_what_is_injected_has_its_channel_in_what_is_followed() -> None:
 
 
 class Lines(NamedTuple):
-    """What is run from a fresh start to the next: each line with where it stands."""
+    """What is run from a fresh start to the next, beside what runs already: each line with where it stands."""
 
+    on: tuple[str, ...]
     lines: list[tuple[str, str]]
     race: str
 
 
 def fresh_starts(page: str) -> Iterator[Lines]:
     """A page's commands and what must run before them, cut where nothing of what came before runs any more."""
-    parts, lines, race = list(PARTS[page]), list[tuple[str, str]](), ""
+    parts, found = list(PARTS[page]), Lines((), [], "")
     for command in to_run(page):
         while parts and command.text.startswith(parts[0].at):
             part = parts.pop(0)
             if part.fresh:
-                if lines:
-                    yield Lines(lines, race)
-                lines, race = [], part.race
-            lines += [(line, f"{page}: before {command.text!r}") for line in part.before]
-        lines.append((command.text, str(command)))
-    yield Lines(lines, race)
+                if found.lines:
+                    yield found
+                found = Lines(part.on, [], part.race)
+            found.lines.extend((line, f"{page}: before {command.text!r}") for line in part.before)
+        found.lines.append((command.text, str(command)))
+    yield found
 
 
 def tried(once: Callable[[int], None], race: str) -> None:
@@ -135,20 +137,28 @@ def tried(once: Callable[[int], None], race: str) -> None:
 
 
 STARTS = [(f"{page}-{number}", lines) for page in PARTS for number, lines in enumerate(fresh_starts(page), 1)]
+STARTS.sort(key=lambda start: start[1].on, reverse=True)  # beside the same programs: one after another
+
+
+@pytest.fixture(scope="module")
+def stage() -> Iterator[Stage]:
+    if why := namespaced():
+        pytest.skip(why)
+    with Stage() as stage:
+        yield stage
 
 
 @pytest.mark.parametrize("start", [lines for _, lines in STARTS], ids=[name for name, _ in STARTS])
 @pytest.mark.timeout(300)
-def test_the_commands_of_a_page_run(start: Lines, tmp_path: Path) -> None:
-    if why := namespaced():
-        pytest.skip(why)
-    if any(re.match(r"zmav (plan|swarm planner)\b", line) for line, _ in start.lines):
-        warm()  # compiles where nothing has been yet, which takes minutes
+def test_the_commands_of_a_page_run(stage: Stage, start: Lines, tmp_path: Path) -> None:
+    planned = re.compile(r"zmav (plan|swarm planner)\b")
+    if any(map(planned.match, (*start.on, *dict(start.lines)))) and not compiled():
+        warm()  # which takes minutes
 
     def once(number: int) -> None:
         (folder := tmp_path / str(number)).mkdir()
         files(folder)
-        with Stage(folder) as stage:
+        with stage.part(folder, start.on):
             for line, where in start.lines:
                 stage.run(line, where)
 
@@ -176,10 +186,8 @@ def test_only_a_stalled_machine_is_a_reason_to_try_again() -> None:
     assert begun == [1, 2, 3]
 
 
-def test_what_does_not_run_is_said(tmp_path: Path) -> None:
-    if why := namespaced():
-        pytest.skip(why)
-    with Stage(tmp_path) as stage, pytest.raises(AssertionError, match="no Zenoh router answers"):
+def test_what_does_not_run_is_said(stage: Stage, tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="no Zenoh router answers"), stage.part(tmp_path):
         stage.run("zmav ls", "page.md:1: zmav ls")
 
 

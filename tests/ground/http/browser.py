@@ -13,17 +13,19 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import zenoh
 from websockets.asyncio.client import ClientConnection, connect
 
+from tests.waiting import wait_until
 from zmav import keys, wire
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -63,7 +65,7 @@ class Tab:
         """of the browser's processes"""
         self._ids = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
-        self._session = self._target = ""
+        self._session = self._target = self.context = ""
         self.said: list[str] = []
         """console messages, uncaught errors and what the page's policy forbade"""
         self._task = asyncio.create_task(self._listen())
@@ -71,7 +73,9 @@ class Tab:
     async def open(self, url: str) -> None:
         """Show a page in a new tab, in place of the last one."""
         before, self._session = self._target, ""
-        self._target = (await self.call("Target.createTarget", url="about:blank"))["targetId"]
+        self._target = (await self.call("Target.createTarget", url="about:blank", browserContextId=self.context))[
+            "targetId"
+        ]
         if before:
             await self.call("Target.closeTarget", targetId=before)
         self.said.clear()
@@ -257,39 +261,53 @@ async def _result(future: asyncio.Future[dict[str, Any]]) -> dict[str, Any]:
     return await future
 
 
-@contextlib.asynccontextmanager
-async def browser(*more: str) -> AsyncIterator[Tab]:
-    """A tab of a Chromium of our own, with these flags, too; it ends with the ``async with``."""
+class Chromium(NamedTuple):
+    """A browser that runs."""
+
+    url: str
+    """of its DevTools"""
+    group: int
+    """of its processes"""
+
+    @contextlib.asynccontextmanager
+    async def tab(self) -> AsyncIterator[Tab]:
+        """A tab with a store, cookies and a cache of its own."""
+        async with connect(self.url, max_size=None, ping_interval=None) as connection:
+            tab = Tab(connection, self.group)
+            context = await tab.call("Target.createBrowserContext", disposeOnDetach=True)
+            tab.context = context["browserContextId"]
+            yield tab
+            await tab.close()
+
+
+@contextlib.contextmanager
+def chromium(*more: str) -> Iterator[Chromium]:
+    """A Chromium of our own, with these flags, too; it ends with the ``with``."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
-        process = await asyncio.create_subprocess_exec(
-            CHROMIUM,
-            *FLAGS,
-            *more,
-            f"--user-data-dir={home}",
-            "about:blank",
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
+        process = subprocess.Popen(
+            [CHROMIUM, *FLAGS, *more, f"--user-data-dir={home}", "about:blank"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
         try:
-            assert process.stderr is not None
-            url = await within(PATIENCE_S, _address(process.stderr))
-            async with connect(url, max_size=None, ping_interval=None) as connection:
-                tab = Tab(connection, process.pid)
-                yield tab
-                await tab.close()
+            told = Path(home) / "DevToolsActivePort"
+            wait_until(lambda: told.is_file() and "\n" in told.read_text(), "Chromium does not say where it listens")
+            port, path = told.read_text().split()
+            yield Chromium(f"ws://127.0.0.1:{port}{path}", process.pid)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-            await process.wait()
+            process.wait()
 
 
-async def _address(lines: asyncio.StreamReader) -> str:
-    while line := await lines.readline():
-        if line.startswith(b"DevTools listening on "):
-            return line.split()[-1].decode()
-    raise AssertionError("Chromium ended without saying where its DevTools listen")
+@contextlib.asynccontextmanager
+async def browser(*more: str) -> AsyncIterator[Tab]:
+    """A tab of such a Chromium; it ends with the ``async with``."""
+    with chromium(*more) as started:
+        async with started.tab() as tab:
+            yield tab
 
 
 class Fleet:

@@ -23,7 +23,7 @@ from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import Patience, bound, serving
 from tests.conftest import endpoint_of
-from tests.ground.http.browser import CHROMIUM, FakePlanner, Fleet, Tab, browser
+from tests.ground.http.browser import CHROMIUM, Chromium, FakePlanner, Fleet, Tab, chromium
 from zmav import keys, wire
 from zmav.mavlink import encode, load_dialect
 from zmav.session import SessionSettings, open_session
@@ -241,11 +241,17 @@ def served(serve: Serve) -> Served:
     return served
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def tab() -> AsyncIterator[Tab]:
+@pytest.fixture(scope="session")
+def started() -> Iterator[Chromium]:
     if not CHROMIUM:
         pytest.skip("no Chromium is installed (Debian: chromium)")
-    async with browser() as tab:
+    with chromium() as started:
+        yield started
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def tab(started: Chromium) -> AsyncIterator[Tab]:
+    async with started.tab() as tab:
         yield tab
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import click
 
 from zmav import keys
-from zmav.children import Children
 from zmav.config import FleetConfig, load_fleet
 from zmav.session import ANY_PORT, CONNECT, DEFAULT_ROUTER
 from zmav.sim import World
@@ -26,6 +25,8 @@ def companions(world: World, fleet_file: str | None) -> Iterator[None]:
     """They run as long as the block, which runs the world; where one ends, the world is stopped. Raises
     :class:`~zmav.errors.ZmavError` with its last words then. In the main thread.
     """
+    from zmav.children import Children  # and all that it loads, where there are some
+
     file = load_fleet(fleet_file) if fleet_file else FleetConfig()
     fleet = file.fleet if fleet_file else keys.check_name(os.environ.get("ZMAV_FLEET", file.fleet), "fleet")
     home = world.home
