@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """of the three axes, for vector products"""
 _FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
@@ -18,7 +19,7 @@ _SIGNS = np.array([[1, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]]
 """of a Hamilton product: row by row, what each component of the first factor multiplies of the second"""
 _RATE_FACTORS, _RATE_SIGNS = _FACTORS[1:], 0.5 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1]])[:, :, None]
 """of an attitude's derivative: row by row, what each body rate multiplies of the attitude"""
-_MATRIX = (
+_MATRIX: tuple[Indices, Indices, Array, Array] = (
     np.array([[2, 1, 1, 1, 1, 2, 1, 2, 1], [3, 0, 0, 0, 3, 0, 0, 0, 2]]),
     np.array([[2, 2, 3, 2, 1, 3, 3, 3, 1], [3, 3, 2, 3, 3, 1, 2, 1, 2]]),
     2.0 * np.array([[-1, 1, 1, 1, -1, 1, 1, 1, -1], [-1, -1, 1, 1, -1, -1, -1, 1, -1]])[:, :, None],
@@ -26,7 +27,7 @@ _MATRIX = (
 )
 """of a rotation matrix, row by row: which two components of the quaternion are multiplied in each of two terms, by what
 factor beside, and what is added"""
-_DOWN = tuple(np.ascontiguousarray(part[2::3] if part.shape[1] == 1 else part[:, 2::3]) for part in _MATRIX)
+_DOWN = _MATRIX[0][:, 2::3].copy(), _MATRIX[1][:, 2::3].copy(), _MATRIX[2][:, 2::3].copy(), _MATRIX[3][2::3].copy()
 """the same of its last column"""
 
 
@@ -99,7 +100,7 @@ def rotation_matrix(q: Array) -> Array:
     return _rotation_rows(q, *_MATRIX).reshape(3, 3, -1)
 
 
-def _rotation_rows(q: Array, first: Array, second: Array, factors: Array, plus: Array) -> Array:
+def _rotation_rows(q: Array, first: Indices, second: Indices, factors: Array, plus: Array) -> Array:
     """Some entries of the rotation matrix: few operations on whole blocks, as each has its price on short arrays."""
     terms = q.take(first, axis=0)
     terms *= q.take(second, axis=0)
