@@ -11,9 +11,24 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""of the three axes, for vector products"""
 _FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]], np.float64)[:, :, None]
 """of a Hamilton product: row by row, what each component of the first factor multiplies of the second"""
+_RATE_FACTORS, _RATE_SIGNS = _FACTORS[1:], 0.5 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1]])[:, :, None]
+"""of an attitude's derivative: row by row, what each body rate multiplies of the attitude"""
+_MATRIX: tuple[Indices, Indices, Array, Array] = (
+    np.array([[2, 1, 1, 1, 1, 2, 1, 2, 1], [3, 0, 0, 0, 3, 0, 0, 0, 2]]),
+    np.array([[2, 2, 3, 2, 1, 3, 3, 3, 1], [3, 3, 2, 3, 3, 1, 2, 1, 2]]),
+    2.0 * np.array([[-1, 1, 1, 1, -1, 1, 1, 1, -1], [-1, -1, 1, 1, -1, -1, -1, 1, -1]])[:, :, None],
+    np.eye(3).reshape(9, 1),
+)
+"""of a rotation matrix, row by row: which two components of the quaternion are multiplied in each of two terms, by what
+factor beside, and what is added"""
+_DOWN = _MATRIX[0][:, 2::3].copy(), _MATRIX[1][:, 2::3].copy(), _MATRIX[2][:, 2::3].copy(), _MATRIX[3][2::3].copy()
+"""the same of its last column"""
 
 
 def limit_length(vector: Array, limit: Array | float) -> Array:
@@ -49,29 +64,23 @@ def quat_multiply(a: Array, b: Array) -> Array:
 
 def quat_rate(q: Array, rate: Array) -> Array:
     """Time derivative of attitude ``q`` (4, N) at body rates ``rate`` (3, N) rad/s: ``q * (0, rate) / 2``."""
-    w, x, y, z = q
-    a, b, c = rate * 0.5
-    out = np.empty_like(q)
-    out[0] = -x * a - y * b - z * c
-    out[1] = w * a + y * c - z * b
-    out[2] = w * b + z * a - x * c
-    out[3] = w * c + x * b - y * a
-    return out
+    terms = q.take(_RATE_FACTORS, axis=0)
+    terms *= _RATE_SIGNS
+    terms *= rate[:, None]
+    derivative: Array = np.add.reduce(terms)
+    return derivative
 
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar products of the columns of two (k, N) arrays, (N,)."""
-    product: Array = np.einsum("ij,ij->j", a, b)
+    product: Array = np.add.reduce(a * b)
     return product
 
 
 def cross(a: Array, b: Array) -> Array:
     """Vector products along the first axis (3, ...); a quarter of ``np.cross``'s cost on short arrays."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
+    product: Array = a.take(NEXT, axis=0) * b.take(LAST, axis=0) - a.take(LAST, axis=0) * b.take(NEXT, axis=0)
+    return product
 
 
 def quat_error(target: Array, actual: Array) -> Array:
@@ -83,33 +92,22 @@ def quat_error(target: Array, actual: Array) -> Array:
 
 def body_z(q: Array) -> Array:
     """The body's down axis in world NED, (3, N)."""
-    w, x, y, z = q
-    out = np.empty((3, q.shape[1]))
-    out[0] = 2.0 * (x * z + w * y)
-    out[1] = 2.0 * (y * z - w * x)
-    out[2] = 1.0 - 2.0 * (x * x + y * y)
-    return out
+    return _rotation_rows(q, *_DOWN)
 
 
 def rotation_matrix(q: Array) -> Array:
     """(3, 3, N) body-to-world rotation matrices."""
-    double = q + q
-    # Products of the components, doubled: few operations on whole blocks, as each has its price on short arrays.
-    _, wx, wy, wz = double * q[0]
-    _, xx, xy, xz = double * q[1]
-    yy, yz = double[2:] * q[2]
-    zz = double[3] * q[3]
-    out = np.empty((3, 3, q.shape[1]))
-    np.subtract(1.0, yy + zz, out=out[0, 0])
-    np.subtract(xy, wz, out=out[0, 1])
-    np.add(xz, wy, out=out[0, 2])
-    np.add(xy, wz, out=out[1, 0])
-    np.subtract(1.0, xx + zz, out=out[1, 1])
-    np.subtract(yz, wx, out=out[1, 2])
-    np.subtract(xz, wy, out=out[2, 0])
-    np.add(yz, wx, out=out[2, 1])
-    np.subtract(1.0, xx + yy, out=out[2, 2])
-    return out
+    return _rotation_rows(q, *_MATRIX).reshape(3, 3, -1)
+
+
+def _rotation_rows(q: Array, first: Indices, second: Indices, factors: Array, plus: Array) -> Array:
+    """Some entries of the rotation matrix: few operations on whole blocks, as each has its price on short arrays."""
+    terms = q.take(first, axis=0)
+    terms *= q.take(second, axis=0)
+    terms *= factors
+    rows: Array = terms[0] + terms[1]
+    rows += plus
+    return rows
 
 
 def euler_from_quat(q: Array) -> Array:
@@ -135,17 +133,11 @@ def yaw_of(q: Array) -> Array:
 
 def quat_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     """(4, N) quaternions of roll, pitch, yaw in radians (Z-Y-X, aerospace)."""
-    cr, sr = np.cos(roll * 0.5), np.sin(roll * 0.5)
-    cp, sp = np.cos(pitch * 0.5), np.sin(pitch * 0.5)
-    cy, sy = np.cos(yaw * 0.5), np.sin(yaw * 0.5)
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    half = np.array([roll, pitch, yaw]) * 0.5
+    cr, cp, cy = np.cos(half)
+    sr, sp, sy = np.sin(half)
+    cc, ss, sc, cs = cp * cy, sp * sy, sp * cy, cp * sy
+    return np.array([cr * cc + sr * ss, sr * cc - cr * ss, cr * sc + sr * cs, cr * cs - sr * sc])
 
 
 def thrust_frame(down: Array, yaw: Array) -> Array:

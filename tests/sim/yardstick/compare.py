@@ -11,8 +11,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tests.sim.yardstick.reading import Message, flat, states
 from zmav.mavlink.dialect import Dialect
+from zmav.sim.arrays import Array
 
 # What may differ by so much (in the field's units) or by a third.
 TOLERANCE = {
@@ -41,6 +44,8 @@ TOLERANCE = {
 }
 CLOCKS = {"time_boot_ms", "time_usec", "time_unix_usec", "tc1", "ts1", "timestamp", "event_time_boot_ms", "uid"}
 COUNTERS = {"count", "seq", "sequence", "messages_sent", "tx_rate", "rx_rate", "messages_received"}
+UNCOMPARED = CLOCKS | COUNTERS
+MOTIONS = ("vx", "vy", "vz", "roll", "pitch", "yawspeed")
 TURN = {"deg": 360.0, "cdeg": 36000.0, "rad": math.tau}
 FILL_INS = {65535.0, 32767.0, 255.0, 2147483647.0, -1.0, -32768.0, math.inf}
 """values that say "not known" in one field or another; NaN is taken for infinite, so that it equals itself"""
@@ -73,13 +78,15 @@ class Flight:
         self.count: dict[tuple[str, str], int] = defaultdict(int)
         """(phase, message) -> how many"""
         self.seconds: dict[str, float] = defaultdict(float)
-        self.pairs: dict[tuple[str, str, str], list[tuple[float, float]]] = defaultdict(list)
-        """(message, field, motion) -> the field's value and the motion's of that time, while armed"""
+        self.whole: dict[tuple[str, str], list[float]] = defaultdict(list)
+        """(message, field) -> values"""
+        self.moved: dict[tuple[str, str], list[tuple[float, ...]]] = defaultdict(list)
+        """(message, field) -> its value and the :data:`MOTIONS` of that time (NaN: none known yet), while armed"""
         self._cut()
 
     def _cut(self) -> None:
         phase, armed, was_armed, known, moved_off, before = "boot", False, False, False, False, 0.0
-        motion: dict[str, float] = {}
+        motions = dict.fromkeys(MOTIONS, math.nan)
         for at, name, fields in self.messages:
             self.seconds[phase] += at - before
             before = at
@@ -92,17 +99,18 @@ class Flight:
                 phase = phase_of(fields, armed, was_armed) if known else "boot"
                 if phase == "still":
                     phase = "hovering" if moved_off else "armed"
-                motion.update({m: float(fields[m]) for m in ("vx", "vy", "vz")})
+                motions.update({m: float(fields[m]) for m in MOTIONS[:3]})
             if name == "ATTITUDE":
-                motion.update({m: float(fields[m]) for m in ("roll", "pitch", "yawspeed")})
+                motions.update({m: float(fields[m]) for m in MOTIONS[3:]})
+            moved = tuple(motions.values())
             self.count[phase, name] += 1
             for field, value in flat(fields):
-                if field.partition("[")[0] not in CLOCKS | COUNTERS:
+                if field.partition("[")[0] not in UNCOMPARED:
                     number = math.inf if math.isnan(value) else value
                     self.values[phase, name, field].append(number)
+                    self.whole[name, field].append(number)
                     if armed and math.isfinite(number):
-                        for m, moved in motion.items():
-                            self.pairs[name, field, m].append((number, moved))
+                        self.moved[name, field].append((number, *moved))
 
     @property
     def names(self) -> set[str]:
@@ -111,13 +119,6 @@ class Flight:
     @property
     def phases(self) -> list[str]:
         return [phase for phase, lasted in self.seconds.items() if phase and lasted > LONG_S]
-
-    def all_of(self, name: str, field: str) -> list[float]:
-        found: list[float] = []
-        for (_, each, other), values in self.values.items():
-            if (each, other) == (name, field):
-                found += values
-        return found
 
 
 def phase_of(position: dict[str, Any], armed: bool, was_armed: bool) -> str:
@@ -176,19 +177,14 @@ def _words(real: Flight, ours: Flight) -> Iterator[Difference]:
         yield Difference("words", text.strip(), "", "said" if here else "-", "-" if here else "said")
 
 
-def _fields(real: Flight, ours: Flight) -> list[tuple[str, str]]:
-    shared = {key[1:] for key in real.values} & {key[1:] for key in ours.values}
-    return sorted(shared)
-
-
 def _spread(values: set[float]) -> float:
     return max(values) - min(values)
 
 
 def _constants(real: Flight, ours: Flight, dialect: Dialect) -> Iterator[Difference]:
     """What never changes, and what says "not known", is the same."""
-    for name, field in _fields(real, ours):
-        a, b = real.all_of(name, field), ours.all_of(name, field)
+    for name, field in sorted(real.whole.keys() & ours.whole.keys()):
+        a, b = real.whole[name, field], ours.whole[name, field]
         if len(a) < MANY or len(b) < MANY:
             continue
         one, other = set(a), set(b)
@@ -231,23 +227,26 @@ def gap(a: float, b: float, units: str) -> float:
 
 def _signs(real: Flight, ours: Flight) -> Iterator[Difference]:
     """A field that follows a motion in the one follows it in the other, and not its opposite."""
-    for key in sorted(real.pairs.keys() & ours.pairs.keys()):
-        name, field, motion = key
-        a = _correlation(real.pairs[key])
-        if abs(a) < FIRM:
-            continue
-        b = _correlation(ours.pairs[key])
-        if a * b < 0.0 and abs(b) > LOOSE:
-            yield Difference("sign", f"{name}.{field}", f"with {motion}", f"{a:+.2f}", f"{b:+.2f}")
+    for key in sorted(real.moved.keys() & ours.moved.keys()):
+        there, here = (np.array(flight.moved[key]).T for flight in (real, ours))
+        for i, motion in enumerate(MOTIONS, start=1):
+            a = _correlation(there[0], there[i])
+            if abs(a) < FIRM:
+                continue
+            b = _correlation(here[0], here[i])
+            if a * b < 0.0 and abs(b) > LOOSE:
+                yield Difference("sign", ".".join(key), f"with {motion}", f"{a:+.2f}", f"{b:+.2f}")
 
 
-def _correlation(pairs: list[tuple[float, float]]) -> float:
-    if len(pairs) < 3 * MANY:
+def _correlation(values: Array, motion: Array) -> float:
+    known = np.isfinite(motion)
+    if known.sum() < 3 * MANY:
         return 0.0
-    xs, ys = zip(*pairs, strict=True)
-    if statistics.pstdev(xs) < 1e-9 or statistics.pstdev(ys) < 1e-9:
+    # From the first one on: the differences of large numbers, such as places, are what counts.
+    xs, ys = (each[known] - each[known][0] for each in (values, motion))
+    if np.ptp(xs) < 1e-9 or np.ptp(ys) < 1e-9:
         return 0.0
-    return statistics.correlation(xs, ys)
+    return float(np.corrcoef(xs, ys)[0, 1])
 
 
 def _number(value: float) -> str:

@@ -31,21 +31,30 @@ class Allocator:
         wrench = airframe.wrench_matrix()[1:] @ np.hstack([self._lean, self._turn])
         self.torque_nm: Array = np.diag(wrench) * airframe.thrust_max_n
 
-    def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
+    def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array | None]:
         """Normalised torque (3, N), -1..1, and thrust (N,), 0..1 -> each rotor's share of its full thrust (M, N), and
-        the torque that found no room (3, N).
+        the torque that found no room (3, N); None: all of it did.
         """
         share = self._lean @ torque[:2] + thrust
-        if share.max() > 1.0 or share.min() < 0.0:
+        fits = True
+        if _beyond(share):
+            fits = False
             share = _less(share)
             share = _along(share, self._roll)
             share = _along(share, self._pitch)
         share = share + self._turn * torque[2]
-        if share.max() > 1.0 or share.min() < 0.0:
+        if _beyond(share):
+            fits = False
             share = _along(share, self._turn, 1.0 + YAW_ROOM)
             share = _less(share)
             share = clamp(share, 0.0, 1.0)
-        return share, torque - self._back @ (share - share.mean(0))
+        return share, None if fits else torque - self._back @ (share - np.add.reduce(share) * (1.0 / len(share)))
+
+
+def _beyond(share: Array) -> bool:
+    """Any rotor is asked for more than it has, or for less than nothing."""
+    flat = share.ravel()
+    return bool(np.maximum.reduce(flat) > 1.0 or np.minimum.reduce(flat) < 0.0)
 
 
 def _excess(share: Array, axis: Array, high: float) -> Array:

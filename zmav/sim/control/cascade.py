@@ -66,8 +66,11 @@ class Cascade:
         self.vel_i: Array = np.zeros((3, n))
         self.rate_i: Array = np.zeros((3, n))
         self._inertia = np.array(airframe.inertia_kgm2)[:, None]
-        mix = np.linalg.pinv(airframe.wrench_matrix())
+        self._full_n = airframe.thrust_max_n * len(airframe.rotors)
+        mix = np.linalg.pinv(airframe.wrench_matrix()) / airframe.thrust_max_n  # to shares of a rotor's full thrust
         self._mix_lean, self._mix_turn = mix[:, 1:3], mix[:, 3:]
+        expo = airframe.thrust_expo
+        self._least = (1.0 - expo) * MIN_THROTTLE + expo * MIN_THROTTLE**2
         self._torque_nm = Allocator(airframe).torque_nm[:, None]
         self._rate: Array = np.zeros((3, n))  # body rates asked for
         self.want_vel: Array = np.zeros((3, n))  # what the velocity loop follows and gives
@@ -108,13 +111,19 @@ class Cascade:
             want_vel[2, raw] = clamp(want_vel[2, raw], -limits["speed_up"][raw], limits["speed_down"][raw])
         error = want_vel - est.vel
         self.vel_i = clamp(self.vel_i + error * gains.vel_i * dt, -VEL_I_MAX, VEL_I_MAX)
-        self.vel_i[:2] *= ~by_hand
-        self.vel_i[2] *= ~ballistic
+        self._forget(by_hand, ballistic)
         acc = ref.acc + error * gains.vel_p + self.vel_i
         acc[2] = np.minimum(acc[2], 0.75 * GRAVITY)
         acc[:2] = limit_length(acc[:2], np.minimum(GRAVITY, GRAVITY - acc[2]) * np.tan(sp.limits["lean"]))
         self.want_vel, self.want_acc = want_vel, acc
         self._lean_and_lift(est, acc, by_hand, ballistic)
+
+    def _forget(self, by_hand: Flags, ballistic: Flags) -> None:
+        """No integrator of a velocity that is not held."""
+        if any_of(by_hand):
+            self.vel_i[:2, by_hand] = 0.0
+        if any_of(ballistic):
+            self.vel_i[2, ballistic] = 0.0
 
     def _below_attitude(self, est: Estimated) -> None:
         """Note who is flown by body rates or torques; their attitude is whatever it is."""
@@ -148,11 +157,12 @@ class Cascade:
         rate = np.where(sp.yaw_kind == YAW_ANGLE, toward, sp.yaw_rate)
         # Easing in and out: the rate asked for may change by about 150 deg/s^2.
         step = 2.6 * dt
-        change = clamp(rate - self._turn, -step, step) * ~grounded
-        self._turn = (self._turn + change) * ~grounded
+        change = clamp(rate - self._turn, -step, step)
+        self._turn = self._turn + change
         self._turn_acc = change / dt
         self.yaw = wrap(self.yaw + self._turn * dt)
         if any_of(grounded):
+            self._turn[grounded] = self._turn_acc[grounded] = 0.0
             self.yaw[grounded] = yaw_of(est.q)[grounded]
 
     def _lean_and_lift(self, est: Estimated, acc: Array, by_hand: Flags, ballistic: Flags) -> None:
@@ -167,8 +177,9 @@ class Cascade:
             self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
             # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
             lift[by_hand] = (frame.mass_kg * pull[2] / np.maximum(actual_down[2], 0.5))[by_hand]
-        full = frame.thrust_max_n * len(frame.rotors)
-        self.thrust = np.where(ballistic, sp.thrust * full, clamp(lift, 0.0, full))
+        self.thrust = clamp(lift, 0.0, self._full_n)
+        if any_of(ballistic):
+            self.thrust[ballistic] = sp.thrust[ballistic] * self._full_n
 
     @property
     def want_rate(self) -> Array:
@@ -189,8 +200,7 @@ class Cascade:
     def _thrust_at_once(self, who: Flags) -> None:
         """Beside body rates or torques a thrust does not wait for the outer loops' next turn."""
         direct = who & (self.setpoints.vertical == DIRECT)
-        full = self.airframe.thrust_max_n * len(self.airframe.rotors)
-        self.thrust[direct] = self.setpoints.thrust[direct] * full
+        self.thrust[direct] = self.setpoints.thrust[direct] * self._full_n
 
     def inner(self, est: Estimated, dt: float) -> Array:
         """Rate loop and mix, with every step of the physics: throttles (M, N), 0..1."""
@@ -199,7 +209,8 @@ class Cascade:
         gains = self.gains
         miss = self._rate - est.rate
         kept = clamp(self.rate_i + miss * (gains.rate_i * dt), -gains.rate_i_max, gains.rate_i_max)
-        self.rate_i = kept * self._flying
+        all_fly = all_of(self._flying)
+        self.rate_i = kept if all_fly else kept * self._flying
         spin = miss * gains.rate_p + self.rate_i
         spin[2] += self._turn_acc
         torque = self._inertia * spin
@@ -207,17 +218,13 @@ class Cascade:
             torque[:, self._by_torque] = (self.setpoints.body * self._torque_nm)[:, self._by_torque]
             self.rate_i[:, self._by_torque] = 0.0
         throttle = self._mix(torque)
-        return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
+        return throttle if all_fly else np.where(self._flying, throttle, self._idle)
 
     def _mix(self, torque: Array) -> Array:
         """Rotor throttles for the thrust and torque asked; where they do not fit, turning gives way first, then
         height.
         """
-        frame = self.airframe
-        most = frame.thrust_max_n
-        lean = self._mix_lean @ torque[:2]
-        turn = clamp(self._mix_turn * torque[2], -YAW_SHARE * most, YAW_SHARE * most)
-        spread = lean + turn
-        lift = np.maximum(np.minimum(self.thrust / len(frame.rotors), most - spread.max(0)), 0.0)
-        share = clamp((lift + spread) * (1.0 / most), 0.0, 1.0)
-        return np.maximum(throttle_for(share, frame.thrust_expo), MIN_THROTTLE)
+        spread = self._mix_lean @ torque[:2] + clamp(self._mix_turn * torque[2], -YAW_SHARE, YAW_SHARE)
+        lift = np.minimum(self.thrust / self._full_n, 1.0 - np.maximum.reduce(spread))
+        share = clamp(np.maximum(lift, 0.0) + spread, self._least, 1.0)
+        return throttle_for(share, self.airframe.thrust_expo)

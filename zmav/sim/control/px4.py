@@ -20,6 +20,7 @@ from zmav.sim.arrays import (
     any_of,
     body_z,
     clamp,
+    cross,
     dot,
     limit_length,
     quat_error,
@@ -45,13 +46,12 @@ class Px4Cascade(Cascade):
         super().__init__(airframe, setpoints, start, yaw)
         n = start.shape[1]
         self.gains.hover[:] = airframe.hover_share
-        self._full = airframe.thrust_max_n * len(airframe.rotors)
         self.allocator = Allocator(airframe)
         self._vel_before: Array = np.zeros((3, n))
         self.vel_dot: Array = np.zeros((3, n))
         self._rate_before: Array = np.zeros((3, n))
         self.rate_dot: Array = np.zeros((3, n))
-        self._missed: Array = np.zeros((3, n))  # torque that found no room, with its sign
+        self._missed: Array | None = None  # torque that found no room, with its sign
         self._products()
 
     def _products(self) -> None:
@@ -75,8 +75,7 @@ class Px4Cascade(Cascade):
         self.want_vel, self.want_acc = want, acc
         thrust = self._fit(self._thrust_vector(acc))
         self._integrate_velocity(error, acc, thrust, dt)
-        self.vel_i[:2] *= ~by_hand
-        self.vel_i[2] *= ~ballistic
+        self._forget(by_hand, ballistic)
         self._turn_at_once(raw)
         self._hold(est, thrust, by_hand, ballistic)
 
@@ -131,7 +130,7 @@ class Px4Cascade(Cascade):
             self.attitude[:, by_hand] = quat_from_euler(sp.roll[by_hand], sp.pitch[by_hand], self.yaw[by_hand])
             # Lean as told: what is left to do is to carry the height, so divide by how upright the body is.
             size[by_hand] = (-thrust[2] / np.maximum(body_z(est.q)[2], 0.5))[by_hand]
-        self.thrust = np.where(ballistic, sp.thrust, clamp(size, 0.0, 1.0)) * self._full
+        self.thrust = np.where(ballistic, sp.thrust, clamp(size, 0.0, 1.0)) * self._full_n
 
     # ---- attitude and rates
 
@@ -142,25 +141,24 @@ class Px4Cascade(Cascade):
         # The shortest turn that brings the axis of thrust to where it is to be.
         tilt = np.empty_like(est.q)
         tilt[0] = 1.0 + dot(down, wanted)
-        tilt[1] = down[1] * wanted[2] - down[2] * wanted[1]
-        tilt[2] = down[2] * wanted[0] - down[0] * wanted[2]
-        tilt[3] = down[0] * wanted[1] - down[1] * wanted[0]
+        tilt[1:] = cross(down, wanted)
         size = np.sqrt(dot(tilt, tilt))
         flat = quat_multiply(tilt / np.maximum(size, 1e-9), est.q)
         flat = np.where(size > 1e-4, flat, self.attitude)  # upside down: any way round will do
         turn = quat_error(self.attitude, flat)
         half = np.arctan2(turn[3], turn[0])
-        half = (half - np.pi * np.round(half / np.pi)) * g.yaw_weight
+        half = (half - np.pi * np.rint(half / np.pi)) * g.yaw_weight
         twist = np.zeros_like(est.q)
         twist[0], twist[3] = np.cos(half), np.sin(half)
         error = quat_multiply(quat_error(flat, est.q), twist)
         rate = error[1:] * (2.0 * np.where(error[0] < 0.0, -1.0, 1.0)) * g.angle_p
         rate[2] *= 1.0 / np.maximum(g.yaw_weight, 1e-3)
         # A turn fed forward is one about the world's down axis.
-        w, x, y, z = est.q
-        rate[0] += 2.0 * (x * z - w * y) * self._turn
-        rate[1] += 2.0 * (y * z + w * x) * self._turn
-        rate[2] += down[2] * self._turn
+        if any_of(self._turn != 0.0):
+            w, x, y, z = est.q
+            rate[0] += 2.0 * (x * z - w * y) * self._turn
+            rate[1] += 2.0 * (y * z + w * x) * self._turn
+            rate[2] += down[2] * self._turn
         rate = clamp(rate, -g.rate_max, g.rate_max)
         if self._by_rates is not None:
             rate[:, self._by_rates] = self.setpoints.body[:, self._by_rates]
@@ -183,23 +181,25 @@ class Px4Cascade(Cascade):
         if self._by_torque is not None:
             torque[:, self._by_torque] = self.setpoints.body[:, self._by_torque]
             self.rate_i[:, self._by_torque] = 0.0
-        shares, self._missed = self.allocator.allocate(torque, self.thrust * (1.0 / self._full))
+        shares, self._missed = self.allocator.allocate(torque, self.thrust * (1.0 / self._full_n))
         throttle = _throttle(shares, g.curve)
         return throttle if all_of(self._flying) else np.where(self._flying, throttle, self._idle)
 
     def _integrate_rates(self, miss: Array, dt: float) -> None:
         """Where the rotors have no room for more torque, the integrators take no more of that sign."""
         g = self.gains
-        error = np.where(self._missed > SATURATED, np.minimum(miss, 0.0), miss)
-        error = np.where(self._missed < -SATURATED, np.maximum(error, 0.0), error)
+        error = miss
+        if self._missed is not None:
+            error = np.where(self._missed > SATURATED, np.minimum(miss, 0.0), miss)
+            error = np.where(self._missed < -SATURATED, np.maximum(error, 0.0), error)
         fade = np.maximum(1.0 - (error * (1.0 / I_FADES_RADPS)) ** 2, 0.0)
         kept = clamp(self.rate_i + error * fade * self._i * dt, -g.rate_i_max, g.rate_i_max)
-        self.rate_i = kept * self._flying
+        self.rate_i = kept if all_of(self._flying) else kept * self._flying
 
 
 def _throttle(share: Array, curve: Array) -> Array:
     """The inverse of (1 - c) u + c u^2, for each vehicle's own c (THR_MDL_FAC)."""
-    if not curve.any():
+    if not any(curve.tolist()):
         return share
     linear = 1.0 - curve
     root = np.sqrt(linear * linear + 4.0 * curve * share) - linear

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, any_of, clamp, limit_length
+from zmav.sim.arrays import Array, Flags, any_of, clamp, dot, limit_length
 from zmav.sim.control.setpoints import ACCELERATION, POSITION, VELOCITY, Setpoints
 
 BRAKING = 0.6  # share of the allowed acceleration that braking is planned with: measured on ArduCopter SITL
@@ -42,8 +42,20 @@ class Reference:
 
     def advance(self, dt: float) -> None:
         """Move on by ``dt`` seconds toward the setpoints."""
-        self._horizontal(dt)
-        self._vertical(dt)
+        sp, lim = self._sp, self._sp.limits
+        error = sp.pos - self.pos
+        far = np.empty(sp.accels.shape)  # level and up or down, as the speed toward it and the gain of that
+        far[0], far[1] = np.sqrt(dot(error[:2], error[:2])), np.abs(error[2])
+        speed = root_speed(far, POSITION_GAIN, BRAKING * sp.accels) * (sp.kinds == POSITION)
+        gain = SPEED_GAIN * (sp.kinds != ACCELERATION)
+        wanted = sp.vel[:2] + error[:2] * (np.minimum(speed[0], lim["speed"]) / np.maximum(far[0], 1e-9))
+        wanted = limit_length(wanted, lim["speed"])
+        acc = limit_length(sp.acc[:2] + (wanted - self.vel[:2]) * gain[0], lim["accel"])
+        self.acc[:2] += limit_length(acc - self.acc[:2], lim["jerk"] * dt)
+        wanted = clamp(sp.vel[2] + np.copysign(speed[1], error[2]), -lim["speed_up"], lim["speed_down"])
+        acc = clamp(sp.acc[2] + (wanted - self.vel[2]) * gain[1], -lim["accel_z"], lim["accel_z"])
+        jerk = lim["jerk_z"] * dt
+        self.acc[2] += clamp(acc - self.acc[2], -jerk, jerk)
         self.vel += self.acc * dt
         self.pos += self.vel * dt
 
@@ -55,28 +67,6 @@ class Reference:
             self.pos[rows] = np.where(held, sp.pos[rows], np.where(moved | pushed, pos[rows], self.pos[rows]))
             self.vel[rows] = np.where(held | moved, sp.vel[rows], np.where(pushed, vel[rows], self.vel[rows]))
             self.acc[rows] = np.where(held | moved | pushed, sp.acc[rows], self.acc[rows])
-
-    def _horizontal(self, dt: float) -> None:
-        sp, lim = self._sp, self._sp.limits
-        error = sp.pos[:2] - self.pos[:2]
-        distance = np.maximum(np.sqrt((error * error).sum(0)), 1e-9)
-        speed = np.minimum(root_speed(distance, POSITION_GAIN, BRAKING * lim["accel"]), lim["speed"])
-        holding = sp.horizontal == POSITION
-        wanted = sp.vel[:2] + error * (holding * speed / distance)
-        wanted = limit_length(wanted, lim["speed"])
-        acc = sp.acc[:2] + (wanted - self.vel[:2]) * (SPEED_GAIN * (sp.horizontal != ACCELERATION))
-        acc = limit_length(acc, lim["accel"])
-        self.acc[:2] += limit_length(acc - self.acc[:2], lim["jerk"] * dt)
-
-    def _vertical(self, dt: float) -> None:
-        sp, lim = self._sp, self._sp.limits
-        error = sp.pos[2] - self.pos[2]
-        speed = root_speed(np.abs(error), POSITION_GAIN, BRAKING * lim["accel_z"])
-        holding = sp.vertical == POSITION
-        wanted = clamp(sp.vel[2] + holding * np.sign(error) * speed, -lim["speed_up"], lim["speed_down"])
-        acc = sp.acc[2] + (wanted - self.vel[2]) * (SPEED_GAIN * (sp.vertical != ACCELERATION))
-        acc = clamp(acc, -lim["accel_z"], lim["accel_z"])
-        self.acc[2] += clamp(acc - self.acc[2], -lim["jerk_z"] * dt, lim["jerk_z"] * dt)
 
 
 def root_speed(distance: Array, gain: float, braking: Array) -> Array:

@@ -71,8 +71,8 @@ class Setpoints:
 
     def __init__(self, n: int, gains: Gains | None = None) -> None:
         self.spool = np.zeros(n, dtype=np.int8)
-        self.horizontal = np.zeros(n, dtype=np.int8)
-        self.vertical = np.zeros(n, dtype=np.int8)
+        self.kinds = np.zeros((2, n), dtype=np.int8)
+        self.horizontal, self.vertical = self.kinds
         self.yaw_kind = np.zeros(n, dtype=np.int8)
         self.pos: Array = np.zeros((3, n))
         self.vel: Array = np.zeros((3, n))
@@ -84,7 +84,10 @@ class Setpoints:
         self.yaw_rate: Array = np.zeros(n)
         self.body: Array = np.zeros((3, n))  # body rates, rad/s; or torque, -1..1
         self.raw = np.zeros(n, dtype=bool)
-        self.limits = {name: np.full(n, usual) for name, (usual, _) in LIMITS.items()}  # (N,) rows
+        limits = np.repeat(np.array([[usual] for usual, _ in LIMITS.values()]), n, axis=1)
+        self.limits = dict(zip(LIMITS, limits, strict=True))  # (N,) rows
+        at = list(LIMITS).index("accel")
+        self.accels: Array = limits[at : at + 2]  # those of "accel" and "accel_z"
         self.gains = gains or arducopter_gains(n)
 
     def handle(self, index: int) -> SetpointHandle:

@@ -63,6 +63,7 @@ class CopterDynamics(RigidBodies):
         self.resting: Flags = self.contact.copy()
         self.q: Array = quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw)
         self._wrench = airframe.wrench_matrix()
+        self._rests_n = REST_THRUST * airframe.weight_n
         self._forward = np.array([[r.forward_m] for r in airframe.rotors])
         self._right = np.array([[r.right_m] for r in airframe.rotors])
         self.dt = dt
@@ -81,23 +82,23 @@ class CopterDynamics(RigidBodies):
         """Advance every vehicle by ``dt`` seconds."""
         frame = self.airframe
         u = self.throttle
-        wanted = np.sqrt(u * (1.0 - frame.thrust_expo) + u * u * frame.thrust_expo) * self.supply
+        wanted = np.sqrt(u * (1.0 - frame.thrust_expo + u * frame.thrust_expo)) * self.supply
         self.rotor += (wanted - self.rotor) * self._lag
         lift = self.rotor * self.rotor
         if frame.inflow_mps > 0.0:
             lift = np.maximum(lift - self.rotor * self._inflow(), 0.0)
-        lift = lift * self.efficiency
-        if frame.air_density > 0.0:
-            lift *= self.density * (1.0 / frame.air_density)
-        self.thrust = lift * frame.thrust_max_n
+        most = frame.thrust_max_n
+        self.thrust = (
+            lift * self.efficiency * (self.density * (most / frame.air_density) if frame.air_density else most)
+        )
         wrench = self._wrench @ self.thrust
         total = wrench[0]
-        self.resting &= total < REST_THRUST * frame.weight_n
+        self.resting &= total < self._rests_n
         if all_of(self.resting):
             self.stand()
             return
         down = body_z(self.q)
-        force = self._drag(down, total) - down * total
+        force = self._force(down, total)
         torque = wrench[1:]
         if frame.spin_drag > 0.0:
             torque -= self.rate * frame.spin_drag
@@ -119,25 +120,25 @@ class CopterDynamics(RigidBodies):
         """What the motors draw, A: the induced power of a rotor goes with its thrust to the 3/2 (momentum theory)."""
         frame = self.airframe
         share = self.thrust / frame.hover_thrust_n
-        result: Array = (share * np.sqrt(share)).mean(0) * frame.hover_current_a
+        result: Array = dot(share, np.sqrt(share)) * (frame.hover_current_a / len(frame.rotors))
         return result
 
-    def _drag(self, down: Array, total: Array) -> Array:
-        """Air forces in newtons, world NED."""
+    def _force(self, down: Array, total: Array) -> Array:
+        """The rotors' thrust and the air's forces, in newtons, world NED."""
         frame = self.airframe
         air = self.vel - self.wind
         speed = np.sqrt(dot(air, air))
-        body = air * (self.density * speed * (-0.5 * frame.drag_area_m2))
-        # The discs' drag goes with the rotors' speed: with the square root of thrust, one at hover.
-        in_plane = air - down * dot(air, down)
-        discs = in_plane * (-frame.rotor_drag_kgps * np.sqrt(total / frame.weight_n))
-        result: Array = body + discs
-        return result
+        body = self.density * speed * (0.5 * frame.drag_area_m2)
+        # The discs' drag goes with the rotors' speed: with the square root of thrust, one at hover. It acts in their
+        # plane: what comes along their axis is left out.
+        discs = np.sqrt(total / frame.weight_n) * frame.rotor_drag_kgps
+        force: Array = down * (discs * dot(air, down) - total) - air * (body + discs)
+        return force
 
     def _touch(self, force: Array, torque: Array, down: Array, total: Array) -> None:
         """Add what the ground does to those near it; notes first touches in ``impact``."""
         height = -self.pos[2]
-        if height.min() > REACH_M:
+        if np.minimum.reduce(height) > REACH_M:
             self.contact[:] = False
             return
         near = (height < REACH_M) & ~self.resting
@@ -168,7 +169,7 @@ class CopterDynamics(RigidBodies):
     def _rest(self, accel: Array) -> None:
         """Those on the ground that hardly move and do not lift come to rest; those at rest do not move."""
         slow = (dot(self.vel, self.vel) < REST_SPEED**2) & (dot(self.rate, self.rate) < REST_SPEED**2)
-        light = self.thrust.sum(0) < REST_THRUST * self.airframe.weight_n
+        light = self.thrust.sum(0) < self._rests_n
         self.resting |= self.contact & slow & light
         self.hold(accel)
 

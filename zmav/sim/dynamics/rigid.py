@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from zmav.sim.arrays import Array, Flags, dot, quat_rate
+from zmav.sim.arrays import LAST, NEXT, Array, Flags, dot, quat_rate
 from zmav.sim.dynamics.airframe import GRAVITY
+
+_WEIGHT = np.array([[0.0], [0.0], [GRAVITY]])
 
 
 class RigidBodies:
@@ -29,7 +31,6 @@ class RigidBodies:
         self._mass = mass_kg
         self._inertia = np.array(inertia_kgm2)[:, None]
         jx, jy, jz = inertia_kgm2
-        self._gyro: Array = np.zeros((3, n))
         self._gyro_inertia = np.array([[jz - jy], [jx - jz], [jy - jx]])
 
     @property
@@ -44,17 +45,13 @@ class RigidBodies:
 
     def linear(self, force: Array) -> Array:
         """Acceleration, m/s^2 NED, from what acts beside gravity (N, NED)."""
-        accel: Array = force / self._mass
-        accel[2] += GRAVITY
+        accel: Array = force / self._mass + _WEIGHT
         return accel
 
     def angular(self, torque: Array) -> Array:
         """Angular acceleration, rad/s^2 body, from N m about the body's axes: J w' = tau - w x J w."""
-        p, q, r = self.rate
-        np.multiply(q, r, out=self._gyro[0])
-        np.multiply(r, p, out=self._gyro[1])
-        np.multiply(p, q, out=self._gyro[2])
-        result: Array = (torque - self._gyro * self._gyro_inertia) / self._inertia
+        gyro = self.rate.take(NEXT, axis=0) * self.rate.take(LAST, axis=0)
+        result: Array = (torque - gyro * self._gyro_inertia) / self._inertia
         return result
 
     def hold(self, accel: Array) -> None:
@@ -68,5 +65,5 @@ class RigidBodies:
         """Go on from the velocity ``before`` to the new one, and turn at the new rate."""
         self.accel = accel
         self.pos += (before + self.vel) * (0.5 * self.dt)
-        self.q += quat_rate(self.q, self.rate) * self.dt
+        self.q += quat_rate(self.q, self.rate * self.dt)
         self.q /= np.sqrt(dot(self.q, self.q))

@@ -100,6 +100,6 @@ class CopterFleet(Fleet):
         table[19:21] = cascade.reference.vel[:2]
         table[21:25] = cascade.attitude
         table[25] = cascade.yaw
-        table[26] = dyn.throttle.mean(0)
+        table[26] = np.add.reduce(dyn.throttle) * (1.0 / len(dyn.throttle))
         air = dyn.vel - dyn.wind
         table[30] = np.sqrt(dot(air, air))

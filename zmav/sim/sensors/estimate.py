@@ -91,7 +91,7 @@ class Estimator:
         body = rotation_matrix(self._dyn.q)
         self.euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))
         felt = self._dyn.accel - _WEIGHT
-        self.force = np.einsum("jin,jn->in", body, felt)  # from the world to the body
+        self.force = np.add.reduce(body * felt[:, None])  # from the world to the body
 
     def target(self) -> Array:
         """(3, N) m NED: the error of a filter that follows its sensors."""
