@@ -244,7 +244,8 @@ def _paint_mesh(canvas: Canvas, graph: Graph, places: Mapping[str, Vector]) -> N
     drawn = [link for link in graph.links if link.a in where and link.b in where]
     if not drawn:
         canvas.clear(FIGURES)
-        return canvas.clear(PATH)
+        canvas.clear(PATH)
+        return
     strips = rr.LineStrips3D(
         [[where[link.a], where[link.b]] for link in drawn],
         colors=[style.GRADES.get(link.grade, style.GREY) for link in drawn],
