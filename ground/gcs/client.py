@@ -203,7 +203,7 @@ class Client:
 
     def deliver(self, kind: Kind, data: bytes) -> None:
         """A vehicle's frame, which it gets, now or later."""
-        source, seq = kind.source, data[4] if data[0] == MAGIC_V2 else data[2]
+        source, seq = kind.source, sequence_of(data)
         with self._ready:
             if self._is_free(len(data)):
                 numbers = self._numbers.get(source)
@@ -234,9 +234,7 @@ class Client:
         with self._ready:
             if self.gone:
                 return False
-            if source not in self._numbers:
-                before = self._last.get(source, -1)
-                self._numbers[source] = Numbering(before, before)
+            self._numbering(source, -1)
             if self._is_free(len(data)):
                 return self._emit(source, data)
             self._ready.notify()
@@ -244,11 +242,14 @@ class Client:
 
     def _came(self, source: int, seq: int) -> None:
         """A frame that does not go out at once: from now on this component's frames are numbered again."""
-        numbers = self._numbers.get(source)
-        if numbers is None:
-            before = self._last.get(source, (seq - 1) & 0xFF)
-            numbers = self._numbers[source] = Numbering(before, before)
-        numbers.came(seq)
+        self._numbering(source, (seq - 1) & 0xFF).came(seq)
+
+    def _numbering(self, source: int, before: int) -> Numbering:
+        """Of a component, from now on if not before; ``before``: its last number, where no frame of it came yet."""
+        if source not in self._numbers:
+            before = self._last.get(source, before)
+            self._numbers[source] = Numbering(before, before)
+        return self._numbers[source]
 
     def _is_free(self, size: int) -> bool:
         """Nothing waits, and there is room for so many bytes, which are taken to be sent."""

@@ -8,6 +8,7 @@ some vehicles corrects all of them: what a base measured is true for everybody.
 from __future__ import annotations
 
 import logging
+from typing import NamedTuple
 
 from ground.corrections import Publisher, may_publish
 from ground.gcs.answerer import Answerer, Ground
@@ -26,12 +27,11 @@ AGAIN_S, MOST_SAID = 30.0, 100
 """s for which the same words are not repeated to a client; words that are let through in that time"""
 
 
-class _Source:
+class _Source(NamedTuple):
     """One client's."""
 
-    def __init__(self, publisher: Publisher) -> None:
-        self.publisher = publisher
-        self.joiner = Joiner()
+    publisher: Publisher
+    joiner: Joiner
 
 
 class Corrections(Answerer):
@@ -78,7 +78,7 @@ class Corrections(Answerer):
 
         publisher = Publisher(self._ground.z, f"{host}/{frame.sysid}", say)
         publisher.__enter__()
-        found = self._sources[handlers] = _Source(publisher)
+        found = self._sources[handlers] = _Source(publisher, Joiner())
         return found
 
     def _tell(self, handlers: RequestHandlers, frame: Frame, severity: wire.Severity, text: str) -> None:

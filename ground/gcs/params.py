@@ -23,6 +23,7 @@ import zmav
 from ground.feed import Origin
 from ground.gcs.answerer import Answerer, Ground
 from ground.gcs.client import Client
+from ground.gcs.kinds import Place
 from ground.gcs.param_copy import ParamCopy, ParamValue, read_value
 from ground.gcs.request_handlers import HandlersByClient, RequestHandlers
 from zmav import wire
@@ -40,7 +41,6 @@ MOST_QUESTIONS = 4096
 """questions of one client that wait for a set to be read"""
 DOES_NOT_EXIST = 1
 FTP = "FILE_TRANSFER_PROTOCOL"
-Place = tuple[str, str]
 
 
 class Question(NamedTuple):

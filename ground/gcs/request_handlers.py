@@ -92,10 +92,6 @@ class RequestHandlers:
         owed = self._lists.get(key)
         return owed is not None and (not name or name in owed.names)
 
-    def forget(self, key: Hashable) -> None:
-        """The client wants no more of that list."""
-        self._lists.pop(key, None)
-
     def tell(self, sysid: int, severity: wire.Severity, text: str) -> None:
         """Words about a vehicle."""
         self.answer(*self._ground.words(sysid, severity, text))

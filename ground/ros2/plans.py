@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import logging
+from functools import partial
 from typing import Any
-
-import zenoh
 
 from ground.ros2 import convert, frames
 from ground.ros2.node import RosNode
 from ground.ros2.qos import LATCHED
 from ground.ros2.types import Types
-from ground.ros2.watch import Watch, WhileWanted
-from zmav import keys, wire
+from ground.ros2.watch import Watch, WhileWanted, hear
 from zmav.client import Client
 from zmav.wire import swarm
 
-logger = logging.getLogger(__name__)
 MOST = 2000
 """places of one path"""
 UNTURNED = (0.0, 0.0, 0.0, 1.0)
@@ -26,10 +22,9 @@ class Plans:
     """Of one vehicle. Lives on the event loop. ``frame``: the fleet's."""
 
     def __init__(self, z: Client, node: RosNode, watch: Watch, fleet: str, vehicle: str, frame: str) -> None:
-        self._z, self._types, self._watch = z, node.ros.types, watch
-        self._fleet, self._vehicle, self._frame = fleet, vehicle, frame
+        self._types, self._watch, self._vehicle, self._frame = node.ros.types, watch, vehicle, frame
         self._path = node.publish("plan", "nav_msgs/msg/Path", LATCHED)
-        self._hearing = WhileWanted(self._hear)
+        self._hearing = WhileWanted(partial(hear, z, fleet, "plan", swarm.PlanReport, self._tell))
         watch.offer(self._path.endpoint, self._hearing)
 
     async def close(self) -> None:
@@ -41,20 +36,9 @@ class Plans:
         """Somebody subscribes."""
         return bool(self._hearing)
 
-    async def _hear(self) -> None:
-        key = keys.FLEET.key(self._fleet, topic="plan")
-
-        def convert_sample(sample: zenoh.Sample) -> swarm.PlanReport:
-            return wire.decode(sample.payload.to_bytes(), swarm.PlanReport, key)
-
-        async with self._z.subscribe(key, convert_sample) as plans:
-            async for plan in plans:
-                track = plan.tracks.get(self._vehicle)
-                try:
-                    if track:
-                        self._path(path(self._types, self._frame, plan.start, track))
-                except Exception:
-                    logger.exception("a plan of %s was not published", self._vehicle)
+    def _tell(self, plan: swarm.PlanReport) -> None:
+        if track := plan.tracks.get(self._vehicle):
+            self._path(path(self._types, self._frame, plan.start, track))
 
 
 def path(types: Types, frame: str, start: float, track: list[tuple[float, float, float, float]]) -> Any:

@@ -5,16 +5,12 @@ topics, and orders to every vehicle at once, which need no planner.
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 import time
 import uuid
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
-
-import msgspec
-import zenoh
+from typing import Any
 
 from ground.ros2 import convert, obstacles
 from ground.ros2.actions import Action, Feedback, Work
@@ -25,7 +21,7 @@ from ground.ros2.plans import path
 from ground.ros2.qos import LATCHED, RosQos
 from ground.ros2.rosout import Rosout
 from ground.ros2.steering import READ_ONLY, SAY_EVERY, SAY_MOST
-from ground.ros2.watch import Watch, WhileWanted
+from ground.ros2.watch import W, Watch, WhileWanted, hear, reading
 from zmav import keys, wire
 from zmav.client import Client
 from zmav.errors import Refused, TimedOut, ZmavError
@@ -36,8 +32,6 @@ from zmav.verbs import VERBS
 from zmav.waiting import within
 from zmav.wire import swarm
 
-logger = logging.getLogger(__name__)
-W = TypeVar("W", bound=msgspec.Struct)
 NODE = "swarm"
 """/{fleet}/swarm"""
 TOGETHER = {"hold_all": "hold", "land_all": "land", "return_all": "rtl"}
@@ -109,15 +103,10 @@ class Swarm:
         """Have a topic of the fleet heard, and told, while somebody subscribes to it."""
         publisher = self.node.publish(f"swarm/{name}", f"zmav_msgs/msg/{kind}", qos)
 
-        async def hear() -> None:
-            async with self._z.subscribe(*_reading(self._z, topic, payload)) as told:
-                async for each in told:
-                    try:
-                        publisher(make(each))
-                    except Exception:
-                        logger.exception("what the planner says of the fleet's %s was not published", name)
+        def publish(told: W) -> None:
+            publisher(make(told))
 
-        telling = WhileWanted(hear)
+        telling = WhileWanted(partial(hear, self._z, self._z.fleet_name, topic, payload, publish))
         self._watch.offer(publisher.endpoint, telling)
         return publisher, telling
 
@@ -259,7 +248,7 @@ class SwarmGoal:
 
     async def run(self, feedback: Feedback) -> dict[str, Any]:
         try:
-            async with self._z.subscribe(*_reading(self._z, "goal", swarm.Book)) as books:
+            async with self._z.subscribe(*reading(self._z.fleet_name, "goal", swarm.Book)) as books:
                 self._goal = await self._give()
                 self._known.set()
                 await self._watch(books.get, feedback)
@@ -314,12 +303,6 @@ async def submitted(z: Client, submit: swarm.Submit) -> dict[str, Any]:
         return await order_chief(z, "submit", submit)
     except TimedOut as e:
         raise TimedOut(f"{e.message}: {LOST}") from e
-
-
-def _reading(z: Client, topic: str, payload: type[W]) -> tuple[str, Callable[[zenoh.Sample], W]]:
-    """What :meth:`Client.subscribe` takes for a topic of the fleet."""
-    key = keys.FLEET.key(z.fleet_name, topic=topic)
-    return key, lambda sample: wire.decode(sample.payload.to_bytes(), payload, key)
 
 
 def _figures(entry: swarm.GoalEntry) -> dict[str, float]:

@@ -7,16 +7,22 @@ from __future__ import annotations
 
 import asyncio
 import collections
+import logging
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import zenoh
 
 from ground.ros2 import graph
 from ground.ros2.node import Ros
+from zmav import keys, wire
+from zmav.client import Client
 from zmav.direct import direct
 from zmav.services.link.port import on_loop
 
+logger = logging.getLogger(__name__)
+W = TypeVar("W", bound=msgspec.Struct)
 MOST = 20_000
 """endpoints of others that are remembered"""
 SAID = 100
@@ -51,6 +57,22 @@ class WhileWanted:
         self(False)
         if task is not None:
             await asyncio.gather(task, return_exceptions=True)
+
+
+async def hear(z: Client, fleet: str, topic: str, payload: type[W], publish: Callable[[W], None]) -> None:
+    """Have what is said of a topic of the fleet published, for :class:`WhileWanted`."""
+    async with z.subscribe(*reading(fleet, topic, payload)) as told:
+        async for each in told:
+            try:
+                publish(each)
+            except Exception:
+                logger.exception("what was said of %s's %s was not published", fleet, topic)
+
+
+def reading(fleet: str, topic: str, payload: type[W]) -> tuple[str, Callable[[zenoh.Sample], W]]:
+    """What :meth:`Client.subscribe` takes for a topic of the fleet."""
+    key = keys.FLEET.key(fleet, topic=topic)
+    return key, lambda sample: wire.decode(sample.payload.to_bytes(), payload, key)
 
 
 def _less(counter: collections.Counter[Any], what: Any) -> None:

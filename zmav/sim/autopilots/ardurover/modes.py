@@ -14,7 +14,7 @@ from zmav.sim.autopilots.ardurover.travel import Travel
 from zmav.sim.control.roversetpoints import Point
 from zmav.sim.control.setpoints import Vector
 
-FORWARD_OR_BACK, FORWARD, BACK = 0, 1, 2  # LOIT_TYPE
+FORWARD_OR_BACK, BACK = 0, 2  # LOIT_TYPE
 TIMEOUT_S = 3.0
 THERE_M = 0.01  # of the moving point to its place
 GONE_QUIET = "target not received last 3secs, stopping"
