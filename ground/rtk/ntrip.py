@@ -126,7 +126,7 @@ def gga(at: Fixed) -> str:
     for value, digits, ends in ((at.lat_deg, 2, "NS"), (at.lon_deg, 3, "EW")):
         degrees, minutes = divmod(round(abs(value) * 60.0, 5), 60.0)
         parts.append(f"{degrees:0{digits}.0f}{minutes:08.5f},{ends[value < 0.0]}")
-    text = f"GPGGA,{time.strftime('%H%M%S', time.gmtime())}.00,{','.join(parts)},1,15,0.98,{at.height:.1f},M,0.0,M,,"
+    text = f"GPGGA,{time.strftime('%H%M%S', time.gmtime())}.00,{','.join(parts)},1,12,1.0,{at.height:.3f},M,0.0,M,,"
     return f"${text}*{reduce(operator.xor, text.encode()):02X}\r\n"
 
 
