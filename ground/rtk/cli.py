@@ -58,6 +58,7 @@ def command(
     A second source stands by. 'zmav top', the page and 'zmav doctor' show what comes of it at each vehicle.
     """
     try:
+        import pygnssutils  # noqa: F401
         import pyubx2  # noqa: F401
     except ImportError as e:
         raise missing_extra("'zmav rtk'", e.name, "rtk") from e

@@ -1,25 +1,30 @@
-"""Corrections from an NTRIP caster of version 1 or 2, within bounds of time, memory and processor.
+"""Corrections from an NTRIP caster, by pygnssutils' client, within bounds.
 
-RTCM 10410.1 (version 2: HTTP/1.1) and its forerunner, whose reply is one line, ``ICY 200 OK``. Each connection ends for
-good with the first trouble; the messages are :class:`zmav.formats.rtcm3.Cutter`'s to find.
+What that client (1.3.1) does by itself, and is kept from here: it reads a reply's head with one ``recv`` and loses the
+bytes that came with it; at a stream's end it spins until its timeout; in garbage it neither looks at the clock nor
+whether it is to stop; a chunk's length and a page that is no stream it believes and keeps without bound; messages that
+pyrtcm cannot decode it drops; after five losses of the caster it is silent for good, and its default stop event is one
+for all clients of a process. So each connection is one client, which ends for good with the first trouble, reads
+through a socket that counts, and leaves the messages to :class:`zmav.formats.rtcm3.Cutter`. Its request, its login,
+TLS, the sourcetable and GGA are as they are there.
 """
 
 from __future__ import annotations
 
 import asyncio
-import base64
-import importlib.metadata
-import operator
+import logging
 import re
 import ssl
+import threading
 import time
 from collections.abc import Callable
-from functools import reduce
-from typing import NamedTuple
+from typing import Any
+
+from pygnssutils import GNSSNTRIPClient
 
 from ground.rtk.options import Caster, Fixed
 from zmav.formats.rtcm3 import Cutter, Message
-from zmav.waiting import within
+from zmav.services.link.port import on_loop
 
 SILENCE_S = 20.0
 """s without a message after which a caster is given up"""
@@ -31,16 +36,86 @@ MOST_HEAD, MOST_PAGE = 16_384, 262_144
 """bytes of a reply's head, and of one that is no stream"""
 MOST_GARBAGE = 65_536
 """bytes without a message after which a caster is given up"""
-PIECE, PACE = 4096, 32_768.0
-"""bytes that are read at once, and that are taken a second, whatever a caster sends; a rich one sends 2,000"""
+PACE = 32_768.0
+"""bytes a second that are taken, whatever a caster sends; a rich one sends 2,000"""
 MOST_LINE = 64
 """characters of a chunk's length"""
-GGA_S = 10.0
+GGA_S = 10
 """s between two words to the caster on where the rover is"""
 
 
 class Ended(Exception):
-    """The connection is over, for that reason."""
+    """The connection is over, for that reason. No OSError, which the client would take for a reason to go on."""
+
+
+class _Socket:
+    """What the client reads by. The head comes in one piece, and nothing without bound."""
+
+    def __init__(self, sock: Any, stop: threading.Event) -> None:
+        self._sock, self._stop = sock, stop
+        self._rest = b""
+        self._reads = self._page = 0
+        self._streams = False
+        sock.settimeout(0.5)
+
+    def sendall(self, data: bytes) -> None:
+        self._sock.settimeout(HEAD_S)
+        self._sock.sendall(data)
+        self._sock.settimeout(0.5)
+
+    def recv(self, size: int) -> bytes:
+        """As the client calls it: for the head, then to learn that more comes (it throws that away), then a page."""
+        self._reads += 1
+        if self._reads == 1:
+            return self._head()
+        if self._reads == 2 and self._streams:
+            return b"\n"
+        data = self.read(time.monotonic() + SILENCE_S)
+        self._page += len(data)
+        if self._page > MOST_PAGE:
+            raise Ended("it sends a page without end instead of corrections")
+        return data
+
+    def read(self, deadline: float) -> bytes:
+        """What came; empty at the end of the stream or where it is to stop. Raises :class:`Ended` at the deadline."""
+        if self._rest:
+            data, self._rest = self._rest, b""
+            return data
+        while not self._stop.is_set():
+            try:
+                return bytes(self._sock.recv(4096))
+            except (TimeoutError, ssl.SSLWantReadError):
+                if time.monotonic() > deadline:
+                    raise Ended("it is silent") from None
+        return b""
+
+    def _head(self) -> bytes:
+        deadline, data = time.monotonic() + HEAD_S, b""
+        while True:
+            lines = data.lstrip(b"\r\n")
+            end = data.find(b"\r\n\r\n")
+            # Casters of version 1 may end their one line with one line break, and begin with data at once.
+            if lines.startswith(b"ICY 200") and b"\r\n" in lines:
+                end = data.find(b"\r\n")
+                self._rest = data[end + 2 :].removeprefix(b"\r\n")
+                self._streams = True
+                return data[:end] + b"\r\n\r\n"
+            if end >= 0:
+                self._rest = data[end + 4 :]
+                self._streams = b"gnss/data" in data[:end].lower()
+                return data[: end + 4]
+            if len(data) > MOST_HEAD or time.monotonic() > deadline:
+                raise Ended("no reply to the request for corrections")
+            more = self.read(deadline)
+            if not more:
+                raise Ended("it ended the connection without a reply")
+            data += more
+
+    def shutdown(self, how: int) -> None:
+        self._sock.shutdown(how)
+
+    def close(self) -> None:
+        self._sock.close()
 
 
 class Chunks:
@@ -80,54 +155,80 @@ class Chunks:
         return length
 
 
-class Head(NamedTuple):
-    """A reply's lines in lower case, and what came behind them."""
+class _Client(GNSSNTRIPClient):  # type: ignore[misc]  # it has no types
+    """One connection: ``ended(why)`` is called once, from its thread."""
 
-    lines: str
-    rest: bytes
+    def __init__(
+        self, place: Any, ca: str | None, take: Callable[[list[Message]], None], ended: Callable[[str, str], None]
+    ) -> None:
+        self._take, self._ended, self._why, self._over = take, ended, "", False
+        more = {"tlscrtpath": ca} if ca else {}
+        super().__init__(place, retries=0, timeout=HEAD_S, verbosity=-1, **more)
+        for name in ("pyrtcm", "pyspartn"):  # it gives them one more handler each time
+            logging.getLogger(name).handlers.clear()
 
-    @property
-    def streams(self) -> bool:
-        return self.lines.startswith("icy") or "gnss/data" in self.lines
+    def _open_connection(self, settings: dict[str, Any]) -> Any:
+        return _Socket(super()._open_connection(settings), self.stopevent)
+
+    def _do_request(self, sock: Any, settings: dict[str, Any], stopevent: threading.Event, output: Any) -> int:
+        super()._do_request(sock, settings, stopevent, output)
+        self._why = self._why or "it ended the stream"
+        return 0  # or it would try again by itself
+
+    def _parse_ntrip_data(self, sock: Any, settings: dict[str, Any], stopevent: threading.Event, output: Any) -> None:
+        chunks = Chunks() if self.encoding & 1 else None
+        if self.encoding & ~1:
+            raise Ended("it sends compressed corrections, which nobody asked for")
+        cutter, garbage, heard = Cutter(), 0, time.monotonic()
+        while not stopevent.is_set():
+            data = sock.read(heard + SILENCE_S)
+            if not data:
+                raise Ended("it ended the stream")
+            time.sleep(len(data) / PACE)
+            content = data if chunks is None else chunks.feed(data)
+            if messages := cutter.feed(content):
+                self._take(messages)
+                garbage, heard = 0, time.monotonic()
+            else:
+                garbage += len(data)
+            if garbage > MOST_GARBAGE or time.monotonic() > heard + SILENCE_S:
+                raise Ended("what it sends is no RTCM 3")
+            self._send_gga(sock, settings["ggainterval"], None)
+
+    def _app_update_status(self, status: bool, msgt: tuple[str, str]) -> None:
+        self._why = str(msgt[0])
+
+    def _close_connection(self, sock: Any) -> None:
+        super()._close_connection(sock)
+        if not self._over:
+            self._over = True
+            code = self._response_status.get("code", 0) if self._response_status else 0
+            self._ended(_words(self._why, code), str(code))
 
 
-async def read_head(reader: asyncio.StreamReader) -> Head:
-    """Raises :class:`Ended` where none comes, or one of no caster."""
-    deadline, data = time.monotonic() + HEAD_S, b""
-    while True:
-        end = data.find(b"\r\n\r\n")
-        if data.startswith(b"ICY 200") and b"\r\n" in data and end != data.find(b"\r\n"):
-            # Casters of version 1 may end their one line with one line break, and begin with data at once.
-            end = data.find(b"\r\n") - 2
-        if end != -1:
-            break
-        if len(data) > MOST_HEAD:
-            raise Ended("no reply to the request for corrections")
-        try:
-            more = await within(deadline - time.monotonic(), reader.read(PIECE))
-        except asyncio.TimeoutError:
-            raise Ended("no reply to the request for corrections") from None
-        if not more:
-            raise Ended("it ended the connection without a reply")
-        data = (data + more).lstrip(b"\r\n")
-    lines = data[: end + 2].decode("latin-1").strip()
-    found = re.match(r"(?:HTTP/\d\.\d|ICY|SOURCETABLE) (\d{3})\b ?([^\r\n]*)", lines)
-    if found is None:
-        raise Ended(f"it does not speak NTRIP: {lines[:80]!r}")
-    if found[1] != "200":
-        why = f"Connection failed {found[1]} {found[2][:80]}"
-        raise Ended(f"refused: {'user or password is wrong (401)' if found[1] == '401' else why}", found[1])
-    return Head(lines.lower(), data[end + 4 :])
+def _words(why: str, code: int) -> str:
+    if code == 401:
+        return "refused: user or password is wrong (401)"
+    if code and code != 200:
+        return f"refused: {why}"
+    for name in ("Ended", "TimeoutError", "ConnectionRefusedError", "gaierror"):
+        if why.startswith(name):
+            return why.removeprefix(name).strip("()'\"") or name
+    if re.match(r"\w+Error\(", why):
+        return f"it does not speak NTRIP: {why}"
+    return why or "it ended the stream"
 
 
-def gga(at: Fixed) -> str:
-    """A GGA (NMEA 0183) of a place."""
-    parts = []
-    for value, digits, ends in ((at.lat_deg, 2, "NS"), (at.lon_deg, 3, "EW")):
-        degrees, minutes = divmod(round(abs(value) * 60.0, 5), 60.0)
-        parts.append(f"{degrees:0{digits}.0f}{minutes:08.5f},{ends[value < 0.0]}")
-    text = f"GPGGA,{time.strftime('%H%M%S', time.gmtime())}.00,{','.join(parts)},1,12,1.0,{at.height:.3f},M,0.0,M,,"
-    return f"${text}*{reduce(operator.xor, text.encode()):02X}\r\n"
+class _Place:
+    """Where the client asks for the rover's place."""
+
+    def __init__(self) -> None:
+        self.at: Fixed | None = None
+
+    def get_coordinates(self) -> dict[str, Any]:
+        if self.at is None:
+            raise ValueError("not known")  # by which the client sends none
+        return {"lat": self.at.lat_deg, "lon": self.at.lon_deg, "alt": self.at.height, "sep": 0.0}
 
 
 class NtripSource:
@@ -141,11 +242,13 @@ class NtripSource:
         where: Callable[[], Fixed | None] | None = None,
     ) -> None:
         self._caster, self._take, self._told, self._where = caster, take, told, where
+        self._place = _Place()
         self.mountpoints: list[str] = []
         """of the sourcetable, which comes instead of corrections for a mountpoint that is not there"""
         self.longest = LONGEST_S
         self._count = 0
         """times that messages came"""
+        logging.getLogger("pygnssutils").setLevel(logging.CRITICAL + 1)  # what it has to say is told by ``told``
 
     async def run(self) -> None:
         """Connect again and again; each loss is told, and waited for longer."""
@@ -165,89 +268,47 @@ class NtripSource:
             await asyncio.sleep(pause)
 
     async def _connect(self) -> tuple[str, str]:
-        """Why it is over, and the reply's status where that is the reason."""
-        count, serving = self._count, asyncio.ensure_future(self._serve())
+        loop, caster = asyncio.get_running_loop(), self._caster
+        over: asyncio.Future[tuple[str, str]] = loop.create_future()
+
+        def take(messages: list[Message]) -> None:
+            self._count += 1
+            self._told("streaming", f"from {caster.words}")
+            self._take(messages)
+
+        def ended(why: str, code: str) -> None:
+            if not over.done():
+                over.set_result((why, code))
+
+        began, count = time.monotonic(), self._count
+        client = _Client(self._place, caster.ca, on_loop(loop, take), on_loop(loop, ended))
+        stop = threading.Event()
+        self._place.at = self._where() if self._where else None
+        client.run(
+            server=caster.host,
+            port=caster.port,
+            https=caster.tls,
+            selfsign=caster.ca is not None,
+            mountpoint=caster.mountpoint,
+            version=caster.version,
+            ntripuser=caster.user,
+            ntrippassword=caster.password,
+            ggainterval=-1 if self._where is None else GGA_S,
+            stopevent=stop,
+        )
         try:
-            await asyncio.wait({serving}, timeout=self.longest)
-            if not serving.done() and self._count == count:
-                return f"nothing within {self.longest:.0f} s", ""
-            await serving
-            return "it ended the stream", ""
-        except Ended as e:
-            return str(e.args[0]), "".join(e.args[1:])
-        except asyncio.TimeoutError:
-            return "it is silent", ""
-        except (OSError, ValueError) as e:  # ValueError: of a name that cannot be one
-            return getattr(e, "strerror", None) or str(e) or type(e).__name__, ""
+            while not over.done():
+                await asyncio.wait({over}, timeout=1.0)
+                if self._where is not None:
+                    self._place.at = self._where() or self._place.at
+                if self._count == count and time.monotonic() - began > self.longest:
+                    return f"nothing within {self.longest:.0f} s", ""
+            why, code = over.result()
         finally:
-            serving.cancel()
-            await asyncio.wait({serving})
-
-    async def _serve(self) -> None:
-        """Raises why it is over."""
-        caster, tls = self._caster, None
-        if caster.tls:
-            tls = ssl.create_default_context(cafile=caster.ca)
-            tls.check_hostname = caster.ca is None  # a certificate that was given is believed, whatever name it has
-        opening = asyncio.open_connection(caster.host, caster.port, ssl=tls, limit=PIECE)
-        reader, writer = await within(HEAD_S, opening)
-        try:
-            writer.write(self._request())
-            await within(HEAD_S, writer.drain())
-            head = await read_head(reader)
-            await (self._stream(head, reader, writer) if head.streams else self._page(head, reader))
-        finally:
-            writer.transport.abort()
-
-    def _request(self) -> bytes:
-        caster, at = self._caster, self._where() if self._where is not None else None
-        lines = [f"GET /{caster.mountpoint} HTTP/1.{'0' if caster.version == '1.0' else '1'}"]
-        lines += [f"Host: {caster.host}:{caster.port}", f"User-Agent: NTRIP zmav/{importlib.metadata.version('zmav')}"]
-        if caster.user:
-            login = base64.b64encode(f"{caster.user}:{caster.password}".encode()).decode()
-            lines.append(f"Authorization: Basic {login}")
-        if caster.version != "1.0":
-            lines += ["Ntrip-Version: Ntrip/2.0", *([f"Ntrip-GGA: {gga(at).strip()}"] if at is not None else [])]
-        return "\r\n".join((*lines, "Connection: close", "", "")).encode()
-
-    async def _stream(self, head: Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        encoding = re.search(r"^transfer-encoding:(.*)$", head.lines, re.MULTILINE)
-        chunks = Chunks() if encoding is not None and encoding[1].strip() == "chunked" else None
-        if (encoding is not None and chunks is None) or "content-encoding:" in head.lines:
-            raise Ended("it sends compressed corrections, which nobody asked for")
-        cutter, garbage, heard, data = Cutter(), 0, time.monotonic(), head.rest
-        say_at = heard + (GGA_S if self._caster.version != "1.0" else 0.0)
-        while True:
-            if not data:
-                data = await within(heard + SILENCE_S - time.monotonic(), reader.read(PIECE))
-            if not data:
-                raise Ended("it ended the stream")
-            await asyncio.sleep(len(data) / PACE)
-            if messages := cutter.feed(data if chunks is None else chunks.feed(data)):
-                self._count += 1
-                self._told("streaming", f"from {self._caster.words}")
-                self._take(messages)
-                garbage, heard = 0, time.monotonic()
-            else:
-                garbage += len(data)
-            now, data = time.monotonic(), b""
-            if garbage > MOST_GARBAGE or now > heard + SILENCE_S:
-                raise Ended("what it sends is no RTCM 3")
-            if self._where is not None and now >= say_at and (at := self._where()) is not None:
-                say_at = now + GGA_S
-                writer.write(gga(at).encode())
-
-    async def _page(self, head: Head, reader: asyncio.StreamReader) -> None:
-        """A sourcetable, or a page that is none."""
-        page = head.rest
-        while b"ENDSOURCETABLE" not in page and (more := await within(SILENCE_S, reader.read(PIECE))):
-            page += more
-            if len(page) > MOST_PAGE:
-                raise Ended("it sends a page without end instead of corrections")
-        rows = re.findall(r"^STR;([^;\r\n]+)", page.decode("latin-1"), re.MULTILINE)
-        self.mountpoints = sorted({row[:80] for row in rows})[:200]
-        if not self.mountpoints:
-            raise Ended("it ended the stream")
-        mountpoint = self._caster.mountpoint
-        named = f"no mountpoint {mountpoint!r}" if mountpoint else "no mountpoint is named"
-        raise Ended(f"{named}: it has {', '.join(self.mountpoints[:20])}")
+            client.stop()
+        table = client.settings["sourcetable"]
+        self.mountpoints = sorted({str(row[0])[:80] for row in table if row})[:200]
+        if self.mountpoints:
+            named = f"no mountpoint {caster.mountpoint!r}" if caster.mountpoint else "no mountpoint is named"
+            why = f"{named}: it has {', '.join(self.mountpoints[:20])}"
+        return why, code
