@@ -202,8 +202,7 @@ def _plan(path: Path, request: Request) -> tuple[Scene | None, Plan, Report | No
         from agents.planner.solve.pipeline import solve
 
         begun = time.perf_counter()
-        found = solve(scene, seconds=request.seconds, seed=request.seed, margin=request.margin)
-        plan = Plan.of(found.motions(), found.planning_time_s)
+        plan = solve(scene, seconds=request.seconds, seed=request.seed, margin=request.margin)
         report = verify(scene, plan.motions(), written=True)
         if not report.ok:
             raise ZmavError(f"{path}: a plan was found that does not keep the scene's rules: {report.faults[0]}")

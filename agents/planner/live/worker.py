@@ -15,7 +15,6 @@ from typing import Any, BinaryIO
 from agents.planner.goals import goals
 from agents.planner.goals.steps import Step
 from agents.planner.live import jobs
-from agents.planner.model.errors import PlanError
 from agents.planner.model.geometry import world_of
 from agents.planner.model.scene import Bounds, Fence, Obstacle, Scene, check
 from agents.planner.model.staticmap import StaticMap
@@ -44,8 +43,6 @@ class SolverProcess:
     def serve(self, number: int, job: jobs.Job) -> None:
         try:
             jobs.write(self._out, jobs.Done(number, self.do(job)))
-        except PlanError as e:
-            jobs.write(self._out, jobs.Failed(number, e.code, e.message, {"kind": e.kind, "ids": e.ids}))
         except ZmavError as e:
             jobs.write(self._out, jobs.Failed(number, e.code, e.message, e.detail))
         except Exception as e:  # a fault of ours is told like any other: the next job has a map of its own

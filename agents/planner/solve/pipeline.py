@@ -63,8 +63,7 @@ def solve(
     """
     begun, least = time.monotonic(), 60.0 + 0.5 * len(scene.vehicles) if seconds is None else seconds
     tracks, _ = Pipeline(scene, static, tuple(movers), least, seed, margin).run()
-    samples = {name: [tuple(s) for s in track.tolist()] for name, track in tracks.items()}
-    return Plan(status="ok", planning_time_s=time.monotonic() - begun, trajectories=samples)
+    return Plan.of(tracks, time.monotonic() - begun)
 
 
 @dataclass

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -129,7 +128,7 @@ def test_one_that_fails_does_not_keep_others_from_being_planned(
         return replace(report, faults=(fault,)) if len(calls) == 1 else report
 
     monkeypatch.setattr(verify, "verify", first_fails)
-    monkeypatch.setattr("agents.planner.solve.pipeline.verify", SimpleNamespace(verify=real))
+    monkeypatch.setattr("agents.planner.solve.pipeline.verify", real)
     again = write(tmp_path / "again.json", json.loads(scene.read_bytes()))
     done = zmav_plan(scene, again, "-o", tmp_path / "plans", ok=False)
     assert "does not keep the scene's rules: v000 is late" in done.stderr
