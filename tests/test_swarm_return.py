@@ -140,14 +140,25 @@ async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:
         await asyncio.wait_for(
             _until(lambda: all(sim.status().speed_mps > 2.0 for sim in fleet.world.vehicles)), PATIENCE_S
         )
-        told = await FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order()).run()
-        assert [(each.status, each.text) for each in told] == [("done", "done: landed and disarmed")] * 2
+        events = Samples(fleet.z.session, keys.EVENT.key("demo", "*"))
+        done = list[tuple[str, str, bool]]()
+
+        def tell(news: str | VehicleProgress) -> None:
+            if isinstance(news, str):
+                fleet.world.set_speed(4.0)  # the planner has them: what is left is its flight
+            elif news.status == "done":
+                sim = fleet.world.vehicles[fleet.names.index(news.vehicle)]
+                done.append((news.vehicle, news.text, sim.status().armed))
+
+        order = FleetOrder(fleet.z, [fleet.z.vehicle(name) for name in fleet.names], "rtl", wire.Order(), tell)
+        await order.run()
+        (goal,) = agent.context.ledger.goals
+        assert order.notes == [f"planner ground brings quad1, quad2 home ({goal.id})"]
+        assert sorted(done) == [(name, "done: landed and disarmed", False) for name in fleet.names]
         ended = await asyncio.gather(*away, return_exceptions=True)
         assert all(isinstance(each, Refused) and "superseded" in each.message for each in ended)
-        assert [entry.state for entry in agent.context.ledger.goals] == ["done"], [
-            entry.text for entry in agent.context.ledger.goals
-        ]
-        assert not any(sim.status().mode == "RTL" for sim in fleet.world.vehicles)
+        assert goal.state == "done", goal.text
+        assert not any("RTL" in modes(events, name) for name in fleet.names)
 
 
 async def _until(true: Callable[[], bool]) -> None:
@@ -234,7 +245,32 @@ async def test_who_disarms_before_the_order_comes_is_left_out() -> None:
         ]
 
 
-# What is done where a plan fails half-way.
+# What is done where no plan comes, or where one fails half-way.
+
+
+@pytest.mark.parametrize(
+    ("answers", "entry", "words"),
+    [
+        (None, None, "planner fake does not answer"),
+        (Refused("it stands by"), None, "it stands by"),
+        (TAKEN, "failed", "fake: no way"),
+        (TAKEN, "planning", "fake has no plan after"),
+        (TAKEN, None, "fake has not begun"),
+        (b"no JSON", None, "not JSON"),
+    ],
+    ids=["silent", "refuses", "fails", "never flies", "tells nothing", "garbage"],
+)
+async def test_a_planner_that_does_not_fly_holds_up_nobody(
+    answers: bytes | Exception | None, entry: GoalState | None, words: str
+) -> None:
+    async with scene(entry, answers=answers) as s:
+        s.order.plan = 2.0
+        told = await asyncio.wait_for(s.order.run(), PATIENCE_S)
+        if answers == TAKEN and entry != "failed":
+            await s.planner.told("cancel")
+        assert [(each.status, each.text) for each in told] == [("done", "done: landed and disarmed")] * 2
+        assert [vehicle.verbs for vehicle in s.vehicles] == [["hold", "rtl"]] * 2
+        assert words in s.order.notes[0] and "each returns by itself" in s.order.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -93,8 +93,10 @@ async def test_a_velocity_is_dropped_by_arducopter() -> None:
         assert north(there) - north(at) < 4.0 * 3.0 + 15.0  # GUID_TIMEOUT, and a stop from 4 m/s
 
 
-async def test_a_far_target_is_given_as_a_near_one() -> None:
-    async with flight(VehicleSpec()) as f:
+async def test_a_far_target_is_given_as_a_near_one_and_with_the_parameters_set_it_comes_home() -> None:
+    """MAV_GCS_SYSID is its own id, as the companion's heartbeats have it: their end is the ground station's loss."""
+    params = {"FS_GCS_ENABLE": 1, "MAV_GCS_SYSID": 1, "FS_GCS_TIMEOUT": 5 * SPEED}  # the companion's clock is slower
+    async with flight(VehicleSpec(params=params)) as f:
         flying = await f.go()
         f.up.popen.kill()
         f.up.wait()
@@ -104,15 +106,6 @@ async def test_a_far_target_is_given_as_a_near_one() -> None:
         assert (there.mode, there.armed) == ("GUIDED", True)
         assert math.dist(there.ned_m, FAR) > 300.0
         assert north(there) - north(at) < leader.AHEAD_M + leader.AHEAD_S * 12.0
-
-
-async def test_with_the_parameters_set_it_comes_home() -> None:
-    """MAV_GCS_SYSID is its own id, as the companion's heartbeats have it: their end is the ground station's loss."""
-    params = {"FS_GCS_ENABLE": 1, "MAV_GCS_SYSID": 1, "FS_GCS_TIMEOUT": 5 * SPEED}  # the companion's clock is slower
-    async with flight(VehicleSpec(params=params)) as f:
-        flying = await f.go()
-        f.up.popen.kill()
-        flying.cancel()
         await f.see("RTL", lambda s: s.mode == "RTL")
         await f.see("home", lambda s: math.hypot(*s.ned_m[:2]) < 2.0)
 

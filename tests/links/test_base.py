@@ -231,7 +231,7 @@ def _make_url(kind: str, tmp_path: Path) -> tuple[str, Callable[[], None]]:
 
 
 @pytest.mark.parametrize("kind", ["udpin", "udpout", "tcp", "tcp refused", "serial", "serial auto", "replay"])
-def test_fifty_cycles_leave_no_thread_and_no_descriptor(kind: str, tmp_path: Path) -> None:
+def test_many_cycles_leave_no_thread_and_no_descriptor(kind: str, tmp_path: Path) -> None:
     url, clean_up = _make_url(kind, tmp_path)
     descriptors = Path("/proc/self/fd")
 
@@ -254,7 +254,8 @@ def test_fifty_cycles_leave_no_thread_and_no_descriptor(kind: str, tmp_path: Pat
 
     cycle()
     threads, before = threading.active_count(), len(list(descriptors.iterdir()))
-    last = [cycle() for _ in range(50)][-1]
+    cycles = 15 if kind.startswith("serial") else 50  # the end of a serial line's read takes a tenth of a second
+    last = [cycle() for _ in range(cycles)][-1]
     assert threading.active_count() <= threads
     assert len(list(descriptors.iterdir())) <= before
     assert not [thread for thread in threading.enumerate() if thread.name == f"link {last.url}"]

@@ -37,7 +37,7 @@ def setup(url: str, *more: str) -> str:
 
 
 async def test_only_who_has_the_key_is_heard_and_obeyed(net: Net, onboard: StartOnboard, key_file: Path) -> None:
-    with World(endpoint=TWO_LINKS) as world:
+    with World(endpoint=TWO_LINKS, ready_s=0.5) as world:
         cable, radio = world.vehicles[0].urls
         held = mavutil.mavlink_connection(cable, source_system=255)  # it stays the first link
         assert held.wait_heartbeat(timeout=30)
@@ -73,7 +73,7 @@ async def test_only_who_has_the_key_is_heard_and_obeyed(net: Net, onboard: Start
 async def test_what_others_put_is_signed_where_that_is_asked_for(
     net: Net, onboard: StartOnboard, key_file: Path
 ) -> None:
-    with World(endpoint=TWO_LINKS) as world:
+    with World(endpoint=TWO_LINKS, ready_s=0.5) as world:
         cable, radio = world.vehicles[0].urls
         held = mavutil.mavlink_connection(cable, source_system=255)
         assert held.wait_heartbeat(timeout=30)
@@ -91,7 +91,7 @@ async def test_what_others_put_is_signed_where_that_is_asked_for(
 
 def test_pymavlink_talks_to_it_with_the_key_and_not_without(key_file: Path) -> None:
     key = bytes.fromhex(key_file.read_text())
-    with World(endpoint=TWO_LINKS) as world:
+    with World(endpoint=TWO_LINKS, ready_s=0.5) as world:
         cable, radio = world.vehicles[0].urls
         held = mavutil.mavlink_connection(cable, source_system=255)
         assert held.wait_heartbeat(timeout=30)
@@ -113,7 +113,7 @@ def test_pymavlink_talks_to_it_with_the_key_and_not_without(key_file: Path) -> N
 def test_setup_ends_signing_too_and_an_armed_vehicle_takes_no_key(
     key_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with World() as world:
+    with World(ready_s=0.5) as world:
         (url,) = world.urls
         assert "has the key" in setup(url, "--key", str(key_file))
         assert "signs no more" in setup(url, "--key", str(key_file), "--off")
