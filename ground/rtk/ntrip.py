@@ -51,15 +51,15 @@ class Ended(Exception):
 class _Socket:
     """What the client reads by. The head comes in one piece, and nothing without bound."""
 
-    def __init__(self, sock: Any, stop: threading.Event) -> None:
-        self._sock, self._stop = sock, stop
+    def __init__(self, sock: Any, stop: threading.Event, source: NtripSource) -> None:
+        self._sock, self._stop, self._source = sock, stop, source
         self._rest = b""
         self._reads = self._page = 0
         self._streams = False
         sock.settimeout(0.5)
 
     def sendall(self, data: bytes) -> None:
-        self._sock.settimeout(HEAD_S)
+        self._sock.settimeout(self._source.head)
         self._sock.sendall(data)
         self._sock.settimeout(0.5)
 
@@ -70,7 +70,7 @@ class _Socket:
             return self._head()
         if self._reads == 2 and self._streams:
             return b"\n"
-        data = self.read(time.monotonic() + SILENCE_S)
+        data = self.read(time.monotonic() + self._source.silence)
         self._page += len(data)
         if self._page > MOST_PAGE:
             raise Ended("it sends a page without end instead of corrections")
@@ -90,7 +90,7 @@ class _Socket:
         return b""
 
     def _head(self) -> bytes:
-        deadline, data = time.monotonic() + HEAD_S, b""
+        deadline, data = time.monotonic() + self._source.head, b""
         while True:
             lines = data.lstrip(b"\r\n")
             end = data.find(b"\r\n\r\n")
@@ -159,16 +159,16 @@ class _Client(GNSSNTRIPClient):  # type: ignore[misc]  # it has no types
     """One connection: ``ended(why)`` is called once, from its thread."""
 
     def __init__(
-        self, place: Any, ca: str | None, take: Callable[[list[Message]], None], ended: Callable[[str, str], None]
+        self, source: NtripSource, take: Callable[[list[Message]], None], ended: Callable[[str, str], None]
     ) -> None:
-        self._take, self._ended, self._why, self._over = take, ended, "", False
-        more = {"tlscrtpath": ca} if ca else {}
-        super().__init__(place, retries=0, timeout=HEAD_S, verbosity=-1, **more)
+        self._source, self._take, self._ended, self._why, self._over = source, take, ended, "", False
+        more = {"tlscrtpath": source.caster.ca} if source.caster.ca else {}
+        super().__init__(source.place, retries=0, timeout=source.head, verbosity=-1, **more)
         for name in ("pyrtcm", "pyspartn"):  # it gives them one more handler each time
             logging.getLogger(name).handlers.clear()
 
     def _open_connection(self, settings: dict[str, Any]) -> Any:
-        return _Socket(super()._open_connection(settings), self.stopevent)
+        return _Socket(super()._open_connection(settings), self.stopevent, self._source)
 
     def _do_request(self, sock: Any, settings: dict[str, Any], stopevent: threading.Event, output: Any) -> int:
         super()._do_request(sock, settings, stopevent, output)
@@ -181,7 +181,7 @@ class _Client(GNSSNTRIPClient):  # type: ignore[misc]  # it has no types
             raise Ended("it sends compressed corrections, which nobody asked for")
         cutter, garbage, heard = Cutter(), 0, time.monotonic()
         while not stopevent.is_set():
-            data = sock.read(heard + SILENCE_S)
+            data = sock.read(heard + self._source.silence)
             if not data:
                 raise Ended("it ended the stream")
             time.sleep(len(data) / PACE)
@@ -191,7 +191,7 @@ class _Client(GNSSNTRIPClient):  # type: ignore[misc]  # it has no types
                 garbage, heard = 0, time.monotonic()
             else:
                 garbage += len(data)
-            if garbage > MOST_GARBAGE or time.monotonic() > heard + SILENCE_S:
+            if garbage > MOST_GARBAGE or time.monotonic() > heard + self._source.silence:
                 raise Ended("what it sends is no RTCM 3")
             self._send_gga(sock, settings["ggainterval"], None)
 
@@ -241,11 +241,11 @@ class NtripSource:
         told: Callable[[str, str], None],
         where: Callable[[], Fixed | None] | None = None,
     ) -> None:
-        self._caster, self._take, self._told, self._where = caster, take, told, where
-        self._place = _Place()
+        self.caster, self._take, self._told, self._where = caster, take, told, where
+        self.place = _Place()
         self.mountpoints: list[str] = []
         """of the sourcetable, which comes instead of corrections for a mountpoint that is not there"""
-        self.longest = LONGEST_S
+        self.longest, self.head, self.silence = LONGEST_S, HEAD_S, SILENCE_S
         self._count = 0
         """times that messages came"""
         logging.getLogger("pygnssutils").setLevel(logging.CRITICAL + 1)  # what it has to say is told by ``told``
@@ -258,7 +258,7 @@ class NtripSource:
                 self._told("waiting", "for the place of the vehicle that the caster is told")
                 await asyncio.sleep(1.0)
                 continue
-            self._told("connecting", f"to {self._caster.words}")
+            self._told("connecting", f"to {self.caster.words}")
             began, count = time.monotonic(), self._count
             why, code = await self._connect()
             pause = 1.0 if self._count > count and time.monotonic() - began > 30.0 else min(pause * 2.0, 60.0)
@@ -268,7 +268,7 @@ class NtripSource:
             await asyncio.sleep(pause)
 
     async def _connect(self) -> tuple[str, str]:
-        loop, caster = asyncio.get_running_loop(), self._caster
+        loop, caster = asyncio.get_running_loop(), self.caster
         over: asyncio.Future[tuple[str, str]] = loop.create_future()
 
         def take(messages: list[Message]) -> None:
@@ -281,9 +281,9 @@ class NtripSource:
                 over.set_result((why, code))
 
         began, count = time.monotonic(), self._count
-        client = _Client(self._place, caster.ca, on_loop(loop, take), on_loop(loop, ended))
+        client = _Client(self, on_loop(loop, take), on_loop(loop, ended))
         stop = threading.Event()
-        self._place.at = self._where() if self._where else None
+        self.place.at = self._where() if self._where else None
         client.run(
             server=caster.host,
             port=caster.port,
@@ -300,7 +300,7 @@ class NtripSource:
             while not over.done():
                 await asyncio.wait({over}, timeout=1.0)
                 if self._where is not None:
-                    self._place.at = self._where() or self._place.at
+                    self.place.at = self._where() or self.place.at
                 if self._count == count and time.monotonic() - began > self.longest:
                     return f"nothing within {self.longest:.0f} s", ""
             why, code = over.result()

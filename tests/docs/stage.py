@@ -127,7 +127,7 @@ class Hurry:
     """The simulators with control sockets in ``folder`` go faster while one of their vehicles flies, or none is armed
     and one may have to become ready.
 
-    Armed on the ground they do not: an autopilot would disarm before the next command comes.
+    Armed on the ground they go slower: an autopilot would disarm before the next command comes.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -151,7 +151,7 @@ class Hurry:
                 for simulator in simulators:
                     status = simulator.status()
                     armed = [vehicle for vehicle in status.vehicles if vehicle.armed]
-                    speed = HURRY if not armed or any(vehicle.flying for vehicle in armed) else 1.0
+                    speed = HURRY if not armed or any(vehicle.flying for vehicle in armed) else 0.5
                     if status.speed != speed:
                         simulator.speed(speed)
 
@@ -167,11 +167,9 @@ class Stage:
         self.programs: list[Program] = []
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
         self.environment[rundir.VARIABLE] = os.devnull  # namespaces share the file system
-        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-        self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")
+        self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")  # short: sockets' paths may have 100 letters
         self.environment |= {
-            "XDG_RUNTIME_DIR": self._runtime.name,  # short: a socket's path may have some 100 letters
-            "PATH": path,
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
             "MPLBACKEND": "Agg",
             "PYTHONUNBUFFERED": "1",
             "TERM": "dumb",
@@ -200,6 +198,10 @@ class Stage:
         self.environment |= {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache")}
         try:
             self._clear(on)
+            if not self.programs:  # those that were killed have left their sockets
+                self._runtime.cleanup()
+                self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")
+                self.environment["XDG_RUNTIME_DIR"] = self._runtime.name
             for text in on[len(self.programs) :]:
                 self._start(text, r".")
             yield

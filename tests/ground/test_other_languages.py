@@ -26,6 +26,8 @@ EXAMPLES = Path(__file__).resolve().parent.parent.parent / "ground" / "examples"
 RUST = Path(os.environ.get("CARGO_TARGET_DIR", EXAMPLES / "rust" / "target")) / "debug" / "fly"
 BUILD = "needs 'cargo build' in ground/examples/rust beforehand: some minutes of a processor"
 PATIENCE_S = 60.0
+SPEED = "3"
+"""times real time: a climb still takes longer than an order waits, so that it is asked again"""
 AT = (6.0, 2.0, -8.0)
 """where each leads the vehicle: m, NED"""
 
@@ -97,8 +99,18 @@ class Open(Field):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self.gateway = f"http://127.0.0.1:{free_port()}"
-        self.start_sim("--up", "--endpoint", "tcp:0", ZMAV_CONNECT=self.router)
+        self.start_sim("--up", "--endpoint", "tcp:0", "--speed", SPEED, ZMAV_CONNECT=self.router)
         self.until_ready("-e", self.router)
+        quick = (
+            "param",
+            "set",
+            "quad1",
+            "DISARM_DELAY=0",
+            "LAND_SPEED=150",
+            "-e",
+            self.router,
+        )  # cm/s; orders may be late
+        subprocess.run([sys.executable, "-m", "zmav", *quick], stdout=subprocess.DEVNULL, check=True)
         self.start("http", "--port", self.gateway.rpartition(":")[2], ZMAV_CONNECT=self.router)
         self.until("quad1 ", ["curl", "--silent", f"{self.gateway}/vehicles"])
 

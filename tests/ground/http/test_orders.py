@@ -39,7 +39,7 @@ class Scene(NamedTuple):
 def scene(serve: Serve) -> Iterator[Scene]:
     """quad1, simulated, with its agent, and a gateway that has heard that it is ready."""
     served = serve()
-    spec = VehicleSpec(name="quad1", params={"DISARM_DELAY": 0.0})
+    spec = VehicleSpec(name="quad1", params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
     with World([spec], endpoint="tcp:0", speed=SPEED, ready_s=0.5) as world:
 
         async def start() -> Onboard:

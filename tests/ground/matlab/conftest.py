@@ -94,7 +94,7 @@ class Fleet:
             self._ready.set()
 
     async def _start(self, stack: contextlib.AsyncExitStack) -> None:
-        spec = VehicleSpec(params={"DISARM_DELAY": 0.0})
+        spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
         world = stack.enter_context(World([spec], endpoint="tcp:0", speed=SPEED, ready_s=0.5))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         router = stack.enter_context(open_session(how))

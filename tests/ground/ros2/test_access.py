@@ -82,7 +82,7 @@ async def flown(folder: Path) -> AsyncIterator[tuple[Members, Door, Face, zmav.C
     members.issue(**MEMBERS)
     file = FleetConfig(fleet="alpha", origin=HOME, ros2=Ros2(domain=0))
     door = members.router("quad1", file=file)
-    spec = VehicleSpec(params={"DISARM_DELAY": 0.0})
+    spec = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
     with contextlib.closing(members), World([spec], endpoint="tcp:0", speed=4.0, ready_s=0.5) as world:
         own = str(members.members["quad1"])
         aboard = OnboardSettings(link=world.urls[0], name="quad1", fleet="alpha", origin=HOME, credentials=own)

@@ -23,7 +23,7 @@ from zmav import wire
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
 
-QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0})
+QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
 CANCEL = "action_msgs/srv/CancelGoal"
 LINE = "\n" + "=" * 80 + "\nMSG: "
 FEEDBACK = LINE.join(

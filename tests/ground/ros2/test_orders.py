@@ -19,7 +19,7 @@ from zmav import wire
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
 
-QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0})
+QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
 BOOL, TOL = "mavros_msgs/srv/CommandBool", "mavros_msgs/srv/CommandTOL"
 MODE, TRIGGER = "mavros_msgs/srv/SetMode", "std_srvs/srv/Trigger"
 GID = b"0123456789abcdef"

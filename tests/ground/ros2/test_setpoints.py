@@ -27,7 +27,7 @@ from zmav.errors import NotHolder, Refused
 from zmav.session import SessionSettings, open_session
 from zmav.sim import VehicleSpec
 
-QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0})
+QUAD = VehicleSpec(params={"DISARM_DELAY": 0.0, "LAND_SPEED": 150.0})
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 
 

@@ -8,7 +8,7 @@ import datetime
 import os
 import socket
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -47,7 +47,7 @@ async def source(
     at: Fixed | None = None,
     mountpoint: str = MOUNTPOINT,
     password: str = "secret",
-    longest: float = 60.0,
+    patience: Mapping[str, float] | None = None,
     **more: object,
 ) -> AsyncIterator[Told]:
     told = Told()
@@ -59,7 +59,8 @@ async def source(
     one = NtripSource(
         where, take, lambda state, text: told.states.append((state, text)), None if at is None else lambda: at
     )
-    one.longest = longest
+    for name, seconds in (patience or {}).items():
+        setattr(one, name, seconds)
     task = asyncio.create_task(one.run())
     try:
         yield told
@@ -196,15 +197,14 @@ async def test_a_hostile_caster_is_left_and_called_later(act: Callable[[object],
         assert time.process_time() - used < 5.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "act", [hangs, sends(b"HTTP/1.1 200", then=hangs), sends(STREAM, then=hangs)], ids=["at-once", "head", "stream"]
 )
 async def test_a_caster_that_hangs_is_left(act: Callable[[object], object]) -> None:
     with hostile(act) as one:
         used = time.process_time()
-        async with source(one.port) as told:
-            await told.lost("", 40.0)
+        async with source(one.port, patience={"head": 1.0, "silence": 1.5}) as told:
+            await told.lost("")
         assert time.process_time() - used < 2.0
 
 
@@ -217,7 +217,7 @@ async def test_one_that_never_comes_to_its_first_message_is_left() -> None:
             time.sleep(0.2)
 
     with hostile(trickles) as one:
-        async with source(one.port, tls=True, longest=2.0) as told:
+        async with source(one.port, tls=True, patience={"longest": 2.0}) as told:
             await told.lost("nothing within 2 s; again in", 15.0)
 
 

@@ -193,6 +193,6 @@ def test_ubx_is_found_in_whatever_comes() -> None:
 @pytest.mark.unit
 def test_garbage_fills_no_memory() -> None:
     cutter = UbxCutter()
-    for _ in range(200):
+    for _ in range(30):
         assert cutter.feed(b"\xb5\x62\x01\x3b\x00\x04" * 100) == []
         assert len(vars(cutter)["_rest"]) < 2048

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import pytest
 
 import zmav
 from ground.traffic.feeds import Feed
-from ground.traffic.program import TrafficProgram, TrafficSettings
+from ground.traffic.program import LISTEN_S, TrafficProgram, TrafficSettings
 from zmav import keys, wire
 from zmav.session import SessionSettings
 
@@ -20,11 +21,21 @@ if TYPE_CHECKING:
 ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
 
 
-class Sky:
-    """One router, and the reports that are heard there."""
+class Clock:
+    """The time of the programs, which a test lets go ``ahead``: s."""
 
-    def __init__(self, net: Net) -> None:
-        self.net = net
+    ahead = 0.0
+    time = staticmethod(time.time)
+
+    def monotonic(self) -> float:
+        return time.monotonic() + self.ahead
+
+
+class Sky:
+    """One router, and the reports that are heard there. The first program that runs has listened long enough."""
+
+    def __init__(self, net: Net, clock: Clock) -> None:
+        self.net, self.clock, self._running = net, clock, 0
         self.router, self.endpoint = net.router()
         self.samples: Samples = net.ground(self.endpoint).samples(keys.TRAFFIC)
         self.said: list[str] = []
@@ -51,9 +62,15 @@ class Sky:
             self.client() as z,
             TrafficProgram(z, TrafficSettings(feeds=feeds, **known), self.said.append) as one,
         ):
+            self.clock.ahead += 0.0 if self._running else LISTEN_S
+            self._running += 1
             yield one
+            self._running -= 1
 
 
 @pytest.fixture
-def sky(net: Net) -> Sky:
-    return Sky(net)
+def sky(net: Net, monkeypatch: pytest.MonkeyPatch) -> Sky:
+    clock = Clock()
+    for module in ("feeds", "program"):
+        monkeypatch.setattr(f"ground.traffic.{module}.time", clock)
+    return Sky(net, clock)
