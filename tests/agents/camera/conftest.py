@@ -82,11 +82,15 @@ class Way:
         self._out = far.declare_publisher(key, **keys.FRAME.publishing())
         report = keys.FRAME_REPORT.key("demo", "quad1", camera="down", reader="*")
         self._held = [
-            near.declare_subscriber(key, lambda sample: self._loop.call_soon_threadsafe(self._take, sample)),
+            near.declare_subscriber(key, self._come),
             far.declare_subscriber(report, lambda sample: near.put(sample.key_expr, sample.payload)),
         ]
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _come(self, sample: zenoh.Sample) -> None:
+        self._loop.call_soon_threadsafe(self._take, sample, time.monotonic())
+
+    def _take(self, sample: zenoh.Sample, now: float) -> None:
+        """``now``: when it came, however much later the loop has time for it."""
         data = sample.payload.to_bytes()
         if self._lose():
             self.lost += 1
@@ -94,13 +98,12 @@ class Way:
         if self._rate is None:
             self._carry(data)
             return
-        now = time.monotonic()
         self._free = max(self._free, now)
         if (self._free - now) * self._rate > self._queue:
             self.lost += 1
             return
         self._free += len(data) / self._rate
-        self._loop.call_later(self._free - now, self._carry, data)
+        self._loop.call_later(self._free - time.monotonic(), self._carry, data)
 
     def _carry(self, data: bytes) -> None:
         self.carried += 1

@@ -14,6 +14,7 @@ import pytest
 import pytest_asyncio
 
 import zmav
+from agents.controllers import supervisor as supervising
 from agents.controllers.cycle import Cycles
 from agents.controllers.settings import ControllerSettings
 from agents.controllers.supervisor import Supervisor
@@ -166,12 +167,16 @@ async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
     """Ten metres up. Its parameter is the vehicle's VehicleSpec: the hexarotor of 3.2 kg under PX4 1.13 by default."""
     spec = getattr(request, "param", VehicleSpec(name="hex1", autopilot="px4", airframe="hexa", firmware="1.13"))
     async with contextlib.AsyncExitStack() as stack:
+        patch = stack.enter_context(pytest.MonkeyPatch.context())
+        for deadline in ("TAKE_OVER", "SOON", "PATIENCE"):  # a busy machine's, or a world's that waits
+            patch.setattr(supervising, deadline, PATIENCE_S)
         step = InStep()
         world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5, externals=lambda *_, **__: step))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))
         session = stack.enter_context(open_session(how))
         settings = OnboardSettings(link=world.urls[0], name="hex1", origin=ORIGIN, pilot_switch=SWITCH)
-        await stack.enter_async_context(Onboard(session, settings))
+        onboard = await stack.enter_async_context(Onboard(session, settings))
+        onboard.identity.heartbeat_timeout = PATIENCE_S  # one comes late where the world waits for outputs
         endpoint = endpoint_of(session)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
         (vehicle,) = await z.wait_for("hex1", timeout=PATIENCE_S)

@@ -22,8 +22,8 @@ class Fixed:
 
 
 def flown(seed: int) -> Log:
-    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=seed) as flight:
-        return flight.fly_autopilot(circle(2.0, 2.5), 0.5)
+    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=seed, height=1.0) as flight:
+        return flight.fly_autopilot(circle(2.0, 2.5, height=1.0), 0.5)
 
 
 def test_the_same_seed_gives_the_same_flight() -> None:

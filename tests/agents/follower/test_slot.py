@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 import zenoh
 
+from agents.follower import slot
 from agents.follower.slot import Slot
 from zmav import keys
 from zmav.errors import Refused
@@ -36,11 +37,12 @@ def client() -> Iterator[Open]:
         session.close()
 
 
-async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open) -> None:
+async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     _, endpoint = net.router()
     one, two = client(endpoint), client(endpoint)
     async with Slot(one, keys.anything, "demo", "quad1", "rover1", "above"):
-        with pytest.raises(Refused, match="quad1 keeps the place above rover1 already"):
+        with monkeypatch.context() as patch, pytest.raises(Refused, match="quad1 keeps the place above rover1 already"):
+            patch.setattr(slot, "LEAVES", 0.5)  # the time for its token to go: it stays
             async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
                 raise AssertionError
         async with (
@@ -80,23 +82,23 @@ async def test_of_two_at_once_one_gets_it(net: Net, client: Open) -> None:
 async def test_who_comes_while_another_leaves_has_it(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     one, two = client(endpoint), client(endpoint)
-    slot = Slot(one, keys.anything, "demo", "quad1", "rover1", "above")
-    await slot.__aenter__()
-    leaves = asyncio.get_running_loop().create_task(slot_left(slot, 1.0))  # its token was seen, and is gone only then
+    first = Slot(one, keys.anything, "demo", "quad1", "rover1", "above")
+    await first.__aenter__()
+    leaves = asyncio.get_running_loop().create_task(slot_left(first, 1.0))  # its token was seen, and is gone only then
     async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
         assert leaves.done()
 
 
-async def slot_left(slot: Slot, after: float) -> None:
+async def slot_left(left: Slot, after: float) -> None:
     await asyncio.sleep(after)
-    await slot.__aexit__()
+    await left.__aexit__()
 
 
 async def test_an_earlier_claim_that_comes_to_light_later_wins(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     mine, other = client(endpoint), client(endpoint)
     lost: asyncio.Queue[str] = asyncio.Queue()
-    async with Slot(mine, keys.anything, "demo", "quad1", "rover1", "above", lost.put_nowait) as slot:
+    async with Slot(mine, keys.anything, "demo", "quad1", "rover1", "above", lost.put_nowait) as kept:
         now = int(1e3 * time.time())
         tokens = [
             other.liveliness().declare_token(
@@ -105,5 +107,5 @@ async def test_an_earlier_claim_that_comes_to_light_later_wins(net: Net, client:
             for since, vehicle in ((now + 60_000, "quad3"), (now - 60_000, "quad2"))
         ]
         assert await asyncio.wait_for(lost.get(), 30.0) == "quad2"
-        assert slot.better == "quad2"
+        assert kept.better == "quad2"
         assert len(tokens) == 2

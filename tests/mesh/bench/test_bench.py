@@ -19,6 +19,7 @@ from mesh.bench.run import HEAD, check, tag_of
 from mesh.credentials.ca import Authority
 from mesh.credentials.rosterwatch import watch_roster
 from mesh.router import Router
+from tests import waiting
 from tests.conftest import PATIENCE_S, Net, endpoint_of
 from tests.mesh.bench.conftest import Line, Start, idle, plan_of
 from tests.services.queries.test_questions import FLOOD, Asker, Held
@@ -290,7 +291,7 @@ async def test_a_cut_is_an_outage_with_its_losses(line: Start) -> None:
     """
     made, bench = await line("quad1", "middle", "quad2")
     until = asyncio.Event()
-    cut = asyncio.Event()
+    flows: asyncio.Queue[Flow] = asyncio.Queue()
     stream = msgspec.structs.replace(_in("realtime", 60.0), patience=60.0, guard=0.0)
 
     def on_outage(_: Flow, outage: BenchOutage) -> None:
@@ -298,11 +299,15 @@ async def test_a_cut_is_an_outage_with_its_losses(line: Start) -> None:
             until.set()
 
     task = asyncio.ensure_future(
-        bench.stream("quad1", "quad2", stream, until=until, on_interval=lambda *_: cut.set(), on_outage=on_outage)
+        bench.stream(
+            "quad1", "quad2", stream, until=until, on_interval=lambda f, _: flows.put_nowait(f), on_outage=on_outage
+        )
     )
-    await within(PATIENCE_S, cut.wait())
+    flow = await within(PATIENCE_S, flows.get())
     await asyncio.to_thread(made.sessions["middle"].close)
-    await asyncio.sleep(1.0)  # longer than the silence that counts, and than the sender may be without a processor
+    sent = flow.sender.sent
+    await asyncio.sleep(1.0)  # longer than the silence that counts
+    await waiting.until(lambda: flow.sender.sent > sent + 60, "datagrams that go nowhere")
     await made.add(plan_of("middle2"), made.endpoints["quad1"], made.endpoints["quad2"])
     flow = await task
     assert until.is_set(), f"no outage with losses: {flow.outages}"
