@@ -242,16 +242,12 @@ def _paint_mesh(canvas: Canvas, graph: Graph, places: Mapping[str, Vector]) -> N
     where = {**places, **{name: (-4.0 * (i + 1), 0.0, 0.0) for i, name in enumerate(stations)}}
     _paint_stations(canvas, {name: where[name] for name in stations})
     drawn = [link for link in graph.links if link.a in where and link.b in where]
-    if not drawn:
-        canvas.clear(FIGURES)
-        canvas.clear(PATH)
-        return
     strips = rr.LineStrips3D(
         [[where[link.a], where[link.b]] for link in drawn],
         colors=[style.GRADES.get(link.grade, style.GREY) for link in drawn],
         radii=[style.points(style.WIDTHS.get(link.grade, 1.0)) for link in drawn],
     )
-    canvas.put(PATH, strips)
+    canvas.put(PATH, strips if drawn else None)
     worse = [link for link in drawn if link.grade != "good"]
     figures = rr.Points3D(
         [[(a + b) / 2.0 for a, b in zip(where[link.a], where[link.b], strict=True)] for link in worse],

@@ -8,7 +8,7 @@ import zlib
 
 Colour = tuple[int, int, int, int]
 
-GREY: Colour = (120, 124, 130, 255)
+GREY: Colour = (190, 194, 200, 255)
 WHITE: Colour = (235, 238, 242, 255)
 SETPOINT: Colour = (255, 255, 255, 230)
 ERROR_LINE: Colour = (255, 70, 70, 230)
