@@ -87,11 +87,6 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
     return a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share
 
 
-def distance(a: Vector, b: Vector) -> float:
-    """Metres between two local points."""
-    return math.dist(a, b)
-
-
 def horizontal_distance(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
     """Metres over the ground between two near points."""
     north, east, _ = to_ned(Origin(lat_deg=lat1_deg, lon_deg=lon1_deg, alt_amsl=0.0), lat2_deg, lon2_deg, 0.0)
