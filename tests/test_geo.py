@@ -76,7 +76,6 @@ def test_across_the_antimeridian(home: float, away: float) -> None:
 
 
 def test_distances() -> None:
-    assert geo.distance((1.0, 2.0, 3.0), (4.0, 6.0, 3.0)) == 5.0
     assert geo.horizontal_distance(50.0, 8.0, 50.0, 8.0) == 0.0
     assert geo.horizontal_distance(50.0, 179.99995, 50.0, -179.99995) == pytest.approx(7.17, abs=0.01)
 

@@ -77,9 +77,14 @@ def in_fleet_frame(known: GlobalPosition | Origin, local: Vector, fields: Mappin
     return local[0] + north, local[1] + east, local[2] + down
 
 
-def distance(a: Vector, b: Vector) -> float:
-    """Metres between two local points."""
-    return math.dist(a, b)
+def plus(a: Vector, b: Vector, times: float) -> Vector:
+    """``a`` and so many times ``b``."""
+    return a[0] + b[0] * times, a[1] + b[1] * times, a[2] + b[2] * times
+
+
+def between(a: Vector, b: Vector, share: float) -> Vector:
+    """The point a share of the way from ``a`` to ``b``."""
+    return a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share
 
 
 def horizontal_distance(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:

@@ -12,7 +12,7 @@ import rerun as rr
 from ground.view import style
 from ground.view.canvas import VEHICLES, Canvas, Path
 from ground.view.frames import Datum, usable
-from zmav import geo, keys, rotation, wire
+from zmav import keys, rotation, wire
 from zmav.wire import Vector
 
 BRIGHT, DIM, DARK = 1.0, 0.66, 0.24
@@ -124,7 +124,7 @@ class Setpoints:
             return None
         line = rr.LineStrips3D([[position, target]], colors=style.ERROR_LINE, radii=style.points(1.0))
         canvas.put((*self._path, "error"), line)
-        return geo.distance(position, target)
+        return math.dist(position, target)
 
     def _chosen(self, holder: str | None) -> tuple[wire.Setpoint, float] | None:
         if holder in self._last:
@@ -301,7 +301,7 @@ class Craft:
         if self.position is None:
             return
         last = self._tail[-1] if self._tail else None
-        moved = math.inf if last is None else geo.distance(last, self.position)
+        moved = math.inf if last is None else math.dist(last, self.position)
         if last is not None and moved > JUMP:
             self.forget_trail()
             canvas.clear((*self.path, "trail", "old"))

@@ -59,8 +59,6 @@ class Bearer:
         known: Sequence[str] = (),
     ) -> None:
         now = time.monotonic()
-        self.status: dict[str, list[RouteStatus]] = {}
-        """by neighbour; made again every tick"""
         self.ports = [RadioPort(radio, port, now) for radio, port in radios]
         self._tag, self._router = host_tag(fleet, name), router
         self._known = {host_tag(fleet, other): other for other in known if other != name}
@@ -99,6 +97,11 @@ class Bearer:
             port.close()
         for peer in self._peers.values():
             peer.close()
+
+    @property
+    def status(self) -> dict[str, list[RouteStatus]]:
+        """By neighbour, now; from any thread."""
+        return {peer.name: peer.status() for peer in list(self._peers.values())}
 
     # The thread.
 
@@ -150,7 +153,6 @@ class Bearer:
             for quiet in peer.taken.quiet(now):
                 self._selector.unregister(quiet)
                 quiet.close()
-        self.status = {peer.name: peer.status() for peer in self._peers.values()}
 
     def _may(self, route: Route, now: float) -> bool:
         """Something small may be sent there: to the proven as often as we like, to others together so much."""

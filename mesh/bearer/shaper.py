@@ -79,7 +79,6 @@ class Shaper(Generic[T]):
 
     def __init__(self, rate: float, now: float) -> None:
         self.bucket = Bucket(rate, now)
-        self.dropped = 0
         self._room = QUEUE * rate
         self._queues: collections.OrderedDict[object, collections.deque[tuple[T, int]]] = collections.OrderedDict()
         self._waiting: collections.Counter[object] = collections.Counter()
@@ -93,7 +92,6 @@ class Shaper(Generic[T]):
         queue = self._queues.setdefault(neighbour, collections.deque())
         room = max(self._room / len(self._queues), FEWEST * LARGEST)
         if self._waiting[neighbour] + size > room and self._waiting[neighbour]:
-            self.dropped += 1
             return False
         queue.append((item, size))
         self._waiting[neighbour] += size
@@ -102,7 +100,6 @@ class Shaper(Generic[T]):
     def put_first(self, item: T, size: int) -> bool:
         """Have ``item`` leave before all else: what measures the path must not wait behind what is carried."""
         if len(self._first) >= MOST_FIRST:
-            self.dropped += 1
             return False
         self._first.append((item, size))
         return True

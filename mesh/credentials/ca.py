@@ -65,15 +65,12 @@ class Authority:
         folder = Path(folder)
         read_ledger(folder)
         try:
-            certificate = x509.load_pem_x509_certificate((folder / credentials.CA).read_bytes())
-            pem = (folder / CA_KEY).read_bytes()
+            public, private = ((folder / name).read_bytes() for name in (credentials.CA, CA_KEY))
         except OSError as e:
             text = f"cannot read {e.filename}: {e.strerror}"
             raise BadConfig(text, field="ca", value=str(e.filename), expected="a file") from e
-        except ValueError as e:
-            text = f"{folder / credentials.CA} is not a certificate: {e}"
-            raise BadConfig(text, field="ca", value=str(folder), expected="a certificate") from e
-        key = _read_key(folder / CA_KEY, pem, passphrase)
+        certificate = credentials.read_certificate(folder / credentials.CA, public, "ca")
+        key = credentials.read_key(folder / CA_KEY, private, "ca", passphrase)
         if key.public_key() != certificate.public_key():
             text = f"{folder / CA_KEY} is not the key of {folder / credentials.CA}"
             raise BadConfig(text, field="ca", value=str(folder / CA_KEY), expected="the authority's key")
@@ -210,21 +207,6 @@ def _check_same(folder: Path, name: str) -> None:
 
 def _revoked_lately(ledger: IssuedCertificates, name: str, now: float) -> bool:
     return any(e.name == name and e.revoked is not None and now <= e.not_after for e in ledger.entries)
-
-
-def _read_key(path: Path, pem: bytes, passphrase: Passphrase) -> Ed25519PrivateKey:
-    if path.stat().st_mode & 0o077:
-        text = f"{path} can be read by others than its owner: chmod 600 {path}"
-        raise BadConfig(text, field="ca", value=str(path), expected="mode 0600")
-    secret = passphrase() if b"ENCRYPTED" in pem else None
-    try:
-        key = serialization.load_pem_private_key(pem, password=secret)
-    except (ValueError, TypeError) as e:
-        why = "the passphrase is wrong, or it is damaged" if secret is not None else str(e)
-        raise BadConfig(f"{path} cannot be opened: {why}", field="ca", value=str(path)) from e
-    if not isinstance(key, Ed25519PrivateKey):
-        raise BadConfig(f"{path} is not an Ed25519 key", field="ca", value=str(path), expected="Ed25519")
-    return key
 
 
 def _key_pem(key: Ed25519PrivateKey, passphrase: bytes | None) -> bytes:

@@ -105,9 +105,9 @@ async def look(
             "hosts": find_hosts(z),
             "clocks": _of_each(present, _clock_of),
             "safety": _of_each(present, read_safety),
-            "terrain": _of_each(present, _terrain_of),
+            "terrain": _of_each(present, lambda vehicle: _or_none(vehicle.terrain.report())),
             "remote_ids": _of_each(present, remote_id_of),
-            "gimbals": _of_each(present, _gimbal_of),
+            "gimbals": _of_each(present, lambda vehicle: _or_none(vehicle.gimbal("status"))),
             "trust": look_at_trust(z, own, [v.name for v in present]),
         }
         found: dict[str, Any] = {}
@@ -241,16 +241,9 @@ def _report(payload: bytes) -> wire.HostReport | dict[str, str] | ZmavError:
             return e
 
 
-async def _terrain_of(vehicle: Vehicle) -> wire.TerrainReport | None:
+async def _or_none(asked: Coroutine[Any, Any, T]) -> T | None:
     try:
-        return await vehicle.terrain.report()
-    except ZmavError:
-        return None
-
-
-async def _gimbal_of(vehicle: Vehicle) -> dict[str, Any] | None:
-    try:
-        return await vehicle.gimbal("status")
+        return await asked
     except ZmavError:
         return None
 

@@ -14,6 +14,7 @@ from fastcrc import crc16
 from zmav.errors import LinkDown
 from zmav.links.base import LinkState
 from zmav.links.stream import StreamLink
+from zmav.links.tlog import V1, V2, frame_length
 from zmav.links.ttyport import Port, open_port
 from zmav.links.url import SerialUrl
 
@@ -21,9 +22,7 @@ CANDIDATES = (115200, 57600, 921600, 460800, 230400, 38400, 1500000, 500000, 100
 CHAIN = 3  # so many whole frames in a row, and the beginning of the next if there is more
 NOISE = 1200  # bytes without MAVLink that settle it: at least four times the longest frame (280)
 
-_V1, _V2 = 0xFE, 0xFD
-_HEARTBEAT_ID, _HEARTBEAT_EXTRA, _HEARTBEAT_LENGTH = 0, 50, 9
-_SIGNED = 0x01
+_HEARTBEAT_EXTRA, _HEARTBEAT_LENGTH = 50, 9
 
 
 class MavlinkDetector:
@@ -43,21 +42,7 @@ class MavlinkDetector:
 
 def is_mavlink(data: bytes | bytearray) -> bool:
     """Whether a true HEARTBEAT, or ``CHAIN`` frames in a row, stand anywhere in ``data``."""
-    return any(data[at] in (_V1, _V2) and (_is_heartbeat(data, at) or _chains(data, at)) for at in range(len(data)))
-
-
-def _frame_length(data: bytes | bytearray, at: int) -> int:
-    """Length of the frame that begins at ``at``; 0 when none does, -1 when its header is not whole."""
-    if data[at] == _V1:
-        return 8 + data[at + 1] if at + 1 < len(data) else -1
-    if data[at] != _V2:
-        return 0
-    if at + 2 >= len(data):
-        return -1
-    flags = data[at + 2]
-    if flags & ~_SIGNED:
-        return 0
-    return 12 + data[at + 1] + (13 if flags & _SIGNED else 0)
+    return any(data[at] in (V1, V2) and (_is_heartbeat(data, at) or _chains(data, at)) for at in range(len(data)))
 
 
 def _chains(data: bytes | bytearray, at: int) -> bool:
@@ -65,10 +50,10 @@ def _chains(data: bytes | bytearray, at: int) -> bool:
     version = data[at]
     last_seq: dict[bytes, int] = {}
     for _ in range(CHAIN):
-        length = _frame_length(data, at) if at < len(data) else -1
+        length = frame_length(data, at) if at < len(data) else -1
         if length <= 0 or at + length > len(data) or data[at] != version:
             return False
-        head = at + (2 if version == _V1 else 4)
+        head = at + (2 if version == V1 else 4)
         seq, source = data[head], bytes(data[head + 1 : head + 3])
         if source[0] == 0 or (source in last_seq and seq != (last_seq[source] + 1) % 256):
             return False
@@ -79,8 +64,8 @@ def _chains(data: bytes | bytearray, at: int) -> bool:
 
 
 def _is_heartbeat(data: bytes | bytearray, at: int) -> bool:
-    header = 6 if data[at] == _V1 else 10
-    msgid = data[at + 5 : at + 6] if data[at] == _V1 else data[at + 7 : at + 10]
+    header = 6 if data[at] == V1 else 10
+    msgid = data[at + 5 : at + 6] if data[at] == V1 else data[at + 7 : at + 10]
     end = at + header + _HEARTBEAT_LENGTH
     if end + 2 > len(data) or data[at + 1] != _HEARTBEAT_LENGTH or any(msgid):
         return False

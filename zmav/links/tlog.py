@@ -17,9 +17,23 @@ AHEAD = 5 * LONGEST  # so much is in the buffer before anything is judged, unles
 LATEST_US = 4_102_444_800_000_000  # the year 2100: a later stamp is no stamp
 DAY_US = 86_400_000_000
 CHUNK = 256 * 1024
-_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
+V1, V2, _SIGNED = 0xFE, 0xFD, 0x01
 _TORN = -1
 _START = re.compile(rb"\x00[\x00-\x0e].{6}[\xfd\xfe]", re.DOTALL)  # a stamp before 2100 and the first byte of a frame
+
+
+def frame_length(data: bytes | bytearray, at: int) -> int:
+    """Length of the frame that begins at ``at``; 0 when none does, -1 when its header is not whole."""
+    if data[at] == V1:
+        return 8 + data[at + 1] if at + 1 < len(data) else -1
+    if data[at] != V2:
+        return 0
+    if at + 2 >= len(data):
+        return -1
+    flags = data[at + 2]
+    if flags & ~_SIGNED:
+        return 0
+    return 12 + data[at + 1] + (13 if flags & _SIGNED else 0)
 
 
 class TlogReader:
@@ -92,16 +106,10 @@ class TlogReader:
             return _TORN
         if STAMP.unpack_from(buffer, at)[0] > LATEST_US:
             return 0
-        if buffer[head] == _V2:
-            flags = buffer[head + 2]
-            if flags & ~_SIGNED:
-                return 0
-            end = head + 12 + buffer[head + 1] + (13 if flags else 0)
-        elif buffer[head] == _V1:
-            end = head + 8 + buffer[head + 1]
-        else:
+        length = frame_length(buffer, head)
+        if length == 0:
             return 0
-        return end if end <= len(buffer) else _TORN
+        return head + length if head + length <= len(buffer) else _TORN
 
     def _follows(self, end: int) -> bool:
         """Whether the file goes on at ``end`` as it should: with a record, a torn one, or not at all."""

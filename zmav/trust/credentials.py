@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,11 +42,11 @@ class Credentials:
         from cryptography.hazmat.primitives import serialization
 
         folder = Path(folder).expanduser()
-        authority = _certificate(folder / CA)
-        found = _certificate(folder / CERT)
+        authority = read_certificate(folder / CA, _bytes(folder / CA))
+        found = read_certificate(folder / CERT, _bytes(folder / CERT))
         certificate = Certificate.read(found.public_bytes(serialization.Encoding.DER))
         certificate.check(authority, time.time() if now is None else now)
-        key = _key(folder / KEY)
+        key = read_key(folder / KEY, _bytes(folder / KEY))
         if key.public_key() != certificate.key:
             raise BadConfig(f"{folder / KEY} is not the key of {folder / CERT}", field="key", value=str(folder / KEY))
         roster = newest_roster(folder, authority, certificate.fleet).open(authority, certificate.fleet)
@@ -103,29 +104,34 @@ def _bytes(path: Path) -> bytes:
         raise BadConfig(text, field="credentials", value=str(path), expected="a file") from e
 
 
-def _certificate(path: Path) -> x509.Certificate:
+def read_certificate(path: Path, pem: bytes, field: str = "credentials") -> x509.Certificate:
+    """What ``path`` holds; raises :class:`BadConfig` that names ``field``."""
     from cryptography import x509
 
     try:
-        return x509.load_pem_x509_certificate(_bytes(path))
+        return x509.load_pem_x509_certificate(pem)
     except ValueError as e:
-        raise BadConfig(f"{path} is not a certificate: {e}", field="credentials", value=str(path)) from e
+        raise BadConfig(f"{path} is not a certificate: {e}", field=field, value=str(path)) from e
 
 
-def _key(path: Path) -> Ed25519PrivateKey:
+def read_key(
+    path: Path, pem: bytes, field: str = "credentials", passphrase: Callable[[], bytes] | None = None
+) -> Ed25519PrivateKey:
+    """What ``path`` holds, which only its owner may read; ``passphrase`` is asked where it is encrypted."""
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-    data = _bytes(path)
     if path.stat().st_mode & 0o077:
         text = f"{path} can be read by others than its owner: chmod 600 {path}"
-        raise BadConfig(text, field="credentials", value=str(path), expected="mode 0600")
+        raise BadConfig(text, field=field, value=str(path), expected="mode 0600")
+    secret = passphrase() if passphrase is not None and b"ENCRYPTED" in pem else None
     try:
-        key = serialization.load_pem_private_key(data, password=None)
+        key = serialization.load_pem_private_key(pem, password=secret)
     except (ValueError, TypeError) as e:
-        raise BadConfig(f"{path} is not a private key: {e}", field="credentials", value=str(path)) from e
+        why = "the passphrase is wrong, or it is damaged" if secret is not None else str(e)
+        raise BadConfig(f"{path} cannot be opened: {why}", field=field, value=str(path)) from e
     if not isinstance(key, Ed25519PrivateKey):
-        raise BadConfig(f"{path} is not an Ed25519 key", field="credentials", value=str(path), expected="Ed25519")
+        raise BadConfig(f"{path} is not an Ed25519 key", field=field, value=str(path), expected="Ed25519")
     return key
 
 

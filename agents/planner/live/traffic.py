@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable
 
-from zmav import geo, wire
+from zmav import wire
 from zmav.traffic import AirPicture, Seen, read
 from zmav.wire import Vector, swarm
 
@@ -56,4 +57,4 @@ def _from(seen: Seen, position: wire.GlobalPosition, local: Vector) -> tuple[flo
     here = wire.Origin(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl=position.alt_amsl)
     (north, east, down), velocity = seen.ned(here)
     place = local[0] + north, local[1] + east, local[2] + down
-    return geo.distance((north, east, 0.0), (0.0, 0.0, 0.0)), place, velocity
+    return math.hypot(north, east), place, velocity

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from zmav import geo
 from zmav.wire import Vector
 
 STEP = 0.25
@@ -73,8 +74,8 @@ def ramp(pos: Vector, vel: Vector, wanted: Vector, accel: float) -> list[Vector]
     for _ in range(STEPS):
         change = math.dist(now, wanted)
         share = min(1.0, accel * STEP / change) if change else 1.0
-        after = _blend(now, wanted, share)
-        pos = _plus(pos, _blend(now, after, 0.5), STEP)
+        after = geo.between(now, wanted, share)
+        pos = geo.plus(pos, geo.between(now, after, 0.5), STEP)
         now = after
         track.append(pos)
     return track
@@ -82,7 +83,7 @@ def ramp(pos: Vector, vel: Vector, wanted: Vector, accel: float) -> list[Vector]
 
 def straight(pos: Vector, vel: Vector) -> list[Vector]:
     """The track of a vehicle that goes on as it does."""
-    return [_plus(pos, vel, k * STEP) for k in range(STEPS + 1)]
+    return [geo.plus(pos, vel, k * STEP) for k in range(STEPS + 1)]
 
 
 def escape(
@@ -138,11 +139,3 @@ def _wrong_way(name: str, pos: Vector, down: float, other: Other) -> bool:
 
 def _apart(p: Vector, q: Vector, downwash: float) -> Vector:
     return p[0] - q[0], p[1] - q[1], (p[2] - q[2]) / downwash
-
-
-def _blend(a: Vector, b: Vector, share: float) -> Vector:
-    return a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share
-
-
-def _plus(p: Vector, v: Vector, t: float) -> Vector:
-    return p[0] + v[0] * t, p[1] + v[1] * t, p[2] + v[2] * t

@@ -65,7 +65,7 @@ class Fence:
 
     def local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """North and east in metres: :func:`zmav.geo.to_ned` without its trigonometry."""
-        east = (lon_deg - self._lon + 180.0) % 360.0 - 180.0
+        east = geo.wrap_degrees(lon_deg - self._lon)
         return (lat_deg - self._lat) * self._north, east * self._east
 
     def excess(self, north: float, east: float, alt_rel: float | None) -> tuple[float, str]:

@@ -240,27 +240,21 @@ def _curve(a: wire.SegmentPoint, b: wire.SegmentPoint, va: wire.Vector, vb: wire
     """The control points of the polynomial that has the two points' positions, velocities and accelerations."""
     h = b.t - a.t
     if a.acc is None or b.acc is None:
-        return a.pos, _plus(a.pos, va, h / 3), _plus(b.pos, vb, -h / 3), b.pos
+        return a.pos, geo.plus(a.pos, va, h / 3), geo.plus(b.pos, vb, -h / 3), b.pos
     bend = h * h / 20
     return (
         a.pos,
-        _plus(a.pos, va, h / 5),
-        _plus(_plus(a.pos, va, 2 * h / 5), a.acc, bend),
-        _plus(_plus(b.pos, vb, -2 * h / 5), b.acc, bend),
-        _plus(b.pos, vb, -h / 5),
+        geo.plus(a.pos, va, h / 5),
+        geo.plus(geo.plus(a.pos, va, 2 * h / 5), a.acc, bend),
+        geo.plus(geo.plus(b.pos, vb, -2 * h / 5), b.acc, bend),
+        geo.plus(b.pos, vb, -h / 5),
         b.pos,
     )
 
 
-def _plus(a: wire.Vector, b: wire.Vector, share: float) -> wire.Vector:
-    return a[0] + b[0] * share, a[1] + b[1] * share, a[2] + b[2] * share
-
-
 def _halfway(row: Curve, s: float) -> Curve:
     """One step of de Casteljau's algorithm: the points a share ``s`` of the way from each point to the next."""
-    return tuple(
-        (a[0] + (b[0] - a[0]) * s, a[1] + (b[1] - a[1]) * s, a[2] + (b[2] - a[2]) * s) for a, b in pairwise(row)
-    )
+    return tuple(geo.between(a, b, s) for a, b in pairwise(row))
 
 
 def _halves(curve: Curve) -> tuple[Curve, Curve]:
@@ -301,7 +295,7 @@ def _from_chord(point: wire.Vector, a: wire.Vector, b: wire.Vector) -> float:
     along = [y - x for x, y in zip(a, b, strict=True)]
     length = sum(x * x for x in along)
     share = sum((p - x) * d for p, x, d in zip(point, a, along, strict=True)) / length if length else 0.0
-    return math.dist(point, _plus(a, (along[0], along[1], along[2]), min(max(share, 0.0), 1.0)))
+    return math.dist(point, geo.plus(a, (along[0], along[1], along[2]), min(max(share, 0.0), 1.0)))
 
 
 def _left(place: str, where: str) -> BadInput:
