@@ -90,7 +90,7 @@ async def cross(pair: Pair, *, segments: bool) -> float:
                     lease.setpoint(pos=_level(here, there))
             before, apart = apart, pair.apart()
             moved = before - apart  # in however long: a busy machine looks seldom
-            share = np.clip(before @ moved / max(moved @ moved, 1e-9), 0.0, 1.0)
+            share = np.clip(before @ moved / max(float(moved @ moved), 1e-9), 0.0, 1.0)
             nearest = min(nearest, float(np.linalg.norm(before - share * moved)))
             await asyncio.sleep(0.05)
     return nearest
