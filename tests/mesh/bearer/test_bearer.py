@@ -214,10 +214,11 @@ def test_a_budget_is_kept_in_every_second_with_two_neighbours_flooding_it(pair: 
     left, _ = linked(both)
     air, there = both.airs[0], Echoes(both.routers[RIGHT])
     floods = [udp() for _ in range(2)]
-    end = time.monotonic() + 2.5
+    end, flooded = time.monotonic() + 2.5, 0
     while time.monotonic() < end:
         for flood in floods:
             flood.sendto(bytes(1200), left.local["right"])
+        flooded += len(floods)
         time.sleep(0.002)
     for each in (*floods, there.socket):
         each.close()
@@ -227,7 +228,7 @@ def test_a_budget_is_kept_in_every_second_with_two_neighbours_flooding_it(pair: 
     last = max(at for at, _ in sent)
     # On a loaded machine what was late is not made up for, so the lower bound is a loose one.
     assert sum(size for at, size in sent if at > last - 2.0) > 0.7 * 2.0 * 60e3
-    assert left.ports[0].counters.dropped > 500
+    assert left.ports[0].counters.dropped > 0.2 * flooded  # of 2,500 where the machine keeps up
 
 
 def test_a_radio_that_comes_later_is_used_then(pair: MakePair) -> None:
