@@ -74,18 +74,20 @@ async def look_on(demo: str, written: Path) -> None:
 
 
 async def draw(demo: str, written: Path) -> None:
-    shot, port, data, path = SHOTS[demo], free_port(), free_port(), DOCS / SHOTS[demo].name
+    shot, source, data, port, path = SHOTS[demo], free_port(), free_port(), free_port(), DOCS / SHOTS[demo].name
+    sink = Sink("web", url=viewer.proxy(data), port=data, web_port=port)
     packed = written.with_suffix(".packed.rrd")  # few large pieces: a page without a graphics card takes some a second
     subprocess.run([*viewer.program(), "rrd", "optimize", str(written), "-o", str(packed)], check=True)
-    served = ["--bind", viewer.HOST, "--serve-web", "--web-viewer-port", str(port), "--port", str(data)]
+    served = ["--bind", viewer.HOST, "--serve-web", "--web-viewer-port", str(source), "--port", str(data)]
+    viewer.serve_page(sink, source)
     server = subprocess.Popen([*viewer.program(), str(packed), *served], stdin=subprocess.DEVNULL)
     try:
         async with browser.browser(*WEBGL) as tab:
-            await tab.open(viewer.page(Sink("web", url=viewer.proxy(data), web_port=port)))
+            await tab.open(viewer.page(sink))
             await tab.size(*WINDOW)
             await asyncio.sleep(LOADED_S)
             if shot.tab:
-                await asyncio.to_thread(blueprint(tab=shot.tab).connect_grpc, "zmav", url=viewer.proxy(data))
+                await asyncio.to_thread(blueprint(tab=shot.tab).connect_grpc, "zmav", url=sink.url)
             await tab.drag(*WIDER)
             await still(tab, path, dark=demo == "mixed")
     finally:
