@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from tests.ground.http import browser
 from tests.ground.http.flown_page import said
 from zmav.children import Children
 from zmav.process import free_port
+from zmav.wire import Vector
 
 DOCS = Path(__file__).resolve().parent
 WINDOW = (1400, 900)
@@ -50,10 +52,19 @@ class Shot(NamedTuple):
     """pixels: left, top, right, bottom"""
     tab: int = 0
     """which of the plots are in front"""
+    places: Sequence[Vector] = ()
+    """NED: what is looked at"""
 
 
 SHOTS = {
-    "mixed": Shot("viewer.png", "Copters to 12 m", "rover1: goto done (", 6.0, (0, 36, 1400, 870)),
+    "mixed": Shot(
+        "viewer.png",
+        "Copters to 12 m",
+        "rover1: goto done (",
+        6.0,
+        (0, 36, 1400, 870),
+        places=((0.0, 0.0, 0.0), (0.0, 12.0, 0.0), (-20.0, 0.0, 0.0)),
+    ),
     "prototype": Shot(
         "viewer-controllers.png", "Now EV2 flies it", "Now EV2 flies it", 45.0, (1000, 36, 1400, 870), tab=2
     ),
@@ -74,18 +85,20 @@ async def look_on(demo: str, written: Path) -> None:
 
 
 async def draw(demo: str, written: Path) -> None:
-    shot, port, data, path = SHOTS[demo], free_port(), free_port(), DOCS / SHOTS[demo].name
+    shot, source, data, port, path = SHOTS[demo], free_port(), free_port(), free_port(), DOCS / SHOTS[demo].name
+    sink = Sink("web", url=viewer.proxy(data), port=data, web_port=port)
     packed = written.with_suffix(".packed.rrd")  # few large pieces: a page without a graphics card takes some a second
     subprocess.run([*viewer.program(), "rrd", "optimize", str(written), "-o", str(packed)], check=True)
-    served = ["--bind", viewer.HOST, "--serve-web", "--web-viewer-port", str(port), "--port", str(data)]
+    served = ["--bind", viewer.HOST, "--serve-web", "--web-viewer-port", str(source), "--port", str(data)]
+    viewer.serve_page(sink, source)
     server = subprocess.Popen([*viewer.program(), str(packed), *served], stdin=subprocess.DEVNULL)
     try:
         async with browser.browser(*WEBGL) as tab:
-            await tab.open(viewer.page(Sink("web", url=viewer.proxy(data), web_port=port)))
+            await tab.open(viewer.page(sink))
             await tab.size(*WINDOW)
             await asyncio.sleep(LOADED_S)
-            if shot.tab:
-                await asyncio.to_thread(blueprint(tab=shot.tab).connect_grpc, "zmav", url=viewer.proxy(data))
+            await asyncio.to_thread(blueprint(shot.places, shot.tab).connect_grpc, "zmav", url=sink.url)
+            await asyncio.sleep(STILL_S)
             await tab.drag(*WIDER)
             await still(tab, path, dark=demo == "mixed")
     finally:
