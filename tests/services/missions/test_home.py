@@ -40,8 +40,12 @@ async def test_a_rover_is_home_where_it_returns_to(net: Net, onboard: StartOnboa
             ended = await within(PATIENCE_S, vehicle.order("rtl", wire.Order()))
             assert ended["away"] <= 5.0 and ended["armed"]
             place = RALLY if rally else (start.lat_deg, start.lon_deg)
-            there = lambda at: at and geo.horizontal_distance(*place, at.lat_deg, at.lon_deg) < 12.0  # noqa: E731
-            await vehicle.wait_until(lambda s: bool(there(s.position)), 30.0)  # what it last said may be older
+
+            def there(state: wire.VehicleState) -> bool:
+                at = state.position
+                return at is not None and geo.horizontal_distance(*place, at.lat_deg, at.lon_deg) < 12.0
+
+            await vehicle.wait_until(there, 30.0)  # what it last said may be older
 
 
 async def test_a_plane_is_home_on_its_circle_there(net: Net, onboard: StartOnboard) -> None:
