@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import zmav
 from zmav import keys, wire
@@ -35,10 +35,11 @@ class Pair(NamedTuple):
     world: World
     places: list[wire.Vector]
 
-    def apart(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def apart(self) -> NDArray[np.float64]:
         """(3,) m from one to the other, the height as it counts."""
-        one, other = (sim.status().ned_m for sim in self.sims)
-        return np.subtract(one, other) / (1.0, 1.0, 1.5)
+        one, other = (np.array(sim.status().ned_m) for sim in self.sims)
+        apart: NDArray[np.float64] = (one - other) / np.array([1.0, 1.0, 1.5])
+        return apart
 
 
 StartPair = Callable[[bool], Awaitable[Pair]]
@@ -72,7 +73,7 @@ async def _rise(vehicle: zmav.Vehicle) -> None:
 async def cross(pair: Pair, *, segments: bool) -> float:
     """Each to the other's place at once; the least distance of the two on the way, by the simulator."""
     seconds = 6.0
-    nearest, apart = math.inf, pair.apart()
+    nearest, apart = float("inf"), pair.apart()
     async with contextlib.AsyncExitStack() as held:
         leases = [await held.enter_async_context(pair.z.vehicle(name).lease("test")) for name in NAMES]
         start, end = time.time(), pair.world.time_s + seconds + 1.0
