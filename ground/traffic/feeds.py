@@ -166,8 +166,10 @@ class BeastReader:
 class FeedSource:
     """One feed, connected to again and again; ``told`` a state and words about it when these change."""
 
-    def __init__(self, feed: Feed, tracks: Tracks, told: Callable[[str], None]) -> None:
-        self.feed, self._tracks, self._told = feed, tracks, told
+    def __init__(
+        self, feed: Feed, tracks: Tracks, told: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.feed, self._tracks, self._told, self._clock = feed, tracks, told, clock
         self.state, self.text = "connecting", ""
         self.heard = 0.0
         """monotonic s of the last bytes; 0: none yet"""
@@ -202,7 +204,7 @@ class FeedSource:
         before = self.skipped
         try:
             while data := await within(SILENCE_S, reader.read(PIECE)):
-                self.heard = time.monotonic()
+                self.heard = self._clock()
                 readers.feed(data, self._tracks, self.heard)
                 self.skipped = before + readers.skipped
                 await asyncio.sleep(len(data) / MOST_RATE)

@@ -58,6 +58,8 @@ class TrafficProgram:
     is named, and :class:`Forbidden` where our role may not.
     """
 
+    clock = staticmethod(time.monotonic)
+
     def __init__(self, z: zmav.Client, settings: TrafficSettings, say: Callable[[str], None]) -> None:
         if z.fleet_name == "*" or keys.is_replay(z.fleet_name):
             text = f"traffic is told to one fleet, not to {z.fleet_name!r}: name it with --fleet"
@@ -70,11 +72,11 @@ class TrafficProgram:
         if z.member is not None:
             z.member.check_role(self._key)
         self.tracks = Tracks(ours=settings.ours)
-        self.sources = [FeedSource(feed, self.tracks, say) for feed in settings.feeds]
+        self.sources = [FeedSource(feed, self.tracks, say, self.clock) for feed in settings.feeds]
         self.listener = Listener(z, self._hear_other)
         self._instance = random.getrandbits(32)
         self._charge = Charge[wire.Traffic](CURRENT_S)
-        self._speaks_at, self._since = time.monotonic() + LISTEN_S, 0.0
+        self._speaks_at, self._since = self.clock() + LISTEN_S, 0.0
         self.stands_by_for = ""
         """which other process is in charge; empty: none"""
         self.told = 0
@@ -98,7 +100,7 @@ class TrafficProgram:
     def _hear_other(self, report: wire.Traffic) -> None:
         own = report.instance == self._instance or report.serves != self.settings.serves
         if not own and abs(time.time() - report.t) <= LATE_S:
-            self._charge.hear(report, time.monotonic())
+            self._charge.hear(report, self.clock())
 
     async def _tell(self) -> None:
         failure = ""
@@ -115,7 +117,7 @@ class TrafficProgram:
             await asyncio.sleep(PERIOD_S)
 
     def _report(self) -> None:
-        settings, now, utc = self.settings, time.monotonic(), time.time()
+        settings, now, utc = self.settings, self.clock(), time.time()
         report = wire.Traffic(
             t=utc,
             source=settings.name,
@@ -147,7 +149,7 @@ class TrafficProgram:
 
     def status(self) -> tuple[str, str, dict[str, Any]]:
         """A word, a sentence and the details, as the status has them."""
-        now, tracks = time.monotonic(), self.tracks
+        now, tracks = self.clock(), self.tracks
         placed = tracks.placed(now)
         age = now - tracks.heard if tracks.heard else None
         lost = [source for source in self.sources if source.state != "up"]

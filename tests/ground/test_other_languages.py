@@ -101,15 +101,8 @@ class Open(Field):
         self.gateway = f"http://127.0.0.1:{free_port()}"
         self.start_sim("--up", "--endpoint", "tcp:0", "--speed", SPEED, ZMAV_CONNECT=self.router)
         self.until_ready("-e", self.router)
-        quick = (
-            "param",
-            "set",
-            "quad1",
-            "DISARM_DELAY=0",
-            "LAND_SPEED=150",
-            "-e",
-            self.router,
-        )  # cm/s; orders may be late
+        # However late an order to take off comes; cm/s.
+        quick = ("param", "set", "quad1", "DISARM_DELAY=0", "LAND_SPEED=150", "-e", self.router)
         subprocess.run([sys.executable, "-m", "zmav", *quick], stdout=subprocess.DEVNULL, check=True)
         self.start("http", "--port", self.gateway.rpartition(":")[2], ZMAV_CONNECT=self.router)
         self.until("quad1 ", ["curl", "--silent", f"{self.gateway}/vehicles"])

@@ -21,21 +21,13 @@ if TYPE_CHECKING:
 ORIGIN = wire.Origin(lat_deg=47.3977, lon_deg=8.5456, alt_amsl=488.0)
 
 
-class Clock:
-    """The time of the programs, which a test lets go ``ahead``: s."""
-
-    ahead = 0.0
-    time = staticmethod(time.time)
-
-    def monotonic(self) -> float:
-        return time.monotonic() + self.ahead
-
-
 class Sky:
     """One router, and the reports that are heard there. The first program that runs has listened long enough."""
 
-    def __init__(self, net: Net, clock: Clock) -> None:
-        self.net, self.clock, self._running = net, clock, 0
+    def __init__(self, net: Net) -> None:
+        self.net, self._running = net, 0
+        self.ahead = 0.0
+        """s by which the programs' clock is ahead"""
         self.router, self.endpoint = net.router()
         self.samples: Samples = net.ground(self.endpoint).samples(keys.TRAFFIC)
         self.said: list[str] = []
@@ -58,19 +50,20 @@ class Sky:
     @contextlib.asynccontextmanager
     async def program(self, *feeds: Feed, **more: Any) -> AsyncIterator[TrafficProgram]:
         known = {"name": "gs", "at": (ORIGIN.lat_deg, ORIGIN.lon_deg), **more}
+
+        class Program(TrafficProgram):
+            clock = staticmethod(lambda: time.monotonic() + self.ahead)
+
         async with (
             self.client() as z,
-            TrafficProgram(z, TrafficSettings(feeds=feeds, **known), self.said.append) as one,
+            Program(z, TrafficSettings(feeds=feeds, **known), self.said.append) as one,
         ):
-            self.clock.ahead += 0.0 if self._running else LISTEN_S
+            self.ahead += 0.0 if self._running else LISTEN_S
             self._running += 1
             yield one
             self._running -= 1
 
 
 @pytest.fixture
-def sky(net: Net, monkeypatch: pytest.MonkeyPatch) -> Sky:
-    clock = Clock()
-    for module in ("feeds", "program"):
-        monkeypatch.setattr(f"ground.traffic.{module}.time", clock)
-    return Sky(net, clock)
+def sky(net: Net) -> Sky:
+    return Sky(net)

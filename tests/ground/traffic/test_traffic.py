@@ -85,9 +85,9 @@ async def test_a_feed_that_stops_is_silent_and_its_aircraft_are_forgotten(sky: S
     async with SbsSource(ORIGIN, [NEAR]) as source, sky.program(feed_of(source)) as program:
         await until(lambda: sky.last, "an aircraft")
         source.fault = "stops"
-        sky.clock.ahead += SILENT_S
+        sky.ahead += SILENT_S
         await until(lambda: program.status()[0] == "silent", "a word on it")
-        sky.clock.ahead += FORGET_S - SILENT_S
+        sky.ahead += FORGET_S - SILENT_S
         await until(lambda: not sky.reports[-1].aircraft, "an empty report")
 
 
@@ -120,7 +120,7 @@ async def test_of_two_with_the_same_feed_one_stands_by_and_takes_over(sky: Sky) 
             assert first.status()[0] == "in-charge"
             assert {report.instance for report in sky.reports} == {sky.reports[0].instance}
             await stack.aclose()
-            sky.clock.ahead += CURRENT_S
+            sky.ahead += CURRENT_S
             await until(lambda: len({report.instance for report in sky.reports}) == 2, "the second one's report")
             assert second.status()[0] == "in-charge"
 
