@@ -188,8 +188,6 @@ class Cascade:
 
     def level(self, est: Estimated) -> None:
         """Attitude loop, once a tick: sets the body rates to hold."""
-        if not any_of(self._flying):
-            return
         error = quat_error(self.attitude, est.q)
         gains = self.gains
         rate = clamp(error[1:] * (2.0 * np.sign(error[0])) * gains.angle_p, -gains.rate_max, gains.rate_max)

@@ -136,8 +136,6 @@ class Px4Cascade(Cascade):
 
     def level(self, est: Estimated) -> None:
         """Attitude loop: the axis of thrust first, the heading with ``yaw_weight`` of it."""
-        if not any_of(self._flying):
-            return
         g = self.gains
         down, wanted = body_z(est.q), body_z(self.attitude)
         # The shortest turn that brings the axis of thrust to where it is to be.

@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from zmav.sim.air import density
-from zmav.sim.arrays import Array, dot
+from zmav.sim.arrays import Array, any_of, dot
 from zmav.sim.control.cascade import Cascade
 from zmav.sim.control.gains import arducopter_gains, px4_gains
 from zmav.sim.control.px4 import Px4Cascade
-from zmav.sim.control.setpoints import SetpointHandle, Setpoints
+from zmav.sim.control.setpoints import FLY, SetpointHandle, Setpoints
 from zmav.sim.dynamics.airframe import Airframe
 from zmav.sim.dynamics.copter import CopterDynamics
 from zmav.sim.environment import Vector
@@ -65,7 +65,8 @@ class CopterFleet(Fleet):
         outer_every = OUTER_EVERY * self.pace
         if number % outer_every == 0:
             self.cascade.outer(self.estimate, outer_every * tick_s)
-        self.cascade.level(self.estimate)
+        if any_of(self.setpoints.spool == FLY):
+            self.cascade.level(self.estimate)
 
     def control_step(self) -> None:
         self.dynamics.throttle = self.cascade.inner(self.estimate, self.dynamics.dt)
