@@ -33,8 +33,6 @@ from zmav.waiting import together, within
 
 LOOK = 0.02
 """s between two looks at whether the autopilot's state still comes"""
-TAKE_OVER = 6.0
-"""s for the autopilot to follow: PX4 wants a second of the stream before"""
 SOON = 2.0
 """s that an order to engage waits for the autopilot's state"""
 CONFIRMED = 1.5
@@ -52,6 +50,8 @@ class Supervisor(zmav.Agent):
 
     name = "controller"
     settings_type = ControllerSettings
+    take_over = 6.0
+    """s for the autopilot to follow: PX4 wants a second of the stream before"""
     check = staticmethod(loading.check)
     tunables: ClassVar = TUNABLES
     verbs: ClassVar = {
@@ -335,14 +335,14 @@ class Supervisor(zmav.Agent):
         self.cycles.engage(lease, height)
         if state.mode == guided:  # it has followed somebody before, and does so at once
             self.cycles.presume()
-        deadline = time.monotonic() + TAKE_OVER
+        deadline = time.monotonic() + self.take_over
         presumed = 0.0
         while time.monotonic() < deadline and not self._over.is_set():
             now = self.vehicle.last_state
             presumed = presumed + LOOK / 4 if self.cycles.phase is Phase.IN_FORCE else 0.0
             if presumed > CONFIRMED:
                 self.cycles.doubt()
-            told = time.monotonic() > deadline - TAKE_OVER + MODE_TOLD
+            told = time.monotonic() > deadline - self.take_over + MODE_TOLD
             if told and now is not None and now.mode == guided and now.setpoints.get("flown", 0) > flown:
                 return self.cycles.in_force()
             if told and not self._refused.empty():
@@ -350,7 +350,7 @@ class Supervisor(zmav.Agent):
                 return False
             await asyncio.sleep(LOOK / 4)
         refused = "" if self._refused.empty() else f": {self._refused.get_nowait()}"
-        self.why = self.why or f"{guided} did not come within {TAKE_OVER:g} s{refused}"
+        self.why = self.why or f"{guided} did not come within {self.take_over:g} s{refused}"
         return False
 
     def _tripped(self, text: str) -> None:

@@ -22,8 +22,6 @@ from zmav.waiting import in_thread
 
 SETTLE = 0.5
 """s in which two that ask at once hear of each other"""
-LEAVES = 2.0
-"""s in which the token of who has just left the slot is gone everywhere"""
 AGAIN = 0.1
 """s until it is looked for again"""
 Claim = tuple[int, str]
@@ -36,6 +34,9 @@ class Slot:
     """``async with Slot(session, z.is_vehicle, "demo", "quad1", "rover1", "above") as slot``. Raises :class:`Refused`
     naming who has it: only a vehicle can. ``on_lost``: told who has the better claim, where that shows later.
     """
+
+    leaves = 2.0
+    """s in which the token of who has just left the slot is gone everywhere"""
 
     def __init__(
         self,
@@ -58,7 +59,7 @@ class Slot:
         self._subscriber: Any = None
 
     async def __aenter__(self) -> Slot:
-        end = time.monotonic() + LEAVES
+        end = time.monotonic() + self.leaves
         while claims := await self._find_claims():
             if time.monotonic() > end:
                 raise self._taken(min(claims)[1])
@@ -99,7 +100,7 @@ class Slot:
         """Who claims the slot. It is asked for: who subscribes just as a token goes may be told that it is gone before
         it is told that it was there, as routers send such things from two threads, and believes it for ever.
         """
-        found = await in_thread(find_tokens, self._session, self._key("*", ("*", "*")), LEAVES)
+        found = await in_thread(find_tokens, self._session, self._key("*", ("*", "*")), self.leaves)
         read = [self._read(key) for key in found]
         return [claim for claim in read if claim is not None and self._is_vehicle(self._fleet, claim[1])]
 

@@ -29,10 +29,6 @@ FIRST_LOOK, MOST_LOOKS = 20_000, 200_000
 """expansions of the first search, 20 to 70 ms, and of any other one: half a second"""
 FINEST = 0.5
 """radii between the lines of the finest lattice: where all of that was looked at, there is no way"""
-PATIENCE = 2.0
-"""s of the processor for a vehicle whose way is not found at once"""
-THOROUGH = 4.0
-"""s more for all vehicles of a problem for which no way was found in that time"""
 WEIGHT = 1.1
 """of the heuristic: five times faster than 1 in a city, for half a percent of length before shortening"""
 SWEEPS = 8
@@ -73,6 +69,11 @@ class Layer:
 class StaticMap:
     """Ways through a world that stands still."""
 
+    patience = 2.0
+    """s of the processor for a vehicle whose way is not found at once"""
+    thorough = 4.0
+    """s more for all vehicles of a problem for which no way was found in that time"""
+
     def __init__(self, world: World) -> None:
         self.world = world
         self._layers: dict[tuple[int, float, float | None], Layer] = {}
@@ -92,7 +93,7 @@ class StaticMap:
         Every point of it keeps ``radius`` from every obstacle and is inside bounds and fence; ``room`` m more where a
         way with that is found at once and hardly takes longer. ``rates``: m/s in any direction, upwards, downwards. A
         rover stays at its start's height. ``until``: when to give up, more or less,
-        if no way is found at once; without it after :data:`PATIENCE`.
+        if no way is found at once; without it after :attr:`patience`.
         """
         world, speeds = self.world, np.array(rates, dtype=np.float64)
         direct = np.array([start, goal], dtype=np.float64)
@@ -111,7 +112,9 @@ class StaticMap:
                 return roomy
             near = direct if straight else self._path(direct, radius, speeds, height, None)
             return roomy if near is None or takes <= AROUND * shorten.travel_time(near, speeds) else near
-        return direct if straight else self._path(direct, radius, speeds, height, until or Deadline.after(PATIENCE))
+        return (
+            direct if straight else self._path(direct, radius, speeds, height, until or Deadline.after(self.patience))
+        )
 
     def paths_for(self, problem: Problem, room: float = 0.0, until: Deadline = NEVER) -> list[Path]:
         """A way for each vehicle, in order; all is given up at ``until``.
@@ -119,9 +122,9 @@ class StaticMap:
         Raises :class:`PlanError`, ``unreachable``, with all vehicles for which none was found in some seconds;
         ``timeout``, with all that have none, where there was no time for that.
         """
-        paths = self._ways(problem, room, [None] * len(problem), PATIENCE, until)
+        paths = self._ways(problem, room, [None] * len(problem), self.patience, until)
         if any(path is None for path in paths):  # the time was short for many, or for a busy machine
-            paths = self._ways(problem, room, paths, THOROUGH, until)
+            paths = self._ways(problem, room, paths, self.thorough, until)
         names = [problem.ids[i] for i, path in enumerate(paths) if path is None]
         if names and until.over:
             raise PlanError("timeout", names, f"no way to the goal of {', '.join(names)} was found in time")

@@ -14,7 +14,6 @@ import pytest
 import pytest_asyncio
 
 import zmav
-from agents.controllers import supervisor as supervising
 from agents.controllers.cycle import Cycles
 from agents.controllers.settings import ControllerSettings
 from agents.controllers.supervisor import Supervisor
@@ -99,6 +98,7 @@ class Field:
         # Test machines are busy: a pause of a quarter of a second, or of the autopilot's, is nobody's fault here.
         patient = {"guard_late": 25.0, "guard_silent": 1.0}
         supervisor = Supervisor(self.z, self.vehicle.name, settings, {**patient, **(tuned or {})})
+        supervisor.take_over = PATIENCE_S  # the world waits for outputs, and so does the autopilot
         await self._stack.enter_async_context(supervisor)
         self._supervisor, self._step.cycles = supervisor, supervisor.cycles
         running = asyncio.create_task(supervisor.run())
@@ -167,9 +167,6 @@ async def flying(request: pytest.FixtureRequest) -> AsyncIterator[Field]:
     """Ten metres up. Its parameter is the vehicle's VehicleSpec: the hexarotor of 3.2 kg under PX4 1.13 by default."""
     spec = getattr(request, "param", VehicleSpec(name="hex1", autopilot="px4", airframe="hexa", firmware="1.13"))
     async with contextlib.AsyncExitStack() as stack:
-        patch = stack.enter_context(pytest.MonkeyPatch.context())
-        for deadline in ("TAKE_OVER", "SOON", "PATIENCE"):  # a busy machine's, or a world's that waits
-            patch.setattr(supervising, deadline, PATIENCE_S)
         step = InStep()
         world = stack.enter_context(World([spec], endpoint="tcp:0", ready_s=0.5, externals=lambda *_, **__: step))
         how = SessionSettings(mode="router", listen=["tcp/127.0.0.1:0"], cfg=("scouting/delay:0",))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import pytest
 import zenoh
 
-from agents.follower import slot
 from agents.follower.slot import Slot
 from zmav import keys
 from zmav.errors import Refused
@@ -37,13 +36,14 @@ def client() -> Iterator[Open]:
         session.close()
 
 
-async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_second_is_refused_and_told_by_whom(net: Net, client: Open) -> None:
     _, endpoint = net.router()
     one, two = client(endpoint), client(endpoint)
     async with Slot(one, keys.anything, "demo", "quad1", "rover1", "above"):
-        with monkeypatch.context() as patch, pytest.raises(Refused, match="quad1 keeps the place above rover1 already"):
-            patch.setattr(slot, "LEAVES", 0.5)  # the time for its token to go: it stays
-            async with Slot(two, keys.anything, "demo", "quad2", "rover1", "above"):
+        second = Slot(two, keys.anything, "demo", "quad2", "rover1", "above")
+        second.leaves = 0.5  # the first one's token stays
+        with pytest.raises(Refused, match="quad1 keeps the place above rover1 already"):
+            async with second:
                 raise AssertionError
         async with (
             Slot(two, keys.anything, "demo", "quad2", "rover1", "left"),

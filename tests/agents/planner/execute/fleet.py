@@ -8,7 +8,7 @@ import itertools
 import math
 import random
 import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -44,6 +44,22 @@ class Fleet:
     def places(self) -> dict[str, wire.Vector]:
         """Where they truly are: NED."""
         return {n: sim.status().ned_m for n, sim in zip(self.names, self.world.vehicles, strict=True)}
+
+    @contextlib.contextmanager
+    def quickly(self) -> Iterator[None]:
+        """For what the autopilots fly by themselves, to no plan's clock."""
+        self.world.set_speed(6.0)
+        try:
+            yield
+        finally:
+            self.world.set_speed(1.0)
+
+    async def up_again(self, vehicle: zmav.Vehicle, place: wire.Vector | None) -> None:
+        """Where the next test has it."""
+        with self.quickly():
+            await vehicle.arm()
+            await vehicle.takeoff(10.0)
+            await vehicle.goto(pos=place)
 
 
 class Watch:

@@ -7,7 +7,7 @@ import contextlib
 import itertools
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 import msgspec
@@ -80,22 +80,6 @@ class Field:
 
     def away(self, name: str, goal: wire.Vector) -> float:
         return math.dist(self.fleet.places()[name], goal)
-
-    @contextlib.contextmanager
-    def quickly(self) -> Iterator[None]:
-        """For what the autopilots fly by themselves, to no plan's clock."""
-        self.fleet.world.set_speed(6.0)
-        try:
-            yield
-        finally:
-            self.fleet.world.set_speed(1.0)
-
-    async def up_again(self, vehicle: zmav.Vehicle, place: wire.Vector | None) -> None:
-        """Where the next test has it."""
-        with self.quickly():
-            await vehicle.arm()
-            await vehicle.takeoff(10.0)
-            await vehicle.goto(pos=place)
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -191,14 +175,14 @@ async def test_who_is_taken_in_the_midst_of_a_landing_keeps_nobody_in_the_air(fi
     for vehicle in (taken, other):
         await vehicle.wait_until(lambda s: s.mode == "LAND", PATIENCE_S)
     async with taken.lease("boss", priority=50) as lease:
-        with field.quickly():
+        with field.fleet.quickly():
             await taken.goto(pos=places["quad1"])  # which ends the planner's landing
             state = await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
         assert state.lease_end is not None and state.lease_end.reason == "released"
         await field.until(goal, lambda entry: entry.state == "failed")
         assert entry.text.startswith("quad1: "), entry
         assert lease.lost is None
-    await field.up_again(other, places["quad2"])
+    await field.fleet.up_again(other, places["quad2"])
 
 
 async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field) -> None:
@@ -208,7 +192,7 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
     for vehicle in (taken, other):
         assert vehicle.local is not None
         places[vehicle.name] = vehicle.local
-    with field.quickly():
+    with field.fleet.quickly():
         await together(*(vehicle.goto(pos=(*places[vehicle.name][:2], -18.0)) for vehicle in (taken, other)))
     seen = field.agent.context.fleet.seen("quad2")
     assert seen is not None and seen.view.home_ned is not None
@@ -218,13 +202,13 @@ async def test_who_is_taken_on_the_way_home_keeps_nobody_in_the_air(field: Field
     async with taken.lease("boss", priority=50):
         await taken.hold()
         await other.wait_until(lambda s: s.mode in ("LAND", "RTL"), PATIENCE_S)
-        with field.quickly():
+        with field.fleet.quickly():
             await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
         await field.until(goal, lambda entry: entry.state == "failed" and "quad3" in entry.text)
         assert field.away("quad2", home) < 2.0
-        with field.quickly():
+        with field.fleet.quickly():
             await taken.goto(pos=places["quad3"])
-    await field.up_again(other, places["quad2"])
+    await field.fleet.up_again(other, places["quad2"])
 
 
 async def test_homes_are_asked_and_the_silent_are_known_for_a_while(field: Field) -> None:
@@ -425,11 +409,11 @@ async def test_who_is_not_heard_at_first_is_gone_without(field: Field, monkeypat
     name = await field.submit(swarm.Land(vehicles=["quad1", "quad4"]))
     other = field.me.vehicle("quad1")
     await other.wait_until(lambda s: s.mode == "LAND", PATIENCE_S)
-    with field.quickly():
+    with field.fleet.quickly():
         with pytest.raises(AssertionError, match="the others are there; without quad4"):  # nobody else is kept up
             await field.until(name, lambda entry: entry.state == "done")
         await other.wait_until(lambda s: s.armed is False and s.lease is None, PATIENCE_S)
-    await field.up_again(other, there)
+    await field.fleet.up_again(other, there)
 
 
 async def test_a_fault_of_its_own_does_not_end_its_life(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
