@@ -279,3 +279,11 @@ def test_a_topic_that_is_published_wrongly_is_said_with_its_line(net: Net, tmp_p
     (said,) = [line for line in done.stderr.splitlines() if line.startswith("zmav: ")]
     assert said.startswith("zmav: topic 'my topic' cannot stand in a key")
     assert said.endswith(f"({path}, line 9)")
+
+
+def test_of_an_agent_of_ours_what_was_given_wrongly_is_said_without_its_line(net: Net) -> None:
+    _, endpoint = net.router()
+    run = ["-m", "zmav", "agent", "run", "follower", "--vehicle", "quad1", "--set", "nosuch=1", "-e", endpoint]
+    done = subprocess.run([sys.executable, *run], capture_output=True, text=True, timeout=60)
+    (said,) = [line for line in done.stderr.splitlines() if line.startswith("zmav: ")]
+    assert "no parameter 'nosuch'" in said and ".py" not in said

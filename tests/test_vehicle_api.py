@@ -386,6 +386,8 @@ async def test_one_commander_at_a_time(airborne: Scene) -> None:
 async def test_setpoints_fly_the_vehicle_and_silence_holds_it(airborne: Scene) -> None:
     quad = airborne.quad
     async with quad.lease("planner") as lease:
+        with pytest.raises(BadInput, match=r"segment\.yaw is nan"):
+            lease.segment([wire.SegmentPoint(t=time.time(), pos=(0.0, 0.0, -9.0), yaw=math.nan)])
         end = time.monotonic() + PATIENCE_S
         while airborne.off(6.0, 2.0, -7.0) > 0.5 and time.monotonic() < end:
             lease.setpoint(pos=(6.0, 2.0, -7.0))

@@ -134,10 +134,12 @@ def test_units_and_frames_are_in_the_names() -> None:
 
 def test_no_number_of_a_request_is_lost_on_the_way() -> None:
     """In JSON NaN is null: not given, which asks for something else."""
+    search = wire.swarm.Search(vehicles=["quad1"], polygon=[(0.0, 0.0)], height=9.0, angle=math.nan)
     for asked, field in (
         (wire.GoTo(pos=(0.0, 0.0, -5.0), speed=math.nan), "speed"),
         (wire.Setpoint(lease="a", seq=1, deadline=2.0, vel=(1.0, math.inf, 0.0)), "vel"),
         (wire.Setpoint(lease="a", seq=1, deadline=2.0, vel=(1.0, 0.0, 0.0), yaw=math.nan), "yaw"),
+        (wire.swarm.Submit(goal=search), "goal.angle"),
     ):
         with pytest.raises(BadInput, match=f"{field} is .*expected a finite number"):
             wire.encode_request(asked)

@@ -100,6 +100,8 @@ def _bounds(path: Path, file: Any) -> tuple[float, float, float, float]:
         _refuse(path, f"its georeference does not lie on the map ({e})")
     if not (np.isfinite([easts, norths]).all() and (np.abs([easts, norths]).max(axis=1) <= FARTHEST).all()):
         _refuse(path, "its georeference does not lie on the map")
+    if np.abs(np.diff(easts.reshape(4, EDGE), axis=1)).max() > FARTHEST[0]:
+        _refuse(path, "it lies across the 180th meridian, where the map ends")
     if np.ptp(easts) <= 0.0 or np.ptp(norths) <= 0.0:
         _refuse(path, "its georeference gives it no extent")
     return float(easts.min()), float(norths.min()), float(easts.max()), float(norths.max())

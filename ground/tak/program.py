@@ -75,7 +75,10 @@ class Tak:
         def read(payload: bytes) -> wire.swarm.PlanReport:
             return wire.decode(payload, wire.swarm.PlanReport, "plan")
 
-        self._intake = hear_proven(self._z, key, read, hear, largest=LARGEST, most=MOST_PLANS)
+        def take(where: str, plan: wire.swarm.PlanReport) -> None:
+            hear(keys.match(where)[1]["fleet"], plan)  # a key expression that names no fleet is refused here
+
+        self._intake = hear_proven(self._z, key, read, take, largest=LARGEST, most=MOST_PLANS)
         work = (self._run(), say_status(self._z, AGENT, self.settings.name, self.status))
         self._tasks = [asyncio.create_task(each) for each in work]
         return self
@@ -86,8 +89,8 @@ class Tak:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._intake.close()
 
-    def _hear(self, key: str, plan: wire.swarm.PlanReport) -> None:
-        self._plans[keys.match(key)[1]["fleet"], plan.goal] = plan, time.monotonic()
+    def _hear(self, fleet: str, plan: wire.swarm.PlanReport) -> None:
+        self._plans[fleet, plan.goal] = plan, time.monotonic()
         if len(self._plans) > MOST_PLANS:
             del self._plans[next(iter(self._plans))]
 

@@ -68,11 +68,15 @@ def page(sink: Sink) -> str:
 
 def serve_page(sink: Sink, source: int) -> None:
     """Serve Rerun's page, which is at port ``source``, with a policy by which the browser lets it reach nobody but us.
-    By itself it sends statistics of its use, which no setting ends.
+    By itself it sends statistics of its use, which no setting ends. Raises :class:`BadConfig` for a port that is taken.
     """
     policy = f"connect-src 'self' http://{HOST}:{sink.port} data: blob:"
 
     class Handler(BaseHTTPRequestHandler):
+        def handle(self) -> None:
+            with contextlib.suppress(ConnectionError):  # the page was closed meanwhile
+                super().handle()
+
         def do_GET(self) -> None:
             try:
                 asked = http.client.HTTPConnection(HOST, source, timeout=START)
@@ -88,14 +92,18 @@ def serve_page(sink: Sink, source: int) -> None:
             for name, value in told.items():
                 if value is not None:
                     self.send_header(name, value)
-            with contextlib.suppress(ConnectionError):  # the page was closed meanwhile
-                self.end_headers()
-                self.wfile.write(body)
+            self.end_headers()
+            self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
             """Not in the terminal of who flies."""
 
-    threading.Thread(target=ThreadingHTTPServer((HOST, sink.web_port), Handler).serve_forever, daemon=True).start()
+    try:
+        server = ThreadingHTTPServer((HOST, sink.web_port), Handler)
+    except OSError as e:  # somebody has taken it since it was looked at
+        text = f"port {sink.web_port} on {HOST} cannot be had: {e}"
+        raise BadConfig(text, field="port", value=sink.web_port, expected="a free port") from e
+    threading.Thread(target=server.serve_forever, daemon=True).start()
 
 
 def start_viewer(sink: Sink) -> subprocess.Popen[bytes]:

@@ -47,6 +47,8 @@ from zmav.waiting import within
 
 GROUP, CONTROLLERS = "zmav.agents", "zmav.controllers"
 """entry points: agents by name, and controllers that an agent runs"""
+OURS = ("agents", "zmav")
+"""packages of agents whose errors say what was given wrongly, and not in which line of theirs"""
 CONTROLLER = "controller"
 """the agent that runs a controller"""
 
@@ -169,8 +171,11 @@ async def _run(
     try:
         await _live(kind, vehicle, own, tuned, fleet, settings)
     except BadInput as e:
-        called = [line for path, line, *_ in traceback.extract_tb(e.__traceback__) if Path(path) == Path(file)]
-        raise type(e)(f"{e} ({file}, line {called[-1]})" if called else str(e), **e.detail) from e
+        lines = traceback.extract_tb(e.__traceback__)
+        called = [line for path, line, *_ in lines if Path(path).resolve() == Path(file).resolve()]
+        if not called or kind.__module__.partition(".")[0] in OURS:
+            raise
+        raise type(e)(f"{e} ({file}, line {called[-1]})", **e.detail) from e
     except ZmavError:
         raise
     except Exception as e:

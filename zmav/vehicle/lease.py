@@ -123,6 +123,9 @@ class Lease:
         lose, and later ones wait behind it; without, put it again until the vehicle's state names it.
         ``home``: what the vehicle flies if nothing comes after it and its fleet file has ``return = "together"``.
         """
+        for point in points:  # null in its place would leave the heading to the vehicle; in vectors it is refused there
+            if point.yaw is not None:
+                wire.check_finite({"yaw": point.yaw}, "segment.")
         self._put(valid, deadline, repeated, segment=list(points), home=home)
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import msgspec
@@ -58,12 +59,22 @@ def build(values: dict[str, Any], kind: type[W], what: str) -> W:
     return decode(_encoder.encode(values), kind, what)
 
 
-def check_finite(values: dict[str, Any]) -> None:
-    """Raise :class:`BadInput` that names the field which is NaN or infinite, or has such a number in it."""
-    for field, value in values.items():
-        for number in value if isinstance(value, (tuple, list)) else (value,):
-            if isinstance(number, float) and not math.isfinite(number):
-                raise BadInput.wrong(field, value, "a finite number")
+def check_finite(values: Mapping[str, Any], within: str = "") -> None:
+    """Raise :class:`BadInput` that names the field which is NaN or infinite, or has such a number in it.
+
+    A payload within one is looked into, and of a list the numbers only: a mission's items and a command's parameters
+    may have nulls.
+    """
+    pending: list[tuple[str, Mapping[str, Any]]] = [(within, values)]
+    while pending:
+        before, held = pending.pop()
+        for name, value in held.items():
+            field = before + name
+            if isinstance(value, msgspec.Struct):
+                pending.append((f"{field}.", msgspec.structs.asdict(value)))
+            for number in value if isinstance(value, (tuple, list)) else (value,):
+                if isinstance(number, float) and not math.isfinite(number):
+                    raise BadInput.wrong(field, value, "a finite number")
 
 
 def decode(data: bytes, kind: type[W], what: str) -> W:

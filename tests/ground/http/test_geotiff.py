@@ -165,6 +165,7 @@ def test_too_many_pixels_need_overviews(tmp_path: Path, monkeypatch: pytest.Monk
         ({"scale": (0.0, 1e-5)}, "does not say in which coordinates"),  # GDAL leaves out both then
         ({"scale": (math.nan, 1e-5)}, "no extent"),
         ({"tie": (0.0, 0.0, LON, 89.0)}, "does not lie on the map"),
+        ({"tie": (0.0, 0.0, 179.999, LAT)}, "lies across the 180th meridian"),
         ({"tie": (0.0, 0.0, 1e300, LAT)}, "does not lie on the map|no extent"),
         ({"code": 32755, "scale": (1e5, 1e5), "tie": (0.0, 0.0, 5e5, 6e6)}, "does not lie on the map"),
     ],
