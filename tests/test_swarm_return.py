@@ -158,6 +158,7 @@ async def test_the_planner_brings_home_who_was_stopped_for_it() -> None:
         ended = await asyncio.gather(*away, return_exceptions=True)
         assert all(isinstance(each, Refused) and "superseded" in each.message for each in ended)
         assert goal.state == "done", goal.text
+        await events.until(lambda: all("LAND" in modes(events, name) for name in fleet.names), "the landing of each")
         assert not any("RTL" in modes(events, name) for name in fleet.names)
 
 

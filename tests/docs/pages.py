@@ -126,8 +126,11 @@ NOT_RUN: dict[str, str] = {
     r"docs/(install|vehicle-setup).md: .*": (
         "on the vehicle, beside a real autopilot: tests/deploy, tests/docs/test_vehicle_setup.py"
     ),
-    r"docs/quickstart.md: .*": "on three vehicles, in the reader's order: README.md has them run; tests/agents/demo",
-    r"docs/matlab.md: zmav .*": "README.md and docs/http.md have them run; tests/ground/matlab",
+    r"docs/quickstart.md: (zmav .*quad[23].*|zmav mesh (ca|config|graph).*|zmav swarm .*|zmav param set 'quad\*' .*"
+    r"|zmav (ls|doctor|gcs|top|record --out flights|do .*|goto quad1 --to .*|echo .*ATTITUDE.*|demo --stay))": (
+        "with three vehicles, in the reader's order: README.md has them run; tests/agents/demo"
+    ),
+    r"docs/matlab.md: zmav (sim|up|http)\b.*": "README.md and docs/http.md have them run; tests/ground/matlab",
     r"docs/concepts.md: zmav (ls|echo 'quad\*/ATTITUDE' -n 1)": "README.md has them run",
     r"zmav demo (?!--list$).*": "minutes of flight: tests/agents/demo",
     r"zmav doctor( --file .*| --link .*)": "looks at a vehicle's own computer: tests/cli/test_doctor_fleet.py",

@@ -165,6 +165,8 @@ class Stage:
     def __init__(self) -> None:
         self.network = Network()
         self.programs: list[Program] = []
+        self._on = 0
+        """on so many of them, the first ones, the part stands"""
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("ZMAV_")}
         self.environment[rundir.VARIABLE] = os.devnull  # namespaces share the file system
         self._runtime = tempfile.TemporaryDirectory(prefix="zmav-docs-")  # short: sockets' paths may have 100 letters
@@ -194,7 +196,7 @@ class Stage:
         for name in LINKED:
             (folder / name).symlink_to(ROOT / name)
         (folder / ".venv").symlink_to(sys.prefix)
-        self.folder = folder
+        self.folder, self._on = folder, len(on)
         self.environment |= {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache")}
         try:
             self._clear(on)
@@ -240,8 +242,10 @@ class Stage:
             self._start(part, r".")
         if not last:
             return
-        if any(program.text == last for program in self.programs):  # the part stands on it
-            return
+        for program in self.programs[: self._on]:
+            if program.text == last:  # the part stands on it
+                assert program.process.poll() is None, f"{where or line}: has ended:\n{program.said[-3000:]}"
+                return
         for pattern, ready in SERVICES:
             if re.fullmatch(pattern, last):
                 self._start(last, ready)

@@ -17,7 +17,7 @@ from agents.planner.solve.jit import compiled
 from agents.planner.solve.warm import warm
 from tests.agents.planner.generate import as_json, swap_circle
 from tests.docs.commands import PAGES, ROOT, Command, all_commands, faults, verbs_in_prose, words_of
-from tests.docs.pages import COMING, NOT_RUN, PARTS
+from tests.docs.pages import COMING, NOT_RUN, PARTS, QUAD, SWARM
 from tests.docs.stage import Stage, namespaced
 
 COMMANDS = all_commands()
@@ -163,6 +163,18 @@ def test_the_commands_of_a_page_run(stage: Stage, start: Lines, tmp_path: Path) 
                 stage.run(line, where)
 
     tried(once, start.race)
+
+
+def test_what_the_readme_has_its_reader_start_is_there_though_it_runs_already() -> None:
+    """Its commands run beside those programs: none would fail where a line that starts one is missing."""
+    quad, swarm = (
+        [line for line, _ in lines.lines]
+        for on in (QUAD, SWARM)
+        for lines in [next(lines for name, lines in STARTS if name.startswith("README.md-") and lines.on == on)]
+    )
+    assert [line for line in quad if line.startswith(("zmav sim", "zmav up"))] == list(QUAD)
+    assert quad.index(QUAD[-1]) < quad.index("zmav ls")
+    assert swarm[0] == SWARM[-1]
 
 
 def test_only_a_stalled_machine_is_a_reason_to_try_again() -> None:

@@ -199,6 +199,9 @@ def test_what_cannot_be_flown_is_dropped(fleet: Fleet, raw: zenoh.Session) -> No
             wait_until(lambda before=before: drops(fleet) > before, case)  # type: ignore[misc]
         assert state(fleet).lease is None, case
         assert state(fleet).setpoints.get("flown") == flown, case
+    stream.message = good
+    with stream.running():  # nothing but each message's own fault kept it from being flown
+        wait_until(lambda: state(fleet).mover == "stream", "what can be flown, after it")
 
 
 def test_an_attachment_that_is_none_is_counted_and_nothing_more(fleet: Fleet, raw: zenoh.Session) -> None:

@@ -152,7 +152,7 @@ async def test_a_flood_waits_for_the_loop_and_not_in_it(bench: StartBench) -> No
     put(b, batch(message(1087)))
     await comes(b, message(1087))
     state = await b.state(lambda s: bool(s.get("corrections")), "corrections in its state")
-    assert state["corrections"]["dropped"]["old"] <= (3 + took / BUSY_S) * 16
+    assert state["corrections"]["dropped"]["old"] <= (3 + took // BUSY_S) * 16
 
 
 async def test_a_slow_line_has_room_for_commands(bench: StartBench) -> None:

@@ -56,9 +56,11 @@ class Fleet:
 
     async def up_again(self, vehicle: zmav.Vehicle, place: wire.Vector | None) -> None:
         """Where the next test has it."""
+        await vehicle.arm()
+        rising = asyncio.create_task(vehicle.takeoff(10.0))
+        await vehicle.wait_until(lambda s: s.landed is False, PATIENCE_S)  # hurried, it might disarm before
         with self.quickly():
-            await vehicle.arm()
-            await vehicle.takeoff(10.0)
+            await rising
             await vehicle.goto(pos=place)
 
 

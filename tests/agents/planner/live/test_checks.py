@@ -20,6 +20,8 @@ BAD_GOALS: list[tuple[swarm.Goal, str]] = [
     (swarm.Hold(vehicles=["Quad 1"]), "goal.vehicles"),
     (swarm.Hold(vehicles=["a"] * (MOST_VEHICLES + 1)), "goal.vehicles"),
     (swarm.GoTo(vehicles=["a"], to=[]), "goal.to"),
+    (swarm.GoTo(vehicles=["a", "b"], to=[(0.0, 0.0, -10.0)]), "goal.to"),
+    (swarm.GoTo(vehicles=["a"], to=[(0.0, 0.0, -10.0)] * 2, labelled=False), "goal.to"),
     (swarm.GoTo(vehicles=["a"], to=[(0.0, math.nan, 0.0)]), "goal.to[0][1]"),
     (swarm.GoTo(vehicles=["a"], to=[(0.0, 1e9, 0.0)]), "goal.to[0][1]"),
     (swarm.Formation(vehicles=["a"], shape="line", at=(0.0, 0.0, math.inf)), "goal.at[2]"),
