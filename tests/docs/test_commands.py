@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -21,8 +21,6 @@ from tests.docs.pages import COMING, NOT_RUN, PARTS, QUAD, SWARM
 from tests.docs.stage import Stage, namespaced
 
 COMMANDS = all_commands()
-TRIES = 3
-"""of a part that loses its race with the clock"""
 
 
 def fits(pattern: str, command: Command) -> bool:
@@ -105,35 +103,22 @@ class Lines(NamedTuple):
 
     on: tuple[str, ...]
     lines: list[tuple[str, str]]
-    race: str
+    alone: bool
 
 
 def fresh_starts(page: str) -> Iterator[Lines]:
     """A page's commands and what must run before them, cut where nothing of what came before runs any more."""
-    parts, found = list(PARTS[page]), Lines((), [], "")
+    parts, found = list(PARTS[page]), Lines((), [], False)
     for command in to_run(page):
         while parts and command.text.startswith(parts[0].at):
             part = parts.pop(0)
             if part.fresh:
                 if found.lines:
                     yield found
-                found = Lines(part.on, [], part.race)
+                found = Lines(part.on, [], part.alone)
             found.lines.extend((line, f"{page}: before {command.text!r}") for line in part.before)
         found.lines.append((command.text, str(command)))
     yield found
-
-
-def tried(once: Callable[[int], None], race: str) -> None:
-    """Again where it failed in words of ``race`` alone, and :data:`TRIES` times at most."""
-    for number in range(1, TRIES + 1):
-        try:
-            once(number)
-        except AssertionError as e:
-            lost = race and re.search(race, str(e)) and "Traceback" not in str(e)
-            if not lost or number == TRIES:
-                raise
-        else:
-            return
 
 
 STARTS = [(f"{page}-{number}", lines) for page in PARTS for number, lines in enumerate(fresh_starts(page), 1)]
@@ -148,21 +133,18 @@ def stage() -> Iterator[Stage]:
         yield stage
 
 
-@pytest.mark.parametrize("start", [lines for _, lines in STARTS], ids=[name for name, _ in STARTS])
+@pytest.mark.parametrize(
+    "start", [pytest.param(lines, id=name, marks=[pytest.mark.alone] * lines.alone) for name, lines in STARTS]
+)
 @pytest.mark.timeout(300)
 def test_the_commands_of_a_page_run(stage: Stage, start: Lines, tmp_path: Path) -> None:
     planned = re.compile(r"zmav (plan|swarm planner)\b")
     if any(map(planned.match, (*start.on, *dict(start.lines)))) and not compiled():
         warm()  # which takes minutes
-
-    def once(number: int) -> None:
-        (folder := tmp_path / str(number)).mkdir()
-        files(folder)
-        with stage.part(folder, start.on):
-            for line, where in start.lines:
-                stage.run(line, where)
-
-    tried(once, start.race)
+    files(tmp_path)
+    with stage.part(tmp_path, start.on):
+        for line, where in start.lines:
+            stage.run(line, where)
 
 
 def test_what_the_readme_has_its_reader_start_is_there_though_it_runs_already() -> None:
@@ -175,27 +157,6 @@ def test_what_the_readme_has_its_reader_start_is_there_though_it_runs_already() 
     assert [line for line in quad if line.startswith(("zmav sim", "zmav up"))] == list(QUAD)
     assert quad.index(QUAD[-1]) < quad.index("zmav ls")
     assert swarm[0] == SWARM[-1]
-
-
-def test_only_a_stalled_machine_is_a_reason_to_try_again() -> None:
-    (race,) = {lines.race for _, lines in STARTS if lines.race}
-    begun = list[int]()
-
-    def failing(words: str) -> Callable[[int], None]:
-        def once(number: int) -> None:
-            begun.append(number)
-            assert number == TRIES, words
-
-        return once
-
-    for words in ("zmav ls: exit code 1", "no output for 8 cycles\nTraceback (most recent call last)"):
-        begun.clear()
-        with pytest.raises(AssertionError, match=r"exit code|no output"):
-            tried(failing(words), race)
-        assert begun == [1], words
-    begun.clear()
-    tried(failing("exit code 1:\nzmav: it did not take over: no output for 8 cycles"), race)
-    assert begun == [1, 2, 3]
 
 
 def test_what_does_not_run_is_said(stage: Stage, tmp_path: Path) -> None:

@@ -300,10 +300,7 @@ def zmavs(token: str) -> list[int]:
 def test_a_quick_run(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.bench.controllers"]
     given = ["--only", "links,trip", "--quick", "-o", str(tmp_path)]
-    for _ in range(3):  # where other tests hold the machine up, the guard rightly breaks a flight off
-        done = subprocess.run([*command, *given], capture_output=True, text=True, timeout=300)
-        if done.returncode == 0:
-            break
+    done = subprocess.run([*command, *given], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     told = json.loads((tmp_path / "bench.json").read_text())
     streams = told["links"]["streams"]
