@@ -126,6 +126,7 @@ NOT_RUN: dict[str, str] = {
     r"|zmav (ls|doctor|gcs|top|record --out flights|do .*|goto quad1 --to .*|echo .*ATTITUDE.*|demo --stay))": (
         "with three vehicles, in the reader's order: README.md has them run; tests/agents/demo"
     ),
+    r"docs/quickstart.md: \. \.venv/bin/activate": "changes the reader's shell: all here runs in that environment",
     r"docs/matlab.md: zmav (sim|up|http)\b.*": "README.md and docs/http.md have them run; tests/ground/matlab",
     r"docs/concepts.md: zmav (ls|echo 'quad\*/ATTITUDE' -n 1)": "README.md has them run",
     r"zmav demo (?!--list$).*": "minutes of flight: tests/agents/demo",

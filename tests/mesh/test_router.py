@@ -97,10 +97,14 @@ def test_it_relays_for_its_clients_to_a_router_that_comes_later(start: Callable[
 
             subscriber = there.declare_subscriber("zmav/demo/quad1/state", on_sample)
             reached(here, "zmav/demo/quad1/state")
-            here.put("zmav/demo/quad1/state", b"words")
-            assert arrived.wait(PATIENCE_S)
+            put, end = [b"0"], time.monotonic() + PATIENCE_S
+            here.put("zmav/demo/quad1/state", put[0])
+            while not arrived.wait(0.5):  # what is put while the routers change their ways is lost
+                assert time.monotonic() < end
+                put.append(b"%d" % len(put))
+                here.put("zmav/demo/quad1/state", put[-1])
             subscriber.undeclare()
-            assert came == [b"words"]
+            assert len(set(came)) == len(came) and set(came) <= set(put)
 
 
 def reached(session: zenoh.Session, key: str) -> None:
