@@ -107,6 +107,7 @@ async def test_what_is_not_of_now_is_dropped(bench: StartBench, off: float, reas
     event = await b.event(words, kind="corrections")
     assert event["severity"] == "warning"
     put(b, batch())
+    await comes(b, b"".join(EPOCH))
     state = await b.state(lambda s: bool(s.get("corrections")), "those of now")
     assert state["corrections"]["dropped"] == {reason: len(EPOCH)}
     assert given(b) == b"".join(EPOCH)
