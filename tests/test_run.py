@@ -1,4 +1,4 @@
-"""tests/run.py: what runs beside others, what alone, and how it exits."""
+"""tests/run.py: what its second run finds, and how it exits."""
 
 from __future__ import annotations
 
@@ -8,12 +8,24 @@ from pathlib import Path
 
 import pytest
 
+FLAKY = """
+from pathlib import Path
+
+def test_flaky():
+    mark = Path(__file__).with_name("mark")
+    there = mark.exists()
+    mark.touch()
+    assert there
+"""
 BAD = "def test_bad(): assert 0"
-CRASHES = "import os\ndef test_ends(): os._exit(3)"
+SKIPPED = "import pytest\n" + FLAKY.replace("assert there", "assert there and pytest.skip()")
+CRASHES = "import os\n" + FLAKY.replace("assert there", "assert there or os._exit(3)")
+SIX_BAD = "\n".join(f"def test_{n}(): assert 0" for n in range(6))
 BROKEN = "import nothing_of_that_name"
 GOOD = "def test_good(): pass"
 BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + BAD
 GOOD_BY_ITSELF = BY_ITSELF.replace("assert 0", "pass")
+FLAKY_BY_ITSELF = "import pytest\npytestmark = pytest.mark.alone\n" + FLAKY
 MEETS = """
 import time
 from pathlib import Path
@@ -28,41 +40,53 @@ def test_meets():
         time.sleep(0.02)
     assert len(list(here.parent.glob("*.mark"))) == 2
 """
-ALONE = "==> those that run alone"
+ONCE_MORE, FLAKES, AGAIN = "==> once more, alone", "==> FLAKY, 1:", "==> FAILED, or skipped, alone too"
 
 
 @pytest.mark.parametrize(
     ("files", "args", "status", "said", "unsaid"),
     [
-        ([BAD], "", 1, ["1 failed"], [ALONE]),
-        ([CRASHES, GOOD_BY_ITSELF], "-n 1", 1, ["crashed while running", "1 failed", ALONE, "1 passed"], []),
-        ([BAD, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ALONE]),
-        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed in"], ["==> FAILED"]),
-        ([BAD, GOOD_BY_ITSELF], "", 1, ["1 failed", "1 passed in", "==> FAILED: those above"], []),
-        ([GOOD_BY_ITSELF], "", 0, ["1 deselected", "1 passed"], []),
+        ([FLAKY], "-k .", 0, [ONCE_MORE, FLAKES, "      test_0.py::test_flaky"], [AGAIN]),
+        ([FLAKY, BAD], "", 1, [ONCE_MORE, AGAIN], [FLAKES]),
+        ([SKIPPED], "", 1, [ONCE_MORE, AGAIN, "1 skipped"], [FLAKES]),
+        ([CRASHES], "-n 1", 1, ["crashed while running", "1 failed"], [ONCE_MORE]),
+        ([SIX_BAD], "", 1, ["6 failed"], [ONCE_MORE]),
+        ([FLAKY], "-x", 1, ["1 failed"], [ONCE_MORE]),
+        ([FLAKY, BROKEN], "--continue-on-collection-errors", 1, ["1 failed", "1 error"], [ONCE_MORE]),
+        ([GOOD, BY_ITSELF], "", 1, ["1 passed, 1 deselected", "1 failed in", ONCE_MORE, AGAIN], [FLAKES]),
+        ([FLAKY, BY_ITSELF], "", 1, [FLAKES, "1 failed in", AGAIN], []),
+        ([BAD, GOOD_BY_ITSELF], "", 1, [AGAIN, "1 passed in", "==> FAILED: those above"], [FLAKES]),
+        ([GOOD_BY_ITSELF], "", 0, ["1 deselected", "1 passed"], [ONCE_MORE]),
         ([GOOD, GOOD_BY_ITSELF], "-n 1", 0, ["1 passed", "one after another", "1 passed in"], ["2 passed"]),
-        ([GOOD, MEETS, MEETS], "-n 2", 0, ["1 passed", "three files at a time", "2 passed"], ["3 passed"]),
-        ([BAD, GOOD_BY_ITSELF], "-x", 1, ["1 failed"], [ALONE, "passed"]),
+        ([GOOD, MEETS, MEETS], "-n 2", 0, ["1 passed", "three files at a time", "2 passed"], ["3 passed", ONCE_MORE]),
+        ([GOOD, FLAKY_BY_ITSELF, GOOD_BY_ITSELF], "-n 2", 0, ["1 failed, 1 passed", ONCE_MORE, FLAKES], [AGAIN]),
+        ([BAD, GOOD_BY_ITSELF], "-x", 1, ["1 failed"], [ONCE_MORE, "run alone", "passed"]),
         ([BAD, GOOD_BY_ITSELF], "-malone", 0, ["2 deselected", "1 passed"], ["failed"]),
-        ([GOOD, GOOD_BY_ITSELF], "--no-such-option", 4, ["unrecognized arguments"], [ALONE]),
-        ([BAD], "-k nothing", 5, ["1 deselected"], [ALONE]),
+        ([GOOD, GOOD_BY_ITSELF], "--no-such-option", 4, ["unrecognized arguments"], ["run alone"]),
+        ([BAD], "-k nothing", 5, ["1 deselected"], [ONCE_MORE]),
     ],
     ids=[
+        "flaky",
         "bad",
+        "skipped",
         "crash",
+        "many",
+        "cut-short",
         "broken-file",
         "alone",
+        "flaky-and-alone",
         "bad-and-alone",
         "only-alone",
         "alone-with-workers",
         "two-alone",
-        "cut-short",
+        "flaky-alone",
+        "cut-short-alone",
         "marked",
         "unknown-option",
         "none",
     ],
 )
-def test_what_runs_alone(
+def test_the_second_run(
     tmp_path: Path, root: Path, files: list[str], args: str, status: int, said: list[str], unsaid: list[str]
 ) -> None:
     (tmp_path / "pytest.ini").write_text("[pytest]\nasyncio_default_fixture_loop_scope = function\nmarkers = alone\n")
