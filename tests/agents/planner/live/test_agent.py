@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 import pytest_asyncio
+import zenoh
 
 import zmav
 from agents.planner.cli.asking import Planner, books, find
@@ -364,10 +365,11 @@ async def test_hostile_orders_are_answered_and_change_nothing(
 
 async def test_obstacles_of_anybody_are_heard_and_noise_is_not(field: Field) -> None:
     ball = swarm.Ball(center=(100.0, 100.0, -10.0), radius=1.0, velocity=(1.0, 0.0, 0.0))
-    good = swarm.Obstacle(name="bird", t=time.time(), what=ball, ttl=0.5)
-    for data in (b"{", b"[" * 10_000_000, b'{"name":"bird"}', wire.encode(good)):
-        field.me.session.put(keys.OBSTACLE.key("demo", name="bird"), data)
-
+    key, block = keys.OBSTACLE.key("demo", name="bird"), zenoh.CongestionControl.BLOCK  # behind ten megabytes, too
+    for data in (b"{", b"[" * 10_000_000, b'{"name":"bird"}'):
+        field.me.session.put(key, data, congestion_control=block)
+    good = swarm.Obstacle(name="bird", t=time.time(), what=ball, ttl=3.0)
+    field.me.session.put(key, wire.encode(good), congestion_control=block)
     await until(lambda: field.agent.context.world.find("bird") is not None, "no bird", PATIENCE_S)
     assert any("refused" in event.kind for event in field.agent.context.events)
     await until(lambda: field.agent.context.world.find("bird") is None, "the bird stays", PATIENCE_S)
