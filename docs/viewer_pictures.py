@@ -34,8 +34,6 @@ WINDOW = (1400, 900)
 WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 PATIENCE_S, LOADED_S, STILL_S = 300.0, 40.0, 10.0
 """s that such a page may take to answer, until it has drawn something, and in which nothing changes when it is ready"""
-
-
 WIDER = (55.0, 677.0), (140.0, 677.0)
 """pixels: the edge of the column of times in the log of events, and where it has room for them"""
 

@@ -142,8 +142,10 @@ class Sender(ABC):
     async def serve(self) -> None:
         """Return at the source's end, or when we are told to stop; raises what ended the sending otherwise."""
         stopped = asyncio.ensure_future(until_stopped())
-        await asyncio.wait({stopped, self._tasks[0]}, return_when=asyncio.FIRST_COMPLETED)
-        stopped.cancel()
+        try:
+            await asyncio.wait({stopped, self._tasks[0]}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            stopped.cancel()
         if self._tasks[0].done():
             self._tasks[0].result()
 
