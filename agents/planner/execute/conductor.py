@@ -61,6 +61,9 @@ LATER = 0.05
 """s by which a vehicle follows later than was known before that is reckoned with"""
 STOPPED, FARTHER = 3.0, 0.8
 """times as far off its way as it may be, but for m or for as much again, from which all come to rest"""
+LEFT = 5.0
+"""m off its way (or twice what brings all to rest) from which a vehicle has left it: it goes on from where it is,
+and not from where its way ends"""
 RECOVER = 5.0
 """s of keeping up after which it is the plan's own again"""
 
@@ -200,7 +203,10 @@ class Conductor:
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
         limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
-        if off > limit:
+        if off > max(LEFT, 2.0 * limit):
+            part.strays = part.strays or not part.off
+            self.gone(part, f"it is {off:.1f} m off its trajectory", None)
+        elif off > limit:
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
         elif off > max(allowed, 0.1):
             pace = SLOW if off < 0.5 * (allowed + limit) else SLOWEST

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.services.authority.test_leader import GLOBAL, ORIGIN, at
+from tests.services.authority.test_segment import stand
 from tests.services.authority.test_setpoint import pilot
 from zmav import wire
 from zmav.config import Failsafe, PilotSwitch
@@ -79,8 +80,9 @@ async def test_a_vehicle_says_who_moves_it(bench: StartBench) -> None:
         streaming.cancel()
 
     await moved_by("nobody")
+    await stand(b)
     t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 2.0, pos=(3.0, 0.0, -5.0))]
+    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -10.0)), wire.SegmentPoint(t=t + 2.0, pos=(3.0, 0.0, -10.0))]
     alice.put(vel=None, segment=points)
     await moved_by("segment")
     await moved_by_stream()

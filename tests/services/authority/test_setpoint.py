@@ -340,29 +340,6 @@ async def test_a_stream_that_goes_on_during_the_hold_is_watched_too(bench: Start
     assert FORWARD in stops[stops.index(STOP) :]
 
 
-async def test_a_segment_is_flown_by_the_vehicle_until_its_end(bench: StartBench) -> None:
-    b = await bench(settings={"origin": ORIGIN})
-    alice = await pilot(b)
-    t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 1.2, pos=(3.0, 0.0, -5.0))]
-    alice.put(vel=None, segment=points)
-    state = await b.state(lambda s: s["segment"] is not None, "the commitment")
-    times = {"start": t, "rests": t + 1.2, "end": t + 1.2, "home": None}
-    assert state["segment"] == {"lease": 1, "seq": alice.seq, **times}
-    await b.state(lambda s: s["setpoints"] == {"flown": 1, "held": 1} and s["segment"], "hold at its end")
-    told = b.peer.heard(GLOBAL)
-    norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in told]
-    assert len(norths) >= 8  # 10 Hz, on a busy machine
-    assert norths == sorted(norths)
-    assert norths[0] < 0.5
-    assert norths[-1] > 2.5
-    assert told[-1].at - told[0].at > 0.8
-    said = await b.event("the segment has ended: holding position", kind="setpoint")
-    assert said["severity"] == "info", "it ended as it was to"
-    alice.put()
-    await b.state(lambda s: s["segment"] is None, "something else to fly")
-
-
 @pytest.mark.parametrize(
     ("end", "severity"),
     [("release", "info"), ("arm", "info"), ("revoke", "warning")],
@@ -377,55 +354,6 @@ async def test_what_somebody_means_to_end_is_no_warning(bench: StartBench, end: 
     said = await b.event(": holding position", kind="setpoint")
     assert said["severity"] == severity, said
     assert "no setpoint" not in said["text"]
-
-
-@pytest.mark.parametrize(("ends", "flown_on"), [("gone", True), ("revoked", False)])
-async def test_a_segment_outlives_a_lost_holder_and_no_operator(bench: StartBench, ends: str, flown_on: bool) -> None:
-    b = await bench(settings={"origin": ORIGIN})
-    await pilot(b)
-    liveliness = b.ground.session.liveliness()
-    token = liveliness.declare_token(keys.HOLDER.key("demo", "quad1", holder="bob", instance="i1"))
-    granted = await b.ground.do("lease", holder="bob", ttl=30, priority=9, instance="i1")
-    bob = Pilot(b, granted.result["lease"])
-    t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 2.0, pos=(4.0, 0.0, -5.0))]
-    bob.put(vel=None, segment=points)
-    await b.peer.until(lambda: len(b.peer.heard(GLOBAL)) >= 3, "the segment")
-    if ends == "gone":
-        token.undeclare()
-    else:
-        await b.ground.do("revoke")
-    await b.state(lambda s: s["lease"] is None, "no lease")
-    since = len(b.peer.heard(GLOBAL))
-    await b.state(lambda s: s["setpoints"].get("held"), "hold")
-    north = (b.peer.heard(GLOBAL)[-1].fields["lat_int"] + 350000000) / 1e7 * 110_941
-    assert (north > 3.0) is flown_on
-    assert (len(b.peer.heard(GLOBAL)) > since + 5) is flown_on
-
-
-async def test_a_segment_outlasts_its_lease_s_ttl(bench: StartBench) -> None:
-    b = await bench(settings={"origin": ORIGIN})
-    alice = await pilot(b)
-    await b.ground.do("lease", holder="alice", ttl=0.2, lease=alice.token)
-    t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 1.5, pos=(3.0, 0.0, -5.0))]
-    alice.put(vel=None, segment=points)
-    await b.state(lambda s: s["setpoints"].get("held"), "hold")
-    texts = [e["text"] for e in b.events.objects() if e["kind"] in ("setpoint", "lease")]
-    assert any("segment has ended" in text or "ran out" in text for text in texts)
-    assert b.peer.heard(GLOBAL)[-1].at - b.peer.heard(GLOBAL)[0].at > 1.0
-
-
-async def test_a_segment_that_is_too_long_or_over(bench: StartBench) -> None:
-    b = await bench(settings={"origin": ORIGIN})
-    alice = await pilot(b)
-    t = time.time()
-    for start, end in ((t - 4.0, t - 1.0), (t, t + 59.0), (t + 59.0, t + 100.0)):
-        alice.put(
-            vel=None,
-            segment=[wire.SegmentPoint(t=start, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=end, pos=(0.0, 0.0, -6.0))],
-        )
-    await b.state(lambda s: s["setpoints"] == {"late": 1, "flown": 1, "early": 1}, "counts")
 
 
 @pytest.mark.parametrize("ends", ["expiry", "release"])

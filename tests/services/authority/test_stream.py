@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.services.authority.test_segment import stand
 from tests.services.authority.test_setpoint import GLOBAL, HOLD, LOCAL, OFFBOARD, ORIGIN, SET_MODE, STOP, pilot, vel
 from zmav import wire
 from zmav.config import Failsafe
@@ -34,8 +35,9 @@ async def test_a_renewed_lease_still_lasts_until_the_segment_s_end(bench: StartB
     """Its holder's renewal may be the last that comes through."""
     b = await bench(settings={"origin": ORIGIN})
     alice = await pilot(b)
+    await stand(b)
     t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 2.0, pos=(3.0, 0.0, -5.0))]
+    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -10.0)), wire.SegmentPoint(t=t + 2.0, pos=(3.0, 0.0, -10.0))]
     alice.put(vel=None, segment=points)
     await alice.counted(flown=1)
     await b.ground.do("lease", holder="alice", ttl=0.2, lease=alice.token)
@@ -46,9 +48,10 @@ async def test_a_renewed_lease_still_lasts_until_the_segment_s_end(bench: StartB
 async def test_a_point_after_a_segment_gives_the_lease_its_ttl_back(bench: StartBench) -> None:
     b = await bench(settings={"origin": ORIGIN})
     alice = await pilot(b)
+    await stand(b)
     await b.ground.do("lease", holder="alice", ttl=0.3, lease=alice.token)
     t = time.time()
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 50.0, pos=(3.0, 0.0, -5.0))]
+    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -10.0)), wire.SegmentPoint(t=t + 50.0, pos=(3.0, 0.0, -10.0))]
     alice.put(vel=None, segment=points)
     await alice.counted(flown=1)
     alice.put()
@@ -58,15 +61,16 @@ async def test_a_point_after_a_segment_gives_the_lease_its_ttl_back(bench: Start
 async def test_a_step_of_the_clock_does_not_move_a_segment(bench: StartBench, monkeypatch: pytest.MonkeyPatch) -> None:
     b = await bench(settings={"origin": ORIGIN})
     alice = await pilot(b)
+    await stand(b)
     t, real = time.time(), time.time
-    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -5.0)), wire.SegmentPoint(t=t + 20.0, pos=(20.0, 0.0, -5.0))]
+    points = [wire.SegmentPoint(t=t, pos=(0.0, 0.0, -10.0)), wire.SegmentPoint(t=t + 20.0, pos=(20.0, 0.0, -10.0))]
     alice.put(vel=None, segment=points)
     await b.peer.count(GLOBAL, 2)
     monkeypatch.setattr(time, "time", lambda: real() + 12.0)
     await b.peer.count(GLOBAL, 6)
     norths = [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in b.peer.heard(GLOBAL)]
     assert norths[-1] < 10.0
-    points = [wire.SegmentPoint(t=time.time() + k, pos=(20.0, 0.0, -5.0)) for k in range(2)]
+    points = [wire.SegmentPoint(t=time.time() + k, pos=(20.0, 0.0, -10.0)) for k in range(2)]
     alice.put(vel=None, segment=points)
     await b.event("the clock of quad1 was set by +12.00 s")
     state = await b.state(lambda s: s["lease"] is None, "the lease's end")

@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from zmav import geo, wire
+from zmav import wire
 from zmav.config import RETURN_LEAD
 from zmav.errors import BadInput
+from zmav.services.authority.joining import place_of
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
-from zmav.services.link.reported import fields_of
 
 JOINS = 0.5
 """m from its segment's end at which a way home begins at most"""
 NEAR = 2.0
 """m from where the way begins at which the vehicle must be when it is to be flown"""
-FRESH = 2.0
-"""s: age up to which its position says where it is"""
 LATE = 0.5
 """s after its beginning at which that mode must be there"""
 MOST_WAIT, MOST_LASTING = 300.0, 900.0
@@ -43,11 +41,9 @@ class StoredReturn(NamedTuple):
         """Why it cannot be flown any more from where the vehicle is; empty: it can."""
         if now > self.begins - RETURN_LEAD + LATE:
             return f"it was to begin {now - self.begins:.0f} s ago"
-        here = fields_of(port, "GLOBAL_POSITION_INT", source, FRESH)
-        if here is None:
+        if (place := place_of(port, source)) is None:
             return "where it is, is not known"
-        place = geo.to_ned(self.way.origin, here["lat"] / 1e7, here["lon"] / 1e7, here["alt"] / 1e3)
-        away = math.dist(place, self.way.local(self.way.start)[0])
+        away = self.way.away(self.way.start, *place)
         return f"it begins {away:.1f} m from here" if not away <= NEAR else ""
 
 

@@ -15,10 +15,12 @@ import zenoh
 
 from zmav import keys, wire
 from zmav.autopilots import Autopilot, Target
+from zmav.config import RETURN_LEAD
 from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavError
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
 from zmav.services.authority.homeward import StoredReturn, read_way_home
+from zmav.services.authority.joining import place_of, why_not_joined
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
@@ -36,6 +38,9 @@ MAX_AHEAD = 5.0
 """s: a deadline farther away is a mistake or a clock that is off"""
 MAX_SEGMENT = 60.0
 """s: no vehicle is committed for longer"""
+LINGER_S = 2.0
+"""s after a segment's end for which its last place is still given before the vehicle is told to hold: an autopilot that
+follows late arrives, and what comes next meets it in its mode. PX4 drifts by a metre at each change of the mode"""
 MOST_HEARD, MOST_WAITING = 64, 32
 """setpoints that are looked at in 5 ms, the newest; and of those that are to be flown, that wait for the event loop"""
 
@@ -162,7 +167,12 @@ class Setpoints:
         needed = autopilot.guided_for(first) or mode or ""
         self._accept(autopilot, first)
         autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
-        flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until, home=home)
+        if isinstance(what, Segment):
+            place = self._watchdog.place or place_of(self._port, source)
+            if why := why_not_joined(what, utc, place):
+                raise Refused(f"{why}: it would fly there straight, and not along it", count="away")
+        lingers = self._lingers(until, home) if isinstance(what, Segment) else 0.0
+        flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until, home=home, lingers=lingers)
         engaged = self._watchdog.fly(flown, mode)
         self._leases.commit(until if isinstance(what, Segment) else 0.0)
         if isinstance(what, Segment):
@@ -225,6 +235,12 @@ class Setpoints:
             raise BadInput(text, field="segment", value=segment.end, count="late" if lasts <= 0.0 else "early")
         self._bounds.check(segment)
         return segment, segment.at(utc), now + lasts
+
+    def _lingers(self, until: float, home: StoredReturn | None) -> float:
+        """s for which a segment's last place is given, but that nothing which follows comes later by it."""
+        after = self._watchdog.failsafe.land_after
+        most = min(LINGER_S, after) if after != "never" else LINGER_S
+        return most if home is None else max(min(most, home.begins - RETURN_LEAD - until), 0.0)
 
     def _way_home(self, point: wire.Setpoint, what: Target | Segment, utc: float, now: float) -> StoredReturn | None:
         """What the vehicle flies if nothing else comes after the segment. One that is not to be flown, or leads where

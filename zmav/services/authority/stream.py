@@ -6,14 +6,23 @@ never leaves its height (measured); at 1 Hz it climbs as after one alone.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from zmav import geo
 from zmav.autopilots import Action, Autopilot, Level, Message, Target
+from zmav.errors import ZmavError
 from zmav.services.authority.homeward import StoredReturn
+from zmav.services.authority.joining import Place, place_of, why_not_joined
 from zmav.services.authority.trajectory import Segment
+from zmav.services.link.port import Port
+from zmav.services.link.reported import fields_of, shown
 
+SEGMENT_HZ = 10.0
+STILL = 0.5
+"""m/s below which a vehicle holds"""
 SEGMENT_AHEAD = 0.07
 """s by which a point of a segment is given early: half the time between two, and what link and autopilot take"""
 
@@ -34,17 +43,64 @@ class ActiveStream(NamedTuple):
     """an action follows its hold; not where its end was meant"""
     home: StoredReturn | None = None
     """what the vehicle flies then in the place of that action"""
+    lingers: float = 0.0
+    """s for which it is given after that: a segment's last place"""
 
     @property
     def level(self) -> Level:
         return "trajectory" if isinstance(self.what, Segment) else self.what.level
 
+    @property
+    def ends(self) -> float:
+        """Monotonic seconds at which the vehicle is told to hold unless it is renewed."""
+        return self.until + self.lingers
+
+    def utc(self, now: float) -> float:
+        """The time of its segment at ``now`` (monotonic seconds), by the clock it was accepted by: UTC may be set."""
+        assert isinstance(self.what, Segment)
+        return self.what.end - (self.until - now)
+
+    @property
+    def place(self) -> Place | None:
+        """Where its segment has the vehicle now; None: it is none."""
+        if not isinstance(self.what, Segment):
+            return None
+        return geo.to_global(self.what.origin, self.what.local(self.utc(time.monotonic()))[0])
+
+    def why_not_joined(self, port: Port) -> str:
+        """Why the vehicle may not begin to follow it from where it is; empty: it may."""
+        if not isinstance(self.what, Segment):
+            return ""
+        return why_not_joined(self.what, self.utc(time.monotonic()), place_of(port, self.source))
+
+    def releases(self, after: ActiveStream | None) -> Sequence[Message]:
+        """What gives back what an override took, where what comes ``after`` does not override it as well."""
+        if isinstance(self.what, Segment):
+            return ()
+        if after is not None and not isinstance(after.what, Segment) and after.what.level == self.what.level:
+            return ()
+        return self.autopilot.release(self.what)
+
+    def period(self, *, dodges: bool) -> float:
+        """s between two times that the autopilot is given it, or what moves the vehicle aside from it."""
+        hz = self.autopilot.keepalive_hz
+        return 1.0 / (max(hz, SEGMENT_HZ) if dodges or isinstance(self.what, Segment) else hz)
+
+    def holds(self, port: Port) -> bool:
+        """The vehicle stands still, in the mode in which its autopilot holds."""
+        try:
+            in_mode = shown(port, self.autopilot, self.source).mode == self.autopilot.hold()[0]
+        except ZmavError:
+            return True
+        p = fields_of(port, "GLOBAL_POSITION_INT", self.source)
+        return in_mode and (p is None or math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL)
+
 
 def future(flown: ActiveStream) -> Callable[[float], Target]:
-    """What is to be flown so many seconds from now. Of a segment, by the clock it was accepted by: UTC may be set."""
+    """What is to be flown so many seconds from now."""
     what, now = flown.what, time.monotonic()
     if isinstance(what, Segment):
-        return lambda ahead: what.at(what.end - (flown.until - now) + SEGMENT_AHEAD + ahead)
+        return lambda ahead: what.at(flown.utc(now) + SEGMENT_AHEAD + ahead)
     return lambda ahead: what
 
 

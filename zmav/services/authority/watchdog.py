@@ -22,12 +22,13 @@ from zmav.config import RETURN_LEAD, Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.homeward import LATE
+from zmav.services.authority.joining import Place
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.steps import MOVERS, SAFER, Allowed, Aside, ModeRequested, Near, Step, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream, CommandRepeats, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
-from zmav.services.link.reported import ReportedMode, fields_of, in_the_air, shown
+from zmav.services.link.reported import ReportedMode, in_the_air, shown
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
@@ -39,9 +40,6 @@ HOLD_EVERY, HOLD_REPEATS = 0.2, 3
 CLOSING_REPEATS = 3
 HOLD_WATCH = 30.0
 """s for which a vehicle that still moves is told to stop, twice a second"""
-STILL = 0.5
-"""m/s below which a vehicle holds"""
-SEGMENT_HZ = 10.0
 RETRY_ACTION = 10.0
 ROUND = 1.0
 """s at most between two rounds of the thread: anyone who counts them sees that it lives"""
@@ -85,8 +83,8 @@ class StreamWatchdog:
         self._asked = -math.inf
         self._tries: list[str] = []
         self._repeats = 0
-        self._over = 0
-        """the lease under which the watchdog has acted: nothing more is flown under it"""
+        self._flew, self._over = 0, 0
+        """the leases under which it flew last, and under which the watchdog has acted: nothing is flown under that"""
         self.rounds = 0
         """of its thread so far"""
         self._closing = False
@@ -127,6 +125,8 @@ class StreamWatchdog:
             if before is not None:
                 self._let_go(before, flown)
             if mode == flown.mode:
+                if step is Step.HOLDING and self._asked > -math.inf:
+                    self._ask(flown.mode, now)  # the mode of the hold may be on its way
                 sent = self._send()
                 if self._step is not Step.FRESH:
                     self._enter(Step.FRESH)
@@ -147,6 +147,11 @@ class StreamWatchdog:
         """What it flies so many seconds from now; None where nothing is flown."""
         flown = self._flown
         return None if flown is None or self._step not in (Step.FRESH, Step.RETURNING) else future(flown)
+
+    @property
+    def place(self) -> Place | None:
+        """Where the segment that it follows has it now; None: it follows none."""
+        return self._flown.place if self._flown is not None and self._step is Step.FRESH else None
 
     @property
     def on_segment(self) -> bool:
@@ -230,12 +235,19 @@ class StreamWatchdog:
         if flown is None or self._step is Step.IDLE:
             return math.inf
         if self._step in (Step.FRESH, Step.RETURNING):
-            return min(flown.until, now + self._period(flown))
+            return min(
+                flown.ends if self._step is Step.FRESH else flown.until,
+                now + flown.period(dodges=self._dodging is not None),
+            )
         if self._step is Step.ENGAGING:
             if now >= flown.until:
                 return now + 0.05
             waited = max(self._asked + ASK_EVERY, self._engages)
-            return min(flown.until, max(now, waited), now + (self._period(flown) if self._streams(flown) else 0.05))
+            return min(
+                flown.until,
+                max(now, waited),
+                now + (flown.period(dodges=self._dodging is not None) if self._streams(flown) else 0.05),
+            )
         return now + HOLD_EVERY
 
     def _tick(self, now: float) -> None:
@@ -245,11 +257,13 @@ class StreamWatchdog:
         if not self._ours():
             self._end()
         elif self._step is Step.FRESH:
-            if now >= flown.until:
+            if now >= flown.ends:
                 if isinstance(flown.what, Segment):
                     self._hold("the segment has ended", "info")  # as it was to
                 else:
                     self._hold(f"no setpoint for {self.failsafe.hold_after:g} s")
+            elif isinstance(flown.what, Segment) and self._shown().mode != flown.mode:
+                self._begin_engaging(flown)  # a hold that was asked for before has come: nothing flies by it
             else:
                 self._send()
         elif self._step is Step.ENGAGING:
@@ -267,17 +281,19 @@ class StreamWatchdog:
         self._enter(Step.ENGAGING)
         flies = in_the_air(self._port, flown.source) is True
         self._engages = self._begun + flown.autopilot.engages_after(flown.level, flies)
-        self._port.bus.tell(
-            ModeRequested(flown.mode)
-        )  # PX4 goes back to the mode it was last asked for as soon as setpoints come
+        # PX4 goes back to the mode it was last asked for as soon as setpoints come.
+        self._port.bus.tell(ModeRequested(flown.mode))
 
     def _engage(self, flown: ActiveStream, now: float) -> None:
         mode = self._shown().mode
         if now >= flown.until:
-            if mode == flown.mode:
+            late = now - self._asked > LATE_MODE
+            if mode == flown.mode or (late and flown.lease == self._flew):
                 self._hold(f"the stream ended before {flown.mode} came")
-            elif now - self._asked > LATE_MODE:
+            elif late:
                 self._end()
+        elif mode == flown.mode and (why := flown.why_not_joined(self._port)):
+            self._hold(why)  # it has gone far ahead meanwhile
         elif mode == flown.mode:
             self._enter(Step.FRESH)
             self._send()
@@ -296,7 +312,7 @@ class StreamWatchdog:
         lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
         self._since = min(now, flown.until - lasts)
         self._enter(Step.HOLDING)
-        self._let_go(self._flown, None)
+        self._let_go(flown, None)
         self._say_hold()
         self._counts.add("held")
         self._events.emit("setpoint", severity, f"{why}: holding position")
@@ -328,7 +344,7 @@ class StreamWatchdog:
             self._begin_action(self.failsafe.action)
         elif self._step is Step.RETURNING:
             return
-        elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not self._holds(flown)):
+        elif self._repeats <= HOLD_REPEATS or (now - self._begun < HOLD_WATCH and not flown.holds(self._port)):
             self._say_hold()
 
     def _waits_to_return(self, flown: ActiveStream, now: float) -> bool:
@@ -376,14 +392,6 @@ class StreamWatchdog:
             self._over = lease
             self._port.bus.tell(StreamGivenUp(lease))
 
-    def _holds(self, flown: ActiveStream) -> bool:
-        try:
-            in_mode = self._shown().mode == flown.autopilot.hold()[0]
-        except ZmavError:
-            return True
-        p = fields_of(self._port, "GLOBAL_POSITION_INT", flown.source)
-        return in_mode and (p is None or math.hypot(p["vx"], p["vy"], p["vz"]) / 100.0 < STILL)
-
     def _act(self, flown: ActiveStream, now: float) -> None:
         """Enter the mode of the first action that the autopilot takes; nothing else is left to try: keep the hold."""
         while self._tries:
@@ -421,6 +429,8 @@ class StreamWatchdog:
     def _enter(self, step: Step) -> None:
         self._repeated.reset()
         self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
+        if step is Step.FRESH and self._flown is not None:
+            self._flew = self._flown.lease
         self._claim()
 
     def _claim(self) -> None:
@@ -429,7 +439,7 @@ class StreamWatchdog:
         self._control.take(self, Mover.SEGMENT if committed else MOVERS[self._step])
 
     def _end(self) -> None:
-        if self._step in (Step.FRESH, Step.ENGAGING):
+        if self._flown is not None and self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
         self._step, self._flown, self._due = Step.IDLE, None, math.inf
         self._dodging = None
@@ -452,11 +462,6 @@ class StreamWatchdog:
 
     def _streams(self, flown: ActiveStream) -> bool:
         return self._step is Step.FRESH or flown.autopilot.engage_after > 0.0
-
-    def _period(self, flown: ActiveStream) -> float:
-        hz = flown.autopilot.keepalive_hz
-        fast = isinstance(flown.what, Segment) or self._dodging is not None
-        return 1.0 / (max(hz, SEGMENT_HZ) if fast else hz)
 
     def _send(self) -> bool:
         """The setpoint as it is now; False where the link does not take it."""
@@ -485,13 +490,8 @@ class StreamWatchdog:
         sent = [self._give(action) for action in flown.autopilot.setpoint(target)]
         return all(sent)
 
-    def _let_go(self, before: ActiveStream | None, after: ActiveStream | None) -> None:
-        """Give back what an override took, where what comes next does not override it as well."""
-        if before is None or isinstance(before.what, Segment):
-            return
-        if after is not None and not isinstance(after.what, Segment) and after.what.level == before.what.level:
-            return
-        for message in before.autopilot.release(before.what):
+    def _let_go(self, before: ActiveStream, after: ActiveStream | None) -> None:
+        for message in before.releases(after):
             self._give(message)
 
     def _give(self, action: Command | Message) -> bool:

@@ -236,10 +236,25 @@ def test_the_common_clock_is_slowed_for_one_who_does_not_keep_up_and_let_go_agai
     history.run(10.0)
     assert conductor.line.pace == 1.0
     assert [saying.kind for saying in conductor.said] == ["slow", "pace"]
-    conductor.strayed(part, history.now, history.now, place + np.array([9.0, 0.0, 0.0]))
+    place, _ = part.place_at(history.now)
+    conductor.strayed(part, history.now, history.now, place + np.array([4.0, 0.0, 0.0]))
+    assert conductor.halting
+    assert part.active  # it is led to rest on its way
     history.run(60.0, ended)
     assert conductor.phase(history.now) == "halted"
     check(history)
+
+
+def test_who_has_left_its_way_is_not_led_to_the_end_of_it() -> None:
+    """It would fly there straight, through whatever is between."""
+    history = History(slower(carousel(3, 12.0, speed=4.0), 3.0), np.random.default_rng(4), loss=0.0)
+    history.run(4.0)
+    part = history.parts[0]
+    place, _ = part.place_at(history.now)
+    history.conductor.strayed(part, history.now, history.now, place + np.array([9.0, 0.0, 0.0]))
+    assert part.strays  # so it is taken along again from where it holds
+    assert history.conductor.halting == "v0: it is 9.0 m off its trajectory"
+    assert not [send for send in history.conductor.decide(history.now) if send.part is part]
 
 
 def test_who_has_arrived_is_told_to_stay() -> None:
