@@ -24,8 +24,8 @@ ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 STICK_MODE = {"arducopter": "ALT_HOLD", "px4": "POSCTL"}
 State = wire.VehicleState
 PATIENT = {"COM_OF_LOSS_T": 20.0, "COM_RC_LOSS_T": 20.0}
-"""A busy machine interrupts the stream, and an order to change the mode the sticks, for what is long for PX4 four times as
-fast: it would sink in POSCTL meanwhile, and take up nothing that is asked for.
+"""A busy machine interrupts the stream, and an order to change the mode the sticks: four times as fast that is long for
+PX4, which would sink in POSCTL meanwhile, and fly nothing that is asked for.
 """
 
 
