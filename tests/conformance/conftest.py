@@ -235,7 +235,12 @@ async def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
             # A plane's circles and the ways to them are wider than a club's field.
             settings = OnboardSettings(link=url, name=NAME, origin=origin, geofence=Geofence(radius=5000.0))
             async with Onboard(router, settings) as onboard:
-                yield Flight(client, onboard, simulator)
+                flight = Flight(client, onboard, simulator)
+                if simulator is not None:
+                    await flight.connected()
+                    for name, value in named(request.param).shorter.items():
+                        await flight.vehicle.params.set(name, value)
+                yield flight
 
 
 async def find_origin(router: zenoh.Session, client: zmav.Client, url: str) -> wire.Origin:

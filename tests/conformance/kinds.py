@@ -7,7 +7,7 @@ must be refused with the reason, and nothing else happens.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from zmav import wire
 
@@ -53,6 +53,8 @@ class Kind:
     """RTL ends on the ground, disarmed"""
     patience: float = 60.0
     """s for a way of ``reach``"""
+    shorter: dict[str, float] = field(default_factory=dict)
+    """the simulated one's parameters that make its ways home and down shorter; a real one keeps its own"""
 
 
 ARDUPILOT_LOG = b"\xa3\x95"
@@ -65,6 +67,7 @@ KINDS = (
         "LOITER",
         ("WP_RADIUS_M", "WPNAV_RADIUS"),
         ARDUPILOT_LOG,
+        shorter={"RTL_ALT": 800.0, "RTL_LOIT_TIME": 500.0, "LAND_SPEED": 200.0, "LAND_SPEED_HIGH": 300.0},
     ),
     Kind("px4", "px4", "copter", ("--px4", "1"), "HOLD", ("NAV_ACC_RAD",), b"ULog\x01\x12\x35"),
     Kind(

@@ -23,6 +23,10 @@ PATIENCE_S = 30.0
 ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 STICK_MODE = {"arducopter": "ALT_HOLD", "px4": "POSCTL"}
 State = wire.VehicleState
+PATIENT = {"COM_OF_LOSS_T": 20.0, "COM_RC_LOSS_T": 20.0}
+"""A busy machine interrupts the stream, and an order to change the mode the sticks: four times as fast that is long for
+PX4, which would sink in POSCTL meanwhile, and fly nothing that is asked for.
+"""
 
 
 def near(north: float, east: float, down: float) -> Callable[[State], bool]:
@@ -93,8 +97,7 @@ async def counted(vehicle: Vehicle, what: str) -> None:
 async def test_every_level_is_flown(net: Net, onboard: StartOnboard, rules: str) -> None:
     port = free_udp_port()
     there = f"onboard:0:{port}" if rules == "px4" else "tcp:127.0.0.1:0"
-    # An order to change the mode interrupts the sticks, and four times as fast that is long for PX4.
-    patient = {"COM_RC_LOSS_T": 20.0} if rules == "px4" else {}
+    patient = PATIENT if rules == "px4" else {}
     spec = VehicleSpec(autopilot=rules, sysid=1, endpoints=(there,), params=patient)
     with World([spec], speed=4.0, ready_s=0.5) as world:
         session, endpoint = net.router()
@@ -117,7 +120,7 @@ async def test_every_level_is_flown(net: Net, onboard: StartOnboard, rules: str)
 
 async def test_torques_are_flown_by_the_px4_that_takes_them(net: Net, onboard: StartOnboard) -> None:
     port = free_udp_port()
-    spec = VehicleSpec(autopilot="px4", sysid=1, firmware="1.13", endpoints=(f"onboard:0:{port}",))
+    spec = VehicleSpec(autopilot="px4", sysid=1, firmware="1.13", endpoints=(f"onboard:0:{port}",), params=PATIENT)
     with World([spec], speed=2.0, ready_s=0.5):
         session, endpoint = net.router()
         await onboard(session, f"udpin:127.0.0.1:{port}", origin=ORIGIN)

@@ -13,6 +13,7 @@ from tests.sim.plane.conftest import GUIDED, TAKEOFF
 from tests.sim.yardstick.compare import CLOCKS, TOLERANCE
 from tests.sim.yardstick.compare import gap as angle_between
 from tests.sim.yardstick.flights import plane
+from tests.sim.yardstick.measure import only_what_is_explained_differs
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
 from zmav.mavlink import Dialect, load_dialect
 
@@ -93,6 +94,7 @@ def test_the_flight_looks_the_same(shared_data: Path, dialect: Dialect) -> None:
     same_messages_at_the_same_rates(real, ours)
     same_words_and_stages(real, ours)
     same_fields(real, ours, dialect)
+    only_what_is_explained_differs("plane", real, ours)
 
 
 def same_messages_at_the_same_rates(real: list[Message], ours: list[Message]) -> None:

@@ -1,5 +1,5 @@
 """The simulated PX4 beside the recording of a real one (1.16.1, SIH): the steps of its states, its events, and how long
-each part takes. What the messages hold is compared in :mod:`tests.sim.yardstick`.
+each part takes, and what the messages hold.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.sim.yardstick.flights import px4
+from tests.sim.yardstick.measure import only_what_is_explained_differs
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
 from zmav.sim.protocol.px4.node import px4_dialect
 
@@ -37,6 +38,10 @@ def first(messages: list[Message], name: str, after: float = 0.0, **fields: int)
     return next(
         at for at, each, values in messages if each == name and at >= after and fields.items() <= values.items()
     )
+
+
+def test_only_what_is_explained_differs(real: list[Message], ours: list[Message]) -> None:
+    only_what_is_explained_differs("px4", real, ours)
 
 
 def test_the_flight_looks_the_same(real: list[Message], ours: list[Message]) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.sim.yardstick.flights import ROVER_GUIDED, rover
+from tests.sim.yardstick.measure import only_what_is_explained_differs
 from tests.sim.yardstick.reading import Message, from_tlog, rates, states
 from zmav.mavlink import load_dialect
 
@@ -51,3 +52,4 @@ def test_the_drive_looks_the_same(shared_data: Path) -> None:
     apart = {t: math.dist(there[t], here[t]) for t in there.keys() & here.keys() if t <= 230}
     assert len(apart) > 150
     assert max(apart.values()) < OFF_M, max(apart, key=lambda t: apart[t])
+    only_what_is_explained_differs("rover", real, ours)
