@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -24,6 +25,8 @@ ASK_AGAIN = 1.0
 TRIES = 8
 WAITING = 0.4
 """s between two requests that keep a client waiting"""
+LAST_TRIES = 3
+"""requests for the last item once more, each for as long, until it came"""
 WAITING_FOR_ONE = 1.0
 """the same where there is one item only, and each request counts as a repetition"""
 BEYOND = 2**31 - 2
@@ -135,7 +138,8 @@ class Upload:
     The vehicle's agent then has the autopilot take them, which lasts. No message of the protocol says "wait", but a
     request for an item that was sent before does: stations send it once more, and begin to wait again. QGroundControl
     gives up 1.5 s after the last request, MAVSDK after five of one item or 0.5 s of silence each; the last two items in
-    turn satisfy both.
+    turn satisfy both. MAVSDK takes the MISSION_ACK that follows for a fault of the protocol unless it has sent the last
+    item last.
     """
 
     def __init__(self, say: Callable[..., None], count: int, as_float: bool) -> None:
@@ -145,13 +149,18 @@ class Upload:
         self.items: list[Raw] = []
         self.task: asyncio.Task[None] | None = None
         self._came = asyncio.Event()
+        self._latest = -1
+        """the item that came last, be it for the first time or again"""
 
     @property
     def complete(self) -> bool:
         return len(self.items) >= self.count
 
     def take(self, seq: int, item: Raw, as_float: bool) -> None:
-        """An item came; one that came before is let pass."""
+        """An item came; of one that came before it is only noted that the client has gone back to it."""
+        if self.complete:
+            self._latest = seq
+            self._came.set()
         if seq == len(self.items) and not self.complete:
             self._as_float = as_float
             self.items.append(item)
@@ -184,14 +193,29 @@ class Upload:
         """See ``work`` through, and keep the client patient meanwhile. Raises what it raises."""
         task = asyncio.ensure_future(work)
         pause = WAITING if self.count > 1 else WAITING_FOR_ONE
-        back = True
+        asked = last = self.count - 1
         try:
             while not (await asyncio.wait({task}, timeout=pause))[0]:
-                self._request(self.count - 1 - int(back and self.count > 1))
-                back = not back
+                asked = last - int(asked == last and self.count > 1)
+                self._request(asked)
             task.result()
         finally:
             task.cancel()
+        if asked != last or self._latest == last - 1:
+            await self._back_at(last)
+
+    async def _back_at(self, last: int) -> None:
+        """Have the last item sent once more; it is waited for where the client has gone back to the one before."""
+        for _ in range(LAST_TRIES):
+            self._request(last)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await within(WAITING, self._sent(last))
+                return
+
+    async def _sent(self, last: int) -> None:
+        while self._latest == last - 1:
+            self._came.clear()
+            await self._came.wait()
 
     def _request(self, seq: int) -> None:
         self._say("MISSION_REQUEST" if self._as_float else "MISSION_REQUEST_INT", seq=seq)

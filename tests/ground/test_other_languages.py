@@ -26,7 +26,7 @@ EXAMPLES = Path(__file__).resolve().parent.parent.parent / "ground" / "examples"
 RUST = Path(os.environ.get("CARGO_TARGET_DIR", EXAMPLES / "rust" / "target")) / "debug" / "fly"
 BUILD = "needs 'cargo build' in ground/examples/rust beforehand: some minutes of a processor"
 PATIENCE_S = 60.0
-SPEED = "3"
+SPEED = "4"
 """times real time: a climb still takes longer than an order waits, so that it is asked again"""
 AT = (6.0, 2.0, -8.0)
 """where each leads the vehicle: m, NED"""

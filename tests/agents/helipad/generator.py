@@ -28,8 +28,9 @@ SYMBOL_M = 0.25
 OVERSAMPLE = 4
 WHITE, YELLOW = (236.0, 240.0, 240.0), (35.0, 190.0, 238.0)
 BACKGROUNDS = ((150.0, 75.0, 30.0), (40.0, 38.0, 175.0), (60.0, 118.0, 32.0), (35.0, 35.0, 36.0), (105.0, 103.0, 102.0))
-Surface = Callable[[Array, Array], tuple[Array, NDArray[np.bool_]]]
-"""(x, y) in pad units of any shape -> BGR (..., 3), and where there is anything at all"""
+Surface = Callable[[Array, Array], tuple[NDArray[np.uint8], NDArray[np.float32]]]
+"""(x, y) in pad units of any shape -> which paint lies there, and each paint's BGR (n, 3); where it is n, there is none
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -278,18 +279,21 @@ def stamp(
         return
     fine = (np.arange(OVERSAMPLE) + 0.5) / OVERSAMPLE - 0.5
     u = (np.arange(low[0], high[0])[:, None] + fine).ravel()
-    v = (np.arange(low[1], high[1])[:, None] + fine).ravel()
+    v = (np.arange(low[1], high[1])[:, None] + fine).ravel()[:, None]
     back = np.linalg.inv(to_picture)
-    w = back[2, 0] * u + back[2, 1] * v[:, None] + back[2, 2]
-    x = (back[0, 0] * u + back[0, 1] * v[:, None] + back[0, 2]) / w
-    y = (back[1, 0] * u + back[1, 1] * v[:, None] + back[1, 2]) / w
-    color, there = surface(x, y)
-    weight = there.astype(np.float32)
-    shape = (high[1] - low[1], OVERSAMPLE, high[0] - low[0], OVERSAMPLE)
-    cover = weight.reshape(shape).mean(axis=(1, 3))[..., None]
-    paint = (color * weight[..., None]).reshape(*shape, 3).mean(axis=(1, 3))
+    w = 1.0 / (back[2, 0] * u + (back[2, 1] * v + back[2, 2]))
+    x = (back[0, 0] * u + (back[0, 1] * v + back[0, 2])) * w
+    y = (back[1, 0] * u + (back[1, 1] * v + back[1, 2])) * w
+    which, paints = surface(x, y)
+    size = (int(high[0] - low[0]), int(high[1] - low[1]))
+    bare = np.ones((size[1], size[0], 1), dtype=np.float32)
+    laid = np.zeros((size[1], size[0], 3), dtype=np.float32)
+    for number, paint in enumerate(paints):
+        share = cv2.resize((which == number).astype(np.float32), size, interpolation=cv2.INTER_AREA)[..., None]
+        bare -= share
+        laid += share * paint
     part = picture[low[1] : high[1], low[0] : high[0]]
-    part[:] = part * (1.0 - cover) + paint
+    part[:] = part * bare + laid
 
 
 def surface_of(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
@@ -298,21 +302,24 @@ def surface_of(rng: np.random.Generator, pad: Pad, hidden: float) -> Surface:
     cover_color = np.array(rng.uniform(30.0, 190.0, 3) if rng.random() < 0.5 else (rng.uniform(20, 200),) * 3)
     rim = rng.uniform(0.08, 0.14)
 
-    def surface(x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+    paints = np.array([pad.background, pad.color, cover_color], dtype=np.float32)
+
+    def surface(x: Array, y: Array) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         if pad.mirrored:
             x = -x
-        radius = np.hypot(x, y)
+        radius = x * x + y * y
         letter = _tag(x, y) if pad.letter == "tag" else ink(pad.letter, x, y, pad.width, pad.stroke)
         if pad.shape == "square":
             there = (np.abs(x) <= half) & (np.abs(y) <= half)
         elif pad.shape == "none":
             there = letter.copy()
         else:
-            there = radius <= half
-        bright = letter | ((radius > half - rim) & (pad.shape == "ring"))
-        color = np.where(bright[..., None], np.array(pad.color), np.array(pad.background))
-        covered = cover(x, y)
-        return np.where(covered[..., None], cover_color, color), there | covered
+            there = radius <= half * half
+        bright = letter | (radius > (half - rim) ** 2) if pad.shape == "ring" else letter
+        which = np.where(there, bright, np.uint8(len(paints)))
+        if hidden > 0.0:
+            which[cover(x, y)] = 2
+        return which, paints
 
     return surface
 
@@ -371,7 +378,8 @@ def _worn(rng: np.random.Generator, picture: NDArray[np.float32], wear: Wear, se
         picture = np.asarray(smeared, dtype=np.float32)
     picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), max(wear.defocus_px, 0.2)), dtype=np.float32)
     noise = sensor.standard_normal((height, width, 3), dtype=np.float32)
-    frame = np.clip(np.rint(picture + wear.noise * noise), 0, 255).astype(np.uint8)
+    noise *= np.float32(wear.noise)
+    frame = np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
     if wear.jpeg < 100:
         _, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, wear.jpeg])
         frame = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)

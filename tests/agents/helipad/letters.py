@@ -69,7 +69,15 @@ def _on_bar(x: Array, y: Array, bar: Bar, stroke: float) -> Mask:
     """Within half a stroke of the line through the bar's ends and, for slanted bars, not far past them."""
     x0, y0, x1, y1 = bar
     length = math.hypot(x1 - x0, y1 - y0)
+    if y0 == y1 and x1 > x0:
+        return _between(y, y0 - stroke / 2.0, y0 + stroke / 2.0) & _between(x, x0 - stroke, x1 + stroke)
+    if x0 == x1 and y1 > y0:
+        return _between(x, x0 - stroke / 2.0, x0 + stroke / 2.0) & _between(y, y0 - stroke, y1 + stroke)
     along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / length
     across = ((x - x0) * (y1 - y0) - (y - y0) * (x1 - x0)) / length
     near = np.abs(across) <= stroke / 2.0
     return near & (along >= -stroke) & (along <= length + stroke)
+
+
+def _between(value: Array, low: float, high: float) -> Mask:
+    return (value >= low) & (value <= high)

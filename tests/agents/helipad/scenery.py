@@ -94,7 +94,8 @@ def lay(rng: np.random.Generator, to_picture: Array, texel_m: float, size: tuple
         picture, to_picture @ to_ground, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
     )
     wide = cv2.resize(rng.normal(0, 1, (5, 6)).astype(np.float32), size, interpolation=cv2.INTER_CUBIC)
-    result: Image = ground * (1.0 + 0.08 * wide[..., None])
+    result: Image = np.asarray(ground, dtype=np.float32)
+    result *= (1.0 + 0.08 * wide)[..., None]
     return result
 
 

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from ground.gcs import mission_asked
 from tests.ground.gcs.fleet import Caller, Fleet
 from zmav import wire
 from zmav.mavlink import decode
+from zmav.services.missions.items import Raw
 from zmav.sim import VehicleSpec
 
 ARDUPILOT, PX4 = 1, 2
@@ -179,6 +181,37 @@ def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Ca
         fleet.loop.call_soon_threadsafe(go.set)
         gcs.wait(lambda: gcs.fields("MISSION_ACK", PX4) != [], "an ACK")
     assert gcs.fields("MISSION_ACK", PX4)[0]["type"] == ACCEPTED
+
+
+@pytest.mark.parametrize("lost", ["nothing", "a request", "an item", "all that is asked again"])
+async def test_a_client_that_went_back_is_at_the_last_item_before_the_ack(
+    lost: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MAVSDK counts on from each request that it hears, and takes an ACK before the last item for a fault."""
+    monkeypatch.setattr(mission_asked, "WAITING", 0.2)
+    item = Raw(RELATIVE, 16, 1, (0.0, 0.0, 0.0, 0.0), LAT, LON, 20.0)
+    asked, began = list[int](), asyncio.Event()
+    sent = 0
+
+    def hear(name: str, seq: int) -> None:
+        nonlocal sent
+        asked.append(seq)
+        again = asked[4:].count(2)  # after 0, 1, 2, and 1 once more
+        if (lost, again) == ("a request", 1) or (lost == "all that is asked again" and len(asked) > 3):
+            began.set()
+            return
+        sent = seq + 1
+        if (lost, again) != ("an item", 1):
+            loop.call_soon(upload.take, seq, item, False)
+        if len(asked) == 4:
+            loop.call_soon(began.set)
+
+    loop = asyncio.get_running_loop()
+    upload = mission_asked.Upload(hear, 3, as_float=False)
+    await upload.collect()
+    await upload.keep_waiting(began.wait())
+    assert sent == 3
+    assert asked == [0, 1, 2, 1, 2] + [2] * (lost in ("a request", "an item"))
 
 
 def test_a_refusal_is_the_autopilot_s_own_and_the_old_plan_stays(fleet: Fleet, gcs: Caller) -> None:
