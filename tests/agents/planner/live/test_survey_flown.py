@@ -154,7 +154,7 @@ async def test_a_pilot_s_vehicle_takes_no_more(field: Field, pictures: Pictures)
     cameras = [copter(field, name).camera for name in WITH]
     name = await field.submit(survey(*WITH))
     await field.until(name, lambda entry: pictures.count > 6)
-    copter(field, WITH[0]).set_mode(5)  # his switch, to LOITER
+    field.fleet.world.call(lambda: copter(field, WITH[0]).set_mode(5))  # his switch, to LOITER
     await until(lambda: cameras[0].every == 0.0, PATIENCE_S)
     await (await field.planner()).order("abort", swarm.GoalId())
     await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
