@@ -62,8 +62,8 @@ LATER = 0.05
 STOPPED, FARTHER = 3.0, 0.8
 """times as far off its way as it may be, but for m or for as much again, from which all come to rest"""
 LEFT = 5.0
-"""m off its way (or twice what brings all to rest) from which a vehicle has left it: it goes on from where it is,
-and not from where its way ends"""
+"""m off the end of its way (or twice what brings all to rest) from which a vehicle has left it: it goes on from where
+it is, and not from there"""
 RECOVER = 5.0
 """s of keeping up after which it is the plan's own again"""
 
@@ -203,7 +203,7 @@ class Conductor:
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
         limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
-        if off > max(LEFT, 2.0 * limit):
+        if off > max(LEFT, 2.0 * limit) and part.resting(now):
             part.strays = part.strays or not part.off
             self.gone(part, f"it is {off:.1f} m off its trajectory", None)
         elif off > limit:

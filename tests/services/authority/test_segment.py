@@ -9,9 +9,13 @@ import pytest
 
 from tests.services.authority.test_setpoint import GLOBAL, HOLD, OFFBOARD, ORIGIN, SET_MODE, Pilot, pilot
 from zmav import keys, wire
+from zmav.config import Failsafe
+from zmav.errors import Refused
 
 if TYPE_CHECKING:
     from tests.services.conftest import Bench, StartBench
+
+RTL, ROVER_GUIDED = 4 << 16 | 5 << 24, 15
 
 
 async def stand(b: Bench) -> None:
@@ -120,6 +124,24 @@ def north(b: Bench) -> list[float]:
     return [(f.fields["lat_int"] + 350000000) / 1e7 * 110_941 for f in b.peer.heard(GLOBAL)]
 
 
+async def reengaging(b: Bench, segment: list[wire.SegmentPoint]) -> Pilot:
+    """PX4 shows HOLD, which was asked for at the end of the segment before, while it is to fly ``segment``."""
+    b.peer.mute = {SET_MODE}
+    alice = await pilot(b, mode=OFFBOARD)
+    await stand(b)
+    alice.put(vel=None, segment=way((0.0, 0.0), (1.0, 0.0)))
+    await b.peer.until(lambda: asked(b, HOLD) > 0, "the hold")
+    begin = segment[0].t - time.time()
+    alice.put(vel=None, segment=[wire.SegmentPoint(t=p.t - begin, pos=p.pos) for p in segment])
+    await alice.counted(flown=2, held=1)
+    before = asked(b, OFFBOARD)
+    b.peer.mode = HOLD
+    b.peer.heartbeat()
+    await b.peer.until(lambda: asked(b, OFFBOARD) > before, "the mode again")
+    assert (await b.state(lambda s: True, "a state"))["mover"] == "segment"
+    return alice
+
+
 async def test_one_that_begins_elsewhere_is_refused(bench: StartBench) -> None:
     """The autopilot would fly there straight, through what the segment was checked against."""
     b = await bench(settings={"origin": ORIGIN})
@@ -152,44 +174,69 @@ async def test_the_next_one_finds_the_vehicle_in_its_mode(bench: StartBench) -> 
     await b.peer.until(lambda: north(b)[-1] > 1.9, "the next")
     assert not asked(b, HOLD)
     assert not asked(b, OFFBOARD)
+    ended = len(north(b))
     await b.peer.until(lambda: asked(b, HOLD) > 0, "hold where nothing comes")
+    assert len(north(b)) > ended + 10, "not before its last place was given for a while"
 
 
 async def test_a_hold_that_comes_late_does_not_keep_the_vehicle_from_the_next_one(bench: StartBench) -> None:
     """The next segment meets the mode of the one before, and the hold that was asked for comes after it."""
     b = await bench(autopilot=12, settings={"origin": ORIGIN})
-    b.peer.mute = {SET_MODE}
-    alice = await pilot(b, mode=OFFBOARD)
-    await stand(b)
-    alice.put(vel=None, segment=way((0.0, 0.0), (1.0, 0.0)))
-    await b.peer.until(lambda: asked(b, HOLD) > 0, "the hold")
-    alice.put(vel=None, segment=way((1.0, 0.0), (40.0, 0.0), speed=1.0))
-    await alice.counted(flown=2, held=1)
-    await b.peer.until(lambda: asked(b, OFFBOARD) > 0, "the mode, for the hold may come")
-    before = asked(b, OFFBOARD)
-    b.peer.mode = HOLD
-    b.peer.heartbeat()
-    await b.peer.until(lambda: asked(b, OFFBOARD) > before, "the mode again")
+    await reengaging(b, way((1.0, 0.0), (40.0, 0.0), speed=1.0))
     b.peer.mode = OFFBOARD
     b.peer.heartbeat()
-    await b.state(lambda s: s["mover"] == "segment", "the segment")
+    since = len(north(b))
+    await b.peer.until(lambda: len(north(b)) > since + 20, "the segment")
+    assert north(b)[-1] > north(b)[since]
+    assert not [e for e in b.events.objects() if "does not come" in e["text"]]
 
 
 async def test_one_that_has_gone_ahead_while_its_mode_was_away_is_not_caught_up_with(bench: StartBench) -> None:
     b = await bench(autopilot=12, settings={"origin": ORIGIN})
-    b.peer.mute = {SET_MODE}
-    alice = await pilot(b, mode=OFFBOARD)
-    await stand(b)
-    alice.put(vel=None, segment=way((0.0, 0.0), (1.0, 0.0)))
-    await b.peer.until(lambda: asked(b, HOLD) > 0, "the hold")
-    alice.put(vel=None, segment=way((1.0, 0.0), *[(16.0, 0.0)] * 8, speed=6.0))
-    await alice.counted(flown=2, held=1)
-    b.peer.mode = HOLD
-    b.peer.heartbeat()
+    await reengaging(b, way((1.0, 0.0), *[(16.0, 0.0)] * 8, speed=6.0))
     await b.peer.until(lambda: north(b)[-1] > 15.9, "a segment that is far ahead")
     b.peer.mode = OFFBOARD
     b.peer.heartbeat()
     said = await b.event("m from where the segment has it now")
     assert "holding position" in said["text"]
-    holds = asked(b, HOLD)
-    await b.peer.until(lambda: asked(b, HOLD) > holds, "a hold")
+    state = await b.state(lambda s: s["mover"] == "hold", "a hold")
+    assert state["segment"] is None  # it is not at the end of it
+
+
+async def test_a_mode_that_does_not_come_again_is_held_and_not_left_to_nobody(bench: StartBench) -> None:
+    b = await bench(autopilot=12, settings={"origin": ORIGIN, "failsafe": Failsafe(land_after=2.0)})
+    await reengaging(b, way((1.0, 0.0), (40.0, 0.0), speed=1.0))
+    await b.event("OFFBOARD does not come again: holding position")
+    await b.peer.until(lambda: asked(b, RTL) > 0, "the action that follows a hold")
+
+
+@pytest.mark.parametrize("ends", ["release", "revoke"])
+async def test_a_lease_that_ends_on_purpose_while_the_mode_is_away_ends_in_a_hold(bench: StartBench, ends: str) -> None:
+    b = await bench(autopilot=12, settings={"origin": ORIGIN, "failsafe": Failsafe(land_after=2.5)})
+    alice = await reengaging(b, way((1.0, 0.0), (40.0, 0.0), speed=1.0))
+    await b.ground.do(ends, **({"lease": alice.token} if ends == "release" else {}))
+    state = await b.state(lambda s: s["lease"] is None, "no lease")
+    assert state["mover"] == "hold"
+    for _ in range(17):
+        await b.state(lambda s: True, "a moment")  # 5 Hz: past land_after
+    assert not asked(b, RTL)
+
+
+async def test_an_order_that_fails_while_the_mode_is_away_ends_in_a_hold(bench: StartBench) -> None:
+    b = await bench(autopilot=12, settings={"origin": ORIGIN})
+    alice = await reengaging(b, way((1.0, 0.0), (40.0, 0.0), speed=1.0))
+    b.peer.mute = set()
+    b.peer.results = {SET_MODE: [4]}
+    with pytest.raises(Refused):
+        await b.ground.do("rtl", lease=alice.token)
+    await b.state(lambda s: s["mover"] == "hold", "a hold")
+
+
+async def test_a_rover_s_height_keeps_it_from_no_segment(bench: StartBench) -> None:
+    b = await bench(mav_type=10, settings={"origin": ORIGIN})
+    alice = await pilot(b, mode=ROVER_GUIDED)
+    await stand(b)  # 10 m above the origin, as a hill is
+    t = time.time()
+    places = ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+    alice.put(vel=None, segment=[wire.SegmentPoint(t=t + k, pos=place) for k, place in enumerate(places)])
+    await b.state(lambda s: s["segment"] is not None, "the segment")

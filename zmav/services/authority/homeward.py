@@ -37,13 +37,13 @@ class StoredReturn(NamedTuple):
     def ends(self) -> float:
         return self.begins + self.way.end - self.way.start
 
-    def missed(self, now: float, port: Port, source: tuple[int, int]) -> str:
-        """Why it cannot be flown any more from where the vehicle is; empty: it can."""
+    def missed(self, now: float, port: Port, source: tuple[int, int], *, flat: bool) -> str:
+        """Why it cannot be flown any more from where the vehicle is; empty: it can. ``flat``: at any height."""
         if now > self.begins - RETURN_LEAD + LATE:
             return f"it was to begin {now - self.begins:.0f} s ago"
         if (place := place_of(port, source)) is None:
             return "where it is, is not known"
-        away = self.way.away(self.way.start, *place)
+        away = self.way.away(self.way.start, place, flat=flat)
         return f"it begins {away:.1f} m from here" if not away <= NEAR else ""
 
 

@@ -26,10 +26,12 @@ def place_of(port: Port, source: tuple[int, int]) -> Place | None:
     return None if here is None else (here["lat"] / 1e7, here["lon"] / 1e7, here["alt"] / 1e3)
 
 
-def why_not_joined(segment: Segment, t_utc: float, place: Place | None) -> str:
-    """Why a vehicle that is at ``place`` may not join the segment at ``t_utc``; empty: it may."""
+def why_not_joined(segment: Segment, t_utc: float, place: Place | None, *, flat: bool) -> str:
+    """Why a vehicle that is at ``place`` may not join the segment at ``t_utc``; empty: it may. ``flat``: its height is
+    nobody's choice, and does not count.
+    """
     if place is None:
         return "where it is, is not known"
-    away = segment.away(t_utc, *place)
+    away = segment.away(t_utc, place, flat=flat)
     near = JOIN_M + JOIN_S * math.hypot(*segment.local(t_utc)[1])
     return f"it is {away:.1f} m from where the segment has it now ({near:.1f} m at most)" if not away <= near else ""

@@ -20,7 +20,6 @@ from zmav.errors import BadInput, Forbidden, LinkDown, NotHolder, Refused, ZmavE
 from zmav.services.authority.bounds import Bounds
 from zmav.services.authority.control import Control
 from zmav.services.authority.homeward import StoredReturn, read_way_home
-from zmav.services.authority.joining import place_of, why_not_joined
 from zmav.services.authority.lease import Leases
 from zmav.services.authority.may_move import MayMove, SetpointCounts
 from zmav.services.authority.pilot import Pilot
@@ -167,10 +166,6 @@ class Setpoints:
         needed = autopilot.guided_for(first) or mode or ""
         self._accept(autopilot, first)
         autopilot.setpoint(first)  # what cannot be said must not take the place of what is flown, and keep it fresh
-        if isinstance(what, Segment):
-            place = self._watchdog.place or place_of(self._port, source)
-            if why := why_not_joined(what, utc, place):
-                raise Refused(f"{why}: it would fly there straight, and not along it", count="away")
         lingers = self._lingers(until, home) if isinstance(what, Segment) else 0.0
         flown = ActiveStream(autopilot, source, self._leases.number, what, needed, until, home=home, lingers=lingers)
         engaged = self._watchdog.fly(flown, mode)

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 from zmav import geo
 from zmav.autopilots import Action, Autopilot, Level, Message, Target
-from zmav.errors import ZmavError
+from zmav.errors import Refused, ZmavError
 from zmav.services.authority.homeward import StoredReturn
 from zmav.services.authority.joining import Place, place_of, why_not_joined
 from zmav.services.authority.trajectory import Segment
 from zmav.services.link.port import Port
-from zmav.services.link.reported import fields_of, shown
+from zmav.services.link.reported import fields_of, in_the_air, shown
 
 SEGMENT_HZ = 10.0
 STILL = 0.5
@@ -51,7 +51,7 @@ class ActiveStream(NamedTuple):
         return "trajectory" if isinstance(self.what, Segment) else self.what.level
 
     @property
-    def ends(self) -> float:
+    def holds_at(self) -> float:
         """Monotonic seconds at which the vehicle is told to hold unless it is renewed."""
         return self.until + self.lingers
 
@@ -67,11 +67,28 @@ class ActiveStream(NamedTuple):
             return None
         return geo.to_global(self.what.origin, self.what.local(self.utc(time.monotonic()))[0])
 
-    def why_not_joined(self, port: Port) -> str:
-        """Why the vehicle may not begin to follow it from where it is; empty: it may."""
+    def why_not_joined(self, port: Port, follows: ActiveStream | None = None) -> str:
+        """Why the vehicle may not begin to follow it from where it is, or where the segment that it ``follows`` has it;
+        empty: it may.
+        """
         if not isinstance(self.what, Segment):
             return ""
-        return why_not_joined(self.what, self.utc(time.monotonic()), place_of(port, self.source))
+        place = follows.place if follows is not None else None
+        utc = self.utc(time.monotonic())
+        return why_not_joined(self.what, utc, place or place_of(port, self.source), flat=self.autopilot.on_surface)
+
+    def check_joined(self, port: Port, follows: ActiveStream | None) -> None:
+        """Raise :class:`~zmav.errors.Refused` where :meth:`why_not_joined` says why."""
+        if why := self.why_not_joined(port, follows):
+            raise Refused(f"{why}: it would fly there straight, and not along it", count="away")
+
+    def left(self) -> ActiveStream:
+        """What is held away from the segment: its place may be taken, and its way home begins elsewhere."""
+        return self._replace(what=Target(vel=(0.0, 0.0, 0.0)), home=None)
+
+    def engages_after(self, port: Port) -> float:
+        """s of it that the autopilot hears before its mode is asked for."""
+        return self.autopilot.engages_after(self.level, in_the_air(port, self.source) is True)
 
     def releases(self, after: ActiveStream | None) -> Sequence[Message]:
         """What gives back what an override took, where what comes ``after`` does not override it as well."""

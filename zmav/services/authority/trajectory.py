@@ -109,9 +109,12 @@ class Segment:
             vel, acc = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         return pos, vel, acc, self._yaw(index, t_utc)
 
-    def away(self, t_utc: float, lat_deg: float, lon_deg: float, alt_amsl: float) -> float:
-        """m from that place to where it has the vehicle then."""
-        return math.dist(geo.to_ned(self.origin, lat_deg, lon_deg, alt_amsl), self.local(t_utc)[0])
+    def away(self, t_utc: float, place: tuple[float, float, float], *, flat: bool) -> float:
+        """m from that place (degrees north and east, m above the sea) to where it has the vehicle then; ``flat``: over
+        the ground alone.
+        """
+        axes = 2 if flat else 3
+        return math.dist(geo.to_ned(self.origin, *place)[:axes], self.local(t_utc)[0][:axes])
 
     def _yaw(self, index: int, t: float) -> float | None:
         first, second = self._yaws[index], self._yaws[index + 1]

@@ -22,13 +22,12 @@ from zmav.config import RETURN_LEAD, Failsafe
 from zmav.errors import LinkDown, Refused, ZmavError
 from zmav.services.authority.control import Control, Mover
 from zmav.services.authority.homeward import LATE
-from zmav.services.authority.joining import Place
 from zmav.services.authority.may_move import SetpointCounts
 from zmav.services.authority.steps import MOVERS, SAFER, Allowed, Aside, ModeRequested, Near, Step, StreamGivenUp
 from zmav.services.authority.stream import ActiveStream, CommandRepeats, future
 from zmav.services.authority.trajectory import Segment
 from zmav.services.companion import Companion
-from zmav.services.link.reported import ReportedMode, in_the_air, shown
+from zmav.services.link.reported import ReportedMode, shown
 
 ASK_EVERY = 1.0
 """s between requests for a mode"""
@@ -37,7 +36,6 @@ LATE_MODE = 2.0
 GIVE_UP = 3.0
 """s after which a mode that does not come is taken for refused"""
 HOLD_EVERY, HOLD_REPEATS = 0.2, 3
-CLOSING_REPEATS = 3
 HOLD_WATCH = 30.0
 """s for which a vehicle that still moves is told to stop, twice a second"""
 RETRY_ACTION = 10.0
@@ -76,18 +74,15 @@ class StreamWatchdog:
         self._since = 0.0
         """when what is held was last fresh"""
         self._due = math.inf
-        self._begun = 0.0
-        """of the present step"""
-        self._engages = 0.0
-        """when the mode may be asked for"""
+        self._begun, self._engages = 0.0, 0.0
+        """when the present step began, and when the mode may be asked for"""
         self._asked = -math.inf
         self._tries: list[str] = []
         self._repeats = 0
-        self._flew, self._over = 0, 0
-        """the leases under which it flew last, and under which the watchdog has acted: nothing is flown under that"""
-        self.rounds = 0
-        """of its thread so far"""
-        self._closing = False
+        self._flew_under, self._over = 0, 0
+        """the leases under which it flies, and under which the watchdog has acted: nothing is flown under that"""
+        self.rounds, self._closing = 0, False
+        """rounds: of its thread so far"""
         self._thread = threading.Thread(target=self._run, name=f"watchdog {companion.port.name}", daemon=True)
 
     def start(self) -> None:
@@ -96,8 +91,8 @@ class StreamWatchdog:
     def close(self) -> None:
         """End; a vehicle that follows a stream is told to hold, for nobody will watch over it any more."""
         with self._changed:
-            for _ in range(CLOSING_REPEATS):
-                if self._step in (Step.FRESH, Step.HOLDING, Step.RETURNING) and self._ours():
+            for _ in range(HOLD_REPEATS):
+                if self._step not in (Step.IDLE, Step.ACTING) and not self._first and self._ours():
                     self._asked = -math.inf
                     self._say_hold()
                     time.sleep(0.02)
@@ -120,6 +115,8 @@ class StreamWatchdog:
         with self._changed:
             if flown.lease == self._over:
                 raise Refused("its stream was silent for too long: take a new lease", count="failsafe")
+            follows = self._step is Step.FRESH and self._dodging is not self._flown
+            flown.check_joined(self._port, self._flown if follows else None)
             now, step = time.monotonic(), self._step
             before, self._flown = self._flown, flown
             if before is not None:
@@ -149,11 +146,6 @@ class StreamWatchdog:
         return None if flown is None or self._step not in (Step.FRESH, Step.RETURNING) else future(flown)
 
     @property
-    def place(self) -> Place | None:
-        """Where the segment that it follows has it now; None: it follows none."""
-        return self._flown.place if self._flown is not None and self._step is Step.FRESH else None
-
-    @property
     def on_segment(self) -> bool:
         """A segment is what is flown or, at its end, held; not while the vehicle is moved aside from it."""
         flown = self._flown
@@ -173,7 +165,7 @@ class StreamWatchdog:
                 return
             if flown.lease == self._over:
                 return
-            if self._step is Step.ENGAGING and self._shown().mode != flown.mode:
+            if self._first and self._shown().mode != flown.mode:
                 self._flown = flown._replace(until=min(flown.until, time.monotonic()), home=None)
                 self._wake(time.monotonic())  # nothing flies by it yet
                 return
@@ -189,7 +181,7 @@ class StreamWatchdog:
         returns nothing more is sent, and what was overridden is given back. Returns what was flown, held or given up.
         """
         with self._changed:
-            flown = None if self._step is Step.ENGAGING else self._flown  # nothing flies by that yet
+            flown = None if self._first else self._flown  # nothing flies by that yet
             self._end()
             return flown
 
@@ -235,10 +227,7 @@ class StreamWatchdog:
         if flown is None or self._step is Step.IDLE:
             return math.inf
         if self._step in (Step.FRESH, Step.RETURNING):
-            return min(
-                flown.ends if self._step is Step.FRESH else flown.until,
-                now + flown.period(dodges=self._dodging is not None),
-            )
+            return min(flown.holds_at, now + flown.period(dodges=self._dodging is not None))
         if self._step is Step.ENGAGING:
             if now >= flown.until:
                 return now + 0.05
@@ -257,13 +246,14 @@ class StreamWatchdog:
         if not self._ours():
             self._end()
         elif self._step is Step.FRESH:
-            if now >= flown.ends:
+            lost = isinstance(flown.what, Segment) and self._shown().mode != flown.mode
+            if now >= (flown.until if lost else flown.holds_at):
                 if isinstance(flown.what, Segment):
                     self._hold("the segment has ended", "info")  # as it was to
                 else:
                     self._hold(f"no setpoint for {self.failsafe.hold_after:g} s")
-            elif isinstance(flown.what, Segment) and self._shown().mode != flown.mode:
-                self._begin_engaging(flown)  # a hold that was asked for before has come: nothing flies by it
+            elif lost:
+                self._begin_engaging(flown)  # a hold that was asked for before has come, say
             else:
                 self._send()
         elif self._step is Step.ENGAGING:
@@ -279,8 +269,7 @@ class StreamWatchdog:
 
     def _begin_engaging(self, flown: ActiveStream) -> None:
         self._enter(Step.ENGAGING)
-        flies = in_the_air(self._port, flown.source) is True
-        self._engages = self._begun + flown.autopilot.engages_after(flown.level, flies)
+        self._engages = self._begun + flown.engages_after(self._port)
         # PX4 goes back to the mode it was last asked for as soon as setpoints come.
         self._port.bus.tell(ModeRequested(flown.mode))
 
@@ -288,27 +277,33 @@ class StreamWatchdog:
         mode = self._shown().mode
         if now >= flown.until:
             late = now - self._asked > LATE_MODE
-            if mode == flown.mode or (late and flown.lease == self._flew):
+            if mode == flown.mode or (late and not self._first):
                 self._hold(f"the stream ended before {flown.mode} came")
             elif late:
                 self._end()
         elif mode == flown.mode and (why := flown.why_not_joined(self._port)):
-            self._hold(why)  # it has gone far ahead meanwhile
+            self._hold(why, left=True)  # it has gone far ahead meanwhile
         elif mode == flown.mode:
             self._enter(Step.FRESH)
             self._send()
         else:
             if self._streams(flown):
                 self._send()
-            if now >= max(self._asked + ASK_EVERY, self._engages):
+            if self._step is not Step.ENGAGING:
+                return  # it was moved aside
+            if not self._first and isinstance(flown.what, Segment) and now - self._begun > GIVE_UP:
+                self._hold(f"{flown.mode} does not come again", left=True)
+            elif now >= max(self._asked + ASK_EVERY, self._engages):
                 self._ask(flown.mode, now)
                 if now - self._engages > GIVE_UP:
                     text = f"{flown.mode} does not come; setpoints wait for it"
                     self._events.emit("setpoint", "warning", text, limit="engage")
 
-    def _hold(self, why: str, severity: wire.Severity = "warning") -> None:
-        flown, now = self._flown, time.monotonic()
-        assert flown is not None
+    def _hold(self, why: str, severity: wire.Severity = "warning", *, left: bool = False) -> None:
+        """``left``: away from its segment."""
+        assert self._flown is not None
+        flown, now = self._flown.left() if left else self._flown, time.monotonic()
+        self._flown = flown
         lasts = 0.0 if isinstance(flown.what, Segment) else self.failsafe.hold_after
         self._since = min(now, flown.until - lasts)
         self._enter(Step.HOLDING)
@@ -353,7 +348,7 @@ class StreamWatchdog:
         if home is None or now < home.begins - RETURN_LEAD:
             return home is not None
         self._flown = flown._replace(home=None)
-        if why := home.missed(now, self._port, flown.source):
+        if why := home.missed(now, self._port, flown.source, flat=flown.autopilot.on_surface):
             self._events.emit("failsafe", "error", f"the way home is not flown: {why}")
             return False
         self._give_up(flown.lease)
@@ -430,21 +425,27 @@ class StreamWatchdog:
         self._repeated.reset()
         self._step, self._begun, self._asked, self._repeats = step, time.monotonic(), -math.inf, 0
         if step is Step.FRESH and self._flown is not None:
-            self._flew = self._flown.lease
+            self._flew_under = self._flown.lease
         self._claim()
 
     def _claim(self) -> None:
         """Say as what it moves the vehicle."""
-        committed = self._step is Step.FRESH and self._flown is not None and isinstance(self._flown.what, Segment)
-        self._control.take(self, Mover.SEGMENT if committed else MOVERS[self._step])
+        flies = self._step in (Step.FRESH, Step.ENGAGING) and not self._first
+        segment = flies and self._flown is not None and isinstance(self._flown.what, Segment)
+        self._control.take(self, Mover.SEGMENT if segment else MOVERS[self._step])
 
     def _end(self) -> None:
         if self._flown is not None and self._step in (Step.FRESH, Step.ENGAGING):
             self._let_go(self._flown, None)
-        self._step, self._flown, self._due = Step.IDLE, None, math.inf
+        self._step, self._flown, self._due, self._flew_under = Step.IDLE, None, math.inf, 0
         self._dodging = None
         self._control.leave(self)
         self._changed.notify_all()
+
+    @property
+    def _first(self) -> bool:
+        """Its mode is asked for, and nothing has flown under its lease yet."""
+        return self._step is Step.ENGAGING and self._flown is not None and self._flown.lease != self._flew_under
 
     def _shown(self) -> ReportedMode:
         assert self._flown is not None
@@ -471,8 +472,7 @@ class StreamWatchdog:
         if instead is not None:
             return self._dodge(flown, *instead)
         if self._dodging is flown and isinstance(flown.what, Segment):
-            self._flown = flown._replace(what=Target(vel=(0.0, 0.0, 0.0)), home=None)  # its place may be taken
-            self._hold("moved aside from the segment")
+            self._hold("moved aside from the segment", left=True)
             return True
         self._dodging = None
         target = future(flown)(0.0)

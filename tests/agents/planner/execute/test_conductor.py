@@ -249,12 +249,17 @@ def test_who_has_left_its_way_is_not_led_to_the_end_of_it() -> None:
     """It would fly there straight, through whatever is between."""
     history = History(slower(carousel(3, 12.0, speed=4.0), 3.0), np.random.default_rng(4), loss=0.0)
     history.run(4.0)
-    part = history.parts[0]
-    place, _ = part.place_at(history.now)
-    history.conductor.strayed(part, history.now, history.now, place + np.array([9.0, 0.0, 0.0]))
+    conductor, part = history.conductor, history.parts[0]
+    there, _ = part.place_at(history.now)
+    there = there + np.array([9.0, 0.0, 0.0])
+    conductor.strayed(part, history.now, history.now, there)
+    assert conductor.halting == "v0 is 9.0 m off its trajectory"
+    assert part.active  # and is braked on its way, where it follows
+    while not part.resting(history.now):
+        history.run(0.5)
+    conductor.strayed(part, history.now, history.now, there + np.array([20.0, 0.0, 0.0]))
     assert part.strays  # so it is taken along again from where it holds
-    assert history.conductor.halting == "v0: it is 9.0 m off its trajectory"
-    assert not [send for send in history.conductor.decide(history.now) if send.part is part]
+    assert not [send for send in conductor.decide(history.now + 30.0) if send.part is part]
 
 
 def test_who_has_arrived_is_told_to_stay() -> None:
