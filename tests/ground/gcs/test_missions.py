@@ -184,11 +184,8 @@ def test_a_long_order_keeps_the_client_waiting_by_requests(fleet: Fleet, gcs: Ca
 
 
 @pytest.mark.parametrize("lost", ["nothing", "a request", "an item", "all that is asked again"])
-async def test_a_client_that_went_back_is_at_the_last_item_before_the_ack(
-    lost: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_client_that_went_back_is_at_the_last_item_before_the_ack(lost: str) -> None:
     """MAVSDK counts on from each request that it hears, and takes an ACK before the last item for a fault."""
-    monkeypatch.setattr(mission_asked, "WAITING", 0.2)
     item = Raw(RELATIVE, 16, 1, (0.0, 0.0, 0.0, 0.0), LAT, LON, 20.0)
     asked, began = list[int](), asyncio.Event()
     sent = 0
