@@ -226,17 +226,14 @@ class StreamWatchdog:
         flown = self._flown
         if flown is None or self._step is Step.IDLE:
             return math.inf
+        period = flown.period(dodges=self._dodging is not None)
         if self._step in (Step.FRESH, Step.RETURNING):
-            return min(flown.holds_at, now + flown.period(dodges=self._dodging is not None))
+            return min(flown.holds_at, now + period)
         if self._step is Step.ENGAGING:
             if now >= flown.until:
                 return now + 0.05
             waited = max(self._asked + ASK_EVERY, self._engages)
-            return min(
-                flown.until,
-                max(now, waited),
-                now + (flown.period(dodges=self._dodging is not None) if self._streams(flown) else 0.05),
-            )
+            return min(flown.until, max(now, waited), now + (period if self._streams(flown) else 0.05))
         return now + HOLD_EVERY
 
     def _tick(self, now: float) -> None:
