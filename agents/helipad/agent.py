@@ -18,7 +18,8 @@ import zenoh
 
 import zmav
 from agents.helipad import Detection, Detector
-from agents.helipad.geolocate import bearing, camera_height, fix, pixel
+from agents.helipad.geolocate import bearing, camera_height, fix, pixel, sized_plane
+from agents.helipad.level import PadLevel
 from agents.helipad.tracks import Place, Told, Tracks
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
@@ -81,6 +82,7 @@ class Helipad(zmav.Agent):
         self._info: wire.CameraInfo | None = None
         self._last: Detection | None = None
         self._tracks = Tracks(self.settings.symbol_m)
+        self._level = PadLevel()
         self._delays: deque[float] = deque(maxlen=RECENT)
         self._took: deque[float] = deque(maxlen=RECENT)
         self._looked = self._seen = 0
@@ -154,7 +156,8 @@ class Helipad(zmav.Agent):
         image = picture.decode()
         height, width = image.shape[:2]
         detector, doubting, optics = self._detector(width, height)
-        plane = self._plane()
+        said = self._plane()
+        plane = None if said is None else self._level.at(picture.t, said)
         hint = camera_height(optics, pose, plane) if pose is not None and plane is not None else None
         if hint is not None and hint <= 0.1:
             hint = None
@@ -174,6 +177,10 @@ class Helipad(zmav.Agent):
         places = [_place(each, carrier) for each in located]
         told = self._tracks.told(picture.t, list(zip(found, places, strict=True)))
         self._last = told[0].detection if told else None
+        if self._last is not None and pose is not None and said is not None:
+            sized = sized_plane(optics, pose, (self._last.u, self._last.v), self._last.scale_px, self.settings.symbol_m)
+            if sized is not None:
+                self._level.learn(picture.t, said, sized, camera_height(optics, pose, sized))
         self._missed = 0 if told else self._missed + 1
         took = time.perf_counter() - begun
         own = self.settings
@@ -253,7 +260,7 @@ class Helipad(zmav.Agent):
         return msgspec.structs.replace(told, lat_deg=lat, lon_deg=lon)
 
     def _plane(self) -> float | None:
-        """How far down the pad is, m; None: not known."""
+        """How far down the pad is said to be, m; None: not known."""
         own = self.settings
         if own.target:
             state = self.z.vehicle(own.target).last_state

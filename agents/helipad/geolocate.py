@@ -72,25 +72,36 @@ def pixel(optics: Optics, pose: Pose, north: float, east: float, plane: float) -
     return float(u), float(v)
 
 
+def sized_plane(
+    optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float
+) -> float | None:
+    """How far down (m) the symbol of ``symbol_m`` metres is that appears ``scale_px`` pixels high at ``pixel``; its
+    standard deviation is ``BY_SIZE`` of the camera's height above it. None above the horizon.
+    """
+    camera = optics.rays(np.array([pixel]))[0]
+    rotation = attitude(optics, pose)
+    ray = rotation @ optics.to_vehicle(camera[None])[0]
+    if ray[2] < SHALLOW or scale_px <= 0.0:
+        return None
+    reach = float(optics.matrix[1, 1] * symbol_m / scale_px / camera[2] * ray[2])
+    return float(pose.pos[2] + (rotation @ optics.offset)[2]) + reach
+
+
 def fix(
     optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float, plane: float
 ) -> Fix | None:
     """Where the symbol of ``symbol_m`` metres is that appears ``scale_px`` pixels high at ``pixel``; ``plane``: how far
     down it should be, which is not believed where its size says otherwise. None above the horizon.
     """
-    rotation = attitude(optics, pose)
-    camera = optics.rays(np.array([pixel]))[0]
-    ray = rotation @ optics.to_vehicle(camera[None])[0]
-    centre = np.array(pose.pos) + rotation @ optics.offset
-    if ray[2] < SHALLOW:
+    sized = sized_plane(optics, pose, pixel, scale_px, symbol_m)
+    if sized is None:
         return None
-    by_plane = float((plane - centre[2]) / ray[2] * camera[2])
-    by_scale = float(optics.matrix[1, 1] * symbol_m / scale_px) if scale_px > 0.0 else by_plane
+    by_plane = camera_height(optics, pose, plane)
+    by_scale = camera_height(optics, pose, sized)
     by_size = not (by_scale / AGREE < by_plane < by_scale * AGREE)
-    height = HEIGHT * abs(plane - float(centre[2])) + HEIGHT_M
+    height = HEIGHT * abs(by_plane) + HEIGHT_M
     if by_size:
-        plane = float(centre[2] + by_scale / camera[2] * ray[2])
-        height = BY_SIZE * (plane - float(centre[2]))
+        plane, height = sized, BY_SIZE * by_scale
     found = locate(optics, pose, pixel, plane)
     if found is None:
         return None

@@ -69,11 +69,13 @@ PERMITTING = {
 }
 
 
-def classes() -> Iterator[tuple[Path, ast.ClassDef]]:
+def classes() -> Iterator[tuple[Path, ast.ClassDef, str]]:
+    """Each class of these files, and its text."""
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        lines = (text := path.read_text()).splitlines()
+        for node in ast.walk(ast.parse(text, str(path))):
             if isinstance(node, ast.ClassDef):
-                yield path, node
+                yield path, node, "\n".join(lines[node.lineno - 1 : node.end_lineno])
 
 
 def calls(node: ast.AST) -> set[str]:
@@ -102,13 +104,13 @@ def permits(made: type[Any]) -> list[inspect.Parameter]:
 
 CLASSES = list(classes())
 MOVERS = [
-    (path, node.name) for path, node in CLASSES if calls(node) and node.name not in NEEDS_NONE
+    (path, node.name) for path, node, _ in CLASSES if calls(node) and node.name not in NEEDS_NONE
 ]  # what asks for something dangerous, and is not excused by name
 ASKERS = [
     (path, node.name)
-    for path, node in CLASSES
+    for path, node, text in CLASSES
     if "__init__" in {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
-    and any(permit in text for text in [ast.unparse(node)] for permit in PERMITS)
+    and any(permit in text for permit in PERMITS)
     and permits(built(path, node.name))
 ]
 
@@ -150,7 +152,7 @@ def test_those_that_are_meant_are_among_them() -> None:
         "Setpoints",
         "StreamWatchdog",
     }
-    assert NEEDS_NONE.keys() <= {node.name for _, node in CLASSES if calls(node)}, "an excuse that nobody needs"
+    assert NEEDS_NONE.keys() <= {node.name for _, node, _ in CLASSES if calls(node)}, "an excuse that nobody needs"
 
 
 def assignments(files: list[Path]) -> Iterator[tuple[str, str, ast.expr]]:
