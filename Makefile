@@ -10,6 +10,7 @@ PACKAGES := $(wildcard zmav agents mesh ground tests docs)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 CORES := $(shell getconf _NPROCESSORS_ONLN)
+TYPES := $(BIN)/mypy --strict $(PACKAGES)
 PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
 ARGS ?=
 TSC := $(shell command -v tsc || ls node_modules/.bin/tsc 2>/dev/null)
@@ -31,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo planner vision test check fuzz lint docs kernels conformance bench lock dist site clean FORCE
+.PHONY: help demo planner vision test prepare check fuzz lint style docs kernels conformance bench lock dist site clean FORCE
 
 help: ## say what can be made (the default)
 	@echo "zmav: MAVLink over Zenoh. What can be made, each from nothing but Python 3.10 or newer:"
@@ -56,35 +57,38 @@ planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain d
 
 vision: $(VENV)/.demo-vision ## add OpenCV to it: for cameras and the helipad
 
-# The linters and the compiler take one core each. Who finds the tests first writes their compiled modules: it is done
-# once beforehand, else each of the workers does it, which begin together.
-test: $(VENV)/.dev ## lint, then run every test
-	@($(MAKE) --no-print-directory kernels && { $(BIN)/python -m pytest --collect-only -qq > /dev/null 2>&1 || :; }) & kernels=$$!; \
-	    $(MAKE) --no-print-directory lint; linted=$$?; wait $$kernels && exit $$linted
-	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version)"
-	@$(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
+# Types are checked beside the tests, which often wait for something, at the lowest priority.
+test: style ## check style, format and types, and run every test
+	@$(if $(PREPARED),:,$(MAKE) --no-print-directory prepare)
+	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version), and mypy --strict beside it"
+	@nice -n 19 $(TYPES) & types=$$!; \
+	    $(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS); tested=$$?; \
+	    wait $$types || { echo "==> FAILED: the types, above"; exit 1; }; exit $$tested
+
+# Else each of the workers compiles both the kernels and the modules, and they begin together.
+prepare: $(VENV)/.dev ## compile what the tests use; then 'make test PREPARED=yes'
+	@$(BIN)/python -m pytest --collect-only -qq > /dev/null 2>&1 & modules=$$!; \
+	    $(MAKE) --no-print-directory kernels; compiled=$$?; wait $$modules || :; exit $$compiled
 
 # The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
 # error), mypy itself decides. Unit tests wait for nothing: as many at a time as there are cores.
-check: $(VENV)/.dev ## lint, then run the unit tests and those that use what changed since the merge base: BASE=main
-	@echo "==> ruff check"
-	@$(BIN)/ruff check .
-	@echo "==> ruff format --check"
-	@$(BIN)/ruff format --check .
+check: style ## lint, then run the unit tests and those that use what changed since the merge base: BASE=main
 	@echo "==> dmypy run"
-	@$(BIN)/dmypy run -- --strict $(PACKAGES) > /dev/null || $(BIN)/mypy --strict $(PACKAGES)
+	@$(BIN)/dmypy run -- --strict $(PACKAGES) > /dev/null || $(TYPES)
 	@BASE='$(BASE)' $(BIN)/python tests/check.py -q -n $(CORES) --dist worksteal $(ARGS)
 
 fuzz: $(VENV)/.dev ## give all that takes bytes spoilt ones, longer than 'test' does: ARGS='--seconds 60 --seed 7 mcap http'
 	@$(BIN)/python -m tests.fuzz $(ARGS)
 
-lint: $(VENV)/.dev ## check style, format and types
+lint: style ## check style, format and types
+	@echo "==> mypy --strict"
+	@$(TYPES)
+
+style: $(VENV)/.dev
 	@echo "==> ruff check"
 	@$(BIN)/ruff check .
 	@echo "==> ruff format --check"
 	@$(BIN)/ruff format --check .
-	@echo "==> mypy --strict"
-	@$(BIN)/mypy --strict $(PACKAGES)
 	@if [ -n "$(TSC)" ]; then echo "==> tsc --checkJs --strict"; $(TSC) -p ground/http/static/tsconfig.json; \
 	    else echo "==> the page's types are left out: no tsc here (npm install --no-save typescript)"; fi
 

@@ -143,6 +143,17 @@ def test_it_leans_against_a_steady_wind_where_it_is_heard_in_time(late: float, l
     assert least <= np.mean(world.off) < most
 
 
+@pytest.mark.parametrize(("off", "added"), [(0.2, 0.16), (0.4, 0.32), (0.7, 0.28), (1.1, 0.0), (2.0, 0.0)])
+def test_what_comes_from_far_off_is_not_hurried(off: float, added: float) -> None:
+    """It would swing about the target: it leans as far as it may already."""
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    down = world.me[2]
+    before = world.guide.step(world.t, (0.0, 0.0, down), world.word(), world.plane)
+    after = world.guide.step(world.t, (-off, 0.0, down), world.word(), world.plane)
+    assert after.vel[0] - before.vel[0] == pytest.approx(added, abs=0.03)
+    assert after.pos == pytest.approx(before.pos)
+
+
 def test_a_bridge_is_flown_over_by_prediction_and_what_was_lost_is_found_again() -> None:
     world = World(lambda t: (0.8 * t, 0.0)).run(10.0)
     world.hidden = lambda t: 10.0 < t < 12.0
