@@ -23,7 +23,7 @@ TRUST = 12.0
 """m from where the target is told to be that a first sight of it may be: two positioning errors, and what it moved"""
 ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
-BLIND, TOUCH = 0.5, 0.15
+BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
 AHEAD, OLDEST = 0.3, 3.0
 """s by which a sight may be from after now, by clocks that are not one, and from before it"""
@@ -31,16 +31,14 @@ WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
 """weight of a new sight in how far down the pad is"""
-STEADY, FASTER = 0.2, 2.0
+STEADY, FASTER = 0.2, 1.5
 """m/s beside the pad above which it is not gone down onto unseen; times ``sink`` at which it is then: before a gust"""
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
 """of the spiral's pitch: what is seen on one pass overlaps with the next"""
-CLOSE, FAR, MOST = 0.4, 1.0, 1.0
-"""m off up to which all is added against gusts, and from which on nothing: a vehicle that comes from farther away, or
-swings, leans as far as it may, and would swing on; m/s that is added to the target's velocity, at most
-"""
+CLOSE, MOST = 1.0, 1.0
+"""m off within which the integral grows; m/s that is added to the target's velocity, at most"""
 TOO_LATE = 0.2
 """s until a command is heard from which on nothing is added: a loop that is closed so late would swing"""
 
@@ -108,7 +106,7 @@ class Guide:
             places.sort(key=lambda each: _away(each, aim))
         for each in places[:1]:
             assert each.pos is not None
-            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance):
+            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance, told and told.vel[:2]):
                 before = each.pos[2] if self.seen_plane is None else self.seen_plane
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 return True
@@ -176,6 +174,8 @@ class Guide:
             elif before != "search":
                 self.lost += before in ("track", "coast", "descend", "touch")
                 self.phase = "approach"
+                if told is not None:  # its own word is better than a velocity that led to nothing
+                    self.tracker.forget()
             elif now - self._since > self.tuned("search_seconds"):
                 self.wanted, self.phase = "hold", "hold"
             if self.phase == "approach":
@@ -256,11 +256,11 @@ class Guide:
         metre; a share of how far off it is, and its integral, make that stiffer. Both end where they are heard late.
         """
         share = max(0.0, 1.0 - late / TOO_LATE)
-        near = share * min(max((FAR - math.hypot(*behind)) / (FAR - CLOSE), 0.0), 1.0)
-        gain = near * self.tuned("trim") * dt
-        self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
+        if math.hypot(*behind) < CLOSE:
+            gain = share * self.tuned("trim") * dt
+            self._trim = _bounded((self._trim[0] + gain * behind[0], self._trim[1] + gain * behind[1]), MOST)
         stiff = self.tuned("stiff")
-        north, east = (share * trim + near * stiff * off for trim, off in zip(self._trim, behind, strict=True))
+        north, east = (share * (trim + stiff * off) for trim, off in zip(self._trim, behind, strict=True))
         return _bounded((north, east), MOST)
 
 

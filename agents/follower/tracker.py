@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 GATE = 13.8
 """squared Mahalanobis distance in the plane that one true sight in a thousand exceeds"""
-FIRST_SPEED = 1.5
-"""m/s: how fast a target may be of which nothing is known"""
+FIRST_SPEED, TOLD_SPEED = 1.5, 0.15
+"""m/s: how fast a target may be of which nothing is known; and beside what it says itself"""
 LEAST = 0.02
 """m: nothing is seen better than this, whatever it says of itself"""
 SURE = 4
@@ -57,15 +57,25 @@ class Tracker:
     def forget(self) -> None:
         self._t, self._strays = None, []
 
-    def see(self, t: float, pos: tuple[float, float], covariance: tuple[float, float, float] | None = None) -> bool:
-        """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²). Whether that was
-        believed: what is outside of the gate is not, until several such sights agree with each other.
+    def see(
+        self,
+        t: float,
+        pos: tuple[float, float],
+        covariance: tuple[float, float, float] | None = None,
+        told: tuple[float, float] | None = None,
+    ) -> bool:
+        """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²); ``told``: the
+        velocity (m/s) that it says itself, which the first sight begins with. Whether that was believed: what is
+        outside of the gate is not, until several such sights agree with each other.
         """
         z, r = np.array(pos, dtype=np.float64), _covariance(covariance)
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
             return False
         if self._t is None:
-            self._begin(t, z, r)
+            if told is None or not np.isfinite(told).all():
+                self._begin(t, z, r, np.zeros(2), FIRST_SPEED)
+            else:
+                self._begin(t, z, r, np.array(told), TOLD_SPEED)
             return True
         if t <= self._t:
             return False
@@ -92,10 +102,10 @@ class Tracker:
         x, p = self._ahead(t)
         return TargetEstimate(t, x[:2], x[2:], _sigma(p))
 
-    def _begin(self, t: float, z: Array, r: Array, vel: Array | None = None) -> None:
-        self._t, self._x = t, np.concatenate([z, np.zeros(2) if vel is None else vel])
+    def _begin(self, t: float, z: Array, r: Array, vel: Array, within: float) -> None:
+        self._t, self._x = t, np.concatenate([z, vel])
         self._p = np.zeros((4, 4))
-        self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * FIRST_SPEED**2
+        self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * within**2
         self._strays = []
 
     def _stray(self, t: float, z: Array, r: Array) -> bool:
@@ -110,7 +120,7 @@ class Tracker:
         if len(self._strays) < SURE:
             return False
         first, place = self._strays[0]
-        self._begin(t, z, r, (z - place) / (t - first))
+        self._begin(t, z, r, (z - place) / (t - first), FIRST_SPEED)
         return True
 
     def _ahead(self, t: float) -> tuple[Array, Array]:

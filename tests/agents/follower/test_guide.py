@@ -143,17 +143,6 @@ def test_it_leans_against_a_steady_wind_where_it_is_heard_in_time(late: float, l
     assert least <= np.mean(world.off) < most
 
 
-@pytest.mark.parametrize(("off", "added"), [(0.2, 0.16), (0.4, 0.32), (0.7, 0.28), (1.1, 0.0), (2.0, 0.0)])
-def test_what_comes_from_far_off_is_not_hurried(off: float, added: float) -> None:
-    """It would swing about the target: it leans as far as it may already."""
-    world = World(lambda t: (0.0, 0.0)).run(10.0)
-    down = world.me[2]
-    before = world.guide.step(world.t, (0.0, 0.0, down), world.word(), world.plane)
-    after = world.guide.step(world.t, (-off, 0.0, down), world.word(), world.plane)
-    assert after.vel[0] - before.vel[0] == pytest.approx(added, abs=0.03)
-    assert after.pos == pytest.approx(before.pos)
-
-
 def test_a_bridge_is_flown_over_by_prediction_and_what_was_lost_is_found_again() -> None:
     world = World(lambda t: (0.8 * t, 0.0)).run(10.0)
     world.hidden = lambda t: 10.0 < t < 12.0
@@ -167,6 +156,22 @@ def test_a_bridge_is_flown_over_by_prediction_and_what_was_lost_is_found_again()
     assert world.phases[-1] == "track"
     assert world.guide.lost == 1
     assert np.mean(world.off[-100:]) < 0.15
+
+
+def test_what_was_lost_is_not_looked_for_at_the_speed_that_lost_it() -> None:
+    world = World(lambda t: (0.0, 0.0)).run(10.0)
+    world.hidden, begun = (lambda t: True), world.t
+    world.more = lambda t: [(5.0 * (t - begun), 0.0)]  # what is seen runs away at 5 m/s
+    world.run(0.6)
+    world.more = lambda t: []
+    world.run(10.0, until=lambda world: world.guide.phase == "approach")
+    assert world.guide.lost == 1
+    assert world.guide.tracker.at(world.t) is None
+    world.hidden = lambda t: False
+    world.run(20.0, until=lambda world: world.guide.phase == "track")
+    estimate = world.guide.tracker.at(world.t)
+    assert estimate is not None
+    assert math.hypot(*map(float, estimate.vel)) < 0.2
 
 
 def test_a_search_widens_and_rises_within_its_bounds() -> None:

@@ -87,3 +87,17 @@ def test_bad_sights_change_nothing() -> None:
     tracker.forget()
     assert tracker.at(2.0) is None
     assert FIRST_SPEED > 0.0
+
+
+def test_what_the_target_says_of_its_speed_outweighs_the_first_few_sights() -> None:
+    """From a vehicle that brakes, leaning, the first sights move with it: here by 2 m/s for a quarter of a second."""
+    speeds = []
+    for told in ((0.5, 0.0), None, (math.nan, 0.0)):
+        tracker = Tracker(0.3)
+        for k in range(5):
+            tracker.see(k / 15.0, (2.5 * k / 15.0, 0.0), NOISE, told)
+        estimate = tracker.at(4 / 15.0)
+        assert estimate is not None
+        speeds.append(float(estimate.vel[0]))
+    assert 0.5 < speeds[0] < 1.0
+    assert speeds[1] == speeds[2] > 2.0
