@@ -100,13 +100,14 @@ class Guide:
         if not now - OLDEST < t < now + AHEAD:
             return False
         aim, within = self._about(t, told)
+        vel = None if told is None else told.vel[:2]
         places = [each for each in found if each.score >= least and self._may_be(each, t, me, told)]
         if aim is not None:
             places = [each for each in places if _away(each, aim) <= within]
             places.sort(key=lambda each: _away(each, aim))
         for each in places[:1]:
             assert each.pos is not None
-            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance, told and told.vel[:2]):
+            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance, vel):
                 before = each.pos[2] if self.seen_plane is None else self.seen_plane
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 return True
