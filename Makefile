@@ -10,6 +10,7 @@ PACKAGES := $(wildcard zmav agents mesh ground tests docs)
 BENCHES := $(filter-out tests/bench/_%,$(sort $(wildcard tests/bench/*.py)))
 BENCHES += "-m tests.bench.controllers" "-m tests.bench.scale 10 30"
 CORES := $(shell getconf _NPROCESSORS_ONLN)
+WARM := $(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
 TYPES := $(BIN)/mypy --strict $(PACKAGES)
 PYTEST_JOBS ?= $(shell expr $(CORES) + 4)
 ARGS ?=
@@ -58,17 +59,14 @@ planner: $(VENV)/.demo-planner ## add the planner's compiler to what the plain d
 vision: $(VENV)/.demo-vision ## add OpenCV to it: for cameras and the helipad
 
 # Types are checked beside the tests, which often wait for something, at the lowest priority.
-test: style ## check style, format and types, and run every test
-	@$(if $(PREPARED),:,$(MAKE) --no-print-directory prepare)
+test: style $(if $(filter yes,$(PREPARED)),,prepare) ## check style, format and types, and run every test
 	@echo "==> pytest, $(PYTEST_JOBS) at a time, with $$($(BIN)/python --version), and mypy --strict beside it"
-	@nice -n 19 $(TYPES) & types=$$!; \
-	    $(BIN)/python tests/run.py -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS); tested=$$?; \
-	    wait $$types || { echo "==> FAILED: the types, above"; exit 1; }; exit $$tested
+	@$(BIN)/python tests/run.py --beside '$(TYPES)' -n $(PYTEST_JOBS) --dist worksteal --durations 10 $(ARGS)
 
 # Else each of the workers compiles both the kernels and the modules, and they begin together.
 prepare: $(VENV)/.dev ## compile what the tests use; then 'make test PREPARED=yes'
 	@$(BIN)/python -m pytest --collect-only -qq > /dev/null 2>&1 & modules=$$!; \
-	    $(MAKE) --no-print-directory kernels; compiled=$$?; wait $$modules || :; exit $$compiled
+	    $(WARM); compiled=$$?; wait $$modules || :; exit $$compiled
 
 # The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
 # error), mypy itself decides. Unit tests wait for nothing: as many at a time as there are cores.
@@ -97,7 +95,7 @@ docs: $(VENV)/.dev ## write docs/keys.md, docs/cli.md and the orders in docs/cre
 
 kernels: $(VENV)/.dev ## compile the planner for this machine (half a minute of a core, once; else its first run does)
 	@echo "==> compiling the planner's kernels where they are not yet"
-	@$(BIN)/python -c 'from agents.planner.solve.warm import warm; warm()'
+	@$(WARM)
 
 conformance: $(VENV)/.dev ## fly the conformance suite: LINK=tcp:127.0.0.1:5760 (default: the simulator)
 	@echo "==> conformance of $(or $(LINK),the simulated autopilots)"

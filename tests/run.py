@@ -6,12 +6,17 @@ step: they run last, three files at a time where others ran side by side. Few of
 What failed beside other tests runs once more, alone. On a busy machine a test that races with time fails now and then.
 It must be mended, so it is named; it says nothing of the code, so it fails no run. Exits as pytest does, and with 0
 where all that failed passed alone.
+
+``--beside "COMMAND"`` first: that runs beside the tests at the lowest priority, as many of them wait for something. What
+it said comes after them, and where it failed, so does the run.
 """
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -19,8 +24,8 @@ import pytest
 MOST = 5
 """failures that may be the machine's fault; more are the code's"""
 NONE = int(pytest.ExitCode.NO_TESTS_COLLECTED)
-ALONE, BY_ITSELF = "--alone", "--by-itself"
-"""before the arguments of a second run: of what failed, and of what is marked ``alone``"""
+ALONE, BY_ITSELF, BESIDE = "--alone", "--by-itself", "--beside"
+"""before the arguments of a second run: of what failed, and of what is marked ``alone``; and before a command"""
 
 
 class Heard:
@@ -71,6 +76,8 @@ class Heard:
 
 def main(args: list[str]) -> int:
     """The exit status: of the first run, or of the second where there is one."""
+    if args[:1] == [BESIDE]:
+        return _beside(shlex.split(args[1]), args[2:])
     if args[:1] == [ALONE]:
         heard = Heard("")
         status = int(pytest.main(args[1:], plugins=[heard]))
@@ -90,6 +97,19 @@ def main(args: list[str]) -> int:
     if first == pytest.ExitCode.TESTS_FAILED:
         print("==> FAILED: those above that run beside others", flush=True)
     return last if first == NONE else first or (0 if last == NONE else last)
+
+
+def _beside(command: list[str], args: list[str]) -> int:
+    with tempfile.TemporaryFile("w+") as said:
+        other = subprocess.Popen(["nice", "-n", "19", *command], stdout=said, stderr=subprocess.STDOUT)
+        try:
+            tested = main(args)
+            failed = other.wait() if tested != pytest.ExitCode.INTERRUPTED else 0
+        finally:
+            other.terminate()
+        said.seek(0)
+        print(f"\n==> {shlex.join(command)}: {'FAILED' if failed else 'good'}\n{said.read()}", end="", flush=True)
+    return tested or int(failed and pytest.ExitCode.TESTS_FAILED)
 
 
 def _with_alone(roots: list[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -101,3 +102,25 @@ def test_the_second_run(
         assert words in ran.stdout + ran.stderr
     for words in unsaid:
         assert words not in ran.stdout
+
+
+@pytest.mark.parametrize(
+    ("test", "beside", "status", "said"),
+    [
+        (GOOD, "print('no errors')", 0, ["1 passed", ": good\nno errors\n"]),
+        (GOOD, "print('one error'); raise SystemExit(1)", 1, ["1 passed", ": FAILED\none error\n"]),
+        (BROKEN, "print('no errors')", 2, ["1 error", ": good\nno errors\n"]),
+    ],
+    ids=["good", "beside-fails", "tests-fail"],
+)
+def test_what_runs_beside_is_told_of_after_the_tests_and_fails_the_run_too(
+    tmp_path: Path, root: Path, test: str, beside: str, status: int, said: list[str]
+) -> None:
+    (tmp_path / "pytest.ini").write_text("[pytest]\nasyncio_default_fixture_loop_scope = function\nmarkers = alone\n")
+    (tmp_path / "test_0.py").write_text(test)
+    other = shlex.join([sys.executable, "-c", beside])
+    command = [sys.executable, str(root / "tests" / "run.py"), "--beside", other, *["-n", "0", "-p", "no:anyio", "."]]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert ran.returncode == status, ran.stdout + ran.stderr
+    assert all(words in ran.stdout for words in said), ran.stdout
+    assert ran.stdout.index(said[0]) < ran.stdout.index(said[1])

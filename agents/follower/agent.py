@@ -259,7 +259,7 @@ class Follower(FlyingAgent):
         if state is None or state.local is None or age is None:
             return None
         age += state.ages.get("position", 0.0)
-        return TargetFix(time.time() - age, state.local, state.velocity or (0.0, 0.0, 0.0)) if age < OLD else None
+        return TargetFix(time.time() - age, state.local, state.velocity) if age < OLD else None
 
     def _plane(self, state: wire.VehicleState) -> float:
         """How far down the pad is: by the target's own height, also when it is silent now; else as our home is."""

@@ -25,6 +25,8 @@ ANYWHERE = 4.0
 """m that a sight may be from what is predicted, for it to be looked at at all"""
 BLIND, TOUCH = 0.6, 0.15
 """m above the pad below which the camera sees too little of it, and at which the vehicle is told to land"""
+FRESH = 1.0
+"""s for which a target's word of its speed is good enough to begin with"""
 AHEAD, OLDEST = 0.3, 3.0
 """s by which a sight may be from after now, by clocks that are not one, and from before it"""
 WIDE = 6.0
@@ -49,11 +51,12 @@ class TargetFix:
 
     t: float
     pos: Vector
-    vel: Vector
+    vel: Vector | None
+    """None: it does not say"""
 
     def at(self, t: float) -> tuple[float, float]:
-        ahead = max(0.0, min(t - self.t, 5.0))
-        return self.pos[0] + ahead * self.vel[0], self.pos[1] + ahead * self.vel[1]
+        ahead, vel = max(0.0, min(t - self.t, 5.0)), self.vel or (0.0, 0.0, 0.0)
+        return self.pos[0] + ahead * vel[0], self.pos[1] + ahead * vel[1]
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,9 @@ class Guide:
         if not now - OLDEST < t < now + AHEAD:
             return False
         aim, within = self._about(t, told)
-        vel = None if told is None else told.vel[:2]
+        vel = None
+        if told is not None and told.vel is not None and abs(t - told.t) < FRESH:
+            vel = told.vel[:2] if math.hypot(*told.vel[:2]) <= self.tuned("speed") else None
         places = [each for each in found if each.score >= least and self._may_be(each, t, me, told)]
         if aim is not None:
             places = [each for each in places if _away(each, aim) <= within]
@@ -166,7 +171,8 @@ class Guide:
         else:
             seen = self.tracker.t
             unseen = math.inf if seen is None else now - seen
-            if self.wanted == "land" and (before == "touch" or (before == "descend" and unseen < self.tuned("coast"))):
+            known = before == "touch" and seen is not None
+            if self.wanted == "land" and (known or (before == "descend" and unseen < self.tuned("coast"))):
                 pass  # so near above it nothing is seen any more
             elif unseen - late < COAST_AFTER:
                 self.phase = "descend" if self.wanted == "land" else "track"
@@ -201,7 +207,7 @@ class Guide:
         """On the way there, or in a growing spiral about it, rising for a wider view."""
         place = self._place(now, told) or self._held_place(me)
         top = max(self.height, self.tuned("search_top"))
-        vel = (told.vel[0], told.vel[1], 0.0) if told is not None else (0.0, 0.0, 0.0)
+        vel = (0.0, 0.0, 0.0) if told is None or told.vel is None else (told.vel[0], told.vel[1], 0.0)
         if self.phase == "approach":
             return FollowCommand((place[0], place[1], plane - self.height), vel)
         height = min(top, self.height + self.tuned("search_climb") * max(0.0, now - self._since))

@@ -65,17 +65,14 @@ class Tracker:
         told: tuple[float, float] | None = None,
     ) -> bool:
         """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²); ``told``: the
-        velocity (m/s) that it says itself, which the first sight begins with. Whether that was believed: what is
+        velocity (m/s) that it says itself, with which the filter begins. Whether that was believed: what is
         outside of the gate is not, until several such sights agree with each other.
         """
         z, r = np.array(pos, dtype=np.float64), _covariance(covariance)
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
             return False
         if self._t is None:
-            if told is None or not np.isfinite(told).all():
-                self._begin(t, z, r, np.zeros(2), FIRST_SPEED)
-            else:
-                self._begin(t, z, r, np.array(told), TOLD_SPEED)
+            self._begin(t, z, r, np.zeros(2), told)
             return True
         if t <= self._t:
             return False
@@ -83,7 +80,7 @@ class Tracker:
         s = p[:2, :2] + r
         off = z - x[:2]
         if float(off @ np.linalg.solve(s, off)) > GATE:
-            return self._stray(t, z, r)
+            return self._stray(t, z, r, told)
         gain = np.linalg.solve(s, p[:2]).T
         left = np.eye(4)
         left[:, :2] -= gain
@@ -102,13 +99,16 @@ class Tracker:
         x, p = self._ahead(t)
         return TargetEstimate(t, x[:2], x[2:], _sigma(p))
 
-    def _begin(self, t: float, z: Array, r: Array, vel: Array, within: float) -> None:
+    def _begin(self, t: float, z: Array, r: Array, vel: Array, told: tuple[float, float] | None) -> None:
+        within = FIRST_SPEED
+        if told is not None and np.isfinite(told).all():
+            vel, within = np.array(told), TOLD_SPEED
         self._t, self._x = t, np.concatenate([z, vel])
         self._p = np.zeros((4, 4))
         self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * within**2
         self._strays = []
 
-    def _stray(self, t: float, z: Array, r: Array) -> bool:
+    def _stray(self, t: float, z: Array, r: Array, told: tuple[float, float] | None) -> bool:
         """Outside of the gate. Where enough such sights in a row are one moving thing, that is the target."""
         if self._strays:
             before, place = self._strays[-1]
@@ -120,7 +120,7 @@ class Tracker:
         if len(self._strays) < SURE:
             return False
         first, place = self._strays[0]
-        self._begin(t, z, r, (z - place) / (t - first), FIRST_SPEED)
+        self._begin(t, z, r, (z - place) / (t - first), told)
         return True
 
     def _ahead(self, t: float) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ import zenoh
 
 import zmav
 from agents.helipad import Detection, Detector
-from agents.helipad.geolocate import bearing, camera_height, fix, pixel, sized_plane
+from agents.helipad.geolocate import BY_SIZE, bearing, camera_height, fix, pixel, sized_plane
 from agents.helipad.level import PadLevel
 from agents.helipad.tracks import Place, Told, Tracks
 from zmav import geo, keys, wire
@@ -83,6 +83,8 @@ class Helipad(zmav.Agent):
         self._last: Detection | None = None
         self._tracks = Tracks(self.settings.symbol_m)
         self._level = PadLevel()
+        self._said_by = ""
+        """the vehicle whose height the pad's level is said by; empty: our own home's"""
         self._delays: deque[float] = deque(maxlen=RECENT)
         self._took: deque[float] = deque(maxlen=RECENT)
         self._looked = self._seen = 0
@@ -125,6 +127,7 @@ class Helipad(zmav.Agent):
             if silent:  # it may be another camera by now
                 silent, self._info = False, await self._ask()
                 self._detectors.clear()
+                self._level = PadLevel()
             if picture.jpeg == before:  # no two exposures are alike to the bit: what is seen in it is where it was then
                 self.status("blind", f"{self.settings.camera} sends one picture again and again", **self._figures())
                 continue
@@ -158,9 +161,7 @@ class Helipad(zmav.Agent):
         detector, doubting, optics = self._detector(width, height)
         said = self._plane()
         plane = None if said is None else self._level.at(picture.t, said)
-        hint = camera_height(optics, pose, plane) if pose is not None and plane is not None else None
-        if hint is not None and hint <= 0.1:
-            hint = None
+        hint, said_hint = (_hint(optics, pose, each) for each in (plane, said))
         level = pose is None or optics.gimbal
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
         found = detector.sights(image, hint, roll, pitch, near=self._last) if self._last is not None else []
@@ -170,17 +171,16 @@ class Helipad(zmav.Agent):
             also = self._wanted(optics, pose, plane, picture.t)
             found = (doubting if doubts else detector).sights(image, hint, roll, pitch, also=also)
         elif self._looked % DOUBT == 0:
-            others = detector.sights(image, hint, roll, pitch)
+            # Every other time by what is said: what was learned may be of something else.
+            others = detector.sights(image, (hint, said_hint)[self._looked // DOUBT % 2], roll, pitch)
             found += [each for each in others if _another(each.detection, found[0].detection)]
         located = [self._located(each.detection, optics, pose, plane) for each in found]
         carrier = self._carrier(picture.t)
         places = [_place(each, carrier) for each in located]
         told = self._tracks.told(picture.t, list(zip(found, places, strict=True)))
         self._last = told[0].detection if told else None
-        if self._last is not None and pose is not None and said is not None:
-            sized = sized_plane(optics, pose, (self._last.u, self._last.v), self._last.scale_px, self.settings.symbol_m)
-            if sized is not None:
-                self._level.learn(picture.t, said, sized, camera_height(optics, pose, sized))
+        if told and found[told[0].number].sure and pose is not None and said is not None:
+            self._learn(picture.t, told[0].detection, optics, pose, said)
         self._missed = 0 if told else self._missed + 1
         took = time.perf_counter() - begun
         own = self.settings
@@ -195,6 +195,13 @@ class Helipad(zmav.Agent):
             delay=time.time() - picture.t,
             found=[_message(each, located) for each in told if each.detection.score >= self["score"]],
         )
+
+    def _learn(self, t: float, seen: Detection, optics: Optics, pose: Pose, said: float) -> None:
+        """The pad's level from its size, which a leaning camera sees foreshortened."""
+        sized = sized_plane(optics, pose, (seen.u, seen.v), seen.scale_px, self.settings.symbol_m)
+        if sized is not None:
+            shortened = 0.0 if optics.gimbal else 1.0 - math.cos(pose.roll) * math.cos(pose.pitch)
+            self._level.learn(t, said, sized, (BY_SIZE + shortened) * camera_height(optics, pose, sized))
 
     def _wanted(self, optics: Optics, pose: Pose | None, plane: float | None, t: float) -> list[tuple[float, float]]:
         """Pixels where something doubtful was seen before."""
@@ -265,11 +272,18 @@ class Helipad(zmav.Agent):
         if own.target:
             state = self.z.vehicle(own.target).last_state
             if state is not None and state.local is not None:  # old, too: it is a height
+                self._said(own.target)
                 return state.local[2] - float(own.deck_m)
         state = self.vehicle.last_state
         if state is None or state.local is None or state.position is None:
             return None
+        self._said("")
         return state.local[2] + state.position.alt_rel - float(own.deck_m)
+
+    def _said(self, by: str) -> None:
+        """What was learned of another's word is forgotten."""
+        if by != self._said_by:
+            self._said_by, self._level = by, PadLevel()
 
     # What is said.
 
@@ -318,6 +332,12 @@ def _place(there: wire.Detection, carrier: tuple[float, float]) -> Place | None:
         return None
     deviation = math.sqrt(there.covariance[0] + there.covariance[2])
     return Place(there.pos[0] - carrier[0], there.pos[1] - carrier[1], deviation, there.yaw)
+
+
+def _hint(optics: Optics, pose: Pose | None, plane: float | None) -> float | None:
+    """m of the camera above the pad that the detector is told."""
+    height = None if pose is None or plane is None else camera_height(optics, pose, plane)
+    return height if height is not None and height > 0.1 else None
 
 
 def _message(told: Told, located: list[wire.Detection]) -> wire.Detection:

@@ -76,7 +76,7 @@ def sized_plane(
     optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float
 ) -> float | None:
     """How far down (m) the symbol of ``symbol_m`` metres is that appears ``scale_px`` pixels high at ``pixel``; its
-    standard deviation is ``BY_SIZE`` of the camera's height above it. None above the horizon.
+    standard deviation is ``BY_SIZE`` of the camera's height above it. None above the horizon, and of no size.
     """
     camera = optics.rays(np.array([pixel]))[0]
     rotation = attitude(optics, pose)

@@ -31,6 +31,8 @@ ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 LENS = CameraSpec(rate_hz=12.0)
 FIELD_OF_VIEW = 2.0 * math.atan(LENS.width / 2.0 / LENS.focal_px)
 DECK, PATIENCE_S = 0.31, 60.0
+WRONG = 0.5
+"""m that the deck is told too high: two autopilots' heights differ by as much"""
 
 
 async def drive(rover: zmav.Vehicle, speed: float) -> None:
@@ -68,8 +70,8 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
         bulk = SessionSettings(connect=[endpoint])
         camera = CameraAgent(z, own, MjpegSource(pictures), FIELD_OF_VIEW, bulk)
         await stack.enter_async_context(camera)
-        helipad = Helipad(z, "quad1", HelipadSettings(target="rover1", deck_m=DECK))
-        follower = Follower(z, "quad1", FollowerSettings(deck_m=DECK))
+        helipad = Helipad(z, "quad1", HelipadSettings(target="rover1", deck_m=DECK + WRONG))
+        follower = Follower(z, "quad1", FollowerSettings(deck_m=DECK + WRONG))
         for agent in (helipad, follower):
             await stack.enter_async_context(agent)
         running = [asyncio.create_task(agent.run()) for agent in (helipad, follower)]

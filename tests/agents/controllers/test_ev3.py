@@ -38,6 +38,7 @@ def flown(craft: Hexarotor) -> Cycles[Errors]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)  # it computes for a minute, alone
 def test_what_it_misses_it_misses_near_the_corners() -> None:
     with Flight(wind=(3.0, 2.0, 0.0), noise="rtk", slow=10, height=8.0, ways=2, alike=False) as both:
         flights = both.together([flown(both[0]), flown(both[1])])

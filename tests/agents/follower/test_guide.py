@@ -174,6 +174,22 @@ def test_what_was_lost_is_not_looked_for_at_the_speed_that_lost_it() -> None:
     assert math.hypot(*map(float, estimate.vel)) < 0.2
 
 
+@pytest.mark.parametrize(
+    ("vel", "age", "expected"),
+    [((2.0, 0.0, 0.0), 0.3, 2.0), ((2.0, 0.0, 0.0), 3.0, 0.0), ((20.0, 0.0, 0.0), 0.3, 0.0), (None, 0.3, 0.0)],
+)
+def test_it_begins_with_the_speed_that_the_target_says_if_that_is_fresh_and_possible(
+    vel: Vector | None, age: float, expected: float
+) -> None:
+    world = World(lambda t: (0.0, 0.0))
+    seen = world.picture()
+    told = TargetFix(100.0 - age, (0.0, 0.0, 0.0), vel)
+    assert world.guide.see(100.1, 100.0, seen, (0.0, 0.0, -5.3), told, 0.3)
+    estimate = world.guide.tracker.at(100.0)
+    assert estimate is not None
+    assert float(estimate.vel[0]) == expected
+
+
 def test_a_search_widens_and_rises_within_its_bounds() -> None:
     world = World(lambda t: (0.0, 0.0))
     world.hidden = lambda t: True

@@ -72,7 +72,7 @@ PERMITTING = {
 def classes() -> Iterator[tuple[Path, ast.ClassDef, str]]:
     """Each class of these files, and its text."""
     for path in FILES:
-        lines = (text := path.read_text()).splitlines()
+        lines = (text := path.read_text()).split("\n")
         for node in ast.walk(ast.parse(text, str(path))):
             if isinstance(node, ast.ClassDef):
                 yield path, node, "\n".join(lines[node.lineno - 1 : node.end_lineno])
