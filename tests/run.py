@@ -7,8 +7,8 @@ What failed beside other tests runs once more, alone. On a busy machine a test t
 It must be mended, so it is named; it says nothing of the code, so it fails no run. Exits as pytest does, and with 0
 where all that failed passed alone.
 
-``--beside "COMMAND"`` first: that runs beside the tests at the lowest priority, as many of them wait for something. What
-it said comes after them, and where it failed, so does the run.
+``--beside "COMMAND"`` first: that runs beside the tests at the lowest priority, as many of them wait for something.
+What it said comes after them, and where it failed, so does the run.
 """
 
 from __future__ import annotations
