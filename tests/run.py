@@ -103,8 +103,9 @@ def _beside(command: list[str], args: list[str]) -> int:
     with tempfile.TemporaryFile("w+") as said:
         other = subprocess.Popen(["nice", "-n", "19", *command], stdout=said, stderr=subprocess.STDOUT)
         try:
-            tested = main(args)
-            failed = other.wait() if tested != pytest.ExitCode.INTERRUPTED else 0
+            if (tested := main(args)) == pytest.ExitCode.INTERRUPTED:
+                return tested
+            failed = other.wait()
         finally:
             other.terminate()
         said.seek(0)

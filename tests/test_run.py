@@ -109,9 +109,10 @@ def test_the_second_run(
     [
         (GOOD, "print('no errors')", 0, ["1 passed", ": good\nno errors\n"]),
         (GOOD, "print('one error'); raise SystemExit(1)", 1, ["1 passed", ": FAILED\none error\n"]),
-        (BROKEN, "print('no errors')", 2, ["1 error", ": good\nno errors\n"]),
+        (SIX_BAD, "print('no errors')", 1, ["6 failed", ": good\nno errors\n"]),
+        (BROKEN, "import time; time.sleep(90)", 2, ["1 error", ""]),
     ],
-    ids=["good", "beside-fails", "tests-fail"],
+    ids=["good", "beside-fails", "tests-fail", "cut-short"],
 )
 def test_what_runs_beside_is_told_of_after_the_tests_and_fails_the_run_too(
     tmp_path: Path, root: Path, test: str, beside: str, status: int, said: list[str]
@@ -123,4 +124,4 @@ def test_what_runs_beside_is_told_of_after_the_tests_and_fails_the_run_too(
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
     assert ran.returncode == status, ran.stdout + ran.stderr
     assert all(words in ran.stdout for words in said), ran.stdout
-    assert ran.stdout.index(said[0]) < ran.stdout.index(said[1])
+    assert ran.stdout.index(said[0]) < ran.stdout.rindex(said[1])
