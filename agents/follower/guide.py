@@ -55,8 +55,13 @@ class TargetFix:
     """None: it does not say"""
 
     def at(self, t: float) -> tuple[float, float]:
-        ahead, vel = max(0.0, min(t - self.t, 5.0)), self.vel or (0.0, 0.0, 0.0)
-        return self.pos[0] + ahead * vel[0], self.pos[1] + ahead * vel[1]
+        ahead, (north, east) = max(0.0, min(t - self.t, 5.0)), self.moves
+        return self.pos[0] + ahead * north, self.pos[1] + ahead * east
+
+    @property
+    def moves(self) -> tuple[float, float]:
+        """m/s north, east; 0 where it does not say."""
+        return (0.0, 0.0) if self.vel is None else self.vel[:2]
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class Guide:
         aim, within = self._about(t, told)
         vel = None
         if told is not None and told.vel is not None and abs(t - told.t) < FRESH:
-            vel = told.vel[:2] if math.hypot(*told.vel[:2]) <= self.tuned("speed") else None
+            vel = told.moves if math.hypot(*told.moves) <= self.tuned("speed") else None
         places = [each for each in found if each.score >= least and self._may_be(each, t, me, told)]
         if aim is not None:
             places = [each for each in places if _away(each, aim) <= within]
@@ -171,8 +176,8 @@ class Guide:
         else:
             seen = self.tracker.t
             unseen = math.inf if seen is None else now - seen
-            known = before == "touch" and seen is not None
-            if self.wanted == "land" and (known or (before == "descend" and unseen < self.tuned("coast"))):
+            blind = {"touch": math.inf, "descend": self.tuned("coast")}.get(before, 0.0)
+            if self.wanted == "land" and unseen < blind:
                 pass  # so near above it nothing is seen any more
             elif unseen - late < COAST_AFTER:
                 self.phase = "descend" if self.wanted == "land" else "track"
@@ -207,7 +212,7 @@ class Guide:
         """On the way there, or in a growing spiral about it, rising for a wider view."""
         place = self._place(now, told) or self._held_place(me)
         top = max(self.height, self.tuned("search_top"))
-        vel = (0.0, 0.0, 0.0) if told is None or told.vel is None else (told.vel[0], told.vel[1], 0.0)
+        vel = (0.0, 0.0, 0.0) if told is None else (*told.moves, 0.0)
         if self.phase == "approach":
             return FollowCommand((place[0], place[1], plane - self.height), vel)
         height = min(top, self.height + self.tuned("search_climb") * max(0.0, now - self._since))

@@ -161,7 +161,7 @@ class Helipad(zmav.Agent):
         detector, doubting, optics = self._detector(width, height)
         said = self._plane()
         plane = None if said is None else self._level.at(picture.t, said)
-        hint, said_hint = (_hint(optics, pose, each) for each in (plane, said))
+        hint = _hint(optics, pose, plane)
         level = pose is None or optics.gimbal
         roll, pitch = (0.0, 0.0) if level or pose is None else (pose.roll, pose.pitch)
         found = detector.sights(image, hint, roll, pitch, near=self._last) if self._last is not None else []
@@ -172,7 +172,8 @@ class Helipad(zmav.Agent):
             found = (doubting if doubts else detector).sights(image, hint, roll, pitch, also=also)
         elif self._looked % DOUBT == 0:
             # Every other time by what is said: what was learned may be of something else.
-            others = detector.sights(image, (hint, said_hint)[self._looked // DOUBT % 2], roll, pitch)
+            supposed = hint if self._looked // DOUBT % 2 == 0 else _hint(optics, pose, said)
+            others = detector.sights(image, supposed, roll, pitch)
             found += [each for each in others if _another(each.detection, found[0].detection)]
         located = [self._located(each.detection, optics, pose, plane) for each in found]
         carrier = self._carrier(picture.t)

@@ -96,8 +96,8 @@ def fix(
     sized = sized_plane(optics, pose, pixel, scale_px, symbol_m)
     if sized is None:
         return None
-    by_plane = camera_height(optics, pose, plane)
     by_scale = camera_height(optics, pose, sized)
+    by_plane = by_scale + plane - sized
     by_size = not (by_scale / AGREE < by_plane < by_scale * AGREE)
     height = HEIGHT * abs(by_plane) + HEIGHT_M
     if by_size:

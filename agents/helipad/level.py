@@ -39,7 +39,7 @@ class PadLevel:
             return
         since = t - self._t
         if not 0.0 <= since < FORGOTTEN:
-            self._off, self._variance, since = 0.0, UNKNOWN**2, 0.0
+            self._off, self._variance, self._strays, since = 0.0, UNKNOWN**2, 0, 0.0
         variance = self._variance + DRIFT**2 * since
         noise = deviation**2
         wrong = sized - said - self._off

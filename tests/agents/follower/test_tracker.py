@@ -100,6 +100,7 @@ def test_what_the_target_says_of_its_speed_outweighs_the_first_few_sights() -> N
         assert estimate is not None
         speeds.append(float(estimate.vel[0]))
     assert 0.5 < speeds[0] < 1.0
+    assert speeds[1] == speeds[2] > 2.0
     # What goes on so leaves the gate, and begins anew with what is said.
     tracker = Tracker(0.3)
     for k in range(15):
@@ -107,4 +108,3 @@ def test_what_the_target_says_of_its_speed_outweighs_the_first_few_sights() -> N
     estimate = tracker.at(14 / 15.0)
     assert estimate is not None
     assert float(estimate.vel[0]) < 3.5
-    assert speeds[1] == speeds[2] > 2.0

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tests.agents.helipad.letters import LOOKALIKES, ink
 from tests.agents.helipad.scenery import Clutter, lay
+from zmav.wire import CameraInfo
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
@@ -24,6 +25,9 @@ Frame = NDArray[np.uint8]
 SIZE = (640, 480)
 FOCAL_PX = 520.0
 CAMERA = np.array([[FOCAL_PX, 0.0, 319.5], [0.0, FOCAL_PX, 239.5], [0.0, 0.0, 1.0]])
+INFO = CameraInfo(
+    t=0.0, camera="down", width=640, height=480, focal=(520.0, 520.0), center=(319.5, 239.5), rate_hz=20.0
+)
 SYMBOL_M = 0.25
 OVERSAMPLE = 4
 WHITE, YELLOW = (236.0, 240.0, 240.0), (35.0, 190.0, 238.0)

@@ -10,16 +10,13 @@ import numpy as np
 import pytest
 
 from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate, pixel
+from tests.agents.helipad.generator import INFO
 from zmav.sim.arrays import quat_from_euler
 from zmav.sim.camera import CameraSpec
 from zmav.sim.camera.projection import camera_matrix, camera_rotation, quat_matrix
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose
-from zmav.wire import CameraInfo
 
-INFO = CameraInfo(
-    t=0.0, camera="down", width=640, height=480, focal=(520.0, 520.0), center=(319.5, 239.5), rate_hz=20.0
-)
 BENT = (-0.12, 0.03, 0.001, -0.0005, 0.0)
 
 

@@ -11,22 +11,11 @@ import pytest
 from agents.helipad import Detector
 from agents.helipad.geolocate import BY_SIZE, camera_height, sized_plane
 from agents.helipad.level import FORGOTTEN, MOST, UNKNOWN, PadLevel
-from tests.agents.helipad.generator import CAMERA, SYMBOL_M, Sample, sample
+from tests.agents.helipad.generator import CAMERA, INFO, SYMBOL_M, Sample, sample
 from zmav.vision.optics import Optics
 from zmav.vision.poses import Pose
-from zmav.wire import CameraInfo
 
-OPTICS = Optics.of(
-    CameraInfo(
-        t=0.0,
-        camera="down",
-        width=640,
-        height=480,
-        focal=(float(CAMERA[0, 0]), float(CAMERA[1, 1])),
-        center=(float(CAMERA[0, 2]), float(CAMERA[1, 2])),
-        rate_hz=15.0,
-    )
-)
+OPTICS = Optics.of(INFO)
 
 
 @functools.cache
