@@ -42,6 +42,7 @@ class Truth:
         self.rows: list[Row] = []
         self.begun = time.monotonic()
         self.closest, self.pair, self.closest_at = math.inf, ("", ""), 0.0
+        self._looks, self._behind = 0, 0
         self._stop = threading.Event()
 
     @contextlib.contextmanager
@@ -57,15 +58,23 @@ class Truth:
     def _watch(self, control: Path) -> None:
         with contextlib.suppress(ZmavError), Remote(control) as sim:  # it may end before us
             while not self._stop.wait(EVERY):
-                by_name = {vehicle.name: vehicle.ned_m for vehicle in sim.status().vehicles}
-                self.take(tuple((n, e, -d) for n, e, d in (by_name[name] for name in self.names)))
+                status = sim.status()
+                by_name = {vehicle.name: vehicle.ned_m for vehicle in status.vehicles}
+                self.take(tuple((n, e, -d) for n, e, d in (by_name[name] for name in self.names)), status.behind)
 
-    def take(self, places: tuple[tuple[float, float, float], ...]) -> None:
+    def take(self, places: tuple[tuple[float, float, float], ...], behind: bool) -> None:
+        """Places in m (north, east, up); whether the simulation is slower than it should be."""
         now = time.monotonic() - self.begun
         self.rows.append(Row(now, places))
+        self._looks, self._behind = self._looks + 1, self._behind + behind
         for (a, one), (b, other) in itertools.combinations(zip(self.names, places, strict=True), 2):
             if (apart := math.dist(one, other)) < self.closest:
                 self.closest, self.pair, self.closest_at = apart, (a, b), now
+
+    @property
+    def behind(self) -> float:
+        """The share of the time for which the simulation was slower than it should be."""
+        return self._behind / max(self._looks, 1)
 
     def flown(self, name: str) -> float:
         """m along its track."""

@@ -13,7 +13,7 @@ import pytest
 from tests.hil.conftest import MakeWorld, hil_world
 from tests.hil.hover import PLUS, state_of, steer
 from tests.waiting import wait_until
-from zmav.errors import BadConfig, PortInUse
+from zmav.errors import PortInUse
 from zmav.hil.ardupilot import JsonVehicle
 from zmav.sim import VehicleSpec, World
 from zmav.sim.spec import Stack
@@ -163,8 +163,3 @@ def test_two_worlds_cannot_have_one_port(world: World, client: Client) -> None:
         hil_world([VehicleSpec(stack=Stack(port=client.vehicle.port))]),
     ):
         raise AssertionError("opened twice")
-
-
-def test_px4_has_no_plus_frame() -> None:
-    with pytest.raises(BadConfig, match="sih or hexa"):
-        hil_world([VehicleSpec(autopilot="px4", airframe="quad", stack=Stack(port=0))])

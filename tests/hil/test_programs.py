@@ -25,6 +25,7 @@ from zmav.hil.binaries import Job, find_ardupilot, find_px4, px4_job
 from zmav.hil.craft import craft
 from zmav.hil.px4 import Px4Vehicle
 from zmav.sim import Home, VehicleSpec, World
+from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.geo import Position
 from zmav.sim.spec import Stack
 
@@ -188,10 +189,10 @@ class TestFinding:
         link.symlink_to(binary)
         assert self.job(find_px4(link)).command[0] == str(binary)
 
-    def job(self, binary: Path) -> Job:
+    def job(self, binary: Path, frame: str = "sih") -> Job:
         return px4_job(
             binary,
-            craft("sih"),
+            craft(frame),
             instance=3,
             sysid=4,
             home=Position(47.0, 8.0, 400.0),
@@ -233,6 +234,18 @@ class TestFinding:
         assert (told["PX4_SIMULATOR"], told["PX4_SIM_HOSTNAME"]) == ("", "")
         places = [(told[f"PX4_PARAM_CA_ROTOR{i}_PX"], told[f"PX4_PARAM_CA_ROTOR{i}_PY"]) for i in range(4)]
         assert places == [("0.2", "0.2"), ("-0.2", "-0.2"), ("0.2", "-0.2"), ("-0.2", "0.2")]
+        assert "PX4_PARAM_MPC_THR_HOVER" not in told, "that is PX4's own body"
+
+    def test_px4_is_told_of_a_body_that_is_not_its_own(self, tmp_path: Path) -> None:
+        told = self.job(tmp_path / "bin/px4", "quad").environment
+        rotors = airframe("quad").rotors
+        for i, actuator in enumerate(craft("quad").px4):
+            place = (told[f"PX4_PARAM_CA_ROTOR{actuator}_PX"], told[f"PX4_PARAM_CA_ROTOR{actuator}_PY"])
+            assert place == (f"{rotors[i].forward_m:g}", f"{rotors[i].right_m:g}")
+            # The frame that it takes this for has its first two rotors turn one way, and the others the other.
+            assert (rotors[i].spin > 0) == (actuator < 2)
+        tuning = {name: told[f"PX4_PARAM_{name}"] for name in ("THR_MDL_FAC", "MPC_THR_HOVER", "MC_ROLLRATE_K")}
+        assert tuning == {"THR_MDL_FAC": "0.65", "MPC_THR_HOVER": "0.39", "MC_ROLLRATE_K": "0.4"}
 
     def test_a_px4s_system_id_is_its_instance_and_one(self, tmp_path: Path) -> None:
         # Its start script sets it so, whatever the environment says.
@@ -261,7 +274,7 @@ class TestFinding:
             world.close()
 
     def test_px4_has_no_sitl_frame_for_our_hexarotor(self, tmp_path: Path) -> None:
-        with pytest.raises(BadConfig, match="'sih'"):
+        with pytest.raises(BadConfig, match="'quad' or 'sih'"):
             px4_job(
                 tmp_path,
                 craft("hexa"),
@@ -307,6 +320,7 @@ class TestOptions:
             ("r", "ardurover", None),
         ]
         assert (found[0].sysid, found[0].start_ned_m, found[0].params) == (4, (1.0, 2.0, 0.0), {})
+        assert found[0].airframe == "quad", "the same body under another autopilot"
         assert left["px4"] == ()
         found, _ = flown_by([copter, rover], {**NOTHING, "px4": ("/px4",), "ardupilot": "/a"})
         assert [s.stack and s.stack.program for s in found] == ["/px4", "/a"]

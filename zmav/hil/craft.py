@@ -48,8 +48,8 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     ``program``: the ArduPilot binary that flies it; ``channels``: its actuators, in the order of the values of
     :func:`drive`; ``defaults``: parameter files of its source tree, in Tools/autotest; ``params``: what differs from
     them. ``px4``: which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does not fly it here.
-    ``px4_airframe``: SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none. ``air_data``: it has a
-    pitot tube.
+    ``px4_airframe``: SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none; ``px4_tuning``: parameters
+    in which it differs from that. ``air_data``: it has a pitot tube.
     """
 
     name: str
@@ -59,6 +59,7 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     params: Mapping[str, float]
     px4: tuple[int, ...] = ()
     px4_airframe: int = 0
+    px4_tuning: Mapping[str, float] = {}
     air_data: bool = False
 
     def make(self, start: Array, yaw: Array, dt: float) -> tuple[Body, Pack]:
@@ -72,13 +73,16 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def px4_params(self) -> Mapping[str, float]:
-        """Where PX4's motors are, for its mixer: the Iris that it takes this for has its rear ones closer together."""
+        """Where PX4's motors are, for its mixer: the Iris that it takes this for has its rear ones closer together. And
+        what else it is to know.
+        """
         placed = {f"CA_ROTOR{i}": rotor for i, rotor in zip(self.px4, airframe(self.name).rotors, strict=True)}
-        return {
+        places = {
             f"{motor}_{axis}": round(metres, 3)
             for motor, rotor in sorted(placed.items())
             for axis, metres in (("PX", rotor.forward_m), ("PY", rotor.right_m))
         }
+        return {**places, **self.px4_tuning}
 
     def from_pwm(self, pwm: Sequence[int]) -> list[float]:
         """Actuator values of ArduPilot's servo outputs."""
@@ -119,14 +123,29 @@ def _rotors(*numbers: int) -> tuple[OutputChannel, ...]:
     return tuple(OutputChannel(number) for number in numbers)
 
 
+# Full rotors turn this body three times as fast as PX4's own: its rate loops get less. It was flown with these.
+_QUAD_TUNING = {
+    "THR_MDL_FAC": airframe("quad").thrust_expo,
+    "MPC_THR_HOVER": 0.39,
+    "MC_ROLLRATE_K": 0.4,
+    "MC_PITCHRATE_K": 0.4,
+    "MC_YAWRATE_K": 0.4,
+}
 # Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
-_QUAD_X, _HEXA_X = (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
+_QUAD_PLUS, _QUAD_X, _HEXA_X = (0, 1, 2, 3), (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
 _DRIVE = (OutputChannel(0, both_ways=True), OutputChannel(2, both_ways=True))
 # Steps a second where loops run at 50 Hz: a third of what ArduPilot asks for by itself, and as good.
 _SLOW = {"SIM_RATE_HZ": 400}
 _CRAFTS = (
-    Craft(name="quad", channels=_rotors(0, 1, 2, 3), params={"FRAME_CLASS": 1, "FRAME_TYPE": 0}),
+    Craft(
+        name="quad",
+        channels=_rotors(0, 1, 2, 3),
+        params={"FRAME_CLASS": 1, "FRAME_TYPE": 0},
+        px4=_QUAD_PLUS,
+        px4_airframe=10016,
+        px4_tuning=_QUAD_TUNING,
+    ),
     Craft(name="hexa", channels=_rotors(*_HEXA_X), params={"FRAME_CLASS": 2, "FRAME_TYPE": 1}, px4=_HEXA_X),
     Craft(
         name="sih",

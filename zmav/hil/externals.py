@@ -106,9 +106,6 @@ class Externals(NoExternals):
         stack, name, sysid = spec.stack, spec.name or "", spec.sysid or 1
         assert stack is not None
         frame = craft(airframe_of(spec))
-        if spec.autopilot == PX4 and not frame.px4:
-            text = f"{name}: PX4 does not fly {frame.name!r} from outside; expected sih or hexa"
-            raise BadConfig(text, field="airframe", value=frame.name, expected="sih or hexa")
         plant = self._plant(spec, frame)
         vehicle: External
         if stack.device is not None:

@@ -28,7 +28,7 @@ from zmav.sim.lineup import KINDS, field_of
 from zmav.sim.listener import Listener
 from zmav.sim.remote import control_path
 from zmav.sim.sensors.noise import PROFILES
-from zmav.sim.spec import ARDUCOPTER, PX4, Stack, VehicleSpec
+from zmav.sim.spec import ARDUCOPTER, PX4, Stack, VehicleSpec, airframe_of
 from zmav.sim.values import parse_home, parse_speed, parse_wind
 
 MOST = 250
@@ -95,8 +95,8 @@ def stack_vehicles(counts: dict[str, int], options: dict[str, Any]) -> list[Vehi
 
 
 def _as_px4(spec: VehicleSpec) -> VehicleSpec:
-    """The copter at its place, with what it carries; PX4's programs fly one airframe, and choose their own ports."""
-    return msgspec.structs.replace(spec, autopilot=PX4, airframe=None, endpoints=(), params={})
+    """The same copter at its place, with what it carries; PX4's programs choose their own ports."""
+    return msgspec.structs.replace(spec, autopilot=PX4, airframe=airframe_of(spec), endpoints=(), params={})
 
 
 def _with(spec: VehicleSpec, **stack: Any) -> VehicleSpec:
