@@ -83,13 +83,10 @@ def stack_options(found: Demo, ardupilot: str | None, px4: str | None) -> tuple[
     sims = {name: table.sim or {} for name, table in found.fleet.vehicles.items()}
     copters = [name for name, sim in sims.items() if sim.get("autopilot") in COPTERS]
     px4s = [name for name, sim in sims.items() if sim.get("autopilot") == "px4"]
-    hexas = [name for name in px4s if sims[name].get("airframe") == "hexa"]
+    hexas = [name for name in px4s or copters if sims[name].get("airframe") == "hexa"]
     demo = found.path.stem
     if px4 and hexas:
-        text = (
-            f"{hexas[0]} of {demo} is a hexarotor, for which no PX4 is started, and takes torques, which PX4 does "
-            "up to 1.13: fly it without --px4"
-        )
+        text = f"{hexas[0]} of {demo} is a hexarotor, for which no PX4 is started: fly it without --px4"
         raise BadConfig(text, field="px4", value=px4, expected="a demo of quadrotors")
     if px4 and len(copters) > MOST_PX4:
         text = f"{demo} has {len(copters)} copters, and PX4s that are started have links for {MOST_PX4}"

@@ -14,8 +14,8 @@ from agents.demo.play import Play
 from zmav.cli.common import table
 
 COLUMNS = ("vehicle", "is a", "relays", "flown", "highest", "setpoints", "dropped", "MAVLink lost", "RTT", "at the end")
-MUCH_BEHIND = 0.1
-"""of the time that the simulation may be slower than real time before somebody is told"""
+SLOW = 0.95
+"""of the pace that was asked for: a simulation that is slower is told of"""
 
 
 def rows(play: Play) -> list[dict[str, Any]]:
@@ -69,7 +69,7 @@ def _words(play: Play) -> list[str]:
         a, b = truth.pair
         least = f" (at least {play.demo.story.apart:g} m asked)" if play.demo.story.apart else ""
         found.append(f"closest approach {truth.closest:.2f} m, {a} and {b} after {truth.closest_at:.0f} s{least}")
-    if slow := slow_words(truth.behind):
+    if slow := slow_words(truth.pace):
         found.append(slow)
     per_hop = play.watch.delay_per_hop(play.demo.relays) if play.watch else None
     if per_hop is not None:
@@ -77,13 +77,13 @@ def _words(play: Play) -> list[str]:
     return found
 
 
-def slow_words(behind: float) -> str:
-    """What a simulation means that was slower than it should be for that share of the time; empty where it was not."""
-    if behind <= MUCH_BEHIND:
+def slow_words(pace: float) -> str:
+    """What a person must know of simulated time that passed so fast (1: as it should); empty: nothing."""
+    if pace >= SLOW:
         return ""
     return (
-        f"for {behind:.0%} of the time the simulation was slower than real time, as this computer is too slow for it: "
-        "a vehicle that was late here may be on time on a faster one"
+        f"simulated time passed {pace:.2f} times as fast as asked for: a vehicle that was late may be on time on a "
+        "faster computer"
     )
 
 
@@ -96,7 +96,7 @@ def write(play: Play, path: Path, fault: str | None) -> None:
         "good": fault is None,
         "fault": fault,
         "seconds": play.now(),
-        "behind": play.truth.behind,
+        "pace": play.truth.pace,
         "vehicles": rows(play),
         "closest": closest if len(play.truth.names) > 1 and play.truth.rows else None,
         "marks": [{"t": mark.t, "text": mark.text} for mark in play.marks],

@@ -42,7 +42,7 @@ class Truth:
         self.rows: list[Row] = []
         self.begun = time.monotonic()
         self.closest, self.pair, self.closest_at = math.inf, ("", ""), 0.0
-        self._looks, self._behind = 0, 0
+        self._paces: list[float] = []
         self._stop = threading.Event()
 
     @contextlib.contextmanager
@@ -60,21 +60,21 @@ class Truth:
             while not self._stop.wait(EVERY):
                 status = sim.status()
                 by_name = {vehicle.name: vehicle.ned_m for vehicle in status.vehicles}
-                self.take(tuple((n, e, -d) for n, e, d in (by_name[name] for name in self.names)), status.behind)
+                self.take(tuple((n, e, -d) for n, e, d in (by_name[name] for name in self.names)))
+                if status.speed and status.speed_reached:  # not while it is paused, or as fast as it goes
+                    self._paces.append(status.speed_reached / status.speed)
 
-    def take(self, places: tuple[tuple[float, float, float], ...], behind: bool) -> None:
-        """Places in m (north, east, up); whether the simulation is slower than it should be."""
+    def take(self, places: tuple[tuple[float, float, float], ...]) -> None:
         now = time.monotonic() - self.begun
         self.rows.append(Row(now, places))
-        self._looks, self._behind = self._looks + 1, self._behind + behind
         for (a, one), (b, other) in itertools.combinations(zip(self.names, places, strict=True), 2):
             if (apart := math.dist(one, other)) < self.closest:
                 self.closest, self.pair, self.closest_at = apart, (a, b), now
 
     @property
-    def behind(self) -> float:
-        """The share of the time for which the simulation was slower than it should be."""
-        return self._behind / max(self._looks, 1)
+    def pace(self) -> float:
+        """How fast simulated time passed, as a share of what was asked for; 1: as it should."""
+        return statistics.fmean(self._paces) if self._paces else 1.0
 
     def flown(self, name: str) -> float:
         """m along its track."""

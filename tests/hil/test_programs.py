@@ -27,7 +27,7 @@ from zmav.hil.px4 import Px4Vehicle
 from zmav.sim import Home, VehicleSpec, World
 from zmav.sim.dynamics.airframe import airframe
 from zmav.sim.geo import Position
-from zmav.sim.spec import Stack
+from zmav.sim.spec import Stack, airframe_of
 
 
 def flown(tree: Path, name: str | None = None, directory: Path | None = None, **stack: Any) -> VehicleSpec:
@@ -152,7 +152,7 @@ class TestEnds:
             "import sys, time\n"
             "from zmav.hil.externals import Externals\n"
             "from zmav.sim import VehicleSpec, World\n"
-            "from zmav.sim.spec import Stack\n"
+            "from zmav.sim.spec import Stack, airframe_of\n"
             f"stack = Stack(program={str(tree)!r}, port=0, directory={str(tmp_path)!r})\n"
             "with World([VehicleSpec(stack=stack)], externals=Externals, epoch_s=0.0):\n"
             "    time.sleep(60)\n"
@@ -234,7 +234,6 @@ class TestFinding:
         assert (told["PX4_SIMULATOR"], told["PX4_SIM_HOSTNAME"]) == ("", "")
         places = [(told[f"PX4_PARAM_CA_ROTOR{i}_PX"], told[f"PX4_PARAM_CA_ROTOR{i}_PY"]) for i in range(4)]
         assert places == [("0.2", "0.2"), ("-0.2", "-0.2"), ("0.2", "-0.2"), ("-0.2", "0.2")]
-        assert "PX4_PARAM_MPC_THR_HOVER" not in told, "that is PX4's own body"
 
     def test_px4_is_told_of_a_body_that_is_not_its_own(self, tmp_path: Path) -> None:
         told = self.job(tmp_path / "bin/px4", "quad").environment
@@ -244,8 +243,16 @@ class TestFinding:
             assert place == (f"{rotors[i].forward_m:g}", f"{rotors[i].right_m:g}")
             # The frame that it takes this for has its first two rotors turn one way, and the others the other.
             assert (rotors[i].spin > 0) == (actuator < 2)
-        tuning = {name: told[f"PX4_PARAM_{name}"] for name in ("THR_MDL_FAC", "MPC_THR_HOVER", "MC_ROLLRATE_K")}
-        assert tuning == {"THR_MDL_FAC": "0.65", "MPC_THR_HOVER": "0.39", "MC_ROLLRATE_K": "0.4"}
+        # Its curve makes a throttle of a share of thrust: so what hovers is told as such a share.
+        hover = airframe("quad").hover_share
+        assert float(told["PX4_PARAM_THR_MDL_FAC"]) == airframe("quad").thrust_expo
+        assert float(told["PX4_PARAM_MPC_THR_HOVER"]) == pytest.approx(hover, abs=0.005)
+        assert float(told["PX4_PARAM_MC_ROLLRATE_K"]) < 1.0
+
+    def test_a_directory_that_is_kept_may_be_flown_with_another_body(self, tmp_path: Path) -> None:
+        quad, sih = (self.job(tmp_path / "bin/px4", frame).environment for frame in ("quad", "sih"))
+        assert quad.keys() == sih.keys()
+        assert (sih["PX4_PARAM_THR_MDL_FAC"], sih["PX4_PARAM_MC_ROLLRATE_K"]) == ("0", "1")
 
     def test_a_px4s_system_id_is_its_instance_and_one(self, tmp_path: Path) -> None:
         # Its start script sets it so, whatever the environment says.
@@ -273,17 +280,10 @@ class TestFinding:
         finally:
             world.close()
 
-    def test_px4_has_no_sitl_frame_for_our_hexarotor(self, tmp_path: Path) -> None:
-        with pytest.raises(BadConfig, match="'quad' or 'sih'"):
-            px4_job(
-                tmp_path,
-                craft("hexa"),
-                instance=0,
-                sysid=1,
-                home=Position(0.0, 0.0, 0.0),
-                heading_deg=0.0,
-                speed=1.0,
-            )
+    def test_px4_is_started_for_no_hexarotor(self) -> None:
+        spec = VehicleSpec(name="hex1", autopilot="px4", airframe="hexa", stack=Stack(program="/px4"))
+        with pytest.raises(BadConfig, match="hex1: no PX4 is started for the body 'hexa'"):
+            hil_world([VehicleSpec(), spec])
 
 
 NOTHING: dict[str, Any] = {"px4": (), "ardupilot": None, "devices": (), "keep": None}
@@ -321,11 +321,14 @@ class TestOptions:
         ]
         assert (found[0].sysid, found[0].start_ned_m, found[0].params) == (4, (1.0, 2.0, 0.0), {})
         assert found[0].airframe == "quad", "the same body under another autopilot"
+        found, _ = flown_by([VehicleSpec(airframe="hexa")], {**NOTHING, "px4": ("/px4",)})
+        assert found[0].airframe == "hexa"
         assert left["px4"] == ()
         found, _ = flown_by([copter, rover], {**NOTHING, "px4": ("/px4",), "ardupilot": "/a"})
         assert [s.stack and s.stack.program for s in found] == ["/px4", "/a"]
         found, _ = flown_by([copter, px4], {**NOTHING, "px4": ("/px4",)})
         assert [(s.autopilot, s.stack is not None) for s in found] == [("arducopter", False), ("px4", True)]
+        assert airframe_of(found[1]) == "sih", "PX4's own, where the file has a PX4"
         with pytest.raises(BadConfig, match="--px4 /px4"):
             flown_by([rover], {**NOTHING, "px4": ("/px4",)})
 

@@ -216,9 +216,6 @@ def px4_job(
     What its start scripts would take for another simulator is blanked, as a shell may have it set. Source: PX4,
     platforms/posix/src/px4/common/main.cpp, and in ROMFS/px4fmu_common/init.d-posix rcS and px4-rc.simulator.
     """
-    if not craft.px4_airframe:
-        text = f"there is no PX4 SITL airframe for {craft.name!r} that could be started; expected 'quad' or 'sih'"
-        raise BadConfig(text, field="airframe", value=craft.name, expected="quad or sih")
     if sysid != instance + 1:  # rcS sets it so, after what the environment says
         text = (
             f"PX4 of instance {instance} has system id {instance + 1}, not {sysid}: give it that, or another instance"

@@ -48,8 +48,8 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     ``program``: the ArduPilot binary that flies it; ``channels``: its actuators, in the order of the values of
     :func:`drive`; ``defaults``: parameter files of its source tree, in Tools/autotest; ``params``: what differs from
     them. ``px4``: which HIL_ACTUATOR_CONTROLS entry feeds each actuator; none where PX4 does not fly it here.
-    ``px4_airframe``: SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none; ``px4_tuning``: parameters
-    in which it differs from that. ``air_data``: it has a pitot tube.
+    ``px4_airframe``: SYS_AUTOSTART of PX4's SITL frame that matches, 0 where there is none; ``px4_rate_k``: the share
+    of that frame's rate gains that it is flown with. ``air_data``: it has a pitot tube.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
     params: Mapping[str, float]
     px4: tuple[int, ...] = ()
     px4_airframe: int = 0
-    px4_tuning: Mapping[str, float] = {}
+    px4_rate_k: float = 1.0
     air_data: bool = False
 
     def make(self, start: Array, yaw: Array, dt: float) -> tuple[Body, Pack]:
@@ -73,16 +73,20 @@ class Craft(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def px4_params(self) -> Mapping[str, float]:
-        """Where PX4's motors are, for its mixer: the Iris that it takes this for has its rear ones closer together. And
-        what else it is to know.
+        """Where PX4's motors are, for its mixer: the Iris that it takes this for has its rear ones closer together. It
+        is also told the thrust curve, the share of full thrust that hovers, and rate gains: each body has each of them,
+        as a directory that is kept has those of the body before.
         """
-        placed = {f"CA_ROTOR{i}": rotor for i, rotor in zip(self.px4, airframe(self.name).rotors, strict=True)}
+        frame = airframe(self.name)
+        placed = {f"CA_ROTOR{i}": rotor for i, rotor in zip(self.px4, frame.rotors, strict=True)}
         places = {
             f"{motor}_{axis}": round(metres, 3)
             for motor, rotor in sorted(placed.items())
             for axis, metres in (("PX", rotor.forward_m), ("PY", rotor.right_m))
         }
-        return {**places, **self.px4_tuning}
+        rates = {f"MC_{axis}RATE_K": self.px4_rate_k for axis in ("ROLL", "PITCH", "YAW")}
+        hover = round(frame.hover_share, 2)
+        return {**places, **rates, "THR_MDL_FAC": frame.thrust_expo, "MPC_THR_HOVER": hover}
 
     def from_pwm(self, pwm: Sequence[int]) -> list[float]:
         """Actuator values of ArduPilot's servo outputs."""
@@ -123,14 +127,6 @@ def _rotors(*numbers: int) -> tuple[OutputChannel, ...]:
     return tuple(OutputChannel(number) for number in numbers)
 
 
-# Full rotors turn this body three times as fast as PX4's own: its rate loops get less. It was flown with these.
-_QUAD_TUNING = {
-    "THR_MDL_FAC": airframe("quad").thrust_expo,
-    "MPC_THR_HOVER": 0.39,
-    "MC_ROLLRATE_K": 0.4,
-    "MC_PITCHRATE_K": 0.4,
-    "MC_YAWRATE_K": 0.4,
-}
 # Motor numbers: ardupilot.org, "Connect ESCs and Motors"; docs.px4.io, "Airframes Reference". Rotors here are in the
 # order of zmav.sim.dynamics.airframe: the "+" right, left, front, rear; rings clockwise from right of the nose.
 _QUAD_PLUS, _QUAD_X, _HEXA_X = (0, 1, 2, 3), (0, 3, 1, 2), (4, 0, 3, 5, 1, 2)
@@ -144,7 +140,7 @@ _CRAFTS = (
         params={"FRAME_CLASS": 1, "FRAME_TYPE": 0},
         px4=_QUAD_PLUS,
         px4_airframe=10016,
-        px4_tuning=_QUAD_TUNING,
+        px4_rate_k=0.4,  # full rotors turn it three times as fast as PX4's own body
     ),
     Craft(name="hexa", channels=_rotors(*_HEXA_X), params={"FRAME_CLASS": 2, "FRAME_TYPE": 1}, px4=_HEXA_X),
     Craft(

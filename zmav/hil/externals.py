@@ -106,6 +106,9 @@ class Externals(NoExternals):
         stack, name, sysid = spec.stack, spec.name or "", spec.sysid or 1
         assert stack is not None
         frame = craft(airframe_of(spec))
+        if spec.autopilot == PX4 and stack.program is not None and not frame.px4_airframe:
+            text = f"{name}: no PX4 is started for the body {frame.name!r}; expected quad or sih"
+            raise BadConfig(text, field="airframe", value=frame.name, expected="quad or sih")
         plant = self._plant(spec, frame)
         vehicle: External
         if stack.device is not None:

@@ -97,6 +97,8 @@ def test_three_vehicles_change_places_and_nobody_is_left(start_demo: Callable[..
         assert row["rtt_s"] > 0.0
         assert row["end"] == "disarmed in LAND"
     assert told["closest"]["m"] > 1.5
+    assert 0.1 < told["pace"] < 1.2
+    assert told["pace"] != 1.0, "nothing was measured"
     assert told["marks"][0]["text"] == "ready"
     for place, goal in zip(told["tracks"][-1][1], ((0.0, 15.0), (0.0, 30.0), (0.0, 0.0)), strict=True):
         assert math.dist(place[:2], goal) < 1.0  # landed below where it was sent

@@ -86,7 +86,7 @@ def test_an_animation_is_a_gif_or_it_is_said_why_not(tmp_path: Path) -> None:
 def test_truth_knows_how_far_how_high_and_how_near() -> None:
     truth = Truth(["a", "b"])
     for row in ROWS:
-        truth.take(row.places, behind=False)
+        truth.take(row.places)
     assert truth.flown("a") == pytest.approx(5.9)
     assert truth.highest("b") == 5.0
     nearest = min(((0.1 * k) ** 2 + (8.0 - 0.1 * k) ** 2) ** 0.5 for k in range(60))
@@ -95,11 +95,5 @@ def test_truth_knows_how_far_how_high_and_how_near() -> None:
 
 
 def test_a_simulation_that_was_too_slow_is_told() -> None:
-    truth = Truth(["a"])
-    assert slow_words(truth.behind) == "", "nothing was seen"
-    for number in range(10):
-        truth.take(((0.0, 0.0, 0.0),), behind=number == 0)
-    assert slow_words(truth.behind) == "", "a moment is no matter"
-    for _ in range(5):
-        truth.take(((0.0, 0.0, 0.0),), behind=True)
-    assert "for 40% of the time the simulation was slower than real time" in slow_words(truth.behind)
+    assert slow_words(Truth(["a"]).pace) == slow_words(0.97) == "", "nothing was seen; or next to nothing"
+    assert "0.62 times as fast as asked for" in slow_words(0.62)

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 import click
+import msgspec
 import pytest
 
 from agents.demo.cli import stack_options
@@ -150,8 +151,13 @@ def test_what_the_simulator_is_told_of_real_stacks() -> None:
 
 def test_what_no_stack_can_fly_is_refused_before_anything_starts() -> None:
     for ardupilot in (None, "/a"):
-        with pytest.raises(BadConfig, match=r"hex1 of prototype is a hexarotor.*takes torques.*without --px4"):
+        with pytest.raises(BadConfig, match=r"hex1 of prototype is a hexarotor.*without --px4"):
             stack_options(find("prototype"), ardupilot, "/px4")
+    line = find("line")
+    hexa = msgspec.structs.replace(line.fleet.vehicles["quad2"], sim={"airframe": "hexa"})
+    fleet = msgspec.structs.replace(line.fleet, vehicles={**line.fleet.vehicles, "quad2": hexa})
+    with pytest.raises(BadConfig, match="quad2 of line is a hexarotor"):
+        stack_options(msgspec.structs.replace(line, fleet=fleet), None, "/px4")
     assert stack_options(find("follow"), "/a", "/px4")[:4] == ("--ardupilot", "/a", "--px4", "/px4")
 
 
