@@ -152,7 +152,7 @@ class TestEnds:
             "import sys, time\n"
             "from zmav.hil.externals import Externals\n"
             "from zmav.sim import VehicleSpec, World\n"
-            "from zmav.sim.spec import Stack, airframe_of\n"
+            "from zmav.sim.spec import Stack\n"
             f"stack = Stack(program={str(tree)!r}, port=0, directory={str(tmp_path)!r})\n"
             "with World([VehicleSpec(stack=stack)], externals=Externals, epoch_s=0.0):\n"
             "    time.sleep(60)\n"
@@ -321,8 +321,6 @@ class TestOptions:
         ]
         assert (found[0].sysid, found[0].start_ned_m, found[0].params) == (4, (1.0, 2.0, 0.0), {})
         assert found[0].airframe == "quad", "the same body under another autopilot"
-        found, _ = flown_by([VehicleSpec(airframe="hexa")], {**NOTHING, "px4": ("/px4",)})
-        assert found[0].airframe == "hexa"
         assert left["px4"] == ()
         found, _ = flown_by([copter, rover], {**NOTHING, "px4": ("/px4",), "ardupilot": "/a"})
         assert [s.stack and s.stack.program for s in found] == ["/px4", "/a"]
