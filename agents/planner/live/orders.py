@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from typing import Any
@@ -19,12 +20,14 @@ from agents.planner.live.reserved import Tube, tube
 from agents.planner.model.problem import Floats
 from agents.planner.solve.loiter import STEADY, LoiterCircle
 from zmav import wire
-from zmav.errors import BadInput, Refused, ZmavError
+from zmav.errors import BadInput, Refused, Stale, ZmavError
 from zmav.verbs import VERBS
 from zmav.waiting import together
 from zmav.wire import Vector
 
 SOON = 0.5
+SILENT = 20.0
+"""s for which an autopilot that lands may be silent"""
 CIRCLING = 1.5
 """radii from its circle's centre at which a plane on it may be"""
 SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
@@ -48,7 +51,8 @@ async def carry_out(run: GoalUnderWay, leased: LeasedVehicles, step: Orders, gon
             try:
                 _check_way(order, {step.orders[before].vehicle for before in order.after} & (failed.keys() | gone))
                 run.text(f"{order.verb} of {order.vehicle}")
-                await give(leased.vehicle(order.vehicle), order.verb, order.args)
+                vehicle, args = leased.vehicle(order.vehicle), order.args
+                await (land(vehicle, args) if order.verb == "land" else give(vehicle, order.verb, args))
             except ZmavError as e:
                 if not step.lands:
                     raise
@@ -82,6 +86,20 @@ async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> Non
     if verb == "takeoff" and not vehicle.state.armed:
         await vehicle.arm()
     await vehicle.order(verb, order)
+
+
+async def land(vehicle: zmav.Vehicle, args: Mapping[str, Any], silent: float = SILENT) -> None:
+    """As :func:`give`. It lands on while its agent does not hear its autopilot, and to be told so again does no harm:
+    raises :class:`Stale` only where that is so after ``silent`` s.
+    """
+    until = time.monotonic() + silent
+    while True:
+        try:
+            return await give(vehicle, "land", args)
+        except Stale:
+            if time.monotonic() > until:
+                raise
+        await asyncio.sleep(SOON)
 
 
 async def halt(run: GoalUnderWay, leased: LeasedVehicles, names: Iterable[str]) -> None:

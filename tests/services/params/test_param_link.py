@@ -43,7 +43,7 @@ async def test_a_recorded_download_is_what_pymavlink_makes_of_it(
     session, endpoint = net.router()
     ground = net.ground(endpoint)
     states = ground.samples("zmav/demo-replay/quad1/state")
-    vehicle = await onboard(session, f"replay:{shared_data / 'copter_params.tlog'}?speed=50", fleet="demo-replay")
+    vehicle = await onboard(session, f"replay:{shared_data / 'copter_params.tlog'}", fleet="demo-replay")
     await states.until(lambda: vehicle.params.known.complete, "complete set")
     (reply,) = await ground.ask("zmav/demo-replay/quad1/param")
     assert reply.ok is not None
