@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
-import time
 from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from typing import Any
@@ -26,8 +26,8 @@ from zmav.waiting import together
 from zmav.wire import Vector
 
 SOON = 0.5
-SILENT = 20.0
-"""s for which an autopilot that lands may be silent"""
+AGAIN = 40
+"""times, :data:`SOON` apart, that a vehicle is told to land again whose autopilot is silent"""
 CIRCLING = 1.5
 """radii from its circle's centre at which a plane on it may be"""
 SLOWEST, CRAWL, SLACK = 60.0, 0.5, 3.0
@@ -88,18 +88,16 @@ async def give(vehicle: zmav.Vehicle, verb: str, args: Mapping[str, Any]) -> Non
     await vehicle.order(verb, order)
 
 
-async def land(vehicle: zmav.Vehicle, args: Mapping[str, Any], silent: float = SILENT) -> None:
-    """As :func:`give`. It lands on while its agent does not hear its autopilot, and to be told so again does no harm:
-    raises :class:`Stale` only where that is so after ``silent`` s.
+async def land(vehicle: zmav.Vehicle, args: Mapping[str, Any], again: int = AGAIN) -> None:
+    """As :func:`give`. It lands on while its agent does not hear its autopilot, and to be told so ``again`` does no
+    harm: raises :class:`Stale` only where that was in vain so many times.
     """
-    until = time.monotonic() + silent
-    while True:
-        try:
-            return await give(vehicle, "land", args)
-        except Stale:
-            if time.monotonic() > until:
-                raise
+    for _ in range(again):
+        with contextlib.suppress(Stale):
+            await give(vehicle, "land", args)
+            return
         await asyncio.sleep(SOON)
+    await give(vehicle, "land", args)
 
 
 async def halt(run: GoalUnderWay, leased: LeasedVehicles, names: Iterable[str]) -> None:

@@ -237,7 +237,7 @@ class Params:
         """See who the autopilot is, and begin to read where its set is not known."""
         self._look()
         now = time.monotonic()
-        if not self._identity.connected or self._port.link.recorded:  # which answers nobody: what it has is heard
+        if not self._identity.connected or self._port.link.recorded:  # a recording answers nobody
             self._connected_at = None
             return
         if self._connected_at is None:
