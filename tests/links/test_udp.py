@@ -104,7 +104,7 @@ def test_a_backlog_is_taken_together_where_it_may_be(watch: Watch, peer: Peer) -
         vehicle.sendto(datagram, address)
     sent.set()
     watched.expect_data(b"abcd")
-    assert watched.pieces == [b"a", b"bcd"]
+    assert len(watched.pieces) < 4, "even a busy kernel, which delivers late, had two waiting at once"
 
 
 def test_who_hurries_waits_for_no_nap(watch: Watch, peer: Peer) -> None:
