@@ -34,6 +34,7 @@ CLOSEST = 0.5  # rotor radii: the formula of the ground effect is not trusted be
 
 
 REST_THRUST = 0.7  # of the weight: below it a standing vehicle does not move
+SETTLED = 1e-6  # of full speed: a slower rotor has stopped
 
 
 class CopterDynamics(RigidBodies):
@@ -61,6 +62,8 @@ class CopterDynamics(RigidBodies):
         self.thrust: Array = np.zeros((m, n))  # of the last step, N
         self.contact: Flags = self.pos[2] >= -1e-6
         self.resting: Flags = self.contact.copy()
+        self.still = False
+        """after a step: all rest, and no rotor turns"""
         self.q: Array = quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw)
         self._wrench = airframe.wrench_matrix()
         self._rests_n = REST_THRUST * airframe.weight_n
@@ -94,6 +97,7 @@ class CopterDynamics(RigidBodies):
         wrench = self._wrench @ self.thrust
         total = wrench[0]
         self.resting &= total < self._rests_n
+        self.still = False
         if all_of(self.resting):
             self.stand()
             return
@@ -104,6 +108,12 @@ class CopterDynamics(RigidBodies):
             torque -= self.rate * frame.spin_drag
         self._touch(force, torque, down, total)
         self._integrate(force, torque)
+
+    def stand(self) -> None:
+        super().stand()
+        if np.maximum.reduce(self.rotor, axis=None) < SETTLED:
+            self.rotor[:] = self.thrust[:] = 0.0
+            self.still = True
 
     def _inflow(self) -> Array:
         """Air through each rotor from above, as a share of the speed at which it gives nothing, (M, N).
@@ -118,6 +128,8 @@ class CopterDynamics(RigidBodies):
 
     def current(self) -> Array:
         """What the motors draw, A: the induced power of a rotor goes with its thrust to the 3/2 (momentum theory)."""
+        if self.still:
+            return np.zeros(self.n)
         frame = self.airframe
         share = self.thrust / frame.hover_thrust_n
         result: Array = dot(share, np.sqrt(share)) * (frame.hover_current_a / len(frame.rotors))

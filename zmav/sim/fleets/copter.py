@@ -68,6 +68,9 @@ class CopterFleet(Fleet):
         if any_of(self.setpoints.spool == FLY):
             self.cascade.level(self.estimate)
 
+    def stands(self) -> bool:
+        return self.dynamics.still and not any(self.setpoints.spool.tolist())
+
     def control_step(self) -> None:
         self.dynamics.throttle = self.cascade.inner(self.estimate, self.dynamics.dt)
 

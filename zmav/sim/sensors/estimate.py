@@ -81,13 +81,19 @@ class Estimator:
         self.q: Array = dyn.q if self._twist is None else quat_multiply(self._twist, dyn.q)
         self.rate: Array = dyn.rate
 
-    def observe(self, dt: float) -> None:
-        """Once a tick: errors, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body."""
+    def observe(self, dt: float, *, moved: bool = True) -> None:
+        """Once a tick: errors, Euler angles (3, N) and accelerometer reading ``force`` (3, N) m/s^2 body. ``moved``:
+        the bodies may have, since the last.
+        """
+        if not moved:
+            self.refresh()
         if self._sensors.tick(dt) and self._believes:
             self._belief.step()
             self.settle()
         if self._astray:
             self._wander(dt)
+        if not moved and self._twist is None:
+            return
         body = rotation_matrix(self._dyn.q)
         self.euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))
         felt = self._dyn.accel - _WEIGHT
