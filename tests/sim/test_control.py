@@ -218,37 +218,3 @@ def test_gains_follow_their_parameters_and_default_to_what_was_measured(make_des
         assert getattr(fleet.setpoints.gains, name) == pytest.approx(getattr(plain, name), rel=1e-6)
     desk.vehicle.copter.params.set("ATC_RAT_PIT_P", 0.27)
     assert fleet.setpoints.gains.rate_p[:, 0] == pytest.approx([18.0, 36.0, 7.0], rel=1e-6)
-
-
-class Restless(CopterFleet):
-    """Computes each step, though nothing moves."""
-
-    def stands(self) -> bool:
-        return False
-
-
-@pytest.mark.parametrize("px4", [False, True])
-@pytest.mark.parametrize("noise", ["none", "typical"])
-def test_standing_saves_steps_and_changes_nothing(noise: str, px4: bool) -> None:
-    start = np.zeros((3, 2))
-    around = Surroundings(environment=Environment(), noise=noise)
-    fleets = [kind(airframe("quad"), start, np.ones(2), DT, around, px4=px4) for kind in (CopterFleet, Restless)]
-    stood = 0
-    for spool, height, seconds in (
-        (Spool.OFF, 0.0, 3),
-        (Spool.IDLE, 0.0, 1),
-        (Spool.FLY, -3.0, 3),
-        (Spool.FLY, 1.0, 6),
-        (Spool.OFF, 0.0, 5),
-        (Spool.FLY, -1.0, 2),
-    ):
-        for fleet in fleets:
-            fleet.handle(1).spool(spool)
-            fleet.handle(1).move(pos=(1.0, 0.0, height))
-        for _ in range(round(seconds / DT / STEPS)):
-            stood += fleets[0].stands()
-            for fleet in fleets:
-                fleet.advance(STEPS)
-            saved, full = (np.array(fleet.senses()) for fleet in fleets)
-            assert np.allclose(saved, full, rtol=0.0, atol=1e-12), "but for what a rotor that has stopped still draws"
-    assert stood > 4.0 / DT / STEPS

@@ -85,6 +85,7 @@ class PlaneControl:
         self.pitch: Array = np.zeros(n)
         self._roll_loop = _RateLoop("RLL", targets.gains, n)
         self._pitch_loop = _RateLoop("PTCH", targets.gains, n)
+        self.rate_loops = self._roll_loop, self._pitch_loop
         self._tuned: tuple[int, float] | None = None
 
     def navigate(self, est: Estimated, euler: Array, airspeed: Array, dt: float) -> None:

@@ -77,6 +77,7 @@ class RoverControl:
         self.point_acc: Array = np.zeros((2, n))
         self._speed_loop = Loop(setpoints.tuning, "speed")
         self._turn_loop = Loop(setpoints.tuning, "turn")
+        self.loops = self._speed_loop, self._turn_loop
         self._vel_error: Array = np.zeros((2, n))
         self._vel_sum: Array = np.zeros((2, n))
         self._on_path = np.zeros(n, dtype=bool)
