@@ -11,6 +11,7 @@ import bisect
 import math
 import time
 from collections.abc import Iterator
+from functools import cached_property
 from itertools import pairwise
 
 from zmav import geo, wire
@@ -47,18 +48,26 @@ class Piece:
         self.start, self.step, self.curve = start, step, curve
 
     def at(self, t: float) -> tuple[wire.Vector, wire.Vector, wire.Vector]:
-        """Position, velocity and acceleration at time ``t``, by de Casteljau's algorithm."""
+        """Position, velocity and acceleration at time ``t``."""
         s = min(max((t - self.start) / self.step, 0.0), 1.0)
-        row: Curve = self.curve
-        degree = len(row) - 1
-        while len(row) > 3:
-            row = _halfway(row, s)
-        (n0, e0, d0), (n1, e1, d1), (n2, e2, d2) = row
-        bend = degree * (degree - 1) / (self.step * self.step)
-        acc = ((n2 - 2 * n1 + n0) * bend, (e2 - 2 * e1 + e0) * bend, (d2 - 2 * d1 + d0) * bend)
-        (n0, e0, d0), (n1, e1, d1) = row = _halfway(row, s)
-        speed = degree / self.step
-        return _halfway(row, s)[0], ((n1 - n0) * speed, (e1 - e0) * speed, (d1 - d0) * speed), acc
+        n = e = d = vn = ve = vd = an = ae = ad = 0.0
+        for cn, ce, cd in self._powers:  # Horner's scheme, for its two derivatives as well
+            an, ae, ad = an * s + vn, ae * s + ve, ad * s + vd
+            vn, ve, vd = vn * s + n, ve * s + e, vd * s + d
+            n, e, d = n * s + cn, e * s + ce, d * s + cd
+        speed, bend = 1.0 / self.step, 2.0 / (self.step * self.step)
+        return (n, e, d), (vn * speed, ve * speed, vd * speed), (an * bend, ae * bend, ad * bend)
+
+    @cached_property
+    def _powers(self) -> Curve:
+        """The same polynomial by powers of the share of the time, the highest first; few pieces are asked, often."""
+        row, found, degree = self.curve, list[wire.Vector](), len(self.curve) - 1
+        for power in range(degree + 1):
+            n, e, d = row[0]
+            times = math.comb(degree, power)
+            found.append((n * times, e * times, d * times))
+            row = tuple((b[0] - a[0], b[1] - a[1], b[2] - a[2]) for a, b in pairwise(row))
+        return tuple(reversed(found))
 
     @property
     def velocity(self) -> Curve:

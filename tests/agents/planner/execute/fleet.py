@@ -38,6 +38,12 @@ class Fleet:
     def __init__(self, z: zmav.Client, world: World, names: list[str], endpoint: str) -> None:
         self.z, self.world, self.names, self.endpoint = z, world, names, endpoint
 
+    async def rise(self, height: float) -> None:
+        """Once all are ready, to that height (0: not), quickly; from then on at real time."""
+        vehicles = await self.z.wait_for(*self.names, timeout=PATIENCE_S)
+        await together(*(_rise(vehicle, height) for vehicle in vehicles))
+        self.world.set_speed(1.0)
+
     def watch(self) -> Watch:
         return Watch(self)
 
@@ -112,17 +118,24 @@ class Watch:
 
 
 @contextlib.asynccontextmanager
-async def airborne(
+async def airborne(starts: Sequence[tuple[float, float]], height: float, **how: Any) -> AsyncIterator[Fleet]:
+    """Copters above these places (m north and east), or on them (``height`` 0); ``how``: as for ``starting``."""
+    async with starting(starts, **how) as fleet:
+        await fleet.rise(height)
+        yield fleet
+
+
+@contextlib.asynccontextmanager
+async def starting(
     starts: Sequence[tuple[float, float]],
-    height: float,
     *,
     autopilot: str = "arducopter",
     params: Mapping[str, float] = QUICK,
     weather: Mapping[str, Any] = {},
     **settings: Any,
 ) -> AsyncIterator[Fleet]:
-    """Copters above these places (m north and east), or on them (``height`` 0); ``params`` are ArduCopter's,
-    ``weather`` the world's: noise, seed, wind, gusts.
+    """They have power just now, and time goes fast until they ``rise``; ``params`` are ArduCopter's, ``weather`` the
+    world's: noise, seed, wind, gusts.
     """
     names = [f"quad{i + 1}" for i in range(len(starts))]
     own = dict(params) if autopilot == "arducopter" else {}
@@ -135,9 +148,6 @@ async def airborne(
             await stack.enter_async_context(crew)
         endpoint = endpoint_of(router)
         z = await stack.enter_async_context(zmav.open(connect=[endpoint]))
-        vehicles = await z.wait_for(*names, timeout=PATIENCE_S)
-        await together(*(_rise(vehicle, height) for vehicle in vehicles))
-        world.set_speed(1.0)
         yield Fleet(z, world, names, endpoint)
 
 

@@ -6,6 +6,7 @@ ways are lost, late, doubled and overtaken. Everything comes from one seed.
 
 from __future__ import annotations
 
+import bisect
 import heapq
 import itertools
 import math
@@ -46,7 +47,7 @@ class Craft:
         self.refuses = False
         """its fence, its limits or an order of its own let it take nothing"""
         self.instance = "first"
-        self.late, self.lean = 0.0, np.zeros(3)
+        self.late, self.lean = 0.0, (0.0, 0.0, 0.0)
         """s after its points' times at which it is there, and m that it is off its way then: as an autopilot follows"""
 
     def take(self, now: float, seq: int, deadline: float, points: list[wire.SegmentPoint]) -> None:
@@ -68,13 +69,13 @@ class Craft:
         if self.segment is None:
             return self.rest
         pieces, t = self.segment.pieces, now + self.clock
-        index = min(max(int(np.searchsorted(self.segment.times, t, side="right")) - 1, 0), len(pieces) - 1)
+        index = min(max(bisect.bisect_right(self.segment.times, t) - 1, 0), len(pieces) - 1)
         return pieces[index].at(t)[0]
 
     def truly(self, now: float) -> tuple[float, float, float]:
         """Where it is, late and leaning."""
-        x, y, z = (np.array(self.place(now - self.late)) + self.lean).tolist()
-        return x, y, z
+        (x, y, z), (a, b, c) = self.place(now - self.late), self.lean
+        return x + a, y + b, z + c
 
     def freeze(self, now: float) -> None:
         """It stops where it is: a pilot has it."""
@@ -166,9 +167,10 @@ class History:
         end, step = self.now + seconds, 0
         while self.now < end and not stop(self):
             self.network.run(self.now)
-            for craft in self.crafts.values():  # a wander of 3 s
-                kick = self._rng.normal(0.0, self._lean * math.sqrt(2.0 * STEP / 3.0 / 3.0), 3) if self._lean else 0.0
-                craft.lean = craft.lean * (1.0 - STEP / 3.0) + kick
+            for craft in self.crafts.values() if self._lean else ():  # a wander of 3 s
+                kick = self._rng.normal(0.0, self._lean * math.sqrt(2.0 * STEP / 3.0 / 3.0), 3)
+                a, b, c = (np.array(craft.lean) * (1.0 - STEP / 3.0) + kick).tolist()
+                craft.lean = (a, b, c)
             self.places.append(np.array([craft.truly(self.now) for craft in self.crafts.values()]))
             if step % 2 == 0:
                 for part in self.parts:

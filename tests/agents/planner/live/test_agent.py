@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import itertools
 import math
 import time
 from collections.abc import AsyncIterator, Callable
@@ -17,7 +15,7 @@ import pytest_asyncio
 import zenoh
 
 import zmav
-from agents.planner.cli.asking import Planner, books, find
+from agents.planner.cli.asking import Planner
 from agents.planner.goals.steps import PlanTo
 from agents.planner.live import fleet as heard
 from agents.planner.live import plan as planning
@@ -30,69 +28,20 @@ from agents.planner.live.order_handlers import MOST_PREVIEWS, check_known
 from agents.planner.live.run import Run
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.errors import PlanError
-from tests.agents.planner.execute.fleet import Fleet, airborne
+from tests.agents.planner.live.led import PATIENCE_S, Field, led
 from tests.waiting import until
 from zmav import keys, wire
 from zmav.errors import BadInput, Refused, ZmavError
 from zmav.waiting import together, within
 from zmav.wire import swarm
 
-PATIENCE_S = 60.0
 PLACES = {"quad1": (0.0, 0.0), "quad2": (0.0, 7.0), "quad3": (7.0, 0.0), "quad4": (7.0, 7.0)}
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
-class Field:
-    """Four copters in the air, a planner that is ready, and a client as people have it."""
-
-    def __init__(self, fleet: Fleet, agent: Agent, me: zmav.Client) -> None:
-        self.fleet, self.agent, self.me = fleet, agent, me
-        self.closest = math.inf
-
-    async def planner(self) -> Planner:
-        return await find(self.me)
-
-    async def submit(self, goal: swarm.Goal, when: Any = "now") -> str:
-        return str((await (await self.planner()).order("submit", swarm.Submit(goal=goal, when=when)))["goal"])
-
-    async def until(self, name: str, true: Callable[[swarm.GoalEntry], bool]) -> swarm.GoalEntry:
-        """What the book says of a goal once ``true`` holds of it."""
-
-        async def look() -> swarm.GoalEntry:
-            last: swarm.GoalEntry | None = None
-            async for book in books(self.me, PATIENCE_S):
-                for entry in book.goals if book else []:
-                    if entry.id == name:
-                        last = entry
-                        if true(entry):
-                            return entry
-                if last is not None and last.state in ("failed", "cancelled"):
-                    raise AssertionError(f"it ended as {last}")
-            raise AssertionError("no book")
-
-        return await within(PATIENCE_S, look())
-
-    async def watch(self) -> None:
-        """Where they truly are, for ever."""
-        while True:
-            places = self.fleet.places().values()
-            self.closest = min(self.closest, *(math.dist(a, b) for a, b in itertools.combinations(places, 2)))
-            await asyncio.sleep(0.05)
-
-    def away(self, name: str, goal: wire.Vector) -> float:
-        return math.dist(self.fleet.places()[name], goal)
-
-
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def field() -> AsyncIterator[Field]:
-    async with contextlib.AsyncExitStack() as stack:
-        fleet = await stack.enter_async_context(airborne(list(PLACES.values()), 10.0))
-        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
-        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        await agent.context.solver.until_ready(PATIENCE_S)
-        field = Field(fleet, agent, me)
-        await field.planner()  # it is in charge: whichever test of these a worker runs first
+    async with led(list(PLACES.values()), 10.0) as field:
         watching = asyncio.create_task(field.watch())
         yield field
         watching.cancel()

@@ -19,7 +19,7 @@ from agents.planner.live.field import FleetField, check_field
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.ground import GroundMap
 from tests.agents.planner.execute.fleet import ORIGIN, Watch, airborne
-from tests.agents.planner.live.test_agent import PATIENCE_S, Field
+from tests.agents.planner.live.led import PATIENCE_S, Field
 from tests.waiting import until
 from zmav import geo
 from zmav.config import Failsafe, Geofence

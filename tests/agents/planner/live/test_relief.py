@@ -18,7 +18,7 @@ from agents.planner.live.agent import Agent
 from agents.planner.live.relief import left_over, way_of
 from agents.planner.live.settings import PlannerSettings
 from tests.agents.planner.execute.fleet import QUICK, airborne
-from tests.agents.planner.live.test_agent import PATIENCE_S, Field
+from tests.agents.planner.live.led import PATIENCE_S, Field
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.waiting import within
 from zmav.wire import swarm

@@ -5,7 +5,6 @@ took covers the area.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
 import math
 from collections.abc import AsyncIterator
@@ -17,20 +16,18 @@ import shapely
 from shapely import affinity
 
 import zmav
-from agents.planner.live.agent import Agent
-from agents.planner.live.settings import PlannerSettings
-from tests.agents.planner.execute.fleet import ORIGIN, QUICK, airborne
-from tests.agents.planner.live.test_agent import PATIENCE_S, Field
+from tests.agents.planner.execute.fleet import ORIGIN, QUICK
+from tests.agents.planner.live.led import PATIENCE_S, Field, led
 from tests.waiting import until
 from zmav import geo
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.wire import swarm
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
-WITH, WITHOUT = ("quad1", "quad2"), "quad3"
+NAMES = ("quad1", "quad2")
 HEIGHT, CAMERA, FRONT, SIDE = 8.0, (1.5, 1.0), 0.6, 0.3
 EVERY = HEIGHT * CAMERA[1] * (1.0 - FRONT)
-AREA = [(10.0, 0.0), (40.0, 0.0), (40.0, 33.0), (10.0, 33.0)]
+AREA = [(4.0, 0.0), (26.0, 0.0), (26.0, 33.0), (4.0, 33.0)]
 OFF = 1.0
 """m by which a picture is off its lane, or late: planning keeps 0.4 m for the vehicle, and ArduCopter looks every
 0.02 s, 0.1 m apart; and its yaw, a degree of which moves a corner by 0.2 m
@@ -68,25 +65,15 @@ def footprint(taken: dict[str, Any], less: float = 0.0) -> Any:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def field() -> AsyncIterator[Field]:
-    """As the planner's own, the third without a camera."""
-    async with contextlib.AsyncExitStack() as stack:
-        places = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
-        fleet = await stack.enter_async_context(airborne(places, 12.0, params={**QUICK, "CAM1_TYPE": 1.0}))
-        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
-        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        await agent.context.solver.until_ready(PATIENCE_S)
-        field = Field(fleet, agent, me)
-        await field.planner()
-        await me.vehicle(WITHOUT).params.set("CAM1_TYPE", 0)
+    async with led([(0.0, 4.0), (0.0, 21.0)], HEIGHT, params={**QUICK, "CAM1_TYPE": 1.0}) as field:
         yield field
 
 
 @pytest_asyncio.fixture(loop_scope="module")
 async def pictures(field: Field) -> AsyncIterator[Pictures]:
     pictures = Pictures()
-    tasks = [asyncio.create_task(pictures.listen(field.me.vehicle(name))) for name in WITH]
-    await until(lambda: len(pictures.by) == len(WITH), PATIENCE_S)
+    tasks = [asyncio.create_task(pictures.listen(field.me.vehicle(name))) for name in NAMES]
+    await until(lambda: len(pictures.by) == len(NAMES), PATIENCE_S)
     await asyncio.sleep(0.5)
     yield pictures
     for task in tasks:
@@ -106,21 +93,21 @@ def survey(*names: str, **more: Any) -> swarm.Survey:
 
 
 async def test_the_pictures_cover_the_area_with_the_overlap_that_was_asked(field: Field, pictures: Pictures) -> None:
-    preview = await (await field.planner()).order("preview", swarm.Preview(goal=survey(*WITH)))
+    preview = await (await field.planner()).order("preview", swarm.Preview(goal=survey(*NAMES)))
     assert pictures.count == 0
     (figures,) = [step["figures"] for step in preview["steps"] if "figures" in step]
     wanted = {name: each["pictures"] for name, each in figures.items()}
-    name = await field.submit(survey(*WITH))
+    name = await field.submit(survey(*NAMES))
     await field.until(name, lambda entry: entry.state == "done")
     said = [event.text for event in field.agent.context.events]
     assert not [text for text in said if "not as prepared" in text], "lanes are flown on one clock"
 
-    taken = [each for name in WITH for each in pictures.by[name]]
+    taken = [each for name in NAMES for each in pictures.by[name]]
     area = shapely.Polygon([(east, north) for north, east in AREA])
     covered = shapely.union_all([footprint(each) for each in taken])
     assert area.difference(covered.buffer(OFF)).is_empty
     assert covered.intersection(area).area / area.area > 0.99
-    for vehicle in WITH:
+    for vehicle in NAMES:
         own = pictures.by[vehicle]
         assert len(own) == pytest.approx(wanted[vehicle], abs=3)
         apart = [math.dist(place(a)[:2], place(b)[:2]) for a, b in itertools.pairwise(own)]
@@ -137,13 +124,13 @@ async def test_the_pictures_cover_the_area_with_the_overlap_that_was_asked(field
 
 
 async def test_a_pause_ends_the_pictures_and_going_on_begins_them_again(field: Field, pictures: Pictures) -> None:
-    planner, cameras = await field.planner(), [copter(field, name).camera for name in WITH]
-    name = await field.submit(survey(*WITH))
+    planner, cameras = await field.planner(), [copter(field, name).camera for name in NAMES]
+    name = await field.submit(survey(*NAMES))
     await field.until(name, lambda entry: pictures.count > 6)
     assert [camera.every for camera in cameras] == pytest.approx([EVERY] * 2)
     await planner.order("pause", swarm.GoalId(goal=name))
     await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
-    assert all(math.hypot(*field.me.vehicle(each).state.velocity or ()) < 0.6 for each in WITH)
+    assert all(math.hypot(*field.me.vehicle(each).state.velocity or ()) < 0.6 for each in NAMES)
     await planner.order("resume", swarm.GoalId(goal=name))
     await until(lambda: all(camera.every for camera in cameras), PATIENCE_S)
     await planner.order("cancel", swarm.GoalId(goal=name))
@@ -151,19 +138,23 @@ async def test_a_pause_ends_the_pictures_and_going_on_begins_them_again(field: F
 
 
 async def test_a_pilot_s_vehicle_takes_no_more(field: Field, pictures: Pictures) -> None:
-    cameras = [copter(field, name).camera for name in WITH]
-    name = await field.submit(survey(*WITH))
+    cameras = [copter(field, name).camera for name in NAMES]
+    name = await field.submit(survey(*NAMES))
     await field.until(name, lambda entry: pictures.count > 6)
-    field.fleet.world.call(lambda: copter(field, WITH[0]).set_mode(5))  # his switch, to LOITER
+    field.fleet.world.call(lambda: copter(field, NAMES[0]).set_mode(5))  # his switch, to LOITER
     await until(lambda: cameras[0].every == 0.0, PATIENCE_S)
     await (await field.planner()).order("abort", swarm.GoalId())
     await until(lambda: not any(camera.every for camera in cameras), PATIENCE_S)
 
 
 async def test_who_has_no_camera_is_named_before_anybody_moves(field: Field) -> None:
-    await field.me.vehicle(WITHOUT).wait_until(lambda state: state.lease is None, PATIENCE_S)
+    without = NAMES[1]
+    vehicle = field.me.vehicle(without)
+    await vehicle.params.set("CAM1_TYPE", 0)
+    await vehicle.wait_until(lambda state: state.lease is None, PATIENCE_S)
     before = field.fleet.places()
-    name = await field.submit(survey(WITHOUT))
+    name = await field.submit(survey(without))
     with pytest.raises(AssertionError, match=r"the autopilot has no camera: CAM1_TYPE is 0"):
         await field.until(name, lambda entry: entry.state == "done")
-    assert math.dist(field.fleet.places()[WITHOUT], before[WITHOUT]) < 0.5
+    assert math.dist(field.fleet.places()[without], before[without]) < 0.5
+    await vehicle.params.set("CAM1_TYPE", 1)

@@ -11,13 +11,13 @@ import pytest
 
 import zmav
 from agents.planner.cli.asking import books, find
-from agents.planner.live.agent import Agent
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.live.traffic import MOST, TrafficWatch
 from agents.planner.live.world import World
 from ground.traffic.feeds import Feed
 from ground.traffic.program import TrafficProgram, TrafficSettings
-from tests.agents.planner.execute.fleet import ORIGIN, airborne
+from tests.agents.planner.execute.fleet import ORIGIN
+from tests.agents.planner.live.led import led
 from tests.sbs import MadeUp, SbsSource
 from tests.waiting import until
 from zmav import geo, wire
@@ -102,13 +102,13 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
     """From a feed by its socket to the copter: nothing else knows of the aircraft."""
     far = MadeUp(0x3C4B00, "FAR", (5000.0, 0.0, -900.0), (50.0, 0.0, 0.0))
     async with contextlib.AsyncExitStack() as stack:
-        fleet = await stack.enter_async_context(airborne([(0.0, 0.0)], 12.0))
-        z, me, ground = [await stack.enter_async_context(zmav.open(connect=[fleet.endpoint])) for _ in range(3)]
-        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0, traffic=RADIUS)))
+        settings = PlannerSettings(name="ground", patience=1.0, traffic=RADIUS)
+        field = await stack.enter_async_context(led([(0.0, 0.0)], 12.0, settings))
+        fleet, agent, me = field.fleet, field.agent, field.me
+        ground = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
         source = await stack.enter_async_context(SbsSource(ORIGIN, [far]))
-        settings = TrafficSettings(feeds=(Feed("sbs", "127.0.0.1", source.port),), name="ground", qnh=1013.25)
-        await stack.enter_async_context(TrafficProgram(ground, settings, lambda said: None))
-        await agent.context.solver.until_ready(PATIENCE_S)
+        feeds = TrafficSettings(feeds=(Feed("sbs", "127.0.0.1", source.port),), name="ground", qnh=1013.25)
+        await stack.enter_async_context(TrafficProgram(ground, feeds, lambda said: None))
         await until(lambda: bool(agent.context.world.traffic), "the aircraft that is far", PATIENCE_S)
         planner = await find(me)
         north, east, down = fleet.places()["quad1"]
@@ -119,9 +119,10 @@ async def test_a_plan_in_flight_that_meets_one_stops_and_is_made_again() -> None
             return fleet.places()["quad1"][0] - north > 15.0
 
         await until(flies, "the copter on its way", PATIENCE_S)
-        # It comes from the west, and crosses the way some 65 m ahead, about when the copter would be there.
-        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 13.0
-        crossing = MadeUp(0x3C4B12, "CROSS", (north + 80.0, east - v[1] * crosses, down), v)
+        # It comes from the west, and crosses the way some 115 m ahead, about when the copter would be there: where that
+        # comes to rest it is not in its way, for which there would be no plan before it has passed.
+        v, crosses = (0.0, 40.0, 0.0), time.monotonic() - source.began + 23.0
+        crossing = MadeUp(0x3C4B12, "CROSS", (north + 130.0, east - v[1] * crosses, down), v)
         source.aircraft.append(crossing)
         nearest = math.inf
 
