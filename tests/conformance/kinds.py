@@ -69,7 +69,16 @@ KINDS = (
         ARDUPILOT_LOG,
         shorter={"RTL_ALT": 800.0, "RTL_LOIT_TIME": 500.0, "LAND_SPEED": 200.0, "LAND_SPEED_HIGH": 300.0},
     ),
-    Kind("px4", "px4", "copter", ("--px4", "1"), "HOLD", ("NAV_ACC_RAD",), b"ULog\x01\x12\x35"),
+    Kind(
+        "px4",
+        "px4",
+        "copter",
+        ("--px4", "1"),
+        "HOLD",
+        ("NAV_ACC_RAD",),
+        b"ULog\x01\x12\x35",
+        shorter={"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.0, "RTL_LAND_DELAY": 0.0},
+    ),
     Kind(
         "ardurover",
         "ardupilot",
@@ -107,6 +116,7 @@ KINDS = (
         thrust=0.6,
         lands_at_home=False,
         patience=90.0,
+        shorter={"AUTOLAND_WP_DIST": 250.0, "AUTOLAND_WP_ALT": 34.0, "LAND_DISARMDELAY": 2.0},
     ),
 )
 SIMULATED = ("arducopter", "px4", "ardurover", "arduplane")

@@ -14,12 +14,11 @@ from typing import Any, TypeVar
 
 import click
 import msgspec
-from rich.console import Console
 
-from zmav.cli.sim.up import companions
 from zmav.errors import BadConfig, BadInput
 from zmav.hil.binaries import ARDUPILOT_PROGRAMS
 from zmav.hil.externals import Externals
+from zmav.process import say
 from zmav.sim import DEFAULT_READY_S, REALISTIC_READY_S, SimVehicle, World
 from zmav.sim.camera import CameraSpec, PadSpec, load_scene
 from zmav.sim.external import External
@@ -218,11 +217,14 @@ def run_world(control: str | None, camera_port: int, up: bool, **options: Any) -
         listener = Listener(path, world)
         serve_cameras(world, camera_port)
         announce(world)
-        console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-        world.say = console.print
-        world.externals.listen(console.print)
-        world.on_failure = lambda vehicle, error: console.print(_obituary(vehicle, error))
-        with companions(world, options["fleet_file"]) if up else contextlib.nullcontext():
+        world.say = say
+        world.externals.listen(say)
+        world.on_failure = lambda vehicle, error: say(_obituary(vehicle, error))
+        with contextlib.ExitStack() as stack:
+            if up:
+                from zmav.cli.sim.up import companions  # with the key space, which the others need not load
+
+                stack.enter_context(companions(world, options["fleet_file"]))
             world.run()
         if world.failures:
             world.failures.clear()

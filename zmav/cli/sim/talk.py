@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 import msgspec
-from rich.table import Table
 
 from zmav.cli.common import console, dump, json_option
 from zmav.errors import BadInput
@@ -62,6 +61,8 @@ def status(control: str | None, as_json: bool) -> None:
     if as_json:
         click.echo(dump(msgspec.to_builtins(found), pretty=sys.stdout.isatty()))
         return
+    from rich.table import Table  # slow to load, and a simulator that begins draws none
+
     table = Table(box=None, header_style="bold", pad_edge=False)
     for column in COLUMNS:
         table.add_column(column, justify="right" if column in ("sysid", "height", "speed", "battery") else "left")
