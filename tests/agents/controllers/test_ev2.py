@@ -56,7 +56,7 @@ MAKE: dict[str, Callable[[], Controller] | None] = {
 
 @pytest.fixture(scope="module")
 def flights() -> dict[str, dict[str, Log]]:
-    """By the reference and by what flew; all that fly the same reference fly it at once."""
+    """By the reference and by what flew, all at once."""
 
     def way(craft: Hexarotor, make: Callable[[], Controller] | None, reference: ReferenceAt) -> Cycles[Log]:
         controller = make() if make else None
@@ -65,16 +65,13 @@ def flights() -> dict[str, dict[str, Log]]:
             return (yield from craft.fly_autopilot(reference, END - BEGUN))
         return (yield from craft.fly(controller, reference, END - BEGUN))
 
-    found = {}
-    for name, reference in REFERENCES.items():
-        made = {who: make for who, make in MAKE.items() if name == "circle" or not who.startswith("late")}
-        weather = {"wind": (4.0, 0.0, 0.0), "gusts": "light", "noise": "typical"}
-        with Flight(**weather, seed=3, slow=10, ways=len(made)) as flight:  # type: ignore[arg-type]
-            for number, who in enumerate(made):
-                flight[number].delay = 3 if who.startswith("late") else 1
-            ways = [way(flight[number], make, reference) for number, make in enumerate(made.values())]
-            found[name] = dict(zip(made, flight.together(ways), strict=True))
-    return found
+    pairs = [(name, who) for name in REFERENCES for who in MAKE if name == "circle" or not who.startswith("late")]
+    with Flight(wind=(4.0, 0.0, 0.0), gusts="light", noise="typical", seed=3, slow=10, ways=len(pairs)) as flight:
+        for number, (_, who) in enumerate(pairs):
+            flight[number].delay = 3 if who.startswith("late") else 1
+        ways = [way(flight[number], MAKE[who], REFERENCES[name]) for number, (name, who) in enumerate(pairs)]
+        logs = dict(zip(pairs, flight.together(ways), strict=True))
+    return {name: {who: log for (of, who), log in logs.items() if of == name} for name in REFERENCES}
 
 
 @pytest.mark.parametrize("name", list(REFERENCES))

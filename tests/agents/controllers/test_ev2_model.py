@@ -31,9 +31,10 @@ def moving(t: float) -> tuple[Vec, Vec]:
 
 
 def attitude_slope(y: Array, torque: Array) -> Array:
-    inertia = np.array(INNER.inertia)
-    rates = y[3:]
-    return np.append(angle_rates(three(y[:3]), three(rates)), (torque - np.cross(rates, inertia * rates)) / inertia)
+    (p, q, r), (ix, iy, iz) = three(y[3:]), INNER.inertia
+    roll, pitch, yaw = torque.tolist()
+    spin = (roll - (iz - iy) * q * r) / ix, (pitch - (ix - iz) * r * p) / iy, (yaw - (iy - ix) * p * q) / iz
+    return np.array([*angle_rates(three(y[:3]), (p, q, r)), *spin])
 
 
 # ---- the inner loop

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -330,66 +331,73 @@ def doublet(level: Level, size: float) -> Callable[[float], Reference]:
     return at
 
 
-def flown(at: Callable[[float], Reference], seconds: float, *controllers: Controller | None) -> list[Log]:
-    """By each of them in the same weather; None: the autopilot."""
-    weather = {"wind": (3.0, 0.0, 0.0), "gusts": "light", "noise": "typical"}
-    with Flight(**weather, seed=8, ways=len(controllers)) as flight:  # type: ignore[arg-type]
+def leaning(t: float) -> Reference:
+    half = 0.5 * math.radians(25.0) * math.sin(2.0 * t)
+    climb = 0.0 if t < 1.0 else min(t - 1.0, 2.0) * 0.75
+    return Reference(
+        "altitude",
+        pos=np.array([0.0, 0.0, -5.0 - climb]),
+        vel=np.array([0.0, 0.0, -0.75 if 1.0 <= t < 3.0 else 0.0]),
+        attitude=np.array([math.cos(half), math.sin(half), 0.0, 0.0]),
+    )
+
+
+def quick(t: float) -> Reference:
+    speed = 0.0 if t < 0.5 else 3.0 if t < 2.5 else -1.0
+    return Reference("velocity", vel=np.array([speed, 0.5 * speed, -0.3]))
+
+
+WAYS: list[tuple[type[Controller] | None, Callable[[float], Reference], float]] = [
+    (RatesLoop, doublet("rates", 1.0), 1.6),
+    (None, doublet("rates", 1.0), 1.6),
+    (AttitudeLoop, doublet("attitude", math.radians(25.0)), 1.6),
+    (None, doublet("attitude", math.radians(25.0)), 1.6),
+    (AltitudeLoop, leaning, 6.0),
+    (VelocityLoop, quick, 5.0),
+    (None, quick, 5.0),
+]
+"""what flies (None: the autopilot), what it follows, and for how many seconds"""
+
+
+@pytest.fixture(scope="module")
+def flown() -> list[Log]:
+    """Of each of them, at once in the same weather."""
+    with Flight(wind=(3.0, 0.0, 0.0), gusts="light", noise="typical", seed=8, ways=len(WAYS)) as flight:
         start = flight.t
-        reference: Callable[[float], Reference] = lambda t: at(t - start)  # noqa: E731
-        return flight.together(
-            [
-                flight[way].fly_autopilot(reference, seconds)
-                if each is None
-                else flight[way].fly(each, reference, seconds)
-                for way, each in enumerate(controllers)
-            ]
-        )
+
+        def way(craft: Hexarotor, kind: type[Controller] | None, at: Callable[[float], Reference], s: float) -> Any:
+            reference: Callable[[float], Reference] = lambda t: at(t - start)  # noqa: E731
+            return craft.fly_autopilot(reference, s) if kind is None else craft.fly(kind(), reference, s)
+
+        return flight.together([way(flight[number], *each) for number, each in enumerate(WAYS)])
 
 
-def test_rates_follow_a_doublet_as_the_autopilots_do() -> None:
-    at = doublet("rates", 1.0)
-
+def test_rates_follow_a_doublet_as_the_autopilots_do(flown: list[Log]) -> None:
     def miss(log: Log) -> float:
         wanted = np.array([each.rates[0] for each in log.reference])
         return math.sqrt(float(((log.rates[:, 0] - wanted) ** 2).mean()))
 
-    ours, theirs = flown(at, 1.6, RatesLoop(), None)
+    ours, theirs = flown[0:2]
     assert miss(ours) < 1.1 * miss(theirs)
 
 
-def test_the_attitude_follows_a_doublet_as_the_autopilots_does() -> None:
-    at = doublet("attitude", math.radians(25.0))
-
+def test_the_attitude_follows_a_doublet_as_the_autopilots_does(flown: list[Log]) -> None:
     def miss(log: Log) -> float:
         roll = np.array([State(q=q).euler[0] for q in log.q])
         wanted = np.array([State(q=each.attitude).euler[0] for each in log.reference])
         return math.sqrt(float(((roll - wanted) ** 2).mean()))
 
-    ours, theirs = flown(at, 1.6, AttitudeLoop(), None)
+    ours, theirs = flown[2:4]
     assert miss(ours) < 1.1 * miss(theirs)
 
 
-def test_the_altitude_is_held_while_somebody_leans() -> None:
-    def at(t: float) -> Reference:
-        half = 0.5 * math.radians(25.0) * math.sin(2.0 * t)
-        climb = 0.0 if t < 1.0 else min(t - 1.0, 2.0) * 0.75
-        return Reference(
-            "altitude",
-            pos=np.array([0.0, 0.0, -5.0 - climb]),
-            vel=np.array([0.0, 0.0, -0.75 if 1.0 <= t < 3.0 else 0.0]),
-            attitude=np.array([math.cos(half), math.sin(half), 0.0, 0.0]),
-        )
-
-    (log,) = flown(at, 6.0, AltitudeLoop())
+def test_the_altitude_is_held_while_somebody_leans(flown: list[Log]) -> None:
+    log = flown[4]
     miss = log.pos[:, 2] - log.ref_pos[:, 2]
     assert math.sqrt(float((miss**2).mean())) < 0.15 and abs(miss[-1]) < 0.2
     assert log.lean().max() > math.radians(20.0)
 
 
-def test_a_velocity_is_followed_as_the_autopilot_does() -> None:
-    def at(t: float) -> Reference:
-        speed = 0.0 if t < 0.5 else 3.0 if t < 2.5 else -1.0
-        return Reference("velocity", vel=np.array([speed, 0.5 * speed, -0.3]))
-
-    ours, theirs = flown(at, 5.0, VelocityLoop(), None)
+def test_a_velocity_is_followed_as_the_autopilot_does(flown: list[Log]) -> None:
+    ours, theirs = flown[5:7]
     assert ours.rms_velocity() < 1.1 * theirs.rms_velocity()
