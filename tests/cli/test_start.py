@@ -34,6 +34,10 @@ def test_what_runs_all_day_loads_what_it_uses(module: str) -> None:
     assert loaded(f"import {module}") == {"asyncio", "msgspec", "zenoh"}
 
 
+def test_a_simulator_draws_no_tables() -> None:
+    assert "rich" not in loaded("import zmav.cli.sim")
+
+
 @pytest.mark.parametrize("name", cli.zmav.list_commands(click.Context(cli.zmav)))
 def test_help_says_of_a_verb_what_the_verb_says(name: str) -> None:
     assert isinstance(cli.zmav, Verbs)

@@ -222,7 +222,7 @@ def run_world(control: str | None, camera_port: int, up: bool, **options: Any) -
         world.on_failure = lambda vehicle, error: say(_obituary(vehicle, error))
         with contextlib.ExitStack() as stack:
             if up:
-                from zmav.cli.sim.up import companions  # with the key space, which the others need not load
+                from zmav.cli.sim.up import companions  # with sessions, which the others need not load
 
                 stack.enter_context(companions(world, options["fleet_file"]))
             world.run()

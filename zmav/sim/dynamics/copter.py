@@ -63,7 +63,7 @@ class CopterDynamics(RigidBodies):
         self.contact: Flags = self.pos[2] >= -1e-6
         self.resting: Flags = self.contact.copy()
         self.still = False
-        """after a step: all rest, and no rotor turns"""
+        """after a step: all rest, and no rotor turns or is asked to"""
         self.q: Array = quat_from_euler(0.0 * yaw, 0.0 * yaw, yaw)
         self._wrench = airframe.wrench_matrix()
         self._rests_n = REST_THRUST * airframe.weight_n
@@ -111,7 +111,7 @@ class CopterDynamics(RigidBodies):
 
     def stand(self) -> None:
         super().stand()
-        if np.maximum.reduce(self.rotor, axis=None) < SETTLED:
+        if np.maximum.reduce(self.rotor, axis=None) < SETTLED and not any(self.throttle.ravel().tolist()):
             self.rotor[:] = self.thrust[:] = 0.0
             self.still = True
 

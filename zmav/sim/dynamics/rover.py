@@ -19,7 +19,7 @@ from zmav.sim.dynamics.airframe import AIR_DENSITY, GRAVITY
 from zmav.sim.dynamics.roverframe import RoverFrame
 
 SLIPS_ABOVE = 0.05  # m/s: slower, a turn needs no grip worth the name
-SETTLED = 1e-6  # m/s^2: a motor that nobody asks anything of gives no less than that
+SETTLED = 1e-6  # m/s^2: without throttle, a smaller drive is none
 
 
 class RoverDynamics:
@@ -103,8 +103,8 @@ class RoverDynamics:
         order = clamp(self.throttle, -1.0, 1.0)
         wanted = self.efficiency[0] * ((order - self.speed * (1.0 / frame.free_speed)) * frame.stall_accel)
         self.drive = self.drive + (wanted - self.drive) * self._lag
-        if not any(self.throttle.tolist()):
-            self.drive *= np.abs(self.drive) > SETTLED
+        if 0.0 in self.throttle.tolist():
+            self.drive = np.where((self.throttle == 0.0) & (np.abs(self.drive) < SETTLED), 0.0, self.drive)
         forward = self._forward
         air = self.speed - (forward[0] * self.wind[0] + forward[1] * self.wind[1])
         push = clamp(self.drive, -grip, grip) - self._drag * np.abs(air) * air

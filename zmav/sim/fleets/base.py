@@ -13,6 +13,7 @@ from zmav.sim.arrays import Array
 from zmav.sim.dynamics.battery import Battery, BatteryHandle, Pack
 from zmav.sim.dynamics.body import Body
 from zmav.sim.environment import Environment, Vector
+from zmav.sim.fleets.still import Standstill
 from zmav.sim.geo import Position
 from zmav.sim.sensors.estimate import Belief, Estimator
 from zmav.sim.sensors.noise import noise_profile
@@ -114,6 +115,8 @@ class Fleet(ABC):
         self.sensors = SensorSuite(dynamics, around.place, around.seed, noise)
         self.estimate = Estimator(dynamics, self.sensors, around.seed)
         self._table: Array = np.zeros((len(Sense._fields), dynamics.n))
+        self._still = Standstill()
+        self._stands = False
         self._held: dict[int, dict[str, Array]] = {}  # of frozen autopilots: the last inputs of their bodies
 
     def blow(self, dt: float) -> None:
@@ -128,7 +131,7 @@ class Fleet(ABC):
         self.blow(tick)
         self.control_tick(self.ticks, tick)
         self.ticks += 1
-        stands = self.stands() and not self._held
+        stands = not self._held and self.stands()
         for _ in range(0 if stands else steps):
             self.control_step()
             self.overrule()
@@ -144,8 +147,20 @@ class Fleet(ABC):
         """Their part of each step of the physics."""
 
     def stands(self) -> bool:
-        """A step would change nothing: nothing moves, and no actuator is asked to. It costs a fifth of another."""
-        return False
+        """A step of the physics would change nothing: nothing moves, and no actuator is asked to."""
+        return self._stands
+
+    def unchanged(self, *parts: object) -> bool:
+        """To be asked before each tick in which all rest: neither these arrays and numbers, of controllers and bodies,
+        nor what is sensed differ from what they were. What is frozen, or sensed with errors that wander, counts as
+        changed.
+        """
+        est = self.estimate
+        return (
+            not self._held
+            and est.exact
+            and self._still.holds(*parts, est.pos, est.vel, est.q, est.rate, est.euler, est.force)
+        )
 
     def thickness(self) -> Array:
         """Density of the air about each vehicle now, (N,), kg/m^3."""

@@ -69,6 +69,7 @@ class CopterFleet(Fleet):
             self.cascade.level(self.estimate)
 
     def stands(self) -> bool:
+        # Not by what its controllers had before: they look on, at an estimate that may wander.
         return self.dynamics.still and not any(self.setpoints.spool.tolist())
 
     def control_step(self) -> None:

@@ -16,7 +16,7 @@ from zmav.sim.control.planetargets import PlaneHandle, PlaneTargets
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import AIR_EVERY, Fleet, Surroundings
-from zmav.sim.fleets.still import Standstill, arrays_of
+from zmav.sim.fleets.still import arrays_of
 
 NAVIGATE_EVERY = 5  # ticks
 
@@ -37,7 +37,6 @@ class PlaneFleet(Fleet):
         self.targets = PlaneTargets(start.shape[1])
         self.control = PlaneControl(self.targets, eas2tas)
         self.sensors.throttle = self._table[26]
-        self._still = Standstill()
 
     def handle(self, index: int) -> PlaneHandle:
         return PlaneHandle(self.targets, index, lambda: self.control.flown(index), self.control.eas2tas)
@@ -48,17 +47,16 @@ class PlaneFleet(Fleet):
         if number % (AIR_EVERY * self.pace) == 0:
             dyn.density = self.thickness()
         navigate_every = self._still.steps = NAVIGATE_EVERY * self.pace
-        known = arrays_of(self.targets, control, control.l1, control.tecs, *control.rate_loops, dyn)
-        sensed = est.pos, est.vel, est.euler, est.rate, est.force
-        if all_of(dyn.resting) and self._still.holds(tick_s, self.targets.tuned, *known, *sensed):
+        loops = control, control.l1, control.tecs, *control.rate_loops
+        self._stands = all_of(dyn.resting) and self.unchanged(
+            tick_s, self.targets.tuned, *arrays_of(self.targets, *loops, dyn)
+        )
+        if self._stands:
             return
         control.level(est, est.euler, est.force, dyn.airspeed, tick_s)
         if number % navigate_every == 0:
             control.navigate(est, est.euler, dyn.airspeed, navigate_every * tick_s)
         dyn.surface, dyn.throttle = control.surface, control.throttle
-
-    def stands(self) -> bool:
-        return self._still.held and all_of(self.dynamics.resting)
 
     def launch(self, index: int, speed: float, pitch: float = 0.2) -> None:
         """Throw one standing plane by hand: m/s along its nose, radians of pitch."""

@@ -14,7 +14,7 @@ from zmav.sim.control.roversetpoints import RoverHandle, RoverSetpoints
 from zmav.sim.dynamics.rover import RoverDynamics
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.fleets.base import Fleet, Surroundings
-from zmav.sim.fleets.still import Standstill, arrays_of
+from zmav.sim.fleets.still import arrays_of
 
 
 class RoverFleet(Fleet):
@@ -31,7 +31,6 @@ class RoverFleet(Fleet):
         n = start.shape[1]
         self.setpoints = RoverSetpoints(n)
         self.control = RoverControl(self.setpoints, start)
-        self._still = Standstill()
 
     def handle(self, index: int) -> RoverHandle:
         handle = self.setpoints.handle(index)
@@ -41,13 +40,12 @@ class RoverFleet(Fleet):
     def control_tick(self, number: int, tick_s: float) -> None:
         """The controllers' outputs to steering and motor."""
         est, dyn, control, asked = self.estimate, self.dynamics, self.control, self.setpoints
-        known = arrays_of(asked, control, *control.loops, dyn)
-        if any(dyn.speed.tolist()) or not self._still.holds(tick_s, asked.tuned, *known, est.pos, est.vel, est.q):
+        self._stands = not any(dyn.speed.tolist()) and self.unchanged(
+            tick_s, asked.tuned, *arrays_of(asked, control, *control.loops, dyn)
+        )
+        if not self._stands:
             control.update(est, tick_s)
             dyn.steering, dyn.throttle = control.steering, control.throttle
-
-    def stands(self) -> bool:
-        return self._still.held and not any(self.dynamics.speed.tolist())
 
     def outputs(self, index: int) -> list[float]:
         """Steering and throttle, -1 to 1."""

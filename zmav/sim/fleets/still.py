@@ -1,4 +1,4 @@
-"""Who stands still costs next to nothing: a tick that would change nothing is not made."""
+"""Who stands still costs little: a tick that would change nothing is not made."""
 
 from __future__ import annotations
 
@@ -14,16 +14,13 @@ class Standstill:
         self.steps = steps
         self._seen: list[object] = []
         self._since = 0
-        self.held = False
-        """what was told last"""
 
     def holds(self, *parts: object) -> bool:
-        """To be asked before each tick, which a yes makes needless. ``parts``: arrays and numbers."""
+        """A yes makes the next tick needless. ``parts``: arrays and numbers, each time the same ones."""
         seen = [part.tobytes() if isinstance(part, np.ndarray) else part for part in parts]
         self._since = self._since + 1 if seen == self._seen else 0
         self._seen = seen
-        self.held = self._since >= self.steps
-        return self.held
+        return self._since >= self.steps
 
 
 def arrays_of(*owners: object) -> list[object]:

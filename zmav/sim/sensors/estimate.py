@@ -62,12 +62,18 @@ class Estimator:
         self.offset: Array = self.target()  # of the position, m
         self.led: set[int] = set()  # vehicles whose filter has a say
         self._twist: Array | None = None
+        self._twisted = False  # the Euler angles are of an attitude that was
         self._vel_error: Array | None = None
         self.settle()
         self.euler: Array = euler_from_quat(dynamics.q)
         self.force: Array = np.zeros((3, n))
         self.refresh()
         self.observe(0.0)
+
+    @property
+    def exact(self) -> bool:
+        """The truth itself: nothing wanders."""
+        return not self._astray and self._vel_error is None and self._twist is None
 
     def belief(self, index: int) -> Belief:
         """What one vehicle's filter steers."""
@@ -92,7 +98,8 @@ class Estimator:
             self.settle()
         if self._astray:
             self._wander(dt)
-        if not moved and self._twist is None:
+        twisted, self._twisted = self._twisted, self._twist is not None
+        if not (moved or twisted or self._twisted):
             return
         body = rotation_matrix(self._dyn.q)
         self.euler = euler_from_matrix(body if self._twist is None else rotation_matrix(self.q))

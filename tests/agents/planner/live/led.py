@@ -70,7 +70,7 @@ async def led(
     settings: PlannerSettings = USUAL,
     **how: Any,
 ) -> AsyncIterator[Field]:
-    """As ``airborne`` has them; nobody hovers until the solver is ready."""
+    """As ``airborne`` has them; the solver loads while they rise."""
     async with contextlib.AsyncExitStack() as stack:
         fleet = await stack.enter_async_context(starting(starts, **how))
         z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))

@@ -5,7 +5,6 @@ would be too low is refused with the height that is needed.
 from __future__ import annotations
 
 import array
-import contextlib
 import math
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -13,13 +12,11 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-import zmav
-from agents.planner.live.agent import Agent
 from agents.planner.live.field import FleetField, check_field
 from agents.planner.live.settings import PlannerSettings
 from agents.planner.model.ground import GroundMap
-from tests.agents.planner.execute.fleet import ORIGIN, Watch, airborne
-from tests.agents.planner.live.led import PATIENCE_S, Field
+from tests.agents.planner.execute.fleet import ORIGIN, Watch
+from tests.agents.planner.live.led import Field, led
 from tests.waiting import until
 from zmav import geo
 from zmav.config import Failsafe, Geofence
@@ -67,17 +64,9 @@ async def field(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Field
             terrain.put(piece, pack(heights))
     fence = Geofence(above_ground=LEAST)
     failsafe = Failsafe(land_after=4.0, action="land", returns="together")
-    async with contextlib.AsyncExitStack() as stack:
-        own = airborne(STARTS, 14.0, cache=str(cache), geofence=fence, failsafe=failsafe)
-        fleet = await stack.enter_async_context(own)
-        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        known = GroundMap(ground, ORIGIN)
-        settings = PlannerSettings(name="ground", patience=1.0, field=FleetField(fence, {}, ORIGIN), ground=known)
-        agent = await stack.enter_async_context(Agent(z, settings))
-        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        await agent.context.solver.until_ready(PATIENCE_S)
-        field = Field(fleet, agent, me)
-        await field.planner()
+    known = GroundMap(ground, ORIGIN)
+    settings = PlannerSettings(name="ground", patience=1.0, field=FleetField(fence, {}, ORIGIN), ground=known)
+    async with led(STARTS, 14.0, settings, cache=str(cache), geofence=fence, failsafe=failsafe) as field:
         yield field
 
 

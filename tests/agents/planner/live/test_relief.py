@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import time
 from collections.abc import AsyncIterator
@@ -13,12 +12,9 @@ import pytest
 import pytest_asyncio
 import shapely
 
-import zmav
-from agents.planner.live.agent import Agent
 from agents.planner.live.relief import left_over, way_of
-from agents.planner.live.settings import PlannerSettings
-from tests.agents.planner.execute.fleet import QUICK, airborne
-from tests.agents.planner.live.led import PATIENCE_S, Field
+from tests.agents.planner.execute.fleet import QUICK
+from tests.agents.planner.live.led import PATIENCE_S, Field, led
 from zmav.sim.autopilots.arducopter.copter import ArduCopter
 from zmav.waiting import within
 from zmav.wire import swarm
@@ -32,16 +28,9 @@ POLYGON = [(12.0, -5.0), (42.0, -5.0), (42.0, 35.0), (12.0, 35.0)]
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def field() -> AsyncIterator[Field]:
     """Two in the air, one beside them on the ground."""
-    async with contextlib.AsyncExitStack() as stack:
-        places = [(0.0, 0.0), (0.0, 20.0), (0.0, 40.0)]
-        fleet = await stack.enter_async_context(airborne(places, 15.0, params={**QUICK, "BATT_CAPACITY": PACK}))
-        z = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        agent = await stack.enter_async_context(Agent(z, PlannerSettings(name="ground", patience=1.0)))
-        me = await stack.enter_async_context(zmav.open(connect=[fleet.endpoint]))
-        await agent.context.solver.until_ready(PATIENCE_S)
-        field = Field(fleet, agent, me)
-        await field.planner()
-        third = me.vehicle("quad3")
+    places = [(0.0, 0.0), (0.0, 20.0), (0.0, 40.0)]
+    async with led(places, 15.0, params={**QUICK, "BATT_CAPACITY": PACK}) as field:
+        third = field.me.vehicle("quad3")
         await third.land()
         await third.wait_until(lambda state: state.armed is False and bool(state.ready), PATIENCE_S)
         yield field
@@ -62,7 +51,6 @@ async def drained(field: Field, name: str, share: float) -> None:
     )
 
 
-@pytest.mark.timeout(240)
 async def test_a_searcher_that_runs_low_goes_home_and_a_fresh_one_searches_on(field: Field) -> None:
     names = ["quad1", "quad2"]
     tracks: dict[str, list[tuple[float, float]]] = {name: [] for name in field.fleet.names}

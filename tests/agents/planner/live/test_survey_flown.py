@@ -151,10 +151,12 @@ async def test_who_has_no_camera_is_named_before_anybody_moves(field: Field) -> 
     without = NAMES[1]
     vehicle = field.me.vehicle(without)
     await vehicle.params.set("CAM1_TYPE", 0)
-    await vehicle.wait_until(lambda state: state.lease is None, PATIENCE_S)
-    before = field.fleet.places()
-    name = await field.submit(survey(without))
-    with pytest.raises(AssertionError, match=r"the autopilot has no camera: CAM1_TYPE is 0"):
-        await field.until(name, lambda entry: entry.state == "done")
-    assert math.dist(field.fleet.places()[without], before[without]) < 0.5
-    await vehicle.params.set("CAM1_TYPE", 1)
+    try:
+        await vehicle.wait_until(lambda state: state.lease is None, PATIENCE_S)
+        before = field.fleet.places()
+        name = await field.submit(survey(without))
+        with pytest.raises(AssertionError, match=r"the autopilot has no camera: CAM1_TYPE is 0"):
+            await field.until(name, lambda entry: entry.state == "done")
+        assert math.dist(field.fleet.places()[without], before[without]) < 0.5
+    finally:
+        await vehicle.params.set("CAM1_TYPE", 1)
