@@ -131,6 +131,21 @@ class Samples:
         return found[0]
 
 
+async def matched(one: zenoh.Publisher | zenoh.Querier, otherwise: str) -> None:
+    """Wait until somebody on the other side listens, or answers."""
+    known = threading.Event()
+
+    def on_match(status: Any) -> None:
+        if status.matching:
+            known.set()
+
+    listener = one.declare_matching_listener(on_match)
+    status: Any = one.matching_status
+    if not status.matching:
+        assert await asyncio.to_thread(known.wait, PATIENCE_S), otherwise
+    listener.undeclare()
+
+
 class Ground:
     """A client session as a ground station has it, beside one vehicle's keys."""
 
@@ -150,10 +165,20 @@ class Ground:
     async def ask(self, key: str, payload: bytes = b"") -> list[zenoh.Reply]:
         return await asyncio.to_thread(lambda: list(self.session.get(key, payload=payload, timeout=PATIENCE_S)))
 
+    async def _answered(self, key: str) -> None:
+        """Wait until somebody answers there."""
+        querier = self.session.declare_querier(key)
+        await matched(querier, f"nobody answers {key}")
+        querier.undeclare()
+
     async def do(self, verb: str, payload: bytes | None = None, /, **args: Any) -> wire.Outcome:
         """Give an order once; raises what an error reply stands for."""
         data = json.dumps(args).encode() if payload is None else payload
-        (reply,) = await self.ask(keys.DO.key(self.fleet, self.name, verb=verb), data)
+        key = keys.DO.key(self.fleet, self.name, verb=verb)
+        if not (replies := await self.ask(key, data)):  # a vehicle's first state may be here before its services are
+            await self._answered(key)
+            replies = await self.ask(key, data)
+        (reply,) = replies
         if reply.ok is None:
             assert reply.err is not None
             raise wire.error_from(reply.err.payload.to_bytes())
@@ -186,18 +211,8 @@ class Net:
 
     async def linked(self, session: zenoh.Session, key: str) -> None:
         """Wait until ``session`` knows of a subscriber of ``key``: what is put before is lost."""
-        known = threading.Event()
-
-        def on_match(status: Any) -> None:
-            if status.matching:
-                known.set()
-
         publisher = session.declare_publisher(key)
-        listener = publisher.declare_matching_listener(on_match)
-        status: Any = publisher.matching_status
-        if not status.matching:
-            assert await asyncio.to_thread(known.wait, PATIENCE_S), f"nobody subscribes to {key}"
-        listener.undeclare()
+        await matched(publisher, f"nobody subscribes to {key}")
         publisher.undeclare()
 
     def _open(self, how: SessionSettings) -> zenoh.Session:
