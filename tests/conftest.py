@@ -9,7 +9,6 @@ import os
 import signal
 import tempfile
 import threading
-import zlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -279,20 +278,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark each test by what it needs, and leave out what ``--affected`` does not ask for; mix the files of a run by
-    several workers.
+    """Mark each test by what it needs, and leave out what ``--affected`` does not ask for.
 
-    Marks only where one of them is asked for: it takes each worker some seconds of a core, and two where ``make check``
-    has read the sources beforehand.
+    Only where one of them is asked for: it takes each worker some seconds of a core, and two where ``make check`` has
+    read the sources beforehand.
 
     Tests marked ``root`` are skipped for every other user, and where even root may make no network of its own.
     """
     file = config.getoption("--affected")
     if file or config.getoption("-m") not in ("", "alone", "not alone"):  # tests/run.py asks for these two
         _mark_and_select(config, items, file)
-    if hasattr(config, "workerinput"):
-        # Files that compute lie together, and those that wait: workers would do the one at once, and then the other.
-        items.sort(key=lambda item: zlib.crc32(item.location[0].encode()))
     marked = [item for item in items if item.get_closest_marker("root")]
     if marked and (why := _no_network()):
         for item in marked:
