@@ -31,6 +31,8 @@ MAX_STREAMS = 1024
 """Kinds of frames a vehicle has a declared publisher for and is remembered by; beyond it, frames are put undeclared."""
 MAX_UNKNOWN = 256
 """... of which the dialect lacks the message: invented ids must not take the place of the vehicle's own."""
+WAITED_NOT_S = 20e-6
+"""a read that took no longer found what it brought there already"""
 HEARTBEAT, TIMESYNC = 0, 111
 
 
@@ -107,7 +109,7 @@ class Adapter:
         self._readers = self.session.declare_publisher(everything)
         self._readers.declare_matching_listener(direct(self._on_readers))
         self._look()
-        self.link.joins = not self.link.recorded
+        self.link.joins_s = 0.0 if self.link.recorded else WAITED_NOT_S
         self.link.start(self._on_data, self._on_link_state)
 
     def close(self) -> None:

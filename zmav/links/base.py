@@ -25,7 +25,6 @@ OnData = Callable[[bytes], None]
 MUCH = 4000  # bytes, from which on a nap was too long: the least receive buffers hold that much in the smallest frames,
 # and a terminal gives 4095 at once at most, however many wait
 FIRST_NAP_S, SHORTEST_NAP_S = 0.005, 0.001
-WAITED_NOT_S = 20e-6  # a read that took no longer found what it brought there already
 JOIN_S = 1.0  # close() waits so long for the reader thread; only a name being looked up can outlast it
 
 
@@ -104,8 +103,10 @@ class Link(ABC):
         """s that what comes may lie until more has come: one wake-up for many frames. Asked after each read, and heeded
         where frames come faster than that and :meth:`hurry` does not end it
         """
-        self.joins = False
-        """datagrams that wait already, because they come faster than they are taken, are given together"""
+        self.joins_s = 0.0
+        """datagrams that wait already, because they come faster than they are taken, are given together: with one whose
+        read took less than that. 0: none are
+        """
         self.nap = FIRST_NAP_S
         """s of the next wait for more; it shortens where much comes"""
         self._hurry = threading.Lock()  # held but for a moment after hurry()
@@ -247,7 +248,7 @@ class Link(ABC):
             if not data:
                 continue
             waited = monotonic() - begun
-            if waited < WAITED_NOT_S and self.joins:
+            if waited < self.joins_s:
                 data += self._more()
             self._give(data)
             if len(data) >= MUCH:
