@@ -197,6 +197,7 @@ OTHERS = tuple(f"./etc/{name}" for name in ("passwd", "group", "shadow", "gshado
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)  # 15 s where nothing else wants the processors
 def test_it_installs_and_leaves_nothing(copy: Copy) -> None:
     python = usable_python()
     if python is None:

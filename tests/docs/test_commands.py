@@ -136,6 +136,7 @@ def stage() -> Iterator[Stage]:
 @pytest.mark.parametrize(
     "start", [pytest.param(lines, id=name, marks=[pytest.mark.alone] * lines.alone) for name, lines in STARTS]
 )
+@pytest.mark.timeout(300)
 def test_the_commands_of_a_page_run(stage: Stage, start: Lines, tmp_path: Path) -> None:
     planned = re.compile(r"zmav (plan|swarm planner)\b")
     if any(map(planned.match, (*start.on, *dict(start.lines)))) and not compiled():

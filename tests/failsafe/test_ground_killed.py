@@ -100,6 +100,7 @@ async def flown(z: zmav.Client, goal: swarm.Goal) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 async def test_the_whole_ground_is_killed_in_flight_and_started_again(start: StartProcess, tmp_path: Path) -> None:
     ladder = Failsafe(land_after=5.0)
     async with airborne([(0.0, east) for east in EAST], HEIGHT, failsafe=ladder) as fleet:

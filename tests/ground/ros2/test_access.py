@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+import pytest
 import zenoh
 
 import zmav
@@ -95,6 +96,7 @@ async def flown(folder: Path) -> AsyncIterator[tuple[Members, Door, Face, zmav.C
                 yield members, door, face, z
 
 
+@pytest.mark.timeout(240)
 async def test_a_viewers_node_listens_and_an_operators_flies(tmp_path: Path) -> None:
     async with flown(tmp_path) as (members, door, face, z):
         quad, steering = face.vehicles["quad1"].vehicle, face.vehicles["quad1"].steering

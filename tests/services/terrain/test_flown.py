@@ -6,6 +6,8 @@ import array
 import math
 from pathlib import Path
 
+import pytest
+
 from tests.agents.planner.execute.fleet import ORIGIN, QUICK, airborne
 from tests.waiting import until
 from zmav import geo, wire
@@ -36,6 +38,7 @@ def tile(folder: Path) -> None:
     (folder / f"{cell_name(south, west)}.hgt").write_bytes(heights_of(heights.tobytes()).tobytes())
 
 
+@pytest.mark.timeout(300)
 async def test_a_mission_and_a_return_follow_the_terrain_by_our_tiles_alone(tmp_path: Path) -> None:
     tile(tmp_path)
     low, high = (geo.to_global(ORIGIN, (sign * 3000.0, sign * 3000.0, 0.0))[:2] for sign in (-1.0, 1.0))

@@ -51,6 +51,7 @@ async def drained(field: Field, name: str, share: float) -> None:
     )
 
 
+@pytest.mark.timeout(240)
 async def test_a_searcher_that_runs_low_goes_home_and_a_fresh_one_searches_on(field: Field) -> None:
     names = ["quad1", "quad2"]
     tracks: dict[str, list[tuple[float, float]]] = {name: [] for name in field.fleet.names}

@@ -7,6 +7,8 @@ import contextlib
 import math
 from collections.abc import AsyncIterator
 
+import pytest
+
 import zmav
 from agents.planner.cli.asking import find
 from agents.planner.live.agent import Agent
@@ -17,6 +19,7 @@ from zmav.config import Failsafe
 from zmav.wire import swarm
 
 PATIENCE_S = 90.0
+pytestmark = pytest.mark.timeout(300)  # 70 s each, of which most is the way home and the landing
 STARTS = [(0.0, 0.0), (0.0, 9.0), (0.0, 18.0)]
 """as far apart as landing places are for what positions may be off; else another place is landed at"""
 ACROSS = [(14.0, 18.0, -10.0), (14.0, 0.0, -10.0), (9.0, 9.0, -10.0)]
