@@ -30,12 +30,12 @@ class RestlessCopters(CopterFleet):
 
 
 class RestlessRovers(RoverFleet):
-    def unchanged(self, *parts: object) -> bool:
+    def unchanged(self, *known: object) -> bool:
         return False
 
 
 class RestlessPlanes(PlaneFleet):
-    def unchanged(self, *parts: object) -> bool:
+    def unchanged(self, *known: object) -> bool:
         return False
 
 
@@ -59,6 +59,10 @@ def around(noise: str = "none", north: float = 0.0) -> Surroundings:
     return Surroundings(environment=Environment(wind=(north, 0.0, 0.0)), noise=noise)
 
 
+def ask(order: Callable[[Any], object]) -> Order:
+    return lambda fleet: order(fleet.handle(1))
+
+
 def frozen(yes: bool) -> Order:
     return lambda fleet: fleet.freeze(1, frozen=yes)
 
@@ -73,22 +77,19 @@ def test_copters(noise: str, px4: bool) -> None:
     kinds = CopterFleet, RestlessCopters
     fleets = [kind(airframe("quad"), np.zeros((3, 2)), np.ones(2), DT, around(noise), px4=px4) for kind in kinds]
 
-    def ask(spool: Spool, height: float) -> Order:
-        return lambda fleet: (fleet.handle(1).spool(spool), fleet.handle(1).move(pos=(1.0, 0.0, -height)))
+    def turn(spool: Spool, height: float) -> Order:
+        return ask(lambda copter: (copter.spool(spool), copter.move(pos=(1.0, 0.0, -height))))
 
-    orders = [(ask(Spool.OFF, 0.0), 1.0), (turned(0.5), 0.1), (turned(0.0), 0.1)]
-    orders += [(ask(Spool.IDLE, 0.0), 0.5), (ask(Spool.FLY, 0.5), 1.5), (ask(Spool.FLY, -1.0), 2.0)]
-    orders += [(ask(Spool.OFF, 0.0), 3.0), (frozen(True), 0.2), (ask(Spool.FLY, 0.5), 0.2), (frozen(False), 1.0)]
-    orders += [(lambda fleet: fleet.battery.drain(1, 0.0), 3.0), (ask(Spool.OFF, 0.0), 0.3)]
+    orders = [(turn(Spool.OFF, 0.0), 1.0), (turned(0.5), 0.1), (turned(0.0), 0.1)]
+    orders += [(turn(Spool.IDLE, 0.0), 0.5), (turn(Spool.FLY, 0.5), 1.5), (turn(Spool.FLY, -1.0), 2.0)]
+    orders += [(turn(Spool.OFF, 0.0), 3.0), (frozen(True), 0.2), (turn(Spool.FLY, 0.5), 0.2), (frozen(False), 1.0)]
+    orders += [(lambda fleet: fleet.battery.drain(1, 0.0), 3.0), (turn(Spool.OFF, 0.0), 0.3)]
     assert together(fleets, orders) > 2.0
 
 
 def test_rovers() -> None:
     starts = np.array([[0.0, 0.0], [0.0, 9.0], [0.0, 0.0]])
     fleets = [kind(CAR, starts, np.zeros(2), DT, around(north=-5.0)) for kind in (RoverFleet, RestlessRovers)]
-
-    def ask(order: Callable[[Any], object]) -> Order:
-        return lambda fleet: order(fleet.handle(1))
 
     orders: list[tuple[Order, float]] = [
         (ask(lambda rover: rover.coast()), 1.0),
@@ -112,9 +113,6 @@ def test_rovers() -> None:
 def test_planes() -> None:
     starts = np.array([[0.0, 0.0], [0.0, 30.0], [0.0, 0.0]])
     fleets = [kind(TRAINER, starts, np.zeros(2), DT, around()) for kind in (PlaneFleet, RestlessPlanes)]
-
-    def ask(order: Callable[[Any], object]) -> Order:
-        return lambda fleet: order(fleet.handle(1))
 
     orders: list[tuple[Order, float]] = [
         (ask(lambda plane: plane.off()), 1.0),

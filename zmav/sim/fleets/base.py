@@ -150,17 +150,13 @@ class Fleet(ABC):
         """A step of the physics would change nothing: nothing moves, and no actuator is asked to."""
         return self._stands
 
-    def unchanged(self, *parts: object) -> bool:
-        """To be asked before each tick in which all rest: neither these arrays and numbers, of controllers and bodies,
-        nor what is sensed differ from what they were. What is frozen, or sensed with errors that wander, counts as
+    def unchanged(self, numbers: tuple[float, ...], *loops: object) -> bool:
+        """To be asked before each tick in which all rest: neither these numbers and controllers, nor the bodies and
+        what is sensed of them, differ from what they were. What is frozen, or sensed with errors that wander, counts as
         changed.
         """
         est = self.estimate
-        return (
-            not self._held
-            and est.exact
-            and self._still.holds(*parts, est.pos, est.vel, est.q, est.rate, est.euler, est.force)
-        )
+        return not self._held and est.exact and self._still.holds(numbers, self.dynamics, est, *loops)
 
     def thickness(self) -> Array:
         """Density of the air about each vehicle now, (N,), kg/m^3."""

@@ -16,7 +16,6 @@ from zmav.sim.control.planetargets import PlaneHandle, PlaneTargets
 from zmav.sim.dynamics.plane import PlaneDynamics
 from zmav.sim.dynamics.wing import Wing
 from zmav.sim.fleets.base import AIR_EVERY, Fleet, Surroundings
-from zmav.sim.fleets.still import arrays_of
 
 NAVIGATE_EVERY = 5  # ticks
 
@@ -47,10 +46,8 @@ class PlaneFleet(Fleet):
         if number % (AIR_EVERY * self.pace) == 0:
             dyn.density = self.thickness()
         navigate_every = self._still.steps = NAVIGATE_EVERY * self.pace
-        loops = control, control.l1, control.tecs, *control.rate_loops
-        self._stands = all_of(dyn.resting) and self.unchanged(
-            tick_s, self.targets.tuned, *arrays_of(self.targets, *loops, dyn)
-        )
+        loops = self.targets, control, control.l1, control.tecs, *control.rate_loops
+        self._stands = all_of(dyn.resting) and self.unchanged((tick_s, self.targets.tuned), *loops)
         if self._stands:
             return
         control.level(est, est.euler, est.force, dyn.airspeed, tick_s)

@@ -14,7 +14,6 @@ from zmav.sim.control.roversetpoints import RoverHandle, RoverSetpoints
 from zmav.sim.dynamics.rover import RoverDynamics
 from zmav.sim.dynamics.roverframe import RoverFrame
 from zmav.sim.fleets.base import Fleet, Surroundings
-from zmav.sim.fleets.still import arrays_of
 
 
 class RoverFleet(Fleet):
@@ -40,9 +39,8 @@ class RoverFleet(Fleet):
     def control_tick(self, number: int, tick_s: float) -> None:
         """The controllers' outputs to steering and motor."""
         est, dyn, control, asked = self.estimate, self.dynamics, self.control, self.setpoints
-        self._stands = not any(dyn.speed.tolist()) and self.unchanged(
-            tick_s, asked.tuned, *arrays_of(asked, control, *control.loops, dyn)
-        )
+        still = not any(dyn.speed.tolist())
+        self._stands = still and self.unchanged((tick_s, asked.tuned), asked, control, *control.loops)
         if not self._stands:
             control.update(est, tick_s)
             dyn.steering, dyn.throttle = control.steering, control.throttle

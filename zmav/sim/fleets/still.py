@@ -10,19 +10,15 @@ class Standstill:
     of the last ``steps``, a whole round of the slowest loop. One more would change nothing either.
     """
 
-    def __init__(self, steps: int = 1) -> None:
-        self.steps = steps
+    def __init__(self) -> None:
+        self.steps = 1
         self._seen: list[object] = []
         self._since = 0
 
-    def holds(self, *parts: object) -> bool:
-        """A yes makes the next tick needless. ``parts``: arrays and numbers, each time the same ones."""
-        seen = [part.tobytes() if isinstance(part, np.ndarray) else part for part in parts]
+    def holds(self, numbers: tuple[float, ...], *owners: object) -> bool:
+        """A yes makes the next tick needless. ``owners``: their state is in arrays and in ``numbers``."""
+        arrays = (part for owner in owners for part in vars(owner).values() if isinstance(part, np.ndarray))
+        seen: list[object] = [numbers, *(array.tobytes() for array in arrays)]
         self._since = self._since + 1 if seen == self._seen else 0
         self._seen = seen
         return self._since >= self.steps
-
-
-def arrays_of(*owners: object) -> list[object]:
-    """The arrays among the attributes of objects whose whole state is in arrays."""
-    return [value for owner in owners for value in vars(owner).values() if isinstance(value, np.ndarray)]
