@@ -131,8 +131,8 @@ class Samples:
         return found[0]
 
 
-async def matched(one: zenoh.Publisher | zenoh.Querier, otherwise: str) -> None:
-    """Wait until somebody on the other side listens, or answers."""
+def matched(one: Any) -> None:
+    """Wait until there is somebody for a publisher or a querier; then it is declared no more."""
     known = threading.Event()
 
     def on_match(status: Any) -> None:
@@ -140,10 +140,9 @@ async def matched(one: zenoh.Publisher | zenoh.Querier, otherwise: str) -> None:
             known.set()
 
     listener = one.declare_matching_listener(on_match)
-    status: Any = one.matching_status
-    if not status.matching:
-        assert await asyncio.to_thread(known.wait, PATIENCE_S), otherwise
+    assert one.matching_status.matching or known.wait(PATIENCE_S), f"nobody is at {one.key_expr}"
     listener.undeclare()
+    one.undeclare()
 
 
 class Ground:
@@ -165,18 +164,12 @@ class Ground:
     async def ask(self, key: str, payload: bytes = b"") -> list[zenoh.Reply]:
         return await asyncio.to_thread(lambda: list(self.session.get(key, payload=payload, timeout=PATIENCE_S)))
 
-    async def _answered(self, key: str) -> None:
-        """Wait until somebody answers there."""
-        querier = self.session.declare_querier(key)
-        await matched(querier, f"nobody answers {key}")
-        querier.undeclare()
-
     async def do(self, verb: str, payload: bytes | None = None, /, **args: Any) -> wire.Outcome:
         """Give an order once; raises what an error reply stands for."""
         data = json.dumps(args).encode() if payload is None else payload
         key = keys.DO.key(self.fleet, self.name, verb=verb)
         if not (replies := await self.ask(key, data)):  # a vehicle's first state may be here before its services are
-            await self._answered(key)
+            await asyncio.to_thread(matched, self.session.declare_querier(key))
             replies = await self.ask(key, data)
         (reply,) = replies
         if reply.ok is None:
@@ -211,9 +204,7 @@ class Net:
 
     async def linked(self, session: zenoh.Session, key: str) -> None:
         """Wait until ``session`` knows of a subscriber of ``key``: what is put before is lost."""
-        publisher = session.declare_publisher(key)
-        await matched(publisher, f"nobody subscribes to {key}")
-        publisher.undeclare()
+        await asyncio.to_thread(matched, session.declare_publisher(key))
 
     def _open(self, how: SessionSettings) -> zenoh.Session:
         self.sessions.append(open_session(how))

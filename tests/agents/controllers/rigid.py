@@ -8,6 +8,7 @@ North, east, down; forward, right, down.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,9 +64,8 @@ class Body:
     def _slope(self, y: Array, goal: Array) -> Array:
         # By numbers: for arrays as short as these NumPy takes ten times as long.
         vn, ve, vd, w, x, y_, z, p, q, r, *given = y[3:].tolist()
-        thrust, roll, pitch, yaw = given
+        thrust, *torque = given
         fn, fe, fd = self.force.tolist()
-        ix, iy, iz = self.inertia
         lift = thrust / (w * w + x * x + y_ * y_ + z * z) / self.mass
         return np.array(
             [
@@ -77,12 +77,16 @@ class Body:
                 0.5 * (w * p + y_ * r - z * q),
                 0.5 * (w * q + z * p - x * r),
                 0.5 * (w * r + x * q - y_ * p),
-                (roll - (iz - iy) * q * r) / ix,
-                (pitch - (ix - iz) * r * p) / iy,
-                (yaw - (iy - ix) * p * q) / iz,
+                *spin((p, q, r), torque, self.inertia),
                 *((wish - has) / self.rotor_tau for wish, has in zip(goal.tolist(), given, strict=True)),
             ]
         )
+
+
+def spin(rates: Sequence[float], torque: Sequence[float], inertia: Sequence[float]) -> tuple[float, float, float]:
+    """Angular acceleration, rad/s^2 body: Euler's equations of a body with these principal moments."""
+    (p, q, r), (roll, pitch, yaw), (ix, iy, iz) = rates, torque, inertia
+    return (roll - (iz - iy) * q * r) / ix, (pitch - (ix - iz) * r * p) / iy, (yaw - (iy - ix) * p * q) / iz
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Array:

@@ -11,7 +11,7 @@ import pytest
 from agents.controllers import Array, Reference, State, TorqueThrust, Trim
 from agents.controllers.backstepping import Backstepping, Inner, Vec, angle_rates, rates_of
 from agents.controllers.ev2 import Ev2
-from tests.agents.controllers.rigid import CYCLE, GRAVITY, HOVER, Body, fly, quaternion
+from tests.agents.controllers.rigid import CYCLE, GRAVITY, HOVER, Body, fly, quaternion, spin
 from zmav.sim.control.allocation import Allocator
 from zmav.sim.dynamics.airframe import AIR_DENSITY, airframe
 
@@ -31,10 +31,8 @@ def moving(t: float) -> tuple[Vec, Vec]:
 
 
 def attitude_slope(y: Array, torque: Array) -> Array:
-    (p, q, r), (ix, iy, iz) = three(y[3:]), INNER.inertia
-    roll, pitch, yaw = torque.tolist()
-    spin = (roll - (iz - iy) * q * r) / ix, (pitch - (ix - iz) * r * p) / iy, (yaw - (iy - ix) * p * q) / iz
-    return np.array([*angle_rates(three(y[:3]), (p, q, r)), *spin])
+    rates = three(y[3:])
+    return np.array([*angle_rates(three(y[:3]), rates), *spin(rates, torque.tolist(), INNER.inertia)])
 
 
 # ---- the inner loop

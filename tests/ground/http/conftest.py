@@ -22,7 +22,7 @@ from ground.http.app import make_app
 from ground.http.gateway import Gateway
 from ground.http.guard import Rules
 from ground.http.server import Patience, bound, serving
-from tests.conftest import endpoint_of
+from tests.conftest import endpoint_of, matched
 from tests.ground.http.browser import CHROMIUM, Chromium, FakePlanner, Fleet, Tab, chromium
 from zmav import keys, wire
 from zmav.mavlink import encode, load_dialect
@@ -184,13 +184,7 @@ class Served:
 
     def linked(self, key: str) -> None:
         """Wait until the router knows that somebody subscribes to ``key``."""
-        known = threading.Event()
-        publisher = self.session.declare_publisher(key)
-        listener = publisher.declare_matching_listener(lambda status: known.set() if status.matching else None)
-        status: Any = publisher.matching_status
-        assert status.matching or known.wait(PATIENCE_S), f"nobody subscribes to {key}"
-        listener.undeclare()
-        publisher.undeclare()
+        matched(self.session.declare_publisher(key))
 
     def sent(self, count: int) -> list[tuple[str, bytes]]:
         """Wait for so many frames put to vehicles since the last call, and take them."""
