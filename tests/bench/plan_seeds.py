@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.agents.planner.live.seeds import ARDUCOPTER, COMMANDS, PROMISED, PX4, Row, crew_rows
+from tests.agents.planner.live.seeds import ARDUCOPTER, COMMANDS, PROMISED, PX4, PX4_IN_CALM_AIR, Row, crew_rows
 
 
 def shown(what: str, rows: list[Row]) -> str:
@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--no-room", action="store_true")
     options = parser.parse_args()
-    for name, sort in (("ArduCopter", ARDUCOPTER), ("PX4", PX4)):
+    for name, sort in (("ArduCopter", ARDUCOPTER), ("PX4, calm", PX4_IN_CALM_AIR), ("PX4, windy", PX4)):
         print(f"{name}: crews of four, promised {PROMISED:g} m between two centres")
         print("command     crews  below that  least m  5 % m  median m  stops  flown/said  least   most", flush=True)
         rows: list[Row] = []

@@ -56,7 +56,10 @@ STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 REFUSES_AFTER, AT_ONCE = 30.0, 3.0
 """s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
 SLOW, SLOWEST = 0.6, 0.35
-"""paces of the common clock while somebody does not keep up; and who is more than half-way to where all are stopped"""
+"""paces of the common clock while somebody does not keep up; and from half-way to where all are stopped"""
+USUAL = 2.0
+"""times what a vehicle is off its way by experience, root mean square, up to which a slower clock brings it no nearer;
+but half-way to where all are stopped at most"""
 LATER = 0.05
 """s by which a vehicle follows later than was known before that is reckoned with"""
 STOPPED, FARTHER = 3.0, 0.8
@@ -203,13 +206,14 @@ class Conductor:
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
         limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
+        slows = max(allowed, min(USUAL * part.following.spread, 0.5 * (allowed + limit)), 0.1)
         if off > max(LEFT, 2.0 * limit) and part.resting(now):
             part.strays = part.strays or not part.off
             self.gone(part, f"it is {off:.1f} m off its trajectory", None)
         elif off > limit:
             self.halt(f"{part.id} is {off:.1f} m off its trajectory", vehicle=part.id, metres=off)
-        elif off > max(allowed, 0.1):
-            pace = SLOW if off < 0.5 * (allowed + limit) else SLOWEST
+        elif off > slows and not part.resting(now):
+            pace = SLOW if off < 0.5 * (slows + limit) else SLOWEST
             if self.line.pace > pace:
                 text = f"{part.id} is {off:.2f} m off its trajectory: the common clock is slowed"
                 self._say("slow", "warning", text, vehicle=part.id, metres=off)

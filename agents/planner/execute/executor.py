@@ -41,6 +41,17 @@ PER_TICK = 25
 """trajectories that are made in one look, so that the loop is not held up"""
 
 
+def clock_error(name: str, offset: Offset, now: float) -> float:
+    """s by which a vehicle's clock may be other than measured; raises :class:`~zmav.errors.Refused` where that is too
+    much for any plan.
+    """
+    error = offset.error(now)
+    if not error <= MAX_CLOCK:
+        text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
+        raise Refused(text, vehicle=name, error_s=error)
+    return error
+
+
 class Executor:
     """``async with Executor(z, names) as executor: outcome = await executor.run(flight)``.
 
@@ -117,23 +128,6 @@ class Executor:
 
     async def __aexit__(self, *exc: object) -> None:
         await self._stack.aclose()
-
-    def needed(self, speeds: Mapping[str, float]) -> float:
-        """The margin (m) that a plan must keep so that :meth:`run` takes it, by how well clocks are known now: of the
-        vehicles that it is for, with the greatest speed (m/s) that each has in it (a plan's may be 2 % over the
-        vehicle's own). Raises :class:`~zmav.errors.Refused` where a clock is not known well enough for any plan.
-        """
-        return max((self._needed(name, speed, self.tracking) for name, speed in speeds.items()), default=0.0)
-
-    def _needed(self, name: str, speed: float, tracking: float) -> float:
-        command = self.commands.get(name)
-        if command is None:
-            raise Refused(f"{name} is not under this executor's lease", vehicle=name)
-        error = command.offset.error(self.clock.now())
-        if not error <= MAX_CLOCK:
-            text = f"the clock of {name} is known to ±{1e3 * error:.0f} ms only; at most {1e3 * MAX_CLOCK:.0f} will do"
-            raise Refused(text, vehicle=name, error_s=error)
-        return margin_for(speed, error, tracking)
 
     @property
     def phase(self) -> Phase | None:
@@ -246,9 +240,10 @@ class Executor:
         """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
         tracking = self.tracking if flight.tracking is None else flight.tracking
-        needed = self._needed(name, track.speed, tracking)
         command = self.commands[name]
-        place, error = led.get(name, command.place if command.rests else None), command.offset.error(now)
+        error = clock_error(name, command.offset, now)
+        needed = margin_for(track.speed, error, tracking)
+        place = led.get(name, command.place if command.rests else None)
         if place is None:
             raise Refused(f"{name} does not say where it rests", vehicle=name)
         away = float(np.linalg.norm(place - track.pos[0]))

@@ -20,6 +20,8 @@ LONGEST = 1.0
 """s: one that is later is not believed to follow"""
 MOVING = 0.8
 """m/s from which a vehicle tells how late it is"""
+FAST = 3.0
+"""m/s from which a look counts whole"""
 SURPRISE = 0.5
 """s: one look moves what is known as if it were no farther from it"""
 LOOKS, SURE, MOST_LOOKS = 3, 20, 30
@@ -43,7 +45,7 @@ class Following:
     def __init__(self, which: str | None = None) -> None:
         self.late, spread = USUAL.get(which or "", (0.0, SPREAD))
         """s"""
-        self._looks = LOOKS
+        self._looks: float = LOOKS
         self._square, self._seen = spread**2, MOST_LOOKS
 
     @property
@@ -65,8 +67,9 @@ class Following:
             if not np.isfinite(late):  # of a place that is none: what is learnt is what separation is reckoned by
                 return
             late = self.late + float(np.clip(late - self.late, -SURPRISE, SURPRISE))
-            self._looks = min(self._looks + 1, MOST_LOOKS)
-            self.late += (float(np.clip(late, 0.0, LONGEST)) - self.late) / self._looks
+            counts = min(speed / FAST, 1.0) ** 2  # what it is off its way counts for less time, the faster it is
+            self._looks = min(self._looks + counts, MOST_LOOKS)
+            self.late += (float(np.clip(late, 0.0, LONGEST)) - self.late) * counts / self._looks
             if self._looks < SURE:
                 return
         off = float(np.linalg.norm(way(at - self.late)[0] - place))

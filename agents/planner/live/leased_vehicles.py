@@ -12,13 +12,14 @@ import msgspec
 
 import zmav
 from agents.planner.execute.conductor import Conductor
-from agents.planner.execute.executor import MAX_CLOCK, Executor
-from agents.planner.execute.flight import SLACK, Flight, Trouble
+from agents.planner.execute.executor import Executor
+from agents.planner.execute.flight import Flight, Trouble
 from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
-from agents.planner.live.plan import Planned
+from agents.planner.live.margins import TIGHT, margins_of, needed_of, tracking_of
+from agents.planner.live.plan import Margins, Planned
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
 from agents.planner.model.geometry import segment_clear, world_of
@@ -29,15 +30,6 @@ from zmav.wire import Vector, swarm
 
 LOOK = 0.5
 """s between two looks at how far it is and who comes near"""
-WIDEST = 1.2
-"""m that a vehicle may be off its way at most, however badly it is seen to hold it"""
-CLOCKS = 0.02
-"""s by which clocks may differ from what is measured, of the margin that is reckoned with"""
-ROOM, MOST_MARGIN = 0.5, 1.5
-"""m that plans keep beyond what must be kept, where there is room: then nobody waits until another has passed for
-sure; and that a margin may be at most"""
-SPARE, TIGHT = 0.02, 3.0
-"""m more than the clocks need now; how much nearer to their ways, and slower, vehicles fly where it is tight"""
 CLOCK_PATIENCE = 60.0
 """s for the clocks to be known well enough"""
 WHEELED = 1.0
@@ -98,7 +90,6 @@ class LeasedVehicles:
             waits=lambda why: run.text(f"waits for a lease: {why}"),
             homes=run.context.homes.keeper,
         )
-        self._margin = settings.margin
         self._again: Again | None = None
         self._planned: Planned | None = None
         self._share, self._words = (0.0, 1.0), ""
@@ -146,7 +137,7 @@ class LeasedVehicles:
         """Our UTC, by which everything is flown."""
         return self.executor.clock.now()
 
-    async def margins(self) -> tuple[tuple[float, float], ...]:
+    async def margins(self) -> Margins:
         """m by which plans should widen radii, and the share of their speed that vehicles may have with that; best
         first, by how well the clocks are known now.
 
@@ -155,26 +146,12 @@ class LeasedVehicles:
         deadline = time.monotonic() + CLOCK_PATIENCE
         while True:
             try:
-                needed = self._needed() + SPARE
-                if needed <= MOST_MARGIN:
-                    break
-                raise Refused(f"a margin of {needed:.2f} m would be needed for these clocks; {MOST_MARGIN:g} is most")
+                return margins_of(self._run.context, self.commands)
             except Refused as e:
                 if time.monotonic() > deadline:
                     raise
                 self._run.text(f"waits: {e.message}")
             await asyncio.sleep(LOOK)
-        least = max(needed, self._run.context.settings.margin)
-        tight = self._needed(1.0 / TIGHT) + SPARE - self.tracking * (1.0 - 1.0 / TIGHT)
-        return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
-
-    def _needed(self, share: float = 1.0) -> float:
-        """m of margin that the executor asks for now, at a share of each vehicle's speed (plans may be 2 % over it)."""
-        executor, fleet = self.executor, self._run.context.fleet
-        executor.tracking = self.tracking
-        seen = {name: fleet.seen(name) for name in executor.commands}
-        speeds = {name: each.view.body.speed for name, each in seen.items() if each is not None}
-        return executor.needed({name: 1.02 * share * speed for name, speed in speeds.items()})
 
     # Flying.
 
@@ -236,23 +213,8 @@ class LeasedVehicles:
 
     @property
     def tracking(self) -> float:
-        """How far a vehicle may be off its way for the margin that we plan with: as the settings say, or as the one
-        does that holds its way worst, as far as the clocks leave room for it in the greatest margin.
-        """
-        run = self._run
-        least = min(run.context.settings.tracking, max(0.05, self._margin - SLACK - 5.0 * CLOCKS))
-        known = run.context.fleet.followings_of(run.vehicles).values()
-        widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - self._clocks())
-        return max(least, min(widest, max((each.within for each in known), default=0.0)))
-
-    def _clocks(self) -> float:
-        """m that clocks ask for at full speed, as well as they are known now."""
-        worst = 0.0
-        for name, command in self.commands.items():
-            if (seen := self._run.context.fleet.seen(name)) is not None:
-                error = min(command.offset.error(self.now), MAX_CLOCK)
-                worst = max(worst, 1.02 * seen.view.body.speed * error)
-        return worst
+        """How far a vehicle may be off its way for the margin that we plan with, m."""
+        return tracking_of(self._run.context, self.commands)
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -260,7 +222,8 @@ class LeasedVehicles:
         vehicles = {vehicle.id: vehicle for vehicle in planned.scene.vehicles}
         self._planned = planned
         self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
-        tracking = min(self.tracking, self.tracking + planned.margin - self._needed())
+        most = self.tracking
+        tracking = min(most, most + planned.margin - needed_of(run.context, self.commands))
         run.publisher.plan(run.entry.id, time.time(), planned.motions, planned.clearance)
         return Flight(
             motions=planned.motions,
@@ -268,9 +231,9 @@ class LeasedVehicles:
             accel={name: vehicle.amax for name, vehicle in vehicles.items()},
             downwash=planned.scene.downwash,
             margin=planned.margin,
-            tracking=max(self.tracking / TIGHT, tracking),
+            tracking=max(most / TIGHT, tracking),
             movers=self.movers(executor.clock.now()),
-            tolerance=max(Flight.tolerance, run.context.settings.tracking, self.tracking),
+            tolerance=max(Flight.tolerance, run.context.settings.tracking, most),
             tolerances={name: WHEELED for name, vehicle in vehicles.items() if vehicle.type == "rover"},
         )
 

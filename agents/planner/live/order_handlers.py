@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from typing import Any
@@ -15,7 +16,8 @@ from agents.planner.live.context import Context
 from agents.planner.live.energy import warning_of
 from agents.planner.live.field import check_field
 from agents.planner.live.ledger import ENDED, kind_of
-from agents.planner.live.plan import Planner
+from agents.planner.live.margins import margins_of
+from agents.planner.live.plan import Margins, Planner
 from agents.planner.live.preview import positions, preview
 from agents.planner.live.solver import Solver
 from agents.planner.live.tally import Tally
@@ -124,7 +126,10 @@ class OrderHandlers:
             planner = Planner(self._context, "preview", await self._preview_solver())
             view = check_known(self._context, args.goal)
             fleet, tally = self._context.fleet, Tally(args.goal.vehicles, view)
-            told = await preview(planner, args.goal, view, tally)
+            margins: Margins = ()
+            with contextlib.suppress(Refused):  # clocks are waited for once it is to be flown
+                margins = margins_of(self._context, args.goal.vehicles)
+            told = await preview(planner, args.goal, view, tally, margins)
             told["positions"] = positions(view.pick(args.goal.vehicles), fleet.accuracies)
             needs = fleet.needs(tally, view)
             told["batteries"] = {name: need.figures() for name, need in needs.items()}

@@ -8,7 +8,7 @@ from typing import Any
 from agents.planner.goals.steps import FleetView, Fly, Orders, PlanTo, Step, VehicleView
 from agents.planner.live.accuracy import Accuracies
 from agents.planner.live.frames import ned, vector
-from agents.planner.live.plan import MOST_APART, Planned, Planner
+from agents.planner.live.plan import MOST_APART, Margins, Planned, Planner
 from agents.planner.live.publisher import thin
 from agents.planner.live.scenes import moved
 from agents.planner.live.tally import Tally
@@ -16,13 +16,15 @@ from zmav.errors import Refused
 from zmav.wire import Vector, swarm
 
 
-async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Tally) -> dict[str, Any]:
+async def preview(
+    planner: Planner, goal: swarm.Goal, view: FleetView, tally: Tally, margins: Margins = ()
+) -> dict[str, Any]:
     """Steps with their makespan, clearance and tracks (NED), and the ``seconds`` that each takes with what is around
-    it; raises the typed error of what cannot be. ``tally`` counts it all.
+    it; raises the typed error of what cannot be. ``tally`` counts it all; ``margins``: what it would be planned with.
     """
     steps: list[dict[str, Any]] = []
     for step in await planner.steps(goal, view):
-        plans, view = await _step(planner, step, view)
+        plans, view = await _step(planner, step, view, margins)
         flown: list[Planned | None] = [*plans] or [None]
         for planned in flown:
             row: dict[str, Any] = {"step": type(step).__name__, "text": step.text, "vehicles": list(step.vehicles)}
@@ -47,17 +49,17 @@ async def preview(planner: Planner, goal: swarm.Goal, view: FleetView, tally: Ta
     }
 
 
-async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[list[Planned], FleetView]:
+async def _step(planner: Planner, step: Step, view: FleetView, margins: Margins) -> tuple[list[Planned], FleetView]:
     """What is flown for one step, one after another, and the fleet as it will be after it."""
     plans: list[Planned] = []
     if isinstance(step, PlanTo):
-        plans, view = await _to(planner, step, view)
+        plans, view = await _to(planner, step, view, margins)
     elif isinstance(step, Fly):
-        prepared, objection = await planner.check(step, view)
+        prepared, objection = await planner.check(step, view, margins)
         if prepared is not None:
             return [prepared], moved(view, _ends(prepared))
         for instead in step.instead:
-            more, view = await _to(planner, instead, view)
+            more, view = await _to(planner, instead, view, margins)
             plans += more
         if not plans:
             raise Refused(f"{step.text or 'what was prepared'}: {objection}; there is no other way")
@@ -66,13 +68,13 @@ async def _step(planner: Planner, step: Step, view: FleetView) -> tuple[list[Pla
     return plans, view
 
 
-async def _to(planner: Planner, step: PlanTo, view: FleetView) -> tuple[list[Planned], FleetView]:
+async def _to(planner: Planner, step: PlanTo, view: FleetView, margins: Margins) -> tuple[list[Planned], FleetView]:
     """As it would be flown: where they begin too near to each other they draw apart first."""
     plans: list[Planned] = []
     while not plans or plans[-1].before:
         if len(plans) > MOST_APART:
             raise Refused("they would draw apart again and again, and still rest too near to each other")
-        plans.append(await planner.next_to(step, view))
+        plans.append(await planner.next_to(step, view, margins))
         view = moved(view, _ends(plans[-1]))
     return plans, view
 

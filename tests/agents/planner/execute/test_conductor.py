@@ -245,6 +245,31 @@ def test_the_common_clock_is_slowed_for_one_who_does_not_keep_up_and_let_go_agai
     check(history)
 
 
+@pytest.mark.parametrize(("known", "off", "slowed"), [(None, 0.45, True), ("px4", 0.55, False), ("px4", 0.65, True)])
+def test_nobody_is_slowed_for_one_who_is_off_its_way_as_it_usually_is(
+    known: str | None, off: float, slowed: bool
+) -> None:
+    history = History(slower(carousel(3, 12.0), 3.0), np.random.default_rng(4), loss=0.0, margin=0.3)
+    history.run(4.0)
+    conductor, part = history.conductor, history.parts[0]
+    part.follows(Following(known))
+    place, _ = part.place_at(history.now - part.late)
+    conductor.strayed(part, history.now, history.now, place + np.array([0.0, 0.0, off]))
+    assert (conductor.line.pace < 1.0) == slowed
+
+
+def test_nobody_is_slowed_for_one_who_rests() -> None:
+    motions = {"v0": np.array([[0.0, 0.0, 0.0, 10.0]]), "v1": line(np.array([9.0, 0, 10]), np.array([40.0, 0, 10]))}
+    history = History(motions, np.random.default_rng(4), loss=0.0)
+    history.run(5.0)
+    conductor, (rests, flies) = history.conductor, history.parts
+    off = np.array([0.5, 0.0, 0.0])
+    conductor.strayed(rests, history.now, history.now, rests.place_at(history.now)[0] + off)
+    assert conductor.line.pace == 1.0
+    conductor.strayed(flies, history.now, history.now, flies.place_at(history.now)[0] + off)
+    assert conductor.line.pace < 1.0
+
+
 def test_who_has_left_its_way_is_not_led_to_the_end_of_it() -> None:
     """It would fly there straight, through whatever is between."""
     history = History(slower(carousel(3, 12.0, speed=4.0), 3.0), np.random.default_rng(4), loss=0.0)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.planner.execute.executor import Executor
-from agents.planner.execute.flight import Flight, Trouble
+from agents.planner.execute.executor import Executor, clock_error
+from agents.planner.execute.flight import Flight, Trouble, margin_for
 from agents.planner.model.problem import Motion
 from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
 from tests.agents.planner.execute.virtual import carousel, crossing
@@ -137,8 +137,8 @@ async def refused(fleet: Fleet, executor: Executor, motions: dict[str, Motion]) 
     """Too little margin, a wrong start, another's lease."""
     with pytest.raises(Refused, match=r"keeps 0\.10 m of margin, and quad1 needs 0\.[4-9]") as found:
         await executor.run(flight(motions, margin=0.1))
-    assert executor.needed({"quad1": 2.0}) == pytest.approx(found.value.detail["needed"], abs=0.005)
-    assert executor.needed({"quad1": 2.0, "quad2": 9.0}) > executor.needed({"quad1": 2.0})
+    error = clock_error("quad1", executor.commands["quad1"].offset, executor.clock.now())
+    assert margin_for(2.0, error, executor.tracking) == pytest.approx(found.value.detail["needed"], abs=0.005)
     swapped = dict(zip(motions, reversed(list(motions.values())), strict=True))
     with pytest.raises(Refused, match=r"quad1 is 10\.\d m from where its motion begins"):
         await executor.run(flight(swapped))

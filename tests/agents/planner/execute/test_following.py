@@ -33,6 +33,23 @@ def test_lateness_is_learnt_within_seconds(late: float) -> None:
     assert fly(Following(), late).late == pytest.approx(late, abs=0.03)
 
 
+def test_what_a_slow_vehicle_is_off_its_way_is_hardly_taken_for_lateness() -> None:
+    """At 1 m/s half a metre ahead of its way is half a second."""
+
+    def straight(t: float) -> tuple[Floats, Floats]:
+        return np.array([t, 0.0, 10.0]), np.array([1.0, 0.0, 0.0])
+
+    slow, fast = Following("px4"), Following("px4")
+    for t in np.arange(0.0, 3.0, 0.2):
+        slow.heard(straight, float(t), straight(float(t) - 0.45)[0] + np.array([0.5, 0.0, 0.0]))
+        fast.heard(circle, float(t), circle(float(t) - 0.45)[0] + 0.125 * circle(float(t))[1])
+    assert slow.late == pytest.approx(0.45, abs=0.2)
+    assert fast.late == pytest.approx(0.45, abs=0.2)
+    for t in np.arange(3.0, 60.0, 0.2):  # for long enough it is
+        slow.heard(straight, float(t), straight(float(t))[0])
+    assert slow.late == pytest.approx(0.0, abs=0.1)
+
+
 def test_what_is_usual_for_an_autopilot_is_where_it_begins() -> None:
     px4 = Following("px4")
     assert (px4.late, px4.spread) == pytest.approx(USUAL["px4"])

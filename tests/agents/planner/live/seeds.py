@@ -25,7 +25,7 @@ from agents.planner.live import jobs
 from agents.planner.live import plan as planning
 from agents.planner.live.accuracy import position_error, rooms
 from agents.planner.live.frames import ned
-from agents.planner.live.leased_vehicles import TIGHT
+from agents.planner.live.margins import TIGHT
 from agents.planner.live.plan import Planned
 from agents.planner.live.preview import preview
 from agents.planner.live.settings import PlannerSettings
@@ -94,6 +94,8 @@ class Sort(NamedTuple):
 
 ARDUCOPTER = Sort(None, 0.12, (0.0,) * SIZE)
 PX4 = Sort("px4", 0.3, (0.4, 0.43, 0.47, 0.5))
+"""in wind"""
+PX4_IN_CALM_AIR = PX4._replace(lean=0.12)
 
 
 class Drift:
@@ -143,11 +145,11 @@ class Keeping(planning.Planner):
         self.plans: list[Planned] = []
 
     async def next_to(self, step: PlanTo, view: FleetView, margins: planning.Margins = ()) -> Planned:
-        self.plans.append(await super().next_to(step, view, self.margins))
+        self.plans.append(await super().next_to(step, view, margins or self.margins))
         return self.plans[-1]
 
     async def check(self, step: Fly, view: FleetView, margins: planning.Margins = ()) -> tuple[Planned | None, str]:
-        planned, why = await super().check(step, view, self.margins)
+        planned, why = await super().check(step, view, margins)
         self.plans += [planned] if planned is not None else []
         return planned, why
 
@@ -191,7 +193,7 @@ class Crew:
     async def fly(self, what: str, make: Make) -> Row:
         goal, view = make(NAMES, 0.0), self.view()
         tally, self.planner.plans = Tally(goal.vehicles, view), []
-        told = await preview(self.planner, goal, view, tally)
+        told = await preview(self.planner, goal, view, tally, self.planner.margins)
         begun, stops, nearest = self.now, list[str](), math.inf
         for step in await self.planner.resolve(goal, view):
             if isinstance(step, Orders):
