@@ -319,7 +319,7 @@ class Executor:
         if state.local is None or not part.active or not part.known.taken:
             return
         at = part.offset.ours(state.t - state.ages.get("position", 0.0))
-        if at > part.known.rows[0, 0]:
+        if at > part.known.samples[0, 0]:
             conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
 
     # After.
