@@ -47,7 +47,12 @@ async def runs(args: argparse.Namespace) -> bool:
             await _known(desk, names)
             truth.reset()
             goal = str((await desk.order("submit", _swap(names, rng, run)))["goal"])
-            await desk.until(lambda book, goal=goal: any(e.id == goal and e.state == "flying" for e in book.goals))
+            book = await desk.until(
+                lambda book, goal=goal: any(e.id == goal and e.state in ("flying", "failed") for e in book.goals)
+            )
+            if refused := [e.text for e in book.goals if e.id == goal and e.state == "failed"]:
+                print(f"  {run + 1:3d}: {refused[0]}", flush=True)  # a battery lasts for three or four of them
+                break
             while not all(committed(z.vehicle(name)) for name in names):
                 await asyncio.sleep(0.1)  # one that was never sent anything hovers, and misses nobody
             await asyncio.sleep(rng.uniform(0.0, 5.0))

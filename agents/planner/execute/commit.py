@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planner.execute.following import Following
+from agents.planner.execute.following import SPREAD, Following
 from agents.planner.execute.offset import Offset
 from agents.planner.execute.track import Profile, Track, flown, state_at
 from agents.planner.model.problem import Floats, MovingObstacle
@@ -112,12 +112,14 @@ class Part:
     """of its agent: another one counts leases and setpoints from zero again"""
     following: Following = field(default_factory=Following)
     """how it follows what it is told, as is learnt from what it says"""
+    usual: float = SPREAD
+    """m, root mean square, that it was usually off its way when the plan began"""
     refused: tuple[float, float] = (-np.inf, -np.inf)
     """when it first and last said that it did not take a trajectory, of those that it refused one after another"""
 
     def follows(self, following: Following) -> None:
         """As was learnt of it before."""
-        self.following, self.late = following, following.late
+        self.following, self.late, self.usual = following, following.late, following.spread
 
     @property
     def known(self) -> Entry:

@@ -56,10 +56,11 @@ STUCK_AFTER, WAIT_FOR_LOST = 3.0, 10.0
 REFUSES_AFTER, AT_ONCE = 30.0, 3.0
 """s for which one at rest refuses what it is sent, no farther apart than the second, until it is given up"""
 SLOW, SLOWEST = 0.6, 0.35
-"""paces of the common clock while somebody does not keep up; and from half-way to where all are stopped"""
+"""paces of the common clock while somebody does not keep up, and from half-way between that and where all are stopped
+at"""
 USUAL = 2.0
-"""times what a vehicle is off its way by experience, root mean square, up to which a slower clock brings it no nearer;
-but half-way to where all are stopped at most"""
+"""times what it usually is off its way (root mean square) up to which nobody is slowed for it, but half-way to where
+all are stopped at most"""
 LATER = 0.05
 """s by which a vehicle follows later than was known before that is reckoned with"""
 STOPPED, FARTHER = 3.0, 0.8
@@ -193,8 +194,10 @@ class Conductor:
 
     def strayed(self, part: Part, now: float, at: float, place: Floats) -> float:
         """It was at ``place`` at our time ``at``: m off what it may be flying, late as it is. Slows the common clock,
-        or halts.
+        or halts. Where it was before what it is known to fly began says nothing.
         """
+        if at <= part.known.samples[0, 0]:
+            return 0.0
         if not part.pending or at < part.latest.departs:  # else it may be on the later one
             part.following.heard(part.place_at, at, place)
             if self._source is None and abs(part.following.late - part.late) > LATER:
@@ -206,7 +209,7 @@ class Conductor:
         if self._source is not None:
             return off  # it is led to where it shall be anyhow
         limit = min(STOPPED * max(allowed, 0.2), allowed + max(FARTHER, allowed))
-        slows = max(allowed, min(USUAL * part.following.spread, 0.5 * (allowed + limit)), 0.1)
+        slows = max(allowed, min(USUAL * part.usual, 0.5 * (allowed + limit)), 0.1)
         if off > max(LEFT, 2.0 * limit) and part.resting(now):
             part.strays = part.strays or not part.off
             self.gone(part, f"it is {off:.1f} m off its trajectory", None)

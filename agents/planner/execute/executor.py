@@ -240,7 +240,9 @@ class Executor:
         """``led``: where the plan before has brought those to rest that were heard just now or not."""
         track = Track(flight.motions[name])
         tracking = self.tracking if flight.tracking is None else flight.tracking
-        command = self.commands[name]
+        command = self.commands.get(name)
+        if command is None:
+            raise Refused(f"{name} is not under this executor's lease", vehicle=name)
         error = clock_error(name, command.offset, now)
         needed = margin_for(track.speed, error, tracking)
         place = led.get(name, command.place if command.rests else None)
@@ -319,8 +321,7 @@ class Executor:
         if state.local is None or not part.active or not part.known.taken:
             return
         at = part.offset.ours(state.t - state.ages.get("position", 0.0))
-        if at > part.known.samples[0, 0]:
-            conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
+        conductor.strayed(part, self.clock.now(), at, np.array(enu(state.local)))
 
     # After.
 

@@ -25,7 +25,7 @@ FAST = 3.0
 SURPRISE = 0.5
 """s: one look moves what is known as if it were no farther from it"""
 LOOKS, SURE, MOST_LOOKS = 3, 20, 30
-"""of what is taken to be known beforehand; from which on lateness is known; and that it goes by at most: 6 s"""
+"""of what is taken to be known beforehand; from which on lateness is known; and that it goes by at most: 6 s at FAST"""
 SPREAD, SPREADS = 0.12, (0.05, 0.5)
 """m, root mean square, that any other is off its way; and what all are taken to be within"""
 MOST_OFF = 200
@@ -45,7 +45,7 @@ class Following:
     def __init__(self, which: str | None = None) -> None:
         self.late, spread = USUAL.get(which or "", (0.0, SPREAD))
         """s"""
-        self._looks: float = LOOKS
+        self._looks, self._weights = LOOKS, float(LOOKS)
         self._square, self._seen = spread**2, MOST_LOOKS
 
     @property
@@ -67,9 +67,10 @@ class Following:
             if not np.isfinite(late):  # of a place that is none: what is learnt is what separation is reckoned by
                 return
             late = self.late + float(np.clip(late - self.late, -SURPRISE, SURPRISE))
-            counts = min(speed / FAST, 1.0) ** 2  # what it is off its way counts for less time, the faster it is
-            self._looks = min(self._looks + counts, MOST_LOOKS)
-            self.late += (float(np.clip(late, 0.0, LONGEST)) - self.late) * counts / self._looks
+            weight = min(speed / FAST, 1.0) ** 2  # a place that is off by so much is off by more time the slower it is
+            self._weights = min(self._weights + weight, MOST_LOOKS)
+            self.late += (float(np.clip(late, 0.0, LONGEST)) - self.late) * weight / self._weights
+            self._looks += 1
             if self._looks < SURE:
                 return
         off = float(np.linalg.norm(way(at - self.late)[0] - place))

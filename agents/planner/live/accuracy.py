@@ -79,10 +79,12 @@ class Accuracies:
         self._rooms: dict[str, float] = {}
 
     def heard(self, name: str, state: wire.VehicleState, declared: float | None, now: float) -> None:
-        """Take in a state; ``now``: monotonic s."""
+        """Take in a state; ``now``: monotonic s. What a vehicle that is not armed was off before does not count: its
+        receiver may just have found its satellites.
+        """
         error, word = position_error(state, declared)
         held, at, _ = self._held.get(name, (0.0, now, ""))
-        held *= math.exp(-(now - at) / FORGETS_S)
+        held *= 0.0 if state.armed is False else math.exp(-(now - at) / FORGETS_S)
         self._held[name] = (max(error, held), now, word)
 
     def settle(self, names: Iterable[str]) -> None:

@@ -18,7 +18,7 @@ from agents.planner.execute.following import Following
 from agents.planner.execute.vehicle_command import VehicleCommand
 from agents.planner.live.accuracy import tight_of
 from agents.planner.live.context import Context, UnderWay
-from agents.planner.live.margins import TIGHT, margins_of, needed_of, tracking_of
+from agents.planner.live.margins import TIGHT, PlanMargins
 from agents.planner.live.plan import Margins, Planned
 from agents.planner.live.publisher import StatusPublisher
 from agents.planner.live.scenes import moving
@@ -146,7 +146,7 @@ class LeasedVehicles:
         deadline = time.monotonic() + CLOCK_PATIENCE
         while True:
             try:
-                return margins_of(self._run.context, self.commands)
+                return self._margins.best_first()
             except Refused as e:
                 if time.monotonic() > deadline:
                     raise
@@ -214,7 +214,12 @@ class LeasedVehicles:
     @property
     def tracking(self) -> float:
         """How far a vehicle may be off its way for the margin that we plan with, m."""
-        return tracking_of(self._run.context, self.commands)
+        return self._margins.tracking
+
+    @property
+    def _margins(self) -> PlanMargins:
+        offsets = {name: command.offset for name, command in self.commands.items()}
+        return PlanMargins(self._run.context, self._run.vehicles, offsets)
 
     def _flight(self, planned: Planned) -> Flight:
         """As the executor wants it; from now on it is what is watched and told of."""
@@ -223,7 +228,7 @@ class LeasedVehicles:
         self._planned = planned
         self._errors = {name: run.context.fleet.accuracies.error(name) for name in vehicles}
         most = self.tracking
-        tracking = min(most, most + planned.margin - needed_of(run.context, self.commands))
+        tracking = min(most, most + planned.margin - self._margins.needed(most))
         run.publisher.plan(run.entry.id, time.time(), planned.motions, planned.clearance)
         return Flight(
             motions=planned.motions,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from agents.planner.execute.executor import MAX_CLOCK, clock_error
 from agents.planner.execute.flight import SLACK, margin_for
@@ -24,44 +25,52 @@ FASTER = 1.02
 """times a vehicle's own speed that its plan's may be"""
 
 
-def margins_of(context: Context, names: Iterable[str]) -> Margins:
-    """Best first. Raises :class:`Refused` where a clock is not known well enough for any plan."""
-    names = list(names)
-    tracking, needed = tracking_of(context, names), needed_of(context, names) + SPARE
-    if needed > MOST_MARGIN:
-        raise Refused(f"a margin of {needed:.2f} m would be needed for these clocks; {MOST_MARGIN:g} is most")
-    least = max(needed, context.settings.margin)
-    tight = needed_of(context, names, 1.0 / TIGHT) + SPARE - tracking * (1.0 - 1.0 / TIGHT)
-    return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
+@dataclass(frozen=True)
+class PlanMargins:
+    """Of the plans for ``vehicles``, as things are known now. ``offsets``: the clocks that they are flown by."""
 
+    context: Context
+    vehicles: Iterable[str]
+    offsets: Mapping[str, Offset]
 
-def needed_of(context: Context, names: Iterable[str], share: float = 1.0) -> float:
-    """m of margin that the executor asks for at a share of each vehicle's speed. Raises as :func:`margins_of`."""
-    names = list(names)
-    tracking, now = tracking_of(context, names), context.clocks.clock.now()
-    return max(
-        (
-            margin_for(share * speed, clock_error(name, offset, now), tracking)
-            for name, speed, offset in _clocks(context, names)
-        ),
-        default=0.0,
-    )
+    @property
+    def tracking(self) -> float:
+        """How far a vehicle may be off its way for the margin that is planned with, m: as the settings say, or as the
+        one does that holds its way worst, as far as the clocks leave room for it in the greatest margin.
+        """
+        settings, now = self.context.settings, self.context.clocks.clock.now()
+        least = min(settings.tracking, max(0.05, settings.margin - SLACK - 5.0 * CLOCKS))
+        clocks = (speed * min(self.offsets[name].error(now), MAX_CLOCK) for name, speed in self._speeds().items())
+        widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - max(clocks, default=0.0))
+        known = self.context.fleet.followings_of(self.vehicles).values()
+        return max(least, min(widest, max((each.within for each in known), default=0.0)))
 
+    def needed(self, tracking: float, share: float = 1.0) -> float:
+        """m that the executor asks for, at a share of each vehicle's speed. Raises :class:`Refused` where a clock is
+        not known well enough for any plan.
+        """
+        now = self.context.clocks.clock.now()
+        return max(
+            (
+                margin_for(share * speed, clock_error(name, self.offsets[name], now), tracking)
+                for name, speed in self._speeds().items()
+            ),
+            default=0.0,
+        )
 
-def tracking_of(context: Context, names: Iterable[str]) -> float:
-    """How far a vehicle may be off its way for the margin that is planned with, m: as the settings say, or as the one
-    does that holds its way worst, as far as the clocks leave room for it in the greatest margin.
-    """
-    names, settings, now = list(names), context.settings, context.clocks.clock.now()
-    least = min(settings.tracking, max(0.05, settings.margin - SLACK - 5.0 * CLOCKS))
-    clocks = (speed * min(offset.error(now), MAX_CLOCK) for _, speed, offset in _clocks(context, names))
-    widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - max(clocks, default=0.0))
-    known = context.fleet.followings_of(names).values()
-    return max(least, min(widest, max((each.within for each in known), default=0.0)))
+    def best_first(self) -> Margins:
+        """m by which radii are to be widened, and the share of their speed that vehicles may have with that. Raises
+        :class:`Refused` where no margin is enough.
+        """
+        tracking = self.tracking
+        needed = self.needed(tracking) + SPARE
+        if needed > MOST_MARGIN:
+            raise Refused(f"a margin of {needed:.2f} m would be needed for these clocks; {MOST_MARGIN:g} is most")
+        least = max(needed, self.context.settings.margin)
+        tight = self.needed(tracking, 1.0 / TIGHT) + SPARE - tracking * (1.0 - 1.0 / TIGHT)
+        return (max(least, min(least + ROOM, MOST_MARGIN)), 1.0), (least, 1.0), (tight, 1.0 / TIGHT)
 
-
-def _clocks(context: Context, names: list[str]) -> list[tuple[str, float, Offset]]:
-    """Those that are heard, the most speed (m/s) that a plan may have of each, and its clock against ours."""
-    offsets = context.clocks.of(names)
-    seen = {name: context.fleet.seen(name) for name in names}
-    return [(name, FASTER * each.view.body.speed, offsets[name]) for name, each in seen.items() if each is not None]
+    def _speeds(self) -> dict[str, float]:
+        """m/s that plans have them fly at most, of those that were heard."""
+        seen = {name: self.context.fleet.seen(name) for name in self.offsets}
+        return {name: FASTER * each.view.body.speed for name, each in seen.items() if each is not None}

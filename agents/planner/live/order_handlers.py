@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from typing import Any
@@ -16,7 +15,7 @@ from agents.planner.live.context import Context
 from agents.planner.live.energy import warning_of
 from agents.planner.live.field import check_field
 from agents.planner.live.ledger import ENDED, kind_of
-from agents.planner.live.margins import margins_of
+from agents.planner.live.margins import PlanMargins
 from agents.planner.live.plan import Margins, Planner
 from agents.planner.live.preview import positions, preview
 from agents.planner.live.solver import Solver
@@ -126,10 +125,7 @@ class OrderHandlers:
             planner = Planner(self._context, "preview", await self._preview_solver())
             view = check_known(self._context, args.goal)
             fleet, tally = self._context.fleet, Tally(args.goal.vehicles, view)
-            margins: Margins = ()
-            with contextlib.suppress(Refused):  # clocks are waited for once it is to be flown
-                margins = margins_of(self._context, args.goal.vehicles)
-            told = await preview(planner, args.goal, view, tally, margins)
+            told = await preview(planner, args.goal, view, tally, self._margins(args.goal))
             told["positions"] = positions(view.pick(args.goal.vehicles), fleet.accuracies)
             needs = fleet.needs(tally, view)
             told["batteries"] = {name: need.figures() for name, need in needs.items()}
@@ -140,6 +136,16 @@ class OrderHandlers:
             return told
         finally:
             self._previews -= 1
+
+    def _margins(self, goal: swarm.Goal) -> Margins:
+        """As it would be flown with; the settings' own where a clock is not known yet, which is waited for then."""
+        offsets = self._context.clocks.of(goal.vehicles)
+        try:
+            return PlanMargins(self._context, goal.vehicles, offsets).best_first()
+        except Refused as e:
+            if "error_s" not in e.detail:
+                raise
+            return ()
 
     async def _pause(self, args: swarm.GoalId, report: Report, origin: Origin | None) -> dict[str, Any]:
         entries = self._context.ledger.find(args.goal)

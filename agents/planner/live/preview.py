@@ -17,10 +17,11 @@ from zmav.wire import Vector, swarm
 
 
 async def preview(
-    planner: Planner, goal: swarm.Goal, view: FleetView, tally: Tally, margins: Margins = ()
+    planner: Planner, goal: swarm.Goal, view: FleetView, tally: Tally, margins: Margins
 ) -> dict[str, Any]:
     """Steps with their makespan, clearance and tracks (NED), and the ``seconds`` that each takes with what is around
-    it; raises the typed error of what cannot be. ``tally`` counts it all; ``margins``: what it would be planned with.
+    it; raises the typed error of what cannot be. ``tally`` counts it all. ``margins``: what it would be planned with;
+    none: the settings' own.
     """
     steps: list[dict[str, Any]] = []
     for step in await planner.steps(goal, view):

@@ -41,7 +41,7 @@ class PlannerSettings(msgspec.Struct, kw_only=True, frozen=True):
     margin: float = 0.5
     """m that every two vehicles keep in plans beyond the sum of their radii"""
     tracking: float = TRACKING
-    """m, of the margin, by which a vehicle may be off its trajectory before everybody waits for it, and at its goal"""
+    """m, of the margin, by which a vehicle may be off its trajectory, and at its goal"""
     downwash: float = 1.5
     """how much farther above each other than beside each other vehicles stay"""
     traffic: float = 100.0

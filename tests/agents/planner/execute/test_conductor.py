@@ -245,17 +245,42 @@ def test_the_common_clock_is_slowed_for_one_who_does_not_keep_up_and_let_go_agai
     check(history)
 
 
-@pytest.mark.parametrize(("known", "off", "slowed"), [(None, 0.45, True), ("px4", 0.55, False), ("px4", 0.65, True)])
+@pytest.mark.parametrize(
+    ("usual", "off", "slowed", "halted"),
+    [
+        (0.1, 0.45, True, False),
+        (0.3, 0.55, False, False),
+        (0.3, 0.65, True, False),
+        (0.1, 0.8, True, False),
+        (0.3, 0.8, True, False),
+        (0.1, 1.0, False, True),
+        (0.3, 1.0, False, True),
+    ],
+)
 def test_nobody_is_slowed_for_one_who_is_off_its_way_as_it_usually_is(
-    known: str | None, off: float, slowed: bool
+    usual: float, off: float, slowed: bool, halted: bool
 ) -> None:
     history = History(slower(carousel(3, 12.0), 3.0), np.random.default_rng(4), loss=0.0, margin=0.3)
     history.run(4.0)
     conductor, part = history.conductor, history.parts[0]
-    part.follows(Following(known))
-    place, _ = part.place_at(history.now - part.late)
-    conductor.strayed(part, history.now, history.now, place + np.array([0.0, 0.0, off]))
-    assert (conductor.line.pace < 1.0) == slowed
+    part.usual = usual
+    for now in history.now + np.arange(0.0, 10.0, 0.2):  # however long it is off by so much
+        place, _ = part.place_at(now)
+        conductor.strayed(part, now, now, place + np.array([0.0, 0.0, off]))
+        conductor.decide(now)
+        assert bool(conductor.halting) == halted
+        assert (conductor.line.pace < 1.0) == slowed
+
+
+def test_where_it_was_before_its_trajectory_began_says_nothing_of_a_vehicle_that_is_late() -> None:
+    history = History(slower(carousel(3, 12.0), 3.0), np.random.default_rng(4), loss=0.0)
+    history.run(4.0)
+    conductor, part = history.conductor, history.parts[0]
+    part.follows(Following("px4"))
+    conductor.delay(part, part.late, history.now)
+    before = float(part.known.rows[0, 0]) + 0.5 * part.late
+    assert conductor.strayed(part, history.now, before, part.place_at(before)[0] + 9.0) == 0.0
+    assert (conductor.halting, conductor.line.pace) == ("", 1.0)
 
 
 def test_nobody_is_slowed_for_one_who_rests() -> None:

@@ -192,9 +192,8 @@ class History:
         def deliver(at: float) -> None:
             if self.alive:
                 self.conductor.heard(part, at, state["t"], state["stamp"], state["end"], state["instance"])
-                stamped = part.offset.ours(state["t"])  # one from before what it is known to fly tells nothing of that
-                if self._says and part.known.taken and part.active and stamped > part.known.samples[0, 0]:
-                    self.conductor.strayed(part, at, stamped, place)
+                if self._says and part.known.taken and part.active:
+                    self.conductor.strayed(part, at, part.offset.ours(state["t"]), place)
 
         self.network.send(self.now, part.id, deliver)
 

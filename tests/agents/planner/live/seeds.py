@@ -88,7 +88,7 @@ class Sort(NamedTuple):
 
     @property
     def margins(self) -> planning.Margins:
-        """As LeasedVehicles has them where clocks are known well."""
+        """As PlanMargins has them where clocks are known well, without the best of them."""
         return (self.margin, 1.0), (self.tracking / TIGHT + SPARE, 1.0 / TIGHT)
 
 

@@ -22,8 +22,8 @@ from agents.planner.live.accuracy import (
 from zmav import wire
 
 
-def state(gps: wire.Gps | None = None, estimate: wire.Estimate | None = None) -> wire.VehicleState:
-    return wire.VehicleState(t=0.0, fleet="demo", name="quad1", instance="a", gps=gps, estimate=estimate)
+def state(gps: wire.Gps | None = None, estimate: wire.Estimate | None = None, armed: bool = True) -> wire.VehicleState:
+    return wire.VehicleState(t=0.0, fleet="demo", name="quad1", instance="a", gps=gps, estimate=estimate, armed=armed)
 
 
 def gps(fix: str, h_acc: float | None = None, hdop: float | None = None) -> wire.Gps:
@@ -90,3 +90,11 @@ def test_what_was_worse_is_forgotten_slowly_and_what_is_worse_counts_at_once() -
     assert known.error("quad1") == 4.0
     known.settle([])
     assert (known.error("quad1"), known.room("quad1")) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("armed", "error"), [(False, 1.0), (True, 4.85)])
+def test_what_it_was_before_a_receiver_found_its_satellites_counts_in_flight_alone(armed: bool, error: float) -> None:
+    known = Accuracies()
+    known.heard("quad1", state(gps("NO_FIX", None), armed=armed), None, 100.0)
+    known.heard("quad1", state(gps("3D_FIX", 1.0), armed=armed), None, 101.0)
+    assert known.error("quad1") == pytest.approx(error)

@@ -68,6 +68,7 @@ async def test_a_goal_is_previewed_and_flown(field: Field) -> None:
     entry = await field.until(name, lambda entry: entry.state == "done")
     assert entry.clearance is not None
     assert entry.clearance > 0.9
+    assert (preview["makespan"], preview["clearance"]) == pytest.approx((entry.makespan, entry.clearance), rel=0.1)
     for vehicle, place in zip(swap(10.0).vehicles, swap(10.0).to, strict=True):
         assert field.away(vehicle, place) < 1.0
     await field.me.vehicle("quad1").wait_until(lambda state: state.lease is None, PATIENCE_S)

@@ -166,7 +166,7 @@ async def test_a_takeoff_from_crowded_pads_is_previewed_as_it_is_flown(pair: Pai
     )
     goal = swarm.TakeOff(vehicles=list(pads), height=12.0)
     tally = Tally(goal.vehicles, view)
-    told = await preview(Planner(context, "preview", context.solver), goal, view, tally)
+    told = await preview(Planner(context, "preview", context.solver), goal, view, tally, ())
     kinds = [(step["step"], step["text"].startswith("first they draw apart")) for step in told["steps"]]
     assert kinds == [("Orders", False), ("PlanTo", True), ("PlanTo", False)]
     ends = np.array([track[-1][1:] for track in told["steps"][-1]["tracks"].values()])

@@ -2,7 +2,7 @@
 
 Nobody comes nearer than was promised, nobody stops where no plan says so, and what the preview says is what it takes.
 
-More crews, and PX4s: ``python tests/bench/plan_seeds.py``.
+More crews: ``python tests/bench/plan_seeds.py``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ async def test_the_readme_s_commands_keep_what_they_promise(seed: int, sort: Sor
 
 
 @pytest.mark.parametrize("seed", range(2))
-async def test_nor_do_vehicles_come_nearer_that_follow_late_and_lean_into_the_wind(seed: int) -> None:
+async def test_px4s_in_wind_do_not_come_nearer_than_is_promised(seed: int) -> None:
     rows = await crew_rows(seed, PX4)
     assert min(row.nearest for row in rows) >= PROMISED, rows
 
