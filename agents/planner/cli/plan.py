@@ -7,6 +7,7 @@ import functools
 import importlib.util
 import math
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from agents.planner.model.verify import Report  # with it comes numba, which a refusal need not wait for
 
 PICTURES = (".png", ".svg", ".pdf")
+INTERPRETS_S = 10.0
+"""s that a first plan on a machine may take without compiled kernels: a few vehicles in the open take one"""
 
 
 @dataclass(frozen=True)
@@ -165,13 +168,15 @@ def _check_picture(picture: Path | None) -> None:
 def _one(path: Path, target: Path | None, drawn: Path | None, request: Request, several: bool) -> bool:
     """Plan for one scene and write all that was asked for; whether there is a plan."""
     try:
-        scene, plan, report = _plan(path, request)
+        scene, plan, report = _plan(path, target, drawn, request)
     except Exception as e:
         if not several:
             raise
         text = str(e) if isinstance(e, ZmavError) else f"{path}: the planner failed: {type(e).__name__}: {e}"
         click.echo(f"zmav: {text}", err=True)  # the others are planned
         return False
+    if plan is None:
+        return True
     if target is None:
         click.echo(encode(plan), nl=False)
     else:
@@ -191,12 +196,47 @@ def _one(path: Path, target: Path | None, drawn: Path | None, request: Request, 
     return plan.status == "ok"
 
 
-def _plan(path: Path, request: Request) -> tuple[Scene | None, Plan, Report | None]:
-    """Read, validate, solve, and verify what is going to be written once more."""
+def _interpreted(path: Path, scene: Scene, target: Path | None, drawn: Path | None, request: Request) -> bool:
+    """Where the kernels are not compiled yet, have a process interpret them while another compiles them: whether it has
+    planned within :data:`INTERPRETS_S`. What it could not plan in that time a compiled planner may.
+    """
+    from agents.planner.solve import jit, warm
+
+    if jit.compiled() or jit.folder() is None or (os.cpu_count() or 1) < 2 or not path.is_file():
+        return False
+    options = [("--output", target or "-"), ("--seconds", request.seconds), ("--picture", drawn)]
+    options += [("--seed", request.seed), ("--margin", request.margin)]
+    command = [sys.executable, "-m", "zmav", "plan", str(path), *(["--json"] if request.as_json else [])]
+    command += [f"{option}={value}" for option, value in options if value is not None]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as told:
+        child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=said, stderr=told)
+        try:
+            planes = any(v.type == "plane" for v in scene.vehicles)
+            until = time.monotonic() + INTERPRETS_S
+            warm.compile_beside(planes, lambda: child.poll() is not None or time.monotonic() > until, _tell)
+            if child.poll() != 0:
+                return False
+        finally:
+            child.kill()
+            child.wait()
+        for kept, is_error in ((said, False), (told, True)):
+            kept.seek(0)
+            click.echo(kept.read(), nl=False, err=is_error)
+    click.echo("planned without compiling; the planner goes on to compile itself in the background", err=True)
+    return True
+
+
+def _plan(
+    path: Path, target: Path | None, drawn: Path | None, request: Request
+) -> tuple[Scene | None, Plan | None, Report | None]:
+    """Read, validate, solve, and verify what is going to be written once more. No plan: another process has told it."""
     begun, scene = time.perf_counter(), None
     try:
         scene = read_scene(path)
         validate(scene)
+        if _interpreted(path, scene, target, drawn, request):
+            return scene, None, None
         _make_ready(any(v.type == "plane" for v in scene.vehicles))
         from agents.planner.model.verify import verify
         from agents.planner.solve.pipeline import solve
@@ -216,15 +256,16 @@ def _make_ready(planes: bool) -> None:
     """What a first plan in a process needs, out of its planning time."""
     from agents.planner.solve import jit, warm
 
-    def tell(done: int, of: int) -> None:
-        click.echo(f"compiling the planner for this machine, once: {done} of {of} kernels", err=True)
-
     if not jit.compiled() and jit.folder() is None:
         click.echo(f"compiling the planner {jit.NOT_KEPT}", err=True)
     elif not jit.compiled():
-        tell(*jit.progress())
+        _tell(*jit.progress())
     if not jit.interpreted():
-        warm.begin(planes, tell)
+        warm.begin(planes, _tell)
+
+
+def _tell(done: int, of: int) -> None:
+    click.echo(f"compiling the planner for this machine, once: {done} of {of} kernels", err=True)
 
 
 def _judge(scene_file: Path, plan_file: Path, request: Request) -> int:

@@ -129,10 +129,16 @@ def compiling(part: str, wait: bool = True) -> Iterator[bool]:
             done.touch()
 
 
+def done(part: str) -> bool:
+    """Whether a part of the kernels is compiled."""
+    kept = folder()
+    return kept is not None and (kept / f"{part}.done").exists()
+
+
 def wait_for(part: str) -> None:
     """Wait while another process compiles a part: that costs this one no processor time."""
     kept = None if interpreted() else folder()
-    if kept is not None and not (kept / f"{part}.done").exists():
+    if kept is not None and not done(part):
         with _locked(kept / f"{part}.lock"):
             pass
 

@@ -15,7 +15,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import ModuleType
 from typing import cast
 
@@ -42,6 +43,7 @@ PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 EVERY = 2.0
 """s between two words on how far it is, where it has come further"""
+_begun: subprocess.Popen[bytes] | None = None
 Tell = Callable[[int, int], None]
 """so many kernels are compiled, of so many"""
 
@@ -79,16 +81,27 @@ def begin(planes: bool, tell: Tell | None = None) -> None:
         warm(planes)
         return
     if not jit.compiled():
-        needed = [*FIRST, *(["winged"] if planes else [])]
+        needed = _first(planes)
         many = (os.cpu_count() or 1) > 1
         with _told(tell):
             if many:
-                _other()
+                _other(needed)
             compile_parts(needed, wait=False)
             compile_parts(needed, wait=True)
             if not many:
-                _other()
+                _other(needed)
     solve(example(planes), seconds=PATIENCE)
+
+
+def compile_beside(planes: bool, over: Callable[[], bool], tell: Tell | None = None) -> None:
+    """Have another process compile what :func:`begin` does, until all of it is or it is ``over``, and load none of it
+    here. It goes on in the background.
+    """
+    needed = _first(planes)
+    _other(needed)
+    with _told(tell):
+        while not over() and not all(map(jit.done, needed)):
+            time.sleep(0.05)
 
 
 def load_numba() -> None:
@@ -120,7 +133,7 @@ def _second() -> Iterator[None]:
     if (os.cpu_count() or 1) < 2:
         yield
         return
-    other = _other()
+    other = _other(FIRST)
     try:
         yield
     finally:
@@ -128,17 +141,21 @@ def _second() -> Iterator[None]:
         other.wait()
 
 
-def _other() -> subprocess.Popen[bytes]:
+def _other(first: Sequence[str]) -> subprocess.Popen[bytes]:
     """A process that compiles what nobody else does until all is compiled, whatever becomes of this one."""
+    global _begun
+    if _begun is not None and _begun.poll() is None:
+        return _begun
     kept = jit.folder()
     assert kept is not None
     # Its folders are ours, wherever it is started.
     where = os.environ | {"NUMBA_CACHE_DIR": str(kept.parent.resolve())}
-    command = [sys.executable, "-m", __spec__.name]
+    command = [sys.executable, "-m", __spec__.name, *first]
     nothing, root = subprocess.DEVNULL, jit.PACKAGE.parents[1]
-    return subprocess.Popen(
+    _begun = subprocess.Popen(
         command, cwd=root, env=where, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
     )
+    return _begun
 
 
 @contextlib.contextmanager
@@ -221,6 +238,10 @@ PARTS: Mapping[str, Callable[[], None]] = {
 FIRST = ("ways", "refined", "judged")
 
 
+def _first(planes: bool) -> Sequence[str]:
+    return (*FIRST, "winged") if planes else FIRST
+
+
 def _known(scene: Scene) -> tuple[Problem, StaticMap]:
     return problem_of(scene), StaticMap(world_of(scene))
 
@@ -295,7 +316,7 @@ def example(planes: bool) -> Scene:
 
 
 if __name__ == "__main__":
-    compile_parts(FIRST, wait=False)
+    compile_parts(sys.argv[1:], wait=False)
     with contextlib.suppress(OSError):
         os.nice(10)  # somebody plans already
     compile_parts(PARTS, wait=False)

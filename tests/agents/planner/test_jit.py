@@ -121,7 +121,7 @@ def test_a_plan_from_a_file_waits_for_what_it_needs_and_another_process_does_the
     compiled: list[str] = []
     others: list[None] = []
     monkeypatch.setattr(warming, "PARTS", {name: lambda n=name: compiled.append(n) for name in warming.PARTS})
-    monkeypatch.setattr(warming, "_other", lambda: others.append(None))
+    monkeypatch.setattr(warming, "_other", lambda first: others.append(None))
     warming.begin(planes=False)
     assert compiled == list(warming.FIRST) and len(others) == 1
     warming.begin(planes=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
 import subprocess
@@ -19,6 +21,7 @@ from agents.planner.cli.plan import command, targets_of
 from agents.planner.model import verify
 from agents.planner.model.plans import Plan
 from agents.planner.model.scene import Scene, read_scene
+from agents.planner.solve import jit, warm
 from tests.agents.planner import checker
 from tests.agents.planner.broken import broken
 from tests.agents.planner.flights import straight_plan
@@ -68,6 +71,32 @@ def test_a_plan_is_written_shown_and_told(scene: Path, tmp_path: Path) -> None:
     assert "× the bound" in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert {path.name for path in tmp_path.iterdir()} == {"swap.json", "out.json", "out.png"}
+    assert "every rule is kept" in zmav_plan("--check", scene, plan).stdout
+
+
+@pytest.mark.skipif(jit.interpreted() or (os.cpu_count() or 1) < 2, reason="nothing is compiled, or not beside")
+@pytest.mark.parametrize("files", [1, 2])
+def test_a_first_plan_does_not_wait_for_the_compiler(scene: Path, tmp_path: Path, files: int) -> None:
+    """Here nothing is ever compiled: what would be is locked."""
+    usual = jit.folder()
+    assert usual is not None
+    kept, plan = tmp_path / usual.name, tmp_path / "plan.json"
+    kept.mkdir()
+    scenes = [scene, write(tmp_path / "ring.json", as_json(formation(5)))][:files]
+    where = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    with contextlib.ExitStack() as held:
+        for part in warm.PARTS:
+            fcntl.flock(held.enter_context((kept / f"{part}.lock").open("w")), fcntl.LOCK_EX)
+        command = [sys.executable, "-m", "zmav", "plan", *map(str, scenes), "--json"]
+        command += [] if files == 1 else ["-o", str(tmp_path / "plans")]
+        done = subprocess.run(command, env=where, capture_output=True, text=True, timeout=60.0, check=True)
+        for part in warm.PARTS:  # so that who waits in the background to compile it ends
+            (kept / f"{part}.done").touch()
+    assert done.stderr.count("planned without compiling") == files
+    facts = [json.loads(line) for line in (done.stderr if files == 1 else done.stdout).splitlines() if line[0] == "{"]
+    assert [fact["status"] for fact in facts] == ["ok"] * files
+    plan.write_text(done.stdout if files == 1 else (tmp_path / "plans" / "swap.json").read_text())
+    assert checker.check(json.loads(scene.read_bytes()), json.loads(plan.read_bytes())) == set()
     assert "every rule is kept" in zmav_plan("--check", scene, plan).stdout
 
 
