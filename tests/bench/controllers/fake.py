@@ -59,7 +59,8 @@ class FakeAutopilot:
         self._chance = random.Random(seed)
         self._closing = threading.Event()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._speak, self._hear)]
-        self._mode = HOLD
+        self.mode = HOLD
+        """custom mode that it is in"""
         self.at_once = True
         """the attitude follows at once; False: the sticks move at a random moment of the cycle"""
         self.switch = self.full_yaw = False
@@ -148,7 +149,7 @@ class FakeAutopilot:
 
     def _heartbeat(self) -> bytes:
         fields = {"type": 13, "autopilot": 12, "base_mode": ARMED | CUSTOM, "system_status": 4, "mavlink_version": 3}
-        return self._packer.pack("HEARTBEAT", custom_mode=self._mode, **fields)
+        return self._packer.pack("HEARTBEAT", custom_mode=self.mode, **fields)
 
     # What it hears.
 
@@ -180,8 +181,8 @@ class FakeAutopilot:
     def _obey(self, command: dict[str, Any], now: float) -> None:
         number = int(command["command"])
         if number == 176:  # MAV_CMD_DO_SET_MODE
-            self._mode = int(command["param2"]) << 16 | int(command["param3"]) << 24
-            self.modes.append((now, self._mode))
+            self.mode = int(command["param2"]) << 16 | int(command["param3"]) << 24
+            self.modes.append((now, self.mode))
         self._send(self._packer.pack("COMMAND_ACK", command=number, target_system=1, target_component=191))
         if number == 176:
             self._send(self._heartbeat())

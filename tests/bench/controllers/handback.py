@@ -53,10 +53,7 @@ async def measure(rounds: int) -> dict[str, Back]:
 
 async def _once(run: Rig, fake: FakeAutopilot, process: _Process, kind: str) -> tuple[float, float]:
     """s to the mode, and to the last output."""
-    process.pid = 0
-    await engage(run)
-    await asyncio.sleep(STREAM)
-    await _until(lambda: process.pid > 0, "the controller flies")
+    await _fly(run, fake, process)
     fake.modes.clear()
     if kind == KILLED:
         began = time.monotonic()
@@ -74,6 +71,20 @@ async def _once(run: Rig, fake: FakeAutopilot, process: _Process, kind: str) -> 
     told = next(at for at, mode in fake.modes if mode != OFFBOARD)
     await run.vehicle.wait_until(lambda state: state.pilot is None and state.lease is None, START)
     return told - began, fake.came[-1].at - began
+
+
+async def _fly(run: Rig, fake: FakeAutopilot, process: _Process) -> None:
+    """Have it fly for a while; again where it was late by itself, as one that was just loaded is on a busy machine."""
+    deadline = time.monotonic() + START
+    while True:
+        process.pid = 0
+        await engage(run)
+        await asyncio.sleep(STREAM)
+        await _until(lambda: process.pid > 0, "the controller flies")
+        if fake.mode == OFFBOARD:
+            return
+        if time.monotonic() > deadline:
+            raise TimedOut(f"the controller does not fly for {STREAM:g} s without being late")
 
 
 async def _until(true: Callable[[], bool], what: str) -> None:
