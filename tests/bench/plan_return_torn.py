@@ -52,6 +52,7 @@ async def runs(args: argparse.Namespace) -> bool:
             )
             if refused := [e.text for e in book.goals if e.id == goal and e.state == "failed"]:
                 print(f"  {run + 1:3d}: {refused[0]}", flush=True)  # a battery lasts for three or four of them
+                good &= run > 0
                 break
             while not all(committed(z.vehicle(name)) for name in names):
                 await asyncio.sleep(0.1)  # one that was never sent anything hovers, and misses nobody

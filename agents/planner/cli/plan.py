@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import importlib.util
 import math
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 import msgspec
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 INTERPRETS_S = 10.0
-"""s that a first plan on a machine may take without compiled kernels: a few vehicles in the open take one"""
+"""s that a first plan on a machine may take without compiled kernels, before these are waited for"""
 
 
 @dataclass(frozen=True)
@@ -168,15 +171,13 @@ def _check_picture(picture: Path | None) -> None:
 def _one(path: Path, target: Path | None, drawn: Path | None, request: Request, several: bool) -> bool:
     """Plan for one scene and write all that was asked for; whether there is a plan."""
     try:
-        scene, plan, report = _plan(path, target, drawn, request)
+        scene, plan, report = _plan(path, request)
     except Exception as e:
         if not several:
             raise
         text = str(e) if isinstance(e, ZmavError) else f"{path}: the planner failed: {type(e).__name__}: {e}"
         click.echo(f"zmav: {text}", err=True)  # the others are planned
         return False
-    if plan is None:
-        return True
     if target is None:
         click.echo(encode(plan), nl=False)
     else:
@@ -196,59 +197,80 @@ def _one(path: Path, target: Path | None, drawn: Path | None, request: Request, 
     return plan.status == "ok"
 
 
-def _interpreted(path: Path, scene: Scene, target: Path | None, drawn: Path | None, request: Request) -> bool:
-    """Where the kernels are not compiled yet, have a process interpret them while another compiles them: whether it has
-    planned within :data:`INTERPRETS_S`. What it could not plan in that time a compiled planner may.
-    """
-    from agents.planner.solve import jit, warm
-
-    if jit.compiled() or jit.folder() is None or (os.cpu_count() or 1) < 2 or not path.is_file():
-        return False
-    options = [("--output", target or "-"), ("--seconds", request.seconds), ("--picture", drawn)]
-    options += [("--seed", request.seed), ("--margin", request.margin)]
-    command = [sys.executable, "-m", "zmav", "plan", str(path), *(["--json"] if request.as_json else [])]
-    command += [f"{option}={value}" for option, value in options if value is not None]
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as told:
-        child = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=said, stderr=told)
-        try:
-            planes = any(v.type == "plane" for v in scene.vehicles)
-            until = time.monotonic() + INTERPRETS_S
-            warm.compile_beside(planes, lambda: child.poll() is not None or time.monotonic() > until, _tell)
-            if child.poll() != 0:
-                return False
-        finally:
-            child.kill()
-            child.wait()
-        for kept, is_error in ((said, False), (told, True)):
-            kept.seek(0)
-            click.echo(kept.read(), nl=False, err=is_error)
-    click.echo("planned without compiling; the planner goes on to compile itself in the background", err=True)
-    return True
-
-
-def _plan(
-    path: Path, target: Path | None, drawn: Path | None, request: Request
-) -> tuple[Scene | None, Plan | None, Report | None]:
-    """Read, validate, solve, and verify what is going to be written once more. No plan: another process has told it."""
+def _plan(path: Path, request: Request) -> tuple[Scene | None, Plan, Report | None]:
+    """Read, validate, solve, and verify what is going to be written once more."""
     begun, scene = time.perf_counter(), None
     try:
         scene = read_scene(path)
         validate(scene)
-        if _interpreted(path, scene, target, drawn, request):
-            return scene, None, None
-        _make_ready(any(v.type == "plane" for v in scene.vehicles))
-        from agents.planner.model.verify import verify
-        from agents.planner.solve.pipeline import solve
-
-        begun = time.perf_counter()
-        plan = solve(scene, seconds=request.seconds, seed=request.seed, margin=request.margin)
-        report = verify(scene, plan.motions(), written=True)
+        if (found := _interpreted(scene, request)) is None:
+            _make_ready(_has_planes(scene))
+            begun = time.perf_counter()
+            found = _solved(scene, request)
+        plan, report = found
         if not report.ok:
             raise ZmavError(f"{path}: a plan was found that does not keep the scene's rules: {report.faults[0]}")
     except PlanError as e:
         return scene, Plan.failed(e, time.perf_counter() - begun), None
     return scene, plan, report
+
+
+def _solved(scene: Scene, request: Request) -> tuple[Plan, Report]:
+    from agents.planner.model.verify import verify
+    from agents.planner.solve.pipeline import solve
+
+    plan = solve(scene, seconds=request.seconds, seed=request.seed, margin=request.margin)
+    return plan, verify(scene, plan.motions(), written=True)
+
+
+def _has_planes(scene: Scene) -> bool:
+    return any(vehicle.type == "plane" for vehicle in scene.vehicles)
+
+
+def _interpreted(scene: Scene, request: Request) -> tuple[Plan, Report] | None:
+    """Where the kernels are not compiled yet: the plan of a process that interprets them, while another one compiles
+    them. None: it had none within :data:`INTERPRETS_S`, and compiled kernels are to be waited for.
+    """
+    from agents.planner.solve import jit, warm
+
+    if _make_ready.cache_info().currsize or jit.compiled() or jit.folder() is None or (os.cpu_count() or 1) < 2:
+        return None
+    root, environment = jit.PACKAGE.parents[1], os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    command, nothing = [sys.executable, "-m", __name__], subprocess.DEVNULL
+    with contextlib.suppress(OSError), tempfile.TemporaryFile() as answer:  # no room, or it died
+        child = subprocess.Popen(
+            command, cwd=root, env=environment, stdin=subprocess.PIPE, stdout=answer, stderr=nothing
+        )
+        try:
+            assert child.stdin is not None
+            pickle.dump((scene, request), child.stdin)
+            child.stdin.flush()
+            until = time.monotonic() + INTERPRETS_S
+            warm.compile_beside(_has_planes(scene), lambda: child.poll() is not None or time.monotonic() > until, _tell)
+            if child.poll() == 0:
+                click.echo("planned without compiled kernels; they are compiled in the background", err=True)
+                answer.seek(0)
+                return cast(tuple[Plan, "Report"], pickle.load(answer))
+        finally:
+            child.kill()
+            child.wait()
+    return None
+
+
+def _interpret() -> None:
+    """The child of :func:`_interpreted`: a scene in by standard input, its plan out by standard output. It ends with 1
+    where there is no plan, and with its parent.
+    """
+    asked, answer = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # for what libraries print
+    scene, request = pickle.load(asked)
+    threading.Thread(target=lambda: os._exit(len(asked.read()) + 1), daemon=True).start()
+    try:
+        pickle.dump(_solved(scene, request), answer)
+        answer.flush()
+    except PlanError:
+        os._exit(1)
+    os._exit(0)  # without a wait for the thread that reads
 
 
 @functools.cache
@@ -329,3 +351,7 @@ def _headline(name: str, scene: Scene, report: Report) -> str:
     if found["obstacle_clearance"] is not None:
         words.append(f"{found['obstacle_clearance']:.2f} m from obstacles")
     return ", ".join(words)
+
+
+if __name__ == "__main__":
+    _interpret()

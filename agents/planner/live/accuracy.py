@@ -28,6 +28,7 @@ LOST = 5.0
 """of a receiver without a fix in three dimensions, where the filter says nothing either"""
 STRAINED, STRETCHED = 0.5, 4.0
 """of the filter's test ratio, from which its position is believed less; and times at most that its error is taken"""
+UNFIXED = ("not told", "NO_FIX", "2D_FIX")
 FORGETS_S = 30.0
 """s in which what was worse is forgotten to a third: h_acc comes and goes with satellites, and plans should not"""
 GRAIN = 0.05
@@ -79,12 +80,13 @@ class Accuracies:
         self._rooms: dict[str, float] = {}
 
     def heard(self, name: str, state: wire.VehicleState, declared: float | None, now: float) -> None:
-        """Take in a state; ``now``: monotonic s. What a vehicle that is not armed was off before does not count: its
-        receiver may just have found its satellites.
+        """Take in a state; ``now``: monotonic s. What a vehicle was off on the ground before its receiver found its
+        satellites is not held.
         """
         error, word = position_error(state, declared)
-        held, at, _ = self._held.get(name, (0.0, now, ""))
-        held *= 0.0 if state.armed is False else math.exp(-(now - at) / FORGETS_S)
+        held, at, before = self._held.get(name, (0.0, now, ""))
+        found = state.armed is False and before in UNFIXED and word not in UNFIXED
+        held *= 0.0 if found else math.exp(-(now - at) / FORGETS_S)
         self._held[name] = (max(error, held), now, word)
 
     def settle(self, names: Iterable[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from agents.planner.execute.executor import MAX_CLOCK, clock_error
@@ -30,7 +30,7 @@ class PlanMargins:
     """Of the plans for ``vehicles``, as things are known now. ``offsets``: the clocks that they are flown by."""
 
     context: Context
-    vehicles: Iterable[str]
+    vehicles: Collection[str]
     offsets: Mapping[str, Offset]
 
     @property
@@ -44,6 +44,11 @@ class PlanMargins:
         widest = min(WIDEST, MOST_MARGIN - SPARE - SLACK - max(clocks, default=0.0))
         known = self.context.fleet.followings_of(self.vehicles).values()
         return max(least, min(widest, max((each.within for each in known), default=0.0)))
+
+    @property
+    def too_wide(self) -> bool:
+        """Even if all clocks were known exactly."""
+        return self.tracking + SLACK + SPARE > MOST_MARGIN
 
     def needed(self, tracking: float, share: float = 1.0) -> float:
         """m that the executor asks for, at a share of each vehicle's speed. Raises :class:`Refused` where a clock is

@@ -138,12 +138,12 @@ class OrderHandlers:
             self._previews -= 1
 
     def _margins(self, goal: swarm.Goal) -> Margins:
-        """As it would be flown with; the settings' own where a clock is not known yet, which is waited for then."""
-        offsets = self._context.clocks.of(goal.vehicles)
+        """As it would be flown with; the settings' own where clocks are known badly, for which a flight waits."""
+        margins = PlanMargins(self._context, goal.vehicles, self._context.clocks.of(goal.vehicles))
         try:
-            return PlanMargins(self._context, goal.vehicles, offsets).best_first()
-        except Refused as e:
-            if "error_s" not in e.detail:
+            return margins.best_first()
+        except Refused:
+            if margins.too_wide:
                 raise
             return ()
 

@@ -43,7 +43,8 @@ PATIENCE = 600.0
 """s, for a slow machine that compiles"""
 EVERY = 2.0
 """s between two words on how far it is, where it has come further"""
-_begun: subprocess.Popen[bytes] | None = None
+_begun: dict[Sequence[str], subprocess.Popen[bytes]] = {}
+"""processes that compile, by what they compile first"""
 Tell = Callable[[int, int], None]
 """so many kernels are compiled, of so many"""
 
@@ -143,19 +144,18 @@ def _second() -> Iterator[None]:
 
 def _other(first: Sequence[str]) -> subprocess.Popen[bytes]:
     """A process that compiles what nobody else does until all is compiled, whatever becomes of this one."""
-    global _begun
-    if _begun is not None and _begun.poll() is None:
-        return _begun
+    if (before := _begun.get(first)) is not None and before.poll() is None:
+        return before
     kept = jit.folder()
     assert kept is not None
     # Its folders are ours, wherever it is started.
     where = os.environ | {"NUMBA_CACHE_DIR": str(kept.parent.resolve())}
     command = [sys.executable, "-m", __spec__.name, *first]
     nothing, root = subprocess.DEVNULL, jit.PACKAGE.parents[1]
-    _begun = subprocess.Popen(
+    _begun[first] = other = subprocess.Popen(
         command, cwd=root, env=where, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
     )
-    return _begun
+    return other
 
 
 @contextlib.contextmanager

@@ -54,10 +54,14 @@ def test_the_clocks_are_those_of_all_that_fly_and_the_ways_those_of_the_goal() -
 
 
 def test_what_no_margin_is_enough_for_is_refused() -> None:
-    with pytest.raises(Refused, match=r"the clock of b is known to ±inf ms only") as found:
-        margins({"a": 0.005, "b": 9.0}, {"a": None}).best_first()
-    assert "error_s" in found.value.detail
-    with pytest.raises(Refused, match=r"a margin of 2\.10 m would be needed") as found:
-        margins({"a": 0.005}, {"a": None}, tracking=2.0, margin=2.2).best_first()
-    assert "error_s" not in found.value.detail
+    unknown = margins({"a": 0.005, "b": 9.0}, {"a": None})
+    with pytest.raises(Refused, match=r"the clock of b is known to ±inf ms only"):
+        unknown.best_first()
+    unsure = margins({"a": 0.12}, {"a": None}, tracking=1.0, margin=1.4)
+    with pytest.raises(Refused, match=r"a margin of 1\.\d\d m would be needed"):
+        unsure.best_first()
+    wide = margins({"a": 0.005}, {"a": None}, tracking=2.0, margin=2.2)
+    with pytest.raises(Refused, match=r"a margin of 2\.10 m would be needed"):
+        wide.best_first()
+    assert [each.too_wide for each in (unknown, unsure, wide)] == [False, False, True]
     assert margins({"a": 0.19}, {"a": "px4"}).tracking < WIDEST
