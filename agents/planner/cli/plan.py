@@ -263,8 +263,13 @@ def _interpret() -> None:
     """
     asked, answer = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # for what libraries print
+
+    def end() -> None:
+        asked.read()  # until our parent is gone
+        os._exit(1)
+
     scene, request = pickle.load(asked)
-    threading.Thread(target=lambda: os._exit(len(asked.read()) + 1), daemon=True).start()
+    threading.Thread(target=end, daemon=True).start()
     try:
         pickle.dump(_solved(scene, request), answer)
         answer.flush()
