@@ -169,8 +169,12 @@ class VehicleCommand:
         await ask_time(self._z, self.name, self._clock, self.offset)
 
     async def _learn(self) -> None:
-        """Ask for the time again and again, not waiting for one answer before the next question."""
+        """Ask for the time again and again, not waiting for one answer before the next question; not at all where it is
+        known well.
+        """
         begun, asking = self._clock.now(), list[asyncio.Task[None]]()
+        if self.offset.error(begun) < SURE:
+            return
         try:
             while (now := self._clock.now()) < begun + LONGEST:
                 if len(asking) >= PINGS and self.offset.error(now) < SURE:

@@ -18,7 +18,7 @@ from agents.planner.model.problem import Floats, Motion
 
 DETOUR = 1.15
 """times the straight line that a way is taken to be, before there is a plan for it"""
-AROUND_S = 3.0
+AROUND_S = 4.0
 """s about a plan in which vehicles wait in the air: it is made, all are told, and all say that they are there"""
 SPOOL_S = 7.0
 """s of arming and spinning up before a takeoff, and of its end"""

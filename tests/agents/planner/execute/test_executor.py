@@ -14,8 +14,10 @@ import pytest
 
 from agents.planner.execute.executor import Executor
 from agents.planner.execute.flight import Flight, Trouble
+from agents.planner.execute.offset import Offset
+from agents.planner.execute.vehicle_command import PINGS
 from agents.planner.model.problem import Motion
-from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne
+from tests.agents.planner.execute.fleet import BadClient, Fleet, airborne, starting
 from tests.agents.planner.execute.virtual import carousel, crossing
 from zmav.errors import NotHolder, Refused, TimedOut, ZmavError
 
@@ -144,6 +146,26 @@ async def refused(fleet: Fleet, executor: Executor, motions: dict[str, Motion]) 
         await executor.run(flight(swapped))
     with pytest.raises(NotHolder, match="planner"):
         await Executor(fleet.z, ["quad1"], holder="rival").__aenter__()
+
+
+class Counting(Offset):
+    """How often an answer told of it."""
+
+    answers = 0
+
+    def answered(self, asked: float, t: float, came: float) -> None:
+        self.answers += 1
+        super().answered(asked, t, came)
+
+
+async def test_a_clock_that_is_known_well_is_not_asked_for_again() -> None:
+    offset = Counting()
+    async with starting([(0.0, 0.0)]) as fleet:
+        async with Executor(fleet.z, fleet.names, offsets={"quad1": offset}):
+            assert offset.answers >= PINGS
+        before = offset.answers
+        async with Executor(fleet.z, fleet.names, offsets={"quad1": offset}) as executor:
+            assert (offset.answers, executor.commands["quad1"].offset) == (before, offset)
 
 
 class Shy:
