@@ -169,15 +169,15 @@ class VehicleCommand:
         await ask_time(self._z, self.name, self._clock, self.offset)
 
     async def _learn(self) -> None:
-        """Ask for the time again and again, not waiting for one answer before the next question; not at all where it is
-        known well.
+        """Ask for the time again and again, not waiting for one answer before the next question. One answer is enough
+        where it is known well: the vehicle's clock may have been set since.
         """
         begun, asking = self._clock.now(), list[asyncio.Task[None]]()
-        if self.offset.error(begun) < SURE:
-            return
+        known = self.offset.error(begun) < SURE
         try:
             while (now := self._clock.now()) < begun + LONGEST:
-                if len(asking) >= PINGS and self.offset.error(now) < SURE:
+                asked_enough = any(task.done() for task in asking) if known else len(asking) >= PINGS
+                if asked_enough and self.offset.error(now) < SURE:
                     return
                 asking.append(asyncio.create_task(self._ping()))
                 await asyncio.sleep(PING_SOON)

@@ -6,6 +6,7 @@ import asyncio
 import json
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -158,14 +159,20 @@ class Counting(Offset):
         super().answered(asked, t, came)
 
 
-async def test_a_clock_that_is_known_well_is_not_asked_for_again() -> None:
+async def test_a_clock_that_is_known_well_is_asked_for_once_and_one_that_was_set_is_learnt_again() -> None:
     offset = Counting()
     async with starting([(0.0, 0.0)]) as fleet:
         async with Executor(fleet.z, fleet.names, offsets={"quad1": offset}):
             assert offset.answers >= PINGS
-        before = offset.answers
-        async with Executor(fleet.z, fleet.names, offsets={"quad1": offset}) as executor:
-            assert (offset.answers, executor.commands["quad1"].offset) == (before, offset)
+        value, before = offset.value, offset.answers
+        async with Executor(fleet.z, fleet.names, offsets={"quad1": offset}):
+            assert before < offset.answers < before + PINGS
+        wrong = Counting()
+        now = time.time()
+        wrong.answered(now, now + value + 7.0, now)  # as it was before it was set back by 7 s
+        async with Executor(fleet.z, fleet.names, offsets={"quad1": wrong}) as executor:
+            assert wrong.value == pytest.approx(value, abs=0.02)
+            assert wrong.error(executor.clock.now()) < 0.02
 
 
 class Shy:
