@@ -1,7 +1,7 @@
 """Run pytest: what may run beside other tests, then what may not: ``python tests/run.py -n 3 ...``
 
 Tests marked ``alone`` fly something whose deadlines are the real clock's, such as a controller that has 100 ms for each
-step: they run last, three files at a time where others ran side by side. Few of them need half a core.
+step: they run last, two files at a time where others ran side by side. Few of them need half a core.
 
 What failed beside other tests runs once more, alone. On a busy machine a test that races with time fails now and then.
 It must be mended, so it is named; it says nothing of the code, so it fails no run. Exits as pytest does, and with 0
@@ -89,9 +89,9 @@ def main(args: list[str]) -> int:
     if not heard.whole or first not in (0, pytest.ExitCode.TESTS_FAILED, NONE):
         return first
     places = _with_alone(heard.roots)
-    few = ["-n", "3", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
+    few = ["-n", "2", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
     print(
-        f"\n==> those that run alone, {'three files at a time' if heard.jobs > 1 else 'one after another'}", flush=True
+        f"\n==> those that run alone, {'two files at a time' if heard.jobs > 1 else 'one after another'}", flush=True
     )
     last = _run([BY_ITSELF, *_options(args, heard.places), *few, *places]) if places else NONE
     if first == pytest.ExitCode.TESTS_FAILED:

@@ -66,7 +66,13 @@ class Rig(NamedTuple):
         """Start a controller (see :meth:`run_controller`), and have it take over."""
         self.run_controller(controller, name)
         await self.ready(name)
+        await self.be_patient(name)
         await self.engage(name)
+
+    async def be_patient(self, agent: str) -> None:
+        """Have no stall of this machine end what is measured, as far as a supervisor allows."""
+        for guard, most in (("guard_late", 25.0), ("guard_silent", 1.0)):
+            await self.vehicle.tell(agent, "set", name=guard, value=most)
 
     async def engage(self, agent: str) -> None:
         """Have a controller take over, as soon as it may: the autopilot's state must flow, and the pilot let go."""

@@ -122,6 +122,7 @@ async def engage(run: Rig) -> None:
 async def measure(seconds: float) -> Trip:
     """``seconds``: of each of its three parts."""
     async with echoing() as (run, fake):
+        await run.be_patient(AGENT)
         await engage(run)
         await asyncio.sleep(SETTLE)
         back = await _watch(fake, seconds)
