@@ -90,9 +90,7 @@ def main(args: list[str]) -> int:
         return first
     places = _with_alone(heard.roots)
     few = ["-n", "2", "--dist", "loadfile"] if heard.jobs > 1 else ["-n", "0"]
-    print(
-        f"\n==> those that run alone, {'two files at a time' if heard.jobs > 1 else 'one after another'}", flush=True
-    )
+    print(f"\n==> those that run alone, {'two files at a time' if heard.jobs > 1 else 'one after another'}", flush=True)
     last = _run([BY_ITSELF, *_options(args, heard.places), *few, *places]) if places else NONE
     if first == pytest.ExitCode.TESTS_FAILED:
         print("==> FAILED: those above that run beside others", flush=True)
