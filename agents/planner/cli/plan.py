@@ -12,7 +12,6 @@ import pickle
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -232,11 +231,13 @@ def _interpreted(scene: Scene, request: Request) -> tuple[Plan, Report] | None:
     them. None: it had none within :data:`INTERPRETS_S`, and compiled kernels are to be waited for.
     """
     from agents.planner.solve import jit, warm
+    from zmav import guard
 
     if _make_ready.cache_info().currsize or jit.compiled() or jit.folder() is None or (os.cpu_count() or 1) < 2:
         return None
     root, environment = jit.PACKAGE.parents[1], os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    command, nothing = [sys.executable, "-m", __name__], subprocess.DEVNULL
+    keep = [sys.executable, "-I", "-S", guard.__file__, str(os.getpid())]
+    command, nothing = [*keep, sys.executable, "-m", __name__], subprocess.DEVNULL
     with contextlib.suppress(OSError), tempfile.TemporaryFile() as answer:  # no room, or it died
         child = subprocess.Popen(
             command, cwd=root, env=environment, stdin=subprocess.PIPE, stdout=answer, stderr=nothing
@@ -258,24 +259,12 @@ def _interpreted(scene: Scene, request: Request) -> tuple[Plan, Report] | None:
 
 
 def _interpret() -> None:
-    """The child of :func:`_interpreted`: a scene in by standard input, its plan out by standard output. It ends with 1
-    where there is no plan, and with its parent.
+    """The child of :func:`_interpreted`: a scene in by standard input, its plan out by standard output. Where there is
+    none it ends with the error.
     """
-    asked, answer = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # for what libraries print
-
-    def end() -> None:
-        asked.read()  # until our parent is gone
-        os._exit(1)
-
-    scene, request = pickle.load(asked)
-    threading.Thread(target=end, daemon=True).start()
-    try:
-        pickle.dump(_solved(scene, request), answer)
-        answer.flush()
-    except PlanError:
-        os._exit(1)
-    os._exit(0)  # without a wait for the thread that reads
+    with os.fdopen(os.dup(1), "wb") as answer:
+        os.dup2(2, 1)  # for what libraries print
+        pickle.dump(_solved(*pickle.load(sys.stdin.buffer)), answer)
 
 
 @functools.cache

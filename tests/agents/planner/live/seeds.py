@@ -120,9 +120,8 @@ class Drift:
 class Keeping(planning.Planner):
     """The planner's, and what it planned last."""
 
-    def __init__(self, margins: planning.Margins, views: Callable[[], Iterable[VehicleView]]) -> None:
+    def __init__(self, views: Callable[[], Iterable[VehicleView]]) -> None:
         """``views``: everybody, as heard now."""
-        self.margins = margins
         worker = SolverProcess(None)  # type: ignore[arg-type]
 
         async def do(job: jobs.Job) -> Any:
@@ -145,7 +144,7 @@ class Keeping(planning.Planner):
         self.plans: list[Planned] = []
 
     async def next_to(self, step: PlanTo, view: FleetView, margins: planning.Margins = ()) -> Planned:
-        self.plans.append(await super().next_to(step, view, margins or self.margins))
+        self.plans.append(await super().next_to(step, view, margins))
         return self.plans[-1]
 
     async def check(self, step: Fly, view: FleetView, margins: planning.Margins = ()) -> tuple[Planned | None, str]:
@@ -170,7 +169,7 @@ class Crew:
         pads = np.array([(apart * i, 0.0, 0.0) for i in range(SIZE)])
         self.places = pads + self.drift.at(np.array([0.0]))[0].T  # where each believes to stand
         self.homes, self.up = self.places.copy(), False
-        self.planner = Keeping(sort.margins, lambda: self.view().vehicles.values())
+        self.planner = Keeping(lambda: self.view().vehicles.values())
 
     def view(self) -> FleetView:
         body = body_of("copter")
@@ -193,7 +192,7 @@ class Crew:
     async def fly(self, what: str, make: Make) -> Row:
         goal, view = make(NAMES, 0.0), self.view()
         tally, self.planner.plans = Tally(goal.vehicles, view), []
-        told = await preview(self.planner, goal, view, tally, self.planner.margins)
+        told = await preview(self.planner, goal, view, tally, self.sort.margins)
         begun, stops, nearest = self.now, list[str](), math.inf
         for step in await self.planner.resolve(goal, view):
             if isinstance(step, Orders):
@@ -216,7 +215,8 @@ class Crew:
                 return nearest
             blocked = ", ".join(f"{one} for {other}" for one, other in history.conductor.blocked.items())
             stops.append(history.conductor.halting or f"{phase}: {blocked}")
-            planned = await self.planner.next_to(PlanTo(tuple(planned.motions), ends, True), self.view())
+            there = PlanTo(tuple(planned.motions), ends, True)
+            planned = await self.planner.next_to(there, self.view(), self.sort.margins)
         raise AssertionError(f"crew {self.seed} did not come to its places: {stops}")
 
     def _history(self, planned: Planned) -> History:
