@@ -84,6 +84,17 @@ class TestStart:
         ready.vehicle.copter.pilot.sticks(throttle=0.5)
         done(ready, 1)
 
+    def test_in_the_air_it_climbs_to_the_takeoff_s_height(self, ready: Desk) -> None:
+        assert upload(ready, [takeoff(10.0), at(16, 20, 0, 10)]) == ACCEPTED
+        assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED
+        assert ready.command(ARM, 1) == ACCEPTED
+        assert ready.command(22, 0, 0, 0, 0, 0, 0, 3.0) == ACCEPTED
+        ready.until(lambda: ready.near(0, 0, -3, 0.2))
+        assert ready.command(SET_MODE, 1, AUTO) == ACCEPTED
+        done(ready, 1)
+        assert ready.near(0, 0, -10, 0.3)
+        done(ready, 2)
+
     def test_left_waiting_it_disarms(self, ready: Desk) -> None:
         assert upload(ready, [UP]) == ACCEPTED
         assert ready.command(SET_MODE, 1, GUIDED) == ACCEPTED

@@ -172,8 +172,8 @@ class Takeoff(Leg):
         copter, s = self.copter, self.copter.sense
         _, _, down = copter.place_of(self.item, (s.north, s.east, s.down))
         self._down = min(down, s.down - (LEAST_CLIMB_M if copter.landed else 0.0))
-        self._lift_at = math.inf
-        copter.heading.hold(s.yaw)
+        self._lift_at = math.inf if copter.landed else copter.now
+        self._aim()
 
     def run(self) -> None:
         copter = self.copter
@@ -183,11 +183,14 @@ class Takeoff(Leg):
                 self._lift_at = math.inf
             elif self._lift_at == math.inf:
                 self._lift_at = copter.spun_up_at
-            self._place = (copter.sense.north, copter.sense.east, self._down)
-            copter.sp.move(pos=self._place)
-            copter.heading.hold(copter.sense.yaw)
+            self._aim()
             return
         copter.sp.spool(Spool.FLY)
+
+    def _aim(self) -> None:
+        copter, s = self.copter, self.copter.sense
+        copter.sp.move(pos=(s.north, s.east, self._down))
+        copter.heading.hold(s.yaw)
 
     @property
     def rising(self) -> bool:
