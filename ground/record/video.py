@@ -38,7 +38,7 @@ class VideoFiles:
     ) -> None:
         pyav()
         self.units = 0
-        """that were written"""
+        """that were given to a file"""
         self._z, self._session, self._patterns, self._room, self._tell = z, session, patterns, room, tell
         self._tasks: dict[tuple[str, str, str], asyncio.Task[None]] = {}
         self._held: list[Any] = []
@@ -94,8 +94,8 @@ class VideoFiles:
         muxer = await asyncio.to_thread(Muxer, str(path), unit)
         try:
             while True:
-                await in_thread(muxer.add, unit)  # whose end is waited for before it is closed
                 self.units += 1
+                await in_thread(muxer.add, unit)  # whose end is waited for before it is closed
                 unit = await units.get()
                 if unit.key:
                     self._look()

@@ -22,6 +22,9 @@ export class GimbalControls {
     this.busy = false;
     /** Where the drag began: px, and pitch and yaw in rad. @type {{x: number, y: number, pitch: number, yaw: number} | null} */
     this.from = null;
+    /** Where the pointer was last, and is not turned to yet: px. @type {{x: number, y: number} | null} */
+    this.to = null;
+    this.held = false;
     const centre = () => order([vehicle.id], "gimbal_turn", { take: true });
     const release = () => order([vehicle.id], "gimbal_release");
     const buttons = [
@@ -37,7 +40,7 @@ export class GimbalControls {
     canvas.addEventListener("pointerdown", (event) => this.grab(event));
     canvas.addEventListener("pointermove", (event) => this.drag(event));
     canvas.addEventListener("pointerup", (event) => this.drop(event));
-    canvas.addEventListener("pointercancel", () => (this.from = null)); // it says no place
+    canvas.addEventListener("pointercancel", () => (this.held = false)); // it says no place
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER);
@@ -87,24 +90,36 @@ export class GimbalControls {
   async grab(event) {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
+    this.from = this.to = null;
+    this.held = true;
     const now = await this.ask(`do/${this.vehicle.name}/gimbal_status`, {});
-    if (now && this.canvas.hasPointerCapture(event.pointerId)) this.from = { x: event.clientX, y: event.clientY, pitch: now.pitch, yaw: now.yaw ?? 0 };
+    if (now) this.from = { x: event.clientX, y: event.clientY, pitch: now.pitch, yaw: now.yaw ?? 0 };
+    await this.turn();
   }
 
   /** @param {PointerEvent} event */
   async drag(event) {
-    if (!this.from || this.busy) return;
-    const { x, y, pitch, yaw } = this.from;
-    const [right, down] = [event.clientX - x, event.clientY - y];
-    if (Math.hypot(right, down) < LEAST_PX) return;
-    const each = ACROSS / this.zoomed / Math.max(this.canvas.clientWidth, 1);
-    const told = await this.ask(`do/${this.vehicle.name}/gimbal_turn`, { pitch: pitch + down * each, yaw: yaw - right * each });
-    if (!told) this.from = null; // said once, not at every step
+    if (!this.held) return;
+    this.to = { x: event.clientX, y: event.clientY };
+    await this.turn();
   }
 
   /** @param {PointerEvent} event */
   async drop(event) {
     await this.drag(event);
-    this.from = null;
+    this.held = false;
+  }
+
+  /** To where the pointer was last, also where that was told while an answer was awaited. */
+  async turn() {
+    while (this.from && this.to && !this.busy) {
+      const { x, y, pitch, yaw } = this.from;
+      const [right, down] = [this.to.x - x, this.to.y - y];
+      this.to = null;
+      if (Math.hypot(right, down) < LEAST_PX) continue;
+      const each = ACROSS / this.zoomed / Math.max(this.canvas.clientWidth, 1);
+      const told = await this.ask(`do/${this.vehicle.name}/gimbal_turn`, { pitch: pitch + down * each, yaw: yaw - right * each });
+      if (!told) this.from = null; // said once, not at every step
+    }
   }
 }

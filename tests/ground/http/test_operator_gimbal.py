@@ -57,6 +57,14 @@ class FakePhotos:
         self._queryable.undeclare()
 
 
+LATE = """(() => {
+    const now = window.fetch;
+    const asked = new Promise((done) => (window.answered = () => ((window.fetch = now), done())));
+    window.fetch = async (...what) => (await asked, now(...what));
+})()"""
+"""what is asked of the gateway goes out when ``answered()`` is called"""
+
+
 @pytest.fixture
 def photos(served: Served) -> Iterator[FakePhotos]:
     camera, photos = FakeCamera(served.session), FakePhotos(served.session)
@@ -101,6 +109,27 @@ async def test_the_picture_is_dragged_and_the_gimbal_turns(
     assert turned["pitch"] == pytest.approx(-0.5, abs=0.01)
     assert turned["yaw"] == pytest.approx(0.2 - math.radians(60.0) / 4, abs=0.02)
     assert turned.get("take", False) is False
+    assert not tab.said
+
+
+@pytest.mark.asyncio(loop_scope="module")
+async def test_a_drag_that_is_over_before_the_gimbal_says_where_it_is_turns_it_too(
+    tab: Tab, served: Served, fleet: Fleet, photos: FakePhotos
+) -> None:
+    await looking(tab, served, fleet)
+    left, top, width, height = await tab.run(PLACE)
+    x, y = left + width / 2, top + height / 2
+    await tab.run(LATE)
+    for kind, right in (("mousePressed", 0.0), ("mouseMoved", width / 8), ("mouseReleased", width / 4)):
+        await tab.mouse(kind, x + right, y)
+    assert not fleet.orders
+    await tab.run("answered()")
+    turned = await told(tab, fleet, "gimbal_turn")
+    assert turned["yaw"] == pytest.approx(0.2 - math.radians(60.0) / 4, abs=0.02)
+    await tab.mouse("mouseMoved", x, y)  # nobody holds it any more
+    await tab.run(press("Release"))
+    await told(tab, fleet, "gimbal_release")
+    assert fleet.orders == [f"quad1/do/gimbal_{verb}" for verb in ("status", "turn", "release")]
     assert not tab.said
 
 
