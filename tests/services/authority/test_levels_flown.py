@@ -25,8 +25,8 @@ STICK_MODE = {"arducopter": "ALT_HOLD", "px4": "POSCTL"}
 State = wire.VehicleState
 PATIENT = {"COM_OF_LOSS_T": 20.0, "COM_RC_LOSS_T": 20.0}
 """A busy machine interrupts the stream, and an order to change the mode the sticks: twice as fast that is long for PX4,
-which would sink in POSCTL meanwhile, and fly nothing that is asked for. At an acceleration it sinks, too, where it began
-so: faster, it was on the ground before the next setpoint came.
+which would sink in POSCTL meanwhile, and fly nothing that is asked for. At an acceleration it sinks, too, if it
+began so: four times as fast it was on the ground before it had the speed asked for.
 """
 
 
