@@ -24,9 +24,8 @@ ORIGIN = wire.Origin(lat_deg=-35.363261, lon_deg=149.165230, alt_amsl=584.09)
 STICK_MODE = {"arducopter": "ALT_HOLD", "px4": "POSCTL"}
 State = wire.VehicleState
 PATIENT = {"COM_OF_LOSS_T": 20.0, "COM_RC_LOSS_T": 20.0}
-"""A busy machine interrupts the stream, and an order to change the mode the sticks: twice as fast that is long for PX4,
-which would sink in POSCTL meanwhile, and fly nothing that is asked for. At an acceleration it sinks, too, if it
-began so: four times as fast it was on the ground before it had the speed asked for.
+"""A busy machine interrupts the stream, and an order to change the mode the sticks: four times as fast that is long for
+PX4, which would sink in POSCTL meanwhile, and fly nothing that is asked for.
 """
 
 
@@ -46,7 +45,8 @@ def turned(by: float) -> Callable[[State], bool]:
 LEVELS: list[tuple[dict[str, Any], Callable[[State], bool]]] = [
     ({"pos": (8.0, 0.0, -6.0), "yaw": 0.0}, near(8.0, 0.0, -6.0)),
     ({"vel": (0.0, 2.0, 0.0), "yaw": 0.0}, moves(0.0, 2.0)),
-    ({"acc": (-1.0, 0.0, 0.0), "yaw": 0.0}, lambda s: s.velocity is not None and s.velocity[0] < -0.7),
+    # Its rotors' drag ends at 1.8 m/s what this begins, and at 0.9 half of it, which may come too late: PX4 sinks.
+    ({"acc": (-2.0, 0.0, 0.0), "yaw": 0.0}, lambda s: s.velocity is not None and s.velocity[0] < -0.7),
     ({"pos": (0.0, 0.0, -6.0), "vel": (0.0, 0.0, 0.0), "yaw": 0.0}, near(0.0, 0.0, -6.0)),
     (
         {"attitude": from_euler(0.0, -0.15, 0.0), "thrust": 0.5},
@@ -100,7 +100,7 @@ async def test_every_level_is_flown(net: Net, onboard: StartOnboard, rules: str)
     there = f"onboard:0:{port}" if rules == "px4" else "tcp:127.0.0.1:0"
     patient = PATIENT if rules == "px4" else {}
     spec = VehicleSpec(autopilot=rules, sysid=1, endpoints=(there,), params=patient)
-    with World([spec], speed=2.0 if rules == "px4" else 4.0, ready_s=0.5) as world:
+    with World([spec], speed=4.0, ready_s=0.5) as world:
         session, endpoint = net.router()
         link = f"udpin:127.0.0.1:{port}" if rules == "px4" else world.vehicles[0].url
         await onboard(session, link, origin=ORIGIN)
