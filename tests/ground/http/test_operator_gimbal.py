@@ -85,6 +85,12 @@ async def looking(tab: Tab, served: Served, fleet: Fleet) -> None:
     fleet.asked.clear()
 
 
+async def middle(tab: Tab) -> tuple[float, float, float]:
+    """Of the picture, and its width, px."""
+    left, top, width, height = await tab.run(PLACE)
+    return left + width / 2, top + height / 2, width
+
+
 async def told(tab: Tab, fleet: Fleet, verb: str) -> dict[str, Any]:
     """The arguments of an order to quad1 once it has come."""
     for _ in range(200):
@@ -99,8 +105,7 @@ async def test_the_picture_is_dragged_and_the_gimbal_turns(
     tab: Tab, served: Served, fleet: Fleet, photos: FakePhotos
 ) -> None:
     await looking(tab, served, fleet)
-    left, top, width, height = await tab.run(PLACE)
-    x, y = left + width / 2, top + height / 2
+    x, y, width = await middle(tab)
     await tab.mouse("mousePressed", x, y)
     await told(tab, fleet, "gimbal_status")
     await tab.mouse("mouseMoved", x + width / 4, y)
@@ -117,8 +122,7 @@ async def test_a_drag_that_is_over_before_the_gimbal_says_where_it_is_turns_it_t
     tab: Tab, served: Served, fleet: Fleet, photos: FakePhotos
 ) -> None:
     await looking(tab, served, fleet)
-    left, top, width, height = await tab.run(PLACE)
-    x, y = left + width / 2, top + height / 2
+    x, y, width = await middle(tab)
     await tab.run(LATE)
     for kind, right in (("mousePressed", 0.0), ("mouseMoved", width / 8), ("mouseReleased", width / 4)):
         await tab.mouse(kind, x + right, y)
