@@ -6,8 +6,6 @@ import asyncio
 import time
 from collections.abc import Callable
 
-from zmav.errors import Stale
-
 PATIENCE_S = 30.0  # how long an event may take on a busy machine before the test fails
 
 
@@ -16,7 +14,7 @@ async def until(
 ) -> None:
     """Look until it holds; fails with ``what``, or with what that returns then."""
     deadline = time.monotonic() + seconds
-    while not _holds(true):
+    while not true():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what() if callable(what) else what}"
         await asyncio.sleep(every)
 
@@ -26,14 +24,6 @@ def wait_until(
 ) -> None:
     """As :func:`until`, for what another thread or process does."""
     deadline = time.monotonic() + seconds
-    while not _holds(true):
+    while not true():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what() if callable(what) else what}"
         time.sleep(every)
-
-
-def _holds(true: Callable[[], object]) -> bool:
-    """What is asked of a vehicle that was not heard for two seconds, on a busy machine, does not hold yet."""
-    try:
-        return bool(true())
-    except Stale:
-        return False

@@ -105,7 +105,7 @@ def test_goals_of_a_swarm_are_actions_with_feedback_and_cancel(
     wait_until(lambda: still(fleet))
     far = os.urandom(16)
     assert client.send("goto", "SwarmGoTo", far, vehicles=BOTH, to=[point(60.0, 0.0, 8.0), point(60.0, 8.0, 8.0)])
-    wait_until(lambda: fleet.z.vehicle("quad2").local[1] > 3.0)
+    wait_until(lambda: (s := fleet.z.vehicle("quad2").last_state) and s.local and s.local[1] > 3.0)
     wait_until(lambda: any(each.feedback.state == "flying" and each.feedback.makespan > 5.0 for each in told))
     assert all(bytes(each.goal_id.uuid) == far for each in told)
     wait_until(lambda: plans and list(plans[-1].vehicles) == BOTH)
