@@ -168,6 +168,16 @@ class TestSetpoints:
         assert companion.ned[2] == pytest.approx(-6.0, abs=0.3)
         assert companion.vehicle.px4.sense.vn == pytest.approx(1.7, abs=0.2)
 
+    def test_an_acceleration_is_all_that_is_flown(self, companion: Companion) -> None:
+        """Where no velocity is asked for, its integral, which leans against the air, has no say."""
+        companion.offboard(lambda: companion.velocity(0.0, 2.0))
+        companion.stream(10.0, lambda: companion.velocity(0.0, 2.0))
+        assert companion.vehicle.px4.sense.roll > 0.1
+        companion.stream(3.0, lambda: companion.velocity(0.0, 0.0, type_mask=0xC3F, afx=-1.0))
+        sense = companion.vehicle.px4.sense
+        assert abs(sense.roll) < 0.01 and abs(sense.ve) < 0.3  # the air has stopped it
+        assert sense.vn < -0.8
+
     def test_an_attitude_with_thrust(self, companion: Companion) -> None:
         companion.offboard(lambda: companion.attitude(0.0, 0.0, 0.49))
         companion.stream(1.0, lambda: companion.attitude(0.0, 0.0, 0.49))

@@ -30,7 +30,7 @@ from zmav.sim.arrays import (
 )
 from zmav.sim.control.allocation import Allocator
 from zmav.sim.control.cascade import Cascade, Estimated
-from zmav.sim.control.setpoints import DIRECT, YAW_ANGLE, Setpoints
+from zmav.sim.control.setpoints import ACCELERATION, DIRECT, YAW_ANGLE, Setpoints
 from zmav.sim.dynamics.airframe import GRAVITY, Airframe
 
 VEL_D_CUTOFF_HZ = 5.0  # MPC_VELD_LP
@@ -71,10 +71,12 @@ class Px4Cascade(Cascade):
         share = dt / (dt + 1.0 / (2.0 * np.pi * VEL_D_CUTOFF_HZ))
         self.vel_dot += ((est.vel - self._vel_before) / dt - self.vel_dot) * share
         self._vel_before = est.vel.copy()
-        acc = ref.acc + error * g.vel_p + self.vel_i - self.vel_dot * g.vel_d
+        # Where only an acceleration is asked for, the velocity has no say: neither its error nor what was learnt of it.
+        held = (self.setpoints.kinds != ACCELERATION)[[0, 0, 1]]
+        acc = ref.acc + (error * g.vel_p + self.vel_i - self.vel_dot * g.vel_d) * held
         self.want_vel, self.want_acc = want, acc
         thrust = self._fit(self._thrust_vector(acc))
-        self._integrate_velocity(error, acc, thrust, dt)
+        self._integrate_velocity(error, acc, thrust, held, dt)
         self._forget(by_hand, ballistic)
         self._turn_at_once(raw)
         self._hold(est, thrust, by_hand, ballistic)
@@ -102,7 +104,7 @@ class Px4Cascade(Cascade):
         thrust[:2] *= np.minimum(room / np.maximum(across, 1e-9), 1.0)
         return thrust
 
-    def _integrate_velocity(self, error: Array, acc: Array, thrust: Array, dt: float) -> None:
+    def _integrate_velocity(self, error: Array, acc: Array, thrust: Array, held: Flags, dt: float) -> None:
         """Integrators that do not wind up: vertically they wait, horizontally they follow what could be had."""
         g = self.gains
         low = (thrust[2] >= -g.thrust_min) & (error[2] >= 0.0)
@@ -111,7 +113,7 @@ class Px4Cascade(Cascade):
         produced = thrust[:2] * (GRAVITY / g.hover)
         excess = dot(acc[:2], acc[:2]) > dot(produced, produced)
         error[:2] -= (acc[:2] - limit_length(acc[:2], np.sqrt(dot(produced, produced)))) * (2.0 / g.vel_p[0]) * excess
-        self.vel_i += error * g.vel_i * dt
+        self.vel_i += error * held * g.vel_i * dt
         self.vel_i[2] = clamp(self.vel_i[2], -GRAVITY, GRAVITY)
 
     def _turn_at_once(self, raw: Flags) -> None:
