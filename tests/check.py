@@ -1,11 +1,16 @@
 """Run the unit tests, and those whose import closure holds what changed: ``python tests/check.py -n 2 ...``
 
+Of the unit tests those that took longer than ``LONG_S`` here run only where something they use changed: one in twenty
+does, and these take three quarters of the time.
+
 Changed is what differs from the merge base with the branch that this one is for: ``$BASE``, or else the remote's own
 branch, ``main`` or ``master``; new files count.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -22,6 +27,27 @@ from tests.imports import CACHE, Sources  # noqa: E402
 
 EVERYWHERE = {"pyproject.toml", "requirements.lock"}
 """after a change of these everything runs"""
+DURATIONS = CACHE.with_name("durations.json")
+LONG_S = 0.5
+
+
+class Durations:
+    """A plugin of pytest: the seconds that each test took at least, kept in a file from one run to the next."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.least_s: dict[str, float] = {}
+        with contextlib.suppress(OSError, ValueError):  # none yet, or it was cut short
+            self.least_s = json.loads(path.read_text("utf-8"))
+        self._now_s: dict[str, float] = {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._now_s[report.nodeid] = self._now_s.get(report.nodeid, 0.0) + report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        least = {each: min(now, self.least_s.get(each, now)) for each, now in self._now_s.items()}
+        self._path.parent.mkdir(exist_ok=True)
+        self._path.write_text(json.dumps(self.least_s | least), "utf-8")
 
 
 def changed_files(root: Path, base: str = "") -> list[str]:
@@ -51,16 +77,18 @@ def main(arguments: list[str]) -> int:
     """The exit status of pytest."""
     files = changed_files(ROOT, os.environ.get("BASE", ""))
     modules = affected_modules(ROOT, files, ROOT / CACHE)
+    durations = Durations(ROOT / DURATIONS)
+    long = sorted(each for each, least in durations.least_s.items() if least > LONG_S)
     print(
-        f"==> pytest: the unit tests, and those of {len(modules)} modules that use {len(files)} changed files",
+        f"==> pytest: the unit tests that take less than {LONG_S} s, and those of {len(modules)} modules that use "
+        f"{len(files)} changed files",
         flush=True,
     )
     with tempfile.NamedTemporaryFile("w", suffix=".affected") as file:
-        file.write("\n".join(sorted(modules)))
+        json.dump({"modules": sorted(modules), "long": long}, file)
         file.flush()
-        return int(
-            pytest.main(["-m", "not alone", *arguments, f"--affected={file.name}"])
-        )  # in one: a path alone would be the root
+        # In one argument: a path alone would be the root.
+        return int(pytest.main(["-m", "not alone", *arguments, f"--affected={file.name}"], plugins=[durations]))
 
 
 def _git(root: Path, *arguments: str) -> str:

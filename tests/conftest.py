@@ -264,7 +264,9 @@ def pytest_collection() -> Iterator[None]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--affected", help="run the unit tests, and of the others those that use a module named in this file"
+        "--affected",
+        help="run the unit tests but for those named in this file as long, and of the others those that use a module "
+        "named there",
     )
 
 
@@ -287,14 +289,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _mark_and_select(config: pytest.Config, items: list[pytest.Item], file: str | None) -> None:
     sources = Sources(ROOT, ["tests"], ROOT / CACHE)
-    affected = set(Path(file).read_text().split()) if file else None
+    asked = json.loads(Path(file).read_text("utf-8")) if file else None
+    affected, long = (set(asked["modules"]), set(asked["long"])) if asked else (set(), set())
     kept: list[pytest.Item] = []
     left_out: list[pytest.Item] = []
     for item in items:
         reached = reached_by(item, sources)
         for mark in marks(item, reached):
             item.add_marker(mark)
-        wanted = affected is None or item.get_closest_marker("unit") or not affected.isdisjoint(reached)
+        short = item.get_closest_marker("unit") and item.nodeid not in long
+        wanted = not asked or short or not affected.isdisjoint(reached)
         (kept if wanted else left_out).append(item)
     if left_out:
         items[:] = kept

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from tests.check import affected_modules, changed_files
+from tests.check import Durations, affected_modules, changed_files
 from tests.conftest import NEEDS, ROOT, marks, reached_by
 from tests.imports import Source, Sources, parse
 
@@ -90,6 +92,32 @@ def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:
     (tree / "zmav/new.py").write_text("")
     assert changed_files(tree) == ["zmav/geo.py", "zmav/new.py", "zmav/wire.py"]
     assert changed_files(tree, "work") == ["zmav/new.py", "zmav/wire.py"]
+
+
+def test_the_least_that_a_test_ever_took_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "durations.json"
+    for call_s, all_s in ((2.0, 2.5), (0.25, 0.75), (4.0, 0.75)):
+        durations = Durations(path)
+        place = ("a", 1, "b")
+        durations.pytest_runtest_logreport(pytest.TestReport("a::b", place, {}, "passed", None, "setup", duration=0.5))
+        durations.pytest_runtest_logreport(
+            pytest.TestReport("a::b", place, {}, "passed", None, "call", duration=call_s)
+        )
+        durations.pytest_sessionfinish()
+        assert Durations(path).least_s == {"a::b": all_s}
+    path.write_text("{")
+    assert Durations(path).least_s == {}, "a torn one is as none"
+
+
+@pytest.mark.parametrize(("modules", "found"), [([], 1), (["zmav.geo"], 2)])
+def test_a_long_one_runs_where_what_it_uses_changed(tmp_path: Path, modules: list[str], found: int) -> None:
+    (asked := tmp_path / "asked").write_text(
+        json.dumps({"modules": modules, "long": ["tests/test_geo.py::test_a_known_place"]})
+    )
+    names = ["tests/test_geo.py::test_distances", "tests/test_geo.py::test_a_known_place"]
+    command = [sys.executable, "-m", "pytest", "-q", "--collect-only", f"--affected={asked}", *names]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert said.count("::test_") == found
 
 
 @pytest.mark.parametrize(
