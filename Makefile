@@ -70,7 +70,7 @@ prepare: $(VENV)/.dev ## compile what the tests use; then 'make test PREPARED=ye
 
 # The daemon of mypy keeps what it knows of the tree. Where it does not run, or finds something (now and then what is no
 # error), mypy itself decides. Unit tests wait for nothing: as many at a time as there are cores.
-check: style ## lint, then run the unit tests and those that use what changed since the merge base: BASE=main
+check: style ## lint, then run the short unit tests and those that use what changed since the merge base: BASE=main
 	@echo "==> dmypy run"
 	@$(BIN)/dmypy run -- --strict $(PACKAGES) > /dev/null || $(TYPES)
 	@BASE='$(BASE)' $(BIN)/python tests/check.py -q -n $(CORES) --dist worksteal $(ARGS)

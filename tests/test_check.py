@@ -6,10 +6,12 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import pytest
+from pytest import TestReport
 
-from tests.check import Durations, affected_modules, changed_files
+from tests.check import Durations, affected_modules, changed_files, long_tests
 from tests.conftest import NEEDS, ROOT, marks, reached_by
 from tests.imports import Source, Sources, parse
 
@@ -94,30 +96,44 @@ def test_what_changed_is_what_differs_from_the_merge_base(tree: Path) -> None:
     assert changed_files(tree, "work") == ["zmav/new.py", "zmav/wire.py"]
 
 
-def test_the_least_that_a_test_ever_took_is_kept(tmp_path: Path) -> None:
+def report(name: str, when: Literal["setup", "call"], outcome: Literal["passed", "failed"], took: float) -> TestReport:
+    return TestReport(name, ("a.py", 1, "a"), {}, outcome, None, when, duration=took)
+
+
+def test_the_least_that_a_passed_test_ever_took_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "new" / "durations.json"
-    for call_s, all_s in ((2.0, 2.5), (0.25, 0.75), (4.0, 0.75)):
+    for call_s, least_s in ((2.0, 2.5), (0.25, 0.75), (4.0, 0.75)):
         durations = Durations(path)
-        place = ("a", 1, "b")
-        durations.pytest_runtest_logreport(pytest.TestReport("a::b", place, {}, "passed", None, "setup", duration=0.5))
-        durations.pytest_runtest_logreport(
-            pytest.TestReport("a::b", place, {}, "passed", None, "call", duration=call_s)
-        )
+        durations.pytest_runtest_logreport(report("a", "setup", "passed", 0.5))
+        durations.pytest_runtest_logreport(report("a", "call", "passed", call_s))
+        durations.pytest_runtest_logreport(report("interrupted", "setup", "passed", 0.5))
         durations.pytest_sessionfinish()
-        assert Durations(path).least_s == {"a::b": all_s}
+        assert Durations(path).least_s == {"a": least_s}
+    durations.pytest_runtest_logreport(report("a", "call", "failed", 0.5))
+    durations.pytest_sessionfinish()
+    assert Durations(path).least_s == {}
     path.write_text("{")
     assert Durations(path).least_s == {}, "a torn one is as none"
 
 
-@pytest.mark.parametrize(("modules", "found"), [([], 1), (["zmav.geo"], 2)])
-def test_a_long_one_runs_where_what_it_uses_changed(tmp_path: Path, modules: list[str], found: int) -> None:
+def test_who_reads_the_tree_is_never_left_out_and_nobody_is_where_data_changed(tmp_path: Path) -> None:
+    (tmp_path / "test_a.py").write_text("from tests.conftest import ROOT")
+    (tmp_path / "test_b.py").write_text("from zmav import geo")
+    least_s = {"test_a.py::a": 1.0, "test_b.py::b": 1.0, "test_b.py::c": 0.25, "test_gone.py::d": 1.0}
+    assert long_tests(tmp_path, least_s, ["docs/vision.md", "zmav/geo.py"]) == ["test_b.py::b", "test_gone.py::d"]
+    assert long_tests(tmp_path, least_s, ["agents/helipad/check.npz"]) == []
+
+
+@pytest.mark.parametrize("modules", [[], ["zmav.geo"]])
+def test_a_long_one_runs_where_what_it_uses_changed(tmp_path: Path, modules: list[str]) -> None:
     (asked := tmp_path / "asked").write_text(
         json.dumps({"modules": modules, "long": ["tests/test_geo.py::test_a_known_place"]})
     )
     names = ["tests/test_geo.py::test_distances", "tests/test_geo.py::test_a_known_place"]
     command = [sys.executable, "-m", "pytest", "-q", "--collect-only", f"--affected={asked}", *names]
     said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert said.count("::test_") == found
+    assert "test_distances" in said
+    assert ("test_a_known_place" in said) == bool(modules)
 
 
 @pytest.mark.parametrize(

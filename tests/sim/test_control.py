@@ -33,9 +33,9 @@ DT, STEPS = 1 / 200, 2
 class Hover:
     """One copter that hovers at the origin, 100 m up."""
 
-    def __init__(self, kind: str) -> None:
-        start = np.array([[0.0], [0.0], [-100.0]])
-        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, Surroundings(environment=Environment()))
+    def __init__(self, kind: str, *, px4: bool = False) -> None:
+        start, around = np.array([[0.0], [0.0], [-100.0]]), Surroundings(environment=Environment())
+        self.fleet = CopterFleet(airframe(kind), start, np.zeros(1), DT, around, px4=px4)
         self.fleet.dynamics.rotor[:] = math.sqrt(self.fleet.airframe.hover_thrust_n / self.fleet.airframe.thrust_max_n)
         self.sp: SetpointHandle = self.fleet.handle(0)
         self.sp.spool(Spool.FLY)
@@ -154,6 +154,19 @@ def test_acceleration_is_followed(quad: Hover) -> None:
     quad.sp.move(acc=(1.0, 0.0, 0.0), horizontal=Axis.ACCELERATION, vertical=Axis.ACCELERATION)
     quad.run(4.0)
     assert quad.fleet.senses()[0].vn == pytest.approx(4.0, abs=0.5)
+
+
+def test_a_px4_learns_nothing_of_a_velocity_that_is_not_asked_for() -> None:
+    quad = Hover("quad", px4=True)
+    quad.sp.raw(True)
+    quad.sp.move(vel=(2.0, 0.0, -0.5), horizontal=Axis.VELOCITY, vertical=Axis.VELOCITY)
+    quad.run(3.0)
+    learnt = quad.fleet.cascade.vel_i.copy()
+    assert abs(learnt[0, 0]) > 0.1
+    # More than it can have: else only an error of the velocity, which is none here, would be learnt from.
+    quad.sp.move(acc=(-20.0, 0.0, 0.0), horizontal=Axis.ACCELERATION, vertical=Axis.ACCELERATION)
+    quad.run(0.5)
+    assert np.array_equal(quad.fleet.cascade.vel_i, learnt)
 
 
 def test_direct_thrust_lifts_and_drops(hover: Hover) -> None:
