@@ -48,12 +48,12 @@ class Effort(NamedTuple):
     """logarithm of the odds that the learned check must give: more, the more is looked at"""
 
 
-KNOWN = Effort(6.5, 120, 12, 2.2)
-YELLOW = Effort(5.0, 60, 12, 2.2)
+KNOWN = Effort(6.5, 120, 12, 1.9)
+YELLOW = Effort(5.0, 60, 12, 1.9)
 """the same in yellow, which shows little else"""
-UNKNOWN = Effort(5.0, 60, 6, 4.0)
+UNKNOWN = Effort(5.0, 60, 6, 3.7)
 """one of many heights that are tried"""
-ASTRAY = Effort(5.0, 40, 8, 4.0)
+ASTRAY = Effort(5.0, 40, 8, 3.7)
 """the same where another height was given, and nothing found there"""
 
 

@@ -7,10 +7,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from agents.helipad import channels, polar, structure
 from agents.helipad.candidates import Kernels, Room
-from agents.helipad.check import features
+from agents.helipad.check import LearnedCheck, features
 from agents.helipad.geometry import View
 from agents.helipad.refine import SIDE, Aligner, heading, turned
 from agents.helipad.templates import Symbol, letter_h
@@ -27,6 +28,7 @@ from tests.agents.helipad.generator import (
     truth_of,
 )
 from tests.agents.helipad.letters import LOOKALIKES, ink
+from tests.agents.helipad.train_check import side_by_side
 
 BENT = np.array([-0.2, 0.05, 0.001, 0.002, 0.0])
 
@@ -149,6 +151,19 @@ def test_the_learned_check_knows_no_mirror_image_from_another() -> None:
     for other in (grids[:, ::-1], grids[:, :, ::-1], grids[:, ::-1, ::-1]):
         assert features(other.reshape(20, -1)) == pytest.approx(features(patches), abs=1e-6)
     assert len(features(np.zeros((0, SIDE * SIDE), dtype=np.float32))) == 0
+
+
+def test_networks_side_by_side_give_the_mean_of_their_odds() -> None:
+    rng = np.random.default_rng(6)
+    sizes = ((SIDE * SIDE, 5), (5, 3), (3, 1))
+
+    def some(*size: int) -> NDArray[np.float32]:
+        return rng.normal(size=size).astype(np.float32)
+
+    nets = [LearnedCheck([some(*each) for each in sizes], [some(out) for _, out in sizes]) for _ in range(3)]
+    inputs = some(20, SIDE * SIDE)
+    mean = np.mean([net.outputs(inputs)[-1] for net in nets], axis=0)
+    assert side_by_side(nets).outputs(inputs)[-1] == pytest.approx(mean, rel=1e-4, abs=1e-4)
 
 
 def test_a_patch_has_bare_ground_at_0_and_paint_at_1_whatever_the_light() -> None:
