@@ -92,7 +92,9 @@ def test_a_slow_reader_gets_fewer_and_none_late(served: Served) -> None:
         sock.connect(("127.0.0.1", served.port))
         sock.sendall(b"GET /camera/quad1/front HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         before = face.left_out
-        until(lambda: large.sent * large.length > 4 * SEND_BUFFER, "more than the kernel would take")
+        until(lambda: ("quad1", "front") in face.being_read, "the camera is read")
+        here = face.being_read["quad1", "front"]  # a busy machine loses some on the way here
+        until(lambda: here.count * large.length > 4 * SEND_BUFFER, "more than the kernel would take")
         answer = http.client.HTTPResponse(sock)
         answer.begin()
         stood = large.sent
@@ -100,7 +102,8 @@ def test_a_slow_reader_gets_fewer_and_none_late(served: Served) -> None:
         while int(part(answer)[0]["x-sequence"]) < stood - 1:
             waited += 1
         assert waited * large.length < 200_000, "pictures waited for a reader that did not take them"
-        assert face.left_out - before > 10
+        given = here.count - (face.left_out - before)
+        assert given <= 3, "more than the kernel took, and the one on its way"
 
 
 def test_who_takes_nothing_keeps_no_place_and_no_camera(serve: Serve) -> None:
@@ -141,6 +144,8 @@ def test_a_gateway_ends_while_somebody_looks(serve: Serve) -> None:
 
 
 def test_no_more_than_a_browser_can_spare(served: Served, camera: FakeCamera) -> None:
+    face = served.face("/camera/{vehicle}/{camera}")
+    served.until(lambda: face.readers == 0, "end of the readers before")
     with contextlib.ExitStack() as stack:
         for _ in range(MOST_EACH):
             part(stack.enter_context(looking(served)))
@@ -148,7 +153,6 @@ def test_no_more_than_a_browser_can_spare(served: Served, camera: FakeCamera) ->
             assert one_more.status == 429
             assert f"no more than {MOST_EACH}" in one_more.read().decode()
         assert served.get("/metrics").text.count(f"zmav_http_camera_readers {MOST_EACH}\n") == 1
-    face = served.face("/camera/{vehicle}/{camera}")
     served.until(lambda: face.readers == 0, "end of the readers")
     with looking(served) as again:
         part(again)
