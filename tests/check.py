@@ -1,8 +1,8 @@
 """Run the unit tests, and those whose import closure holds what changed: ``python tests/check.py -n 2 ...``
 
-Of the unit tests those that took longer than ``LONG_S`` here, when they last ran, run only where something that they
-import changed: one in twenty does, and these take three quarters of the time. They all run where data of the product
-changed, which nobody imports, and so do those whose file reads the tree.
+Of the unit tests those that never took less than ``LONG_S`` here run only where something that they import changed: it
+is one in twenty, and they take three quarters of the time. All of them run where data of the product changed, which
+nobody imports, and those whose file reads the tree always do.
 
 Changed is what differs from the merge base with the branch that this one is for: ``$BASE``, or else the remote's own
 branch, ``main`` or ``master``; new files count.
@@ -26,7 +26,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from tests.imports import CACHE, Sources  # noqa: E402
+from tests.imports import CACHE, Sources, keep  # noqa: E402
 
 EVERYWHERE = {"pyproject.toml", "requirements.lock"}
 """after a change of these everything runs"""
@@ -58,11 +58,7 @@ class Durations:
 
     def pytest_sessionfinish(self) -> None:
         least = {each: min(self._took_s[each], self.least_s.get(each, math.inf)) for each in self._passed}
-        kept = {each: least_s for each, least_s in (self.least_s | least).items() if each not in self._failed}
-        self._path.parent.mkdir(exist_ok=True)
-        new = self._path.with_suffix(f".{os.getpid()}")
-        new.write_bytes(msgspec.json.encode(kept))
-        new.replace(self._path)
+        keep(self._path, {each: s for each, s in (self.least_s | least).items() if each not in self._failed})
 
 
 def long_tests(root: Path, least_s: dict[str, float], files: Iterable[str]) -> list[str]:

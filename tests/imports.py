@@ -104,10 +104,7 @@ class Sources:
     def save(self) -> None:
         """Keep what was read; other processes may do so at the same time."""
         assert self._cache is not None
-        self._cache.parent.mkdir(exist_ok=True)
-        new = self._cache.with_suffix(f".{os.getpid()}")
-        new.write_bytes(msgspec.json.encode(Kept(_own_stamp(), self._read)))
-        new.replace(self._cache)
+        keep(self._cache, Kept(_own_stamp(), self._read))
 
     def split(self, dotted: str) -> tuple[str, str]:
         """The longest module of ours at the start of a dotted name, and the rest; no module: not ours."""
@@ -168,6 +165,14 @@ class Kept(msgspec.Struct):
     by: tuple[int, int]
     """the stamp of this file, which read them"""
     sources: dict[str, Source]
+
+
+def keep(path: Path, value: object) -> None:
+    """Write it as JSON; other processes may do so at the same time, and none reads a part of it."""
+    path.parent.mkdir(exist_ok=True)
+    new = path.with_suffix(f".{os.getpid()}")
+    new.write_bytes(msgspec.json.encode(value))
+    new.replace(path)
 
 
 def _own_stamp() -> tuple[int, int]:

@@ -207,8 +207,9 @@ def test_tables_and_monitor(fleet: Played) -> None:
 
 def test_the_doctor_names_who_is_older(fleet: Played) -> None:
     found = [json.loads(line) for line in run(fleet, "doctor", "--json").splitlines()]
-    zmavs = next((each for each in found if each["subject"] == "versions zmav"), None)
-    assert zmavs is not None, found
+    versions = [each for each in found if each["subject"] == "versions zmav"]
+    assert len(versions) == 1, found
+    (zmavs,) = versions
     ours = host.versions()["zmav"]
     assert f"demo/quad1 runs zmav 0.1.0, demo/quad2 runs zmav {OLDEST}: this is {ours}" in zmavs["found"]
     assert f"on demo/quad1, demo/quad2 pip install zmav=={ours}" in zmavs["advice"]

@@ -17,7 +17,6 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +30,7 @@ from tests.agents.helipad.letters import LOOKALIKES
 from tests.agents.helipad.scenery import wall
 from tests.agents.helipad.typefaces import LEARNED, names
 from tests.bench.helipad_foreign import cuts
+from zmav.vision.threads import one_thread
 
 Image = NDArray[np.float32]
 Patches = NDArray[np.float16]
@@ -112,7 +112,7 @@ def gather(numbered: Iterable[tuple[int, Sample]]) -> tuple[Patches, Image]:
 
 
 def gather_rendered(glyphs: list[str], numbers: range) -> tuple[Patches, Image]:
-    cv2.setNumThreads(1)
+    one_thread()
     return gather((number, rendered(glyphs, number)) for number in numbers)
 
 
@@ -191,7 +191,7 @@ def fit_one(patches: Patches, labels: Image, seed: int) -> LearnedCheck:
 
 
 def main() -> None:
-    cv2.setNumThreads(1)
+    one_thread()
     glyphs = [*LOOKALIKES * 8, *["4"] * FOURS, *names(LEARNED)]
     frames = int(sys.argv[1]) if len(sys.argv) > 1 else 8000
     parts: list[tuple[Patches, Image]] = []

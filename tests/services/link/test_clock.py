@@ -315,7 +315,7 @@ async def test_a_time_that_went_forward_is_no_restart(
     await b.state(lambda s: s["clock"] and s["attitude"], "clock and attitude")
     one.answers_timesync = False
     await one.count("TIMESYNC", len(one.heard("TIMESYNC")) + 3)
-    one.booted += 2.0  # of an answer that is longer on its way than this nobody could tell
+    one.booted += 0.5
     one.rates = dict(one.unasked)
     one.answers_timesync = True
     said = await b.event("the autopilot was silent, and its time went on by")
