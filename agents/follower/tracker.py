@@ -20,10 +20,12 @@ FIRST_SPEED, TOLD_SPEED = 1.5, 0.15
 """m/s: how fast a target may be of which nothing is known; and beside what it says itself"""
 LEAST = 0.02
 """m: nothing is seen better than this, whatever it says of itself"""
-SURE = 4
-"""sights in a row that were outside of the gate, near each other: it is the filter that is wrong"""
-NEAR = 0.6
-"""m that such sights may be apart, plus what a target may move between them"""
+FIRST, SURE = 2, 4
+"""sights in a row, near each other: with which a target begins, as a single one may be anything; and that were outside
+of the gate: it is the filter that is wrong
+"""
+NEAR, SOON = 0.6, 2.0
+"""m that such sights may be apart, plus what a target may move between them; and s"""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Tracker:
 
     @property
     def t(self) -> float | None:
-        """When the target was seen last; None: never."""
+        """When the target was seen last; None: never, or once."""
         return self._t
 
     def forget(self) -> None:
@@ -65,28 +67,21 @@ class Tracker:
         told: tuple[float, float] | None = None,
     ) -> bool:
         """It was seen at ``pos`` at ``t``; ``covariance``: north-north, north-east, east-east (m²); ``told``: the
-        velocity (m/s) that it says itself, with which the filter begins. Whether that was believed: what is
-        outside of the gate is not, until several such sights agree with each other.
+        velocity (m/s) that it says itself, with which the filter begins. Whether that was believed: the first of all is
+        not, nor what is outside of the gate, until several such sights agree with each other.
         """
         z, r = np.array(pos, dtype=np.float64), _covariance(covariance)
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
             return False
         if self._t is None:
-            self._begin(t, z, r, np.zeros(2), told)
-            return True
+            return self._stray(t, z, r, told)
         if t <= self._t:
             return False
         x, p = self._ahead(t)
-        s = p[:2, :2] + r
         off = z - x[:2]
-        if float(off @ np.linalg.solve(s, off)) > GATE:
+        if float(off @ np.linalg.solve(p[:2, :2] + r, off)) > GATE:
             return self._stray(t, z, r, told)
-        gain = np.linalg.solve(s, p[:2]).T
-        left = np.eye(4)
-        left[:, :2] -= gain
-        self._t, self._x = t, x + gain @ off
-        self._p = left @ p @ left.T + gain @ r @ gain.T
-        self._strays = []
+        self._update(t, z, r)
         return True
 
     def at(self, t: float) -> TargetEstimate | None:
@@ -108,19 +103,33 @@ class Tracker:
         self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * within**2
         self._strays = []
 
+    def _update(self, t: float, z: Array, r: Array) -> None:
+        x, p = self._ahead(t)
+        gain = np.linalg.solve(p[:2, :2] + r, p[:2]).T
+        left = np.eye(4)
+        left[:, :2] -= gain
+        self._t, self._x = t, x + gain @ (z - x[:2])
+        self._p = left @ p @ left.T + gain @ r @ gain.T
+        self._strays = []
+
     def _stray(self, t: float, z: Array, r: Array, told: tuple[float, float] | None) -> bool:
-        """Outside of the gate. Where enough such sights in a row are one moving thing, that is the target."""
+        """The first, or outside of the gate. Where enough such sights in a row are one moving thing, that is the
+        target.
+        """
         if self._strays:
             before, place = self._strays[-1]
-            if t <= before:
-                return False
-            if float(np.linalg.norm(z - place)) > NEAR + 2.0 * FIRST_SPEED * (t - before):
+            since = t - before
+            if not 0.0 < since < SOON or float(np.linalg.norm(z - place)) > NEAR + 2.0 * FIRST_SPEED * since:
                 self._strays = []
         self._strays.append((t, z))
-        if len(self._strays) < SURE:
+        if len(self._strays) < (FIRST if self._t is None else SURE):
             return False
         first, place = self._strays[0]
-        self._begin(t, z, r, (z - place) / (t - first), told)
+        if self._t is None:  # two may be too near each other to tell a speed by their difference
+            self._begin(first, place, r, np.zeros(2), told)
+            self._update(t, z, r)
+        else:
+            self._begin(t, z, r, (z - place) / (t - first), told)
         return True
 
     def _ahead(self, t: float) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ import zmav
 from agents.helipad import Detection, Detector
 from agents.helipad.geolocate import BY_SIZE, bearing, camera_height, fix, pixel, sized_plane
 from agents.helipad.level import PadLevel
-from agents.helipad.tracks import Place, Told, Tracks
+from agents.helipad.tracks import Place, Tracks
 from zmav import geo, keys, wire
 from zmav.agent import Tunable
 from zmav.errors import BadInput, ZmavError
@@ -175,13 +175,13 @@ class Helipad(zmav.Agent):
             supposed = hint if self._looked // DOUBT % 2 == 0 else _hint(optics, pose, said)
             others = detector.sights(image, supposed, roll, pitch)
             found += [each for each in others if _another(each.detection, found[0].detection)]
-        located = [self._located(each.detection, optics, pose, plane) for each in found]
         carrier = self._carrier(picture.t)
-        places = [_place(each, carrier) for each in located]
+        places = [_place(self._located(each.detection, optics, pose, plane), carrier) for each in found]
         told = self._tracks.told(picture.t, list(zip(found, places, strict=True)))
         self._last = told[0].detection if told else None
         if told and found[told[0].number].sure and pose is not None and said is not None:
             self._learn(picture.t, told[0].detection, optics, pose, said)
+            plane = self._level.at(picture.t, said)
         self._missed = 0 if told else self._missed + 1
         took = time.perf_counter() - begun
         own = self.settings
@@ -194,15 +194,20 @@ class Helipad(zmav.Agent):
             detector=self.name,
             took=took,
             delay=time.time() - picture.t,
-            found=[_message(each, located) for each in told if each.detection.score >= self["score"]],
+            found=[
+                msgspec.structs.replace(
+                    self._located(each.detection, optics, pose, plane), pictures=each.pictures, span=each.span
+                )
+                for each in told
+                if each.detection.score >= self["score"]
+            ],
         )
 
     def _learn(self, t: float, seen: Detection, optics: Optics, pose: Pose, said: float) -> None:
-        """The pad's level from its size, which a leaning camera sees foreshortened."""
-        sized = sized_plane(optics, pose, (seen.u, seen.v), seen.scale_px, self.settings.symbol_m)
+        """The pad's level from its size."""
+        sized = sized_plane(optics, pose, seen, self.settings.symbol_m)
         if sized is not None:
-            shortened = 0.0 if optics.gimbal else 1.0 - math.cos(pose.roll) * math.cos(pose.pitch)
-            self._level.learn(t, said, sized, (BY_SIZE + shortened) * camera_height(optics, pose, sized))
+            self._level.learn(t, said, sized, BY_SIZE * camera_height(optics, pose, sized))
 
     def _wanted(self, optics: Optics, pose: Pose | None, plane: float | None, t: float) -> list[tuple[float, float]]:
         """Pixels where something doubtful was seen before."""
@@ -249,10 +254,10 @@ class Helipad(zmav.Agent):
         if pose is None:
             return told
         level = plane if plane is not None else pose.pos[2] + 1e-3  # nothing known: its size says how far it is
-        place = fix(optics, pose, (each.u, each.v), each.scale_px, self.settings.symbol_m, level)
+        place = fix(optics, pose, each, self.settings.symbol_m, level)
         if place is None:
             return told
-        yaw = bearing(optics, pose, (each.u, each.v), each.heading, place.pos[2])
+        yaw = bearing(optics, pose, each, place.pos[2])
         told = msgspec.structs.replace(told, pos=place.pos, offset=place.offset, covariance=place.covariance, yaw=yaw)
         return self._on_earth(told, pose)
 
@@ -339,12 +344,6 @@ def _hint(optics: Optics, pose: Pose | None, plane: float | None) -> float | Non
     """m of the camera above the pad that the detector is told."""
     height = None if pose is None or plane is None else camera_height(optics, pose, plane)
     return height if height is not None and height > 0.1 else None
-
-
-def _message(told: Told, located: list[wire.Detection]) -> wire.Detection:
-    return msgspec.structs.replace(
-        located[told.number], score=told.detection.score, pictures=told.pictures, span=told.span
-    )
 
 
 def _another(one: Detection, known: Detection) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.helipad.detector import Detection
 from zmav.vision.optics import Optics, euler_matrix
 from zmav.vision.poses import Pose
 
@@ -72,28 +73,22 @@ def pixel(optics: Optics, pose: Pose, north: float, east: float, plane: float) -
     return float(u), float(v)
 
 
-def sized_plane(
-    optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float
-) -> float | None:
-    """How far down (m) the symbol of ``symbol_m`` metres is that appears ``scale_px`` pixels high at ``pixel``; its
-    standard deviation is ``BY_SIZE`` of the camera's height above it. None above the horizon, and of no size.
+def sized_plane(optics: Optics, pose: Pose, seen: Detection, symbol_m: float) -> float | None:
+    """How far down (m) a level symbol of ``symbol_m`` metres is that is seen so large; its standard deviation is
+    ``BY_SIZE`` of the camera's height above it. None above the horizon.
+
+    A leaning camera sees it foreshortened along some directions: its upright is measured on a plane 1 m below.
     """
-    camera = optics.rays(np.array([pixel]))[0]
-    rotation = attitude(optics, pose)
-    ray = rotation @ optics.to_vehicle(camera[None])[0]
-    if ray[2] < SHALLOW or scale_px <= 0.0:
-        return None
-    reach = float(optics.matrix[1, 1] * symbol_m / scale_px / camera[2] * ray[2])
-    return float(pose.pos[2] + (rotation @ optics.offset)[2]) + reach
+    centre = pose.pos[2] + float((attitude(optics, pose) @ optics.offset)[2])
+    upright = _upright(optics, pose, seen, centre + 1.0)
+    return None if upright is None else centre + symbol_m / math.hypot(*upright)
 
 
-def fix(
-    optics: Optics, pose: Pose, pixel: tuple[float, float], scale_px: float, symbol_m: float, plane: float
-) -> Fix | None:
-    """Where the symbol of ``symbol_m`` metres is that appears ``scale_px`` pixels high at ``pixel``; ``plane``: how far
-    down it should be, which is not believed where its size says otherwise. None above the horizon.
+def fix(optics: Optics, pose: Pose, seen: Detection, symbol_m: float, plane: float) -> Fix | None:
+    """Where the symbol of ``symbol_m`` metres is; ``plane``: how far down it should be, which is not believed where its
+    size says otherwise. None above the horizon.
     """
-    sized = sized_plane(optics, pose, pixel, scale_px, symbol_m)
+    sized = sized_plane(optics, pose, seen, symbol_m)
     if sized is None:
         return None
     by_scale = camera_height(optics, pose, sized)
@@ -102,20 +97,20 @@ def fix(
     height = HEIGHT * abs(by_plane) + HEIGHT_M
     if by_size:
         plane, height = sized, BY_SIZE * by_scale
-    found = locate(optics, pose, pixel, plane)
+    found = locate(optics, pose, (seen.u, seen.v), plane)
     if found is None:
         return None
     north, east = found
     tilt = TILT + TIME_S * pose.rate
     spread = np.zeros((2, 2))
-    u, v = pixel
+    u, v = seen.u, seen.v
     changes = [
-        (_turned(pose, roll=tilt), pixel, plane),
-        (_turned(pose, pitch=tilt), pixel, plane),
-        (_turned(pose, yaw=HEADING), pixel, plane),
+        (_turned(pose, roll=tilt), (u, v), plane),
+        (_turned(pose, pitch=tilt), (u, v), plane),
+        (_turned(pose, yaw=HEADING), (u, v), plane),
         (pose, (u + PIXEL, v), plane),
         (pose, (u, v + PIXEL), plane),
-        (pose, pixel, plane + height),
+        (pose, (u, v), plane + height),
     ]
     for other, where, level in changes:
         if (moved := locate(optics, other, where, level)) is not None:
@@ -126,16 +121,19 @@ def fix(
     return Fix((north, east, plane), offset, covariance, by_size)
 
 
-def bearing(optics: Optics, pose: Pose, pixel: tuple[float, float], heading: float, plane: float) -> float | None:
-    """rad from north, modulo pi, of a direction in the picture (``heading``: clockwise from its upper edge)."""
-    step = 5.0
-    ends = [
-        (pixel[0] + side * step * math.sin(heading), pixel[1] - side * step * math.cos(heading)) for side in (1.0, -1.0)
-    ]
+def bearing(optics: Optics, pose: Pose, seen: Detection, plane: float) -> float | None:
+    """rad from north, modulo pi, of the symbol's upright on the plane ``plane`` m down."""
+    upright = _upright(optics, pose, seen, plane)
+    return None if upright is None else math.atan2(upright[1], upright[0]) % math.pi
+
+
+def _upright(optics: Optics, pose: Pose, seen: Detection, plane: float) -> tuple[float, float] | None:
+    """m north, east on the plane from the symbol's lower end to its upper one; None where one is above the horizon."""
+    half = 0.5 * seen.scale_px
+    right, down = half * math.sin(seen.heading), -half * math.cos(seen.heading)
+    ends = [(seen.u + side * right, seen.v + side * down) for side in (1.0, -1.0)]
     there, back = (locate(optics, pose, end, plane) for end in ends)
-    if there is None or back is None:
-        return None
-    return math.atan2(there[1] - back[1], there[0] - back[0]) % math.pi
+    return None if there is None or back is None else (there[0] - back[0], there[1] - back[1])
 
 
 def _turned(pose: Pose, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Pose:

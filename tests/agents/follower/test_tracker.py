@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.follower.tracker import FIRST_SPEED, SURE, Tracker
+from agents.follower.tracker import FIRST_SPEED, SOON, SURE, Tracker
 
 NOISE = (0.0025, 0.0, 0.0025)
 
@@ -22,7 +22,7 @@ def test_a_straight_way_is_known_better_than_a_single_sight() -> None:
     for k in range(200):
         t = 0.1 * k
         north, east = truth(t) + rng.normal(0.0, 0.05, 2)
-        assert tracker.see(t, (north, east), NOISE)
+        assert tracker.see(t, (north, east), NOISE) is (k > 0)
         if k > 50:
             estimate = tracker.at(t)
             assert estimate is not None
@@ -70,6 +70,21 @@ def test_what_is_far_off_is_not_believed_until_it_stays_there() -> None:
     assert estimate.vel == pytest.approx([0.5, 0.0], abs=0.01)
 
 
+def test_a_target_begins_with_two_sights_that_agree() -> None:
+    tracker = Tracker()
+    assert not tracker.see(5.0, (40.0, 40.0), NOISE)
+    assert not tracker.see(0.0, (0.0, 0.0), NOISE), "a clock that was set back"
+    assert not tracker.see(0.1, (5.0, 0.0), NOISE), "another place"
+    assert not tracker.see(0.1 + SOON, (5.0, 0.0), NOISE), "too late"
+    assert tracker.t is None
+    assert tracker.at(0.2 + SOON) is None
+    assert tracker.see(0.2 + SOON, (5.1, 0.0), NOISE)
+    estimate = tracker.at(0.2 + SOON)
+    assert estimate is not None
+    assert estimate.pos == pytest.approx([5.08, 0.0], abs=0.04)
+    assert 0.5 < float(estimate.vel[0]) < 1.0, "not all of what two sights so near each other say"
+
+
 def test_bad_sights_change_nothing() -> None:
     tracker = Tracker()
     assert tracker.at(0.0) is None
@@ -77,6 +92,7 @@ def test_bad_sights_change_nothing() -> None:
     assert not tracker.see(math.inf, (0.0, 0.0), NOISE)
     assert not tracker.see(1.0, (0.0, 0.0), (math.nan, 0.0, 1.0))
     assert tracker.t is None
+    assert not tracker.see(0.9, (2.0, 3.0)), "the first of all"
     assert tracker.see(1.0, (2.0, 3.0))
     assert not tracker.see(1.0, (2.0, 3.0)), "the same picture again"
     assert not tracker.see(0.5, (2.0, 3.0)), "an older one"

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate, pixel
+from agents.helipad import Detection
+from agents.helipad.geolocate import AGREE, bearing, camera_height, fix, locate, pixel, sized_plane
 from tests.agents.helipad.generator import INFO
 from zmav.sim.arrays import quat_from_euler
 from zmav.sim.camera import CameraSpec
@@ -29,6 +30,10 @@ def pose(
     rate: float = 0.0,
 ) -> Pose:
     return Pose(0.0, pos, roll, pitch, yaw, rate)
+
+
+def seen(u: float, v: float, scale_px: float = 10.0, heading: float = 0.0) -> Detection:
+    return Detection(u=u, v=v, scale_px=scale_px, heading=heading, score=0.9)
 
 
 def test_straight_down_by_hand() -> None:
@@ -75,7 +80,7 @@ def test_how_sure_it_is_grows_with_height_and_turning() -> None:
     optics = Optics.of(INFO)
 
     def sigma(height: float, rate: float = 0.0, u: float = 400.0) -> float:
-        found = fix(optics, pose(pos=(0.0, 0.0, -height), rate=rate), (u, 200.0), 520 * 0.25 / height, 0.25, 0.0)
+        found = fix(optics, pose(pos=(0.0, 0.0, -height), rate=rate), seen(u, 200.0, 520 * 0.25 / height), 0.25, 0.0)
         assert found is not None
         assert not found.by_size
         nn, ne, ee = found.covariance
@@ -98,21 +103,36 @@ def test_a_wrong_height_is_seen_by_the_symbols_size() -> None:
     optics = Optics.of(INFO)
     where = pose(pos=(0.0, 0.0, -5.0))
     size = 520.0 * 0.25 / 5.0
-    told_wrong = fix(optics, where, (400.0, 239.5), size, 0.25, 5.0)  # "ten metres up"
-    right = fix(optics, where, (400.0, 239.5), size, 0.25, 0.0)
+    told_wrong = fix(optics, where, seen(400.0, 239.5, size), 0.25, 5.0)  # "ten metres up"
+    right = fix(optics, where, seen(400.0, 239.5, size), 0.25, 0.0)
     assert told_wrong is not None
     assert right is not None
     assert (told_wrong.by_size, right.by_size) == (True, False)
     assert told_wrong.pos == pytest.approx(right.pos, abs=0.05)
-    slightly = fix(optics, where, (400.0, 239.5), size, 0.25, 5.0 * (AGREE - 1.0) - 0.1)
+    slightly = fix(optics, where, seen(400.0, 239.5, size), 0.25, 5.0 * (AGREE - 1.0) - 0.1)
     assert slightly is not None
     assert not slightly.by_size
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.8, math.pi / 2.0])
+@pytest.mark.parametrize("pitch", [-0.4, 0.0, 0.4])
+def test_a_leaning_camera_tells_the_height_from_the_size_too(pitch: float, turned: float) -> None:
+    """A symbol 2 m ahead and 1 m to the right of a vehicle that brakes, its upright turned on the ground."""
+    optics, where = Optics.of(INFO), pose(pos=(0.0, 0.0, -4.5), roll=0.1, pitch=pitch)
+    ends = []
+    for side in (0.125, -0.125):
+        end = pixel(optics, where, 2.0 + side * math.cos(turned), 1.0 + side * math.sin(turned), -0.3)
+        assert end is not None
+        ends.append(np.array(end))
+    (u, v), (right, down) = 0.5 * (ends[0] + ends[1]), ends[0] - ends[1]
+    sized = sized_plane(optics, where, seen(u, v, math.hypot(right, down), math.atan2(right, -down)), 0.25)
+    assert sized == pytest.approx(-0.3, abs=0.01)
 
 
 def test_nothing_is_said_above_the_horizon() -> None:
     optics = Optics.of(msgspec.structs.replace(INFO, mount=(0.0, math.pi / 2.0, 0.0)))
     assert locate(optics, pose(), (319.5, 100.0), 0.0) is None
-    assert fix(optics, pose(), (319.5, 100.0), 10.0, 0.25, 0.0) is None
+    assert fix(optics, pose(), seen(319.5, 100.0), 0.25, 0.0) is None
     assert locate(optics, pose(), (319.5, 470.0), 0.0) is not None
     assert pixel(optics, pose(), 0.0, -4.0, 0.0) is None, "behind"
     assert locate(Optics.of(INFO), pose(pos=(0.0, 0.0, 1.0)), (319.5, 239.5), 0.0) is None, "below the plane"
@@ -120,5 +140,5 @@ def test_nothing_is_said_above_the_horizon() -> None:
 
 @pytest.mark.parametrize(("yaw", "heading", "expected"), [(0.0, 0.5, 0.5), (1.0, 0.5, 1.5), (-1.0, 0.5, math.pi - 0.5)])
 def test_a_heading_in_the_picture_is_one_over_the_ground(yaw: float, heading: float, expected: float) -> None:
-    found = bearing(Optics.of(INFO), pose(yaw=yaw), (350.0, 250.0), heading, 0.0)
+    found = bearing(Optics.of(INFO), pose(yaw=yaw), seen(350.0, 250.0, heading=heading), 0.0)
     assert found == pytest.approx(expected, abs=1e-6)

@@ -35,7 +35,7 @@ def found_below(height: float, wrong: float, learns: bool) -> list[bool]:
         best = detector.detect(made.frame, hint * SYMBOL_M / symbol, made.roll, made.pitch)[:1]
         hit = bool(best) and math.hypot(best[0].u - truth.u, best[0].v - truth.v) < 0.3 * truth.scale_px
         if best and learns:
-            sized = sized_plane(OPTICS, pose, (best[0].u, best[0].v), best[0].scale_px, symbol)
+            sized = sized_plane(OPTICS, pose, best[0], symbol)
             assert sized is not None
             level.learn(t, wrong, sized, BY_SIZE * camera_height(OPTICS, pose, sized))
         if above < height:
