@@ -94,6 +94,8 @@ class Guide:
     """m above the pad that is flown at now while descending or climbing"""
     _before: float = 0.0
     _begun: tuple[float, float] | None = None
+    _seen_at: tuple[float, float] | None = None
+    """m north, east: where it was lost"""
     _trim: tuple[float, float] = (0.0, 0.0)
     """m/s north, east: the integral of how far off it has been, against a steady wind"""
 
@@ -186,7 +188,9 @@ class Guide:
             elif before != "search":
                 self.lost += before in ("track", "coast", "descend", "touch")
                 self.phase = "approach"
-                if told is not None:  # its own word is better than a velocity that led to nothing
+                if seen is not None and (estimate := self.tracker.at(seen + self.tuned("coast"))) is not None:
+                    # Its own word, or two new sights, are better than a velocity that led to nothing.
+                    self._seen_at = (float(estimate.pos[0]), float(estimate.pos[1]))
                     self.tracker.forget()
             elif now - self._since > self.tuned("search_seconds"):
                 self.wanted, self.phase = "hold", "hold"
@@ -203,10 +207,7 @@ class Guide:
 
     def _place(self, now: float, told: TargetFix | None) -> tuple[float, float] | None:
         """Where to look: where it says that it is, else where it was seen last."""
-        if told is not None:
-            return told.at(now)
-        estimate = None if self.tracker.t is None else self.tracker.at(self.tracker.t + self.tuned("coast"))
-        return None if estimate is None else (float(estimate.pos[0]), float(estimate.pos[1]))
+        return self._seen_at if told is None else told.at(now)
 
     def _look(self, now: float, dt: float, me: Vector, told: TargetFix | None, plane: float) -> FollowCommand:
         """On the way there, or in a growing spiral about it, rising for a wider view."""

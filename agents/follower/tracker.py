@@ -20,12 +20,12 @@ FIRST_SPEED, TOLD_SPEED = 1.5, 0.15
 """m/s: how fast a target may be of which nothing is known; and beside what it says itself"""
 LEAST = 0.02
 """m: nothing is seen better than this, whatever it says of itself"""
-FIRST, SURE = 2, 4
-"""sights in a row, near each other: with which a target begins, as a single one may be anything; and that were outside
-of the gate: it is the filter that is wrong
-"""
-NEAR, SOON = 0.6, 2.0
-"""m that such sights may be apart, plus what a target may move between them; and s"""
+SOON = 2.5
+"""s after its first sight within which a second one must agree: before that it is no target, but may be anything"""
+SURE = 4
+"""sights in a row that were outside of the gate, near each other: it is the filter that is wrong"""
+NEAR = 0.6
+"""m that such sights may be apart, plus what a target may move between them"""
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ class Tracker:
     def __init__(self, accel: float = 0.8) -> None:
         self.accel = accel
         self._t: float | None = None
+        self._sure = False
+        """a second sight agreed with the first"""
         self._x: Array = np.zeros(4)
         self._p: Array = np.zeros((4, 4))
         self._strays: list[tuple[float, Array]] = []
@@ -54,10 +56,10 @@ class Tracker:
     @property
     def t(self) -> float | None:
         """When the target was seen last; None: never, or once."""
-        return self._t
+        return self._t if self._sure else None
 
     def forget(self) -> None:
-        self._t, self._strays = None, []
+        self._t, self._sure, self._strays = None, False, []
 
     def see(
         self,
@@ -73,23 +75,31 @@ class Tracker:
         z, r = np.array(pos, dtype=np.float64), _covariance(covariance)
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
             return False
-        if self._t is None:
-            return self._stray(t, z, r, told)
-        if t <= self._t:
+        since = 0.0 if self._t is None else t - self._t
+        if self._t is None or (not self._sure and abs(since) > SOON):
+            self._begin(t, z, r, np.zeros(2), told)
+            return False
+        if since <= 0.0:
             return False
         x, p = self._ahead(t)
+        s = p[:2, :2] + r
         off = z - x[:2]
-        if float(off @ np.linalg.solve(p[:2, :2] + r, off)) > GATE:
+        if float(off @ np.linalg.solve(s, off)) > GATE:
             return self._stray(t, z, r, told)
-        self._update(t, z, r)
+        gain = np.linalg.solve(s, p[:2]).T
+        left = np.eye(4)
+        left[:, :2] -= gain
+        self._t, self._x, self._sure = t, x + gain @ off, True
+        self._p = left @ p @ left.T + gain @ r @ gain.T
+        self._strays = []
         return True
 
     def at(self, t: float) -> TargetEstimate | None:
-        """Where it is at ``t`` as far as is known, before or after the last sight; None: it was never seen."""
-        if self._t is None:
+        """Where it is at ``t`` as far as is known, before or after the last sight; None as of :attr:`t`."""
+        if (seen := self.t) is None:
             return None
-        if t < self._t:
-            back = self._x[:2] + (t - self._t) * self._x[2:]
+        if t < seen:
+            back = self._x[:2] + (t - seen) * self._x[2:]
             return TargetEstimate(t, back, self._x[2:].copy(), _sigma(self._p))
         x, p = self._ahead(t)
         return TargetEstimate(t, x[:2], x[2:], _sigma(p))
@@ -103,33 +113,20 @@ class Tracker:
         self._p[:2, :2], self._p[2:, 2:] = r, np.eye(2) * within**2
         self._strays = []
 
-    def _update(self, t: float, z: Array, r: Array) -> None:
-        x, p = self._ahead(t)
-        gain = np.linalg.solve(p[:2, :2] + r, p[:2]).T
-        left = np.eye(4)
-        left[:, :2] -= gain
-        self._t, self._x = t, x + gain @ (z - x[:2])
-        self._p = left @ p @ left.T + gain @ r @ gain.T
-        self._strays = []
-
     def _stray(self, t: float, z: Array, r: Array, told: tuple[float, float] | None) -> bool:
-        """The first, or outside of the gate. Where enough such sights in a row are one moving thing, that is the
-        target.
-        """
+        """Outside of the gate. Where enough such sights in a row are one moving thing, that is the target."""
         if self._strays:
             before, place = self._strays[-1]
-            since = t - before
-            if not 0.0 < since < SOON or float(np.linalg.norm(z - place)) > NEAR + 2.0 * FIRST_SPEED * since:
+            if t <= before:
+                return False
+            if float(np.linalg.norm(z - place)) > NEAR + 2.0 * FIRST_SPEED * (t - before):
                 self._strays = []
         self._strays.append((t, z))
-        if len(self._strays) < (FIRST if self._t is None else SURE):
+        if len(self._strays) < SURE:
             return False
         first, place = self._strays[0]
-        if self._t is None:  # two may be too near each other to tell a speed by their difference
-            self._begin(first, place, r, np.zeros(2), told)
-            self._update(t, z, r)
-        else:
-            self._begin(t, z, r, (z - place) / (t - first), told)
+        self._begin(t, z, r, (z - place) / (t - first), told)
+        self._sure = True
         return True
 
     def _ahead(self, t: float) -> tuple[Array, Array]:

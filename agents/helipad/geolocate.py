@@ -28,6 +28,8 @@ AGREE = 1.35
 """how many times larger or smaller than it should be a symbol may be, before its size is believed over the height"""
 BY_SIZE = 0.06
 """of a height that is told from the symbol's size: its standard deviation, as a share"""
+STEP_PX = 5.0
+"""to either side of a symbol's middle, in which directions and lengths on the ground are measured"""
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,16 @@ def pixel(optics: Optics, pose: Pose, north: float, east: float, plane: float) -
 
 def sized_plane(optics: Optics, pose: Pose, seen: Detection, symbol_m: float) -> float | None:
     """How far down (m) a level symbol of ``symbol_m`` metres is that is seen so large; its standard deviation is
-    ``BY_SIZE`` of the camera's height above it. None above the horizon.
+    ``BY_SIZE`` of the camera's height above it. None above the horizon, and of no size.
 
-    A leaning camera sees it foreshortened along some directions: its upright is measured on a plane 1 m below.
+    A leaning camera sees it foreshortened along some directions: a piece of its upright is measured on a plane 1 m
+    below the camera.
     """
     centre = pose.pos[2] + float((attitude(optics, pose) @ optics.offset)[2])
-    upright = _upright(optics, pose, seen, centre + 1.0)
-    return None if upright is None else centre + symbol_m / math.hypot(*upright)
+    piece = _upright(optics, pose, seen, centre + 1.0)
+    if piece is None or seen.scale_px <= 0.0:
+        return None
+    return centre + symbol_m * 2.0 * STEP_PX / seen.scale_px / math.hypot(*piece)
 
 
 def fix(optics: Optics, pose: Pose, seen: Detection, symbol_m: float, plane: float) -> Fix | None:
@@ -128,9 +133,8 @@ def bearing(optics: Optics, pose: Pose, seen: Detection, plane: float) -> float 
 
 
 def _upright(optics: Optics, pose: Pose, seen: Detection, plane: float) -> tuple[float, float] | None:
-    """m north, east on the plane from the symbol's lower end to its upper one; None where one is above the horizon."""
-    half = 0.5 * seen.scale_px
-    right, down = half * math.sin(seen.heading), -half * math.cos(seen.heading)
+    """m north, east on the plane from ``STEP_PX`` below the symbol's middle, along its upright, to as many above it."""
+    right, down = STEP_PX * math.sin(seen.heading), -STEP_PX * math.cos(seen.heading)
     ends = [(seen.u + side * right, seen.v + side * down) for side in (1.0, -1.0)]
     there, back = (locate(optics, pose, end, plane) for end in ends)
     return None if there is None or back is None else (there[0] - back[0], there[1] - back[1])

@@ -72,7 +72,7 @@ def test_what_is_far_off_is_not_believed_until_it_stays_there() -> None:
 
 def test_a_target_begins_with_two_sights_that_agree() -> None:
     tracker = Tracker()
-    assert not tracker.see(5.0, (40.0, 40.0), NOISE)
+    assert not tracker.see(50.0, (40.0, 40.0), NOISE)
     assert not tracker.see(0.0, (0.0, 0.0), NOISE), "a clock that was set back"
     assert not tracker.see(0.1, (5.0, 0.0), NOISE), "another place"
     assert not tracker.see(0.1 + SOON, (5.0, 0.0), NOISE), "too late"
@@ -83,6 +83,31 @@ def test_a_target_begins_with_two_sights_that_agree() -> None:
     assert estimate is not None
     assert estimate.pos == pytest.approx([5.08, 0.0], abs=0.04)
     assert 0.5 < float(estimate.vel[0]) < 1.0, "not all of what two sights so near each other say"
+
+
+@pytest.mark.parametrize(
+    ("speed", "every", "told"), [(1.0, 2.0, None), (1.0, 2.0, 1.0), (5.0, 0.5, 5.0), (5.0, 2.0, 5.0)]
+)
+def test_few_pictures_and_a_fast_target_are_enough(speed: float, every: float, told: float | None) -> None:
+    tracker = Tracker(0.3)
+    word = None if told is None else (told, 0.0)
+    assert [tracker.see(every * k, (speed * every * k, 0.0), NOISE, word) for k in range(4)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+
+
+def test_a_false_first_sight_gives_the_target_no_speed() -> None:
+    """3 m beside a target that says that it stands, half a second before it is seen."""
+    tracker = Tracker(0.3)
+    assert not tracker.see(0.0, (3.0, 0.0), NOISE, (0.0, 0.0))
+    believed = [tracker.see(0.5 + 0.1 * k, (0.0, 0.0), NOISE, (0.0, 0.0)) for k in range(SURE)]
+    assert believed == [False] * (SURE - 1) + [True]
+    estimate = tracker.at(1.0)
+    assert estimate is not None
+    assert np.abs(estimate.vel).max() < 0.1
 
 
 def test_bad_sights_change_nothing() -> None:
