@@ -76,12 +76,16 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
             await stack.enter_async_context(agent)
         running = [asyncio.create_task(agent.run()) for agent in (helipad, follower)]
         sights: list[wire.Detections] = []
+        off_sights: list[float] = []
 
         async def see() -> None:
             key = keys.DETECTION.key("demo", "quad1", camera="down")
             async with z.subscribe(key, lambda s: wire.decode(s.payload.to_bytes(), wire.Detections, "sight")) as seen:
                 async for sight in seen:
                     sights.append(sight)
+                    if sight.found and sight.found[0].pos is not None:
+                        north, east, _ = world.vehicles[1].status().ned_m
+                        off_sights.append(math.hypot(sight.found[0].pos[0] - north, sight.found[0].pos[1] - east))
 
         running.append(asyncio.create_task(see()))
 
@@ -91,6 +95,8 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
         driving = asyncio.create_task(drive(rover, 0.6))
         await quad.tell("follower", "follow", target="rover1", height=4.0)
         await until(lambda: follower.guide is not None and follower.guide.phase == "track", "it does not see the rover")
+        first = next(each for each in off_sights if each < 2.0)  # what is farther is no sight of the pad
+        assert first < 0.3, "its level is told wrongly, and the first picture of it does not put that right"
         with pytest.raises(Refused, match="it follows rover1 already"):
             await quad.tell("follower", "follow", target="", height=4.0)
 

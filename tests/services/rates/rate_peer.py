@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import pty
 import time
@@ -29,7 +30,8 @@ class StreamPeer(Peer):
         self.denied: set[str] = set()
         self.fastest = 400.0
         self.fields: dict[str, dict[str, Any]] = {}
-        self.answers_timesync = True
+        self.answers_within = math.inf
+        """s from a TIMESYNC question; 0: never"""
         self.booted = time.monotonic() - 100.0
         self._due: dict[str, float] = {}
         self._streamer: asyncio.Task[None] | None = None
@@ -64,7 +66,9 @@ class StreamPeer(Peer):
         before = len(self.told)
         super().datagram_received(data, addr)
         for told in self.told[before:]:
-            if told.name == "TIMESYNC" and told.fields["tc1"] == 0 and self.answers_timesync:
+            if told.name != "TIMESYNC" or told.fields["tc1"] != 0:
+                continue
+            if time.monotonic() - told.fields["ts1"] / 1e9 < self.answers_within:
                 self.send("TIMESYNC", tc1=round(self.boot * 1e9), ts1=told.fields["ts1"])
 
     def command(self, told: Told) -> None:

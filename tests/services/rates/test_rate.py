@@ -117,7 +117,7 @@ async def test_the_floor_is_asked_for_until_it_flows_and_again_after_a_restart(
     await rounds(b, 3)
     assert {name: len(one.asked(name)) for name in floor} == before
     one.rates.clear()  # it restarts behind a link that stays open, and answers no TIMESYNC that would tell
-    one.answers_timesync = False
+    one.answers_within = 0.0
     for name in floor:
         await flows(one, name, 2.0)
 
