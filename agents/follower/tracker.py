@@ -47,7 +47,7 @@ class Tracker:
     def __init__(self, accel: float = 0.8) -> None:
         self.accel = accel
         self._t: float | None = None
-        self._sure = False
+        self._confirmed = False
         """a second sight agreed with the first"""
         self._x: Array = np.zeros(4)
         self._p: Array = np.zeros((4, 4))
@@ -56,10 +56,10 @@ class Tracker:
     @property
     def t(self) -> float | None:
         """When the target was seen last; None: never, or once."""
-        return self._t if self._sure else None
+        return self._t if self._confirmed else None
 
     def forget(self) -> None:
-        self._t, self._sure, self._strays = None, False, []
+        self._t, self._confirmed, self._strays = None, False, []
 
     def see(
         self,
@@ -76,7 +76,7 @@ class Tracker:
         if not (math.isfinite(t) and np.isfinite(z).all() and np.isfinite(r).all()):
             return False
         since = 0.0 if self._t is None else t - self._t
-        if self._t is None or (not self._sure and abs(since) > SOON):
+        if self._t is None or (not self._confirmed and abs(since) > SOON):
             self._begin(t, z, r, np.zeros(2), told)
             return False
         if since <= 0.0:
@@ -89,7 +89,7 @@ class Tracker:
         gain = np.linalg.solve(s, p[:2]).T
         left = np.eye(4)
         left[:, :2] -= gain
-        self._t, self._x, self._sure = t, x + gain @ off, True
+        self._t, self._x, self._confirmed = t, x + gain @ off, True
         self._p = left @ p @ left.T + gain @ r @ gain.T
         self._strays = []
         return True
@@ -126,7 +126,7 @@ class Tracker:
             return False
         first, place = self._strays[0]
         self._begin(t, z, r, (z - place) / (t - first), told)
-        self._sure = True
+        self._confirmed = True
         return True
 
     def _ahead(self, t: float) -> tuple[Array, Array]:
