@@ -222,9 +222,10 @@ class Follower(FlyingAgent):
 
     def _step(self, guide: Guide, lease: zmav.Lease, state: wire.VehicleState) -> bool:
         """One setpoint; True where it is time to land."""
-        now, late, me = time.time(), self._lateness(state), self._place()
+        self._hear(guide, state)
+        now, me = time.time(), self._place()
         assert me is not None
-        command = guide.step(now, me, self._told(), self._plane(state), late, state.velocity or (0.0, 0.0, 0.0))
+        command = guide.step(now, me, self._told(), self._plane(state), self._late, state.velocity or (0.0, 0.0, 0.0))
         with contextlib.suppress(NotHolder):  # said by lease.lost
             lease.setpoint(pos=command.pos, vel=command.vel, valid=VALID)
         if self._sight:
@@ -233,13 +234,15 @@ class Follower(FlyingAgent):
         self._tell(guide, me, now)
         return command.land
 
-    def _lateness(self, state: wire.VehicleState) -> float:
-        """s from the vehicle to us, smoothed: a setpoint takes as long back."""
-        if state.t != self._state_t:
-            self._state_t = state.t
-            age = time.time() - (self.vehicle.age or 0.0) - state.t
-            self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
-        return self._late
+    def _hear(self, guide: Guide, state: wire.VehicleState) -> None:
+        """Of a new state how late it comes, smoothed (a setpoint takes as long back), and how the vehicle moved."""
+        if state.t == self._state_t:
+            return
+        self._state_t = state.t
+        age = time.time() - (self.vehicle.age or 0.0) - state.t
+        self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
+        if state.local is not None and state.velocity is not None:
+            guide.drift.feed(state.t - state.ages.get("position", 0.0), state.local, state.velocity)
 
     def _place(self) -> wire.Vector | None:
         """Where the vehicle is now, carried on from when it said so."""
@@ -272,7 +275,7 @@ class Follower(FlyingAgent):
         return state.local[2] + above - float(self.settings.deck_m)
 
     def _tell(self, guide: Guide, me: wire.Vector, now: float) -> None:
-        estimate = guide.tracker.at(now)
+        estimate = guide.target(now)
         detail: dict[str, Any] = {"target": self.target, "height": guide.height, "lost": guide.lost}
         if estimate is not None and guide.tracker.t is not None:
             north, east = map(float, estimate.pos)

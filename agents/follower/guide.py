@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from agents.follower.drift import PositionDrift
 from agents.follower.tracker import TargetEstimate, Tracker
 from zmav.wire import Detection, Vector
 
@@ -33,7 +34,7 @@ WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
 """weight of a new sight in how far down the pad is"""
-STEADY, FASTER = 0.2, 1.5
+STEADY, FASTER = 0.2, 2.0
 """m/s beside the pad above which it is not gone down onto unseen; times ``sink`` at which it is then: before a gust"""
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
@@ -81,6 +82,8 @@ class Guide:
     tuned: Callable[[str], float]
     height: float
     tracker: Tracker = field(default_factory=Tracker)
+    """in a frame that moves with :attr:`drift`"""
+    drift: PositionDrift = field(default_factory=PositionDrift)
     phase: Phase = "approach"
     wanted: Literal["follow", "hold", "land"] = "follow"
     lost: int = 0
@@ -119,7 +122,8 @@ class Guide:
             places.sort(key=lambda each: _away(each, aim))
         for each in places[:1]:
             assert each.pos is not None
-            if self.tracker.see(t, (each.pos[0], each.pos[1]), each.covariance, vel):
+            north, east = self.drift.at(t)
+            if self.tracker.see(t, (each.pos[0] - north, each.pos[1] - east), each.covariance, vel):
                 before = each.pos[2] if self.seen_plane is None else self.seen_plane
                 self.seen_plane = before + LEVELS * (each.pos[2] - before)
                 return True
@@ -134,10 +138,16 @@ class Guide:
 
     def _about(self, t: float, told: TargetFix | None) -> tuple[tuple[float, float] | None, float]:
         """Where a sight may be, None for anywhere, and within how many metres."""
-        estimate = self.tracker.at(t)
+        estimate = self.target(t)
         if estimate is not None and self.phase not in ("approach", "search"):
             return (float(estimate.pos[0]), float(estimate.pos[1])), ANYWHERE + 3.0 * estimate.sigma
         return (None if told is None else told.at(t)), TRUST
+
+    def target(self, t: float) -> TargetEstimate | None:
+        """Where the target is at ``t``, as the vehicle's own position is told then; None where it is not known."""
+        if (estimate := self.tracker.at(t)) is None:
+            return None
+        return replace(estimate, pos=estimate.pos + self.drift.at(t))
 
     # What is flown.
 
@@ -166,7 +176,7 @@ class Guide:
         self._held = None
         if self.phase in ("approach", "search"):
             return self._look(now, dt, me, told, plane)
-        estimate = self.tracker.at(now + self.tuned("lead") + late)
+        estimate = self.target(now + self.tuned("lead") + late)
         assert estimate is not None
         return self._above(estimate, dt, me, now, plane, late, vel)
 
@@ -188,7 +198,7 @@ class Guide:
             elif before != "search":
                 self.lost += before in ("track", "coast", "descend", "touch")
                 self.phase = "approach"
-                if seen is not None and (estimate := self.tracker.at(seen + self.tuned("coast"))) is not None:
+                if seen is not None and (estimate := self.target(seen + self.tuned("coast"))) is not None:
                     # Its own word, or two new sights, are better than a velocity that led to nothing.
                     self._seen_at = (float(estimate.pos[0]), float(estimate.pos[1]))
                     self.tracker.forget()
@@ -237,7 +247,7 @@ class Guide:
         """Over the target, going with it; lower and lower where it is to be landed on and is below us."""
         (north, east), (u, v) = map(float, estimate.pos), map(float, estimate.vel)
         level, down = self.height, 0.0
-        here = self.tracker.at(now)
+        here = self.target(now)
         assert here is not None
         behind = (float(here.pos[0]) - me[0], float(here.pos[1]) - me[1])
         if self.phase in ("descend", "touch"):

@@ -36,6 +36,8 @@ class World:
         self.plane = DECK
         """m down of the pad, as it is told"""
         self.delay, self.lost = delay, lost
+        self.wander: Place = lambda t: (0.0, 0.0)
+        """m north, east by which it takes itself to be beside where it is"""
         self.push, self.late = 0.0, 0.0
         """m/s that the wind takes from what it flies north; s until a command is said to be heard"""
         self._due: deque[tuple[float, float, list[Detection]]] = deque()
@@ -46,7 +48,8 @@ class World:
 
     @property
     def me(self) -> tuple[float, float, float]:
-        return float(self.pos[0]), float(self.pos[1]), float(self.pos[2])
+        north, east = self.wander(self.t)
+        return float(self.pos[0]) + north, float(self.pos[1]) + east, float(self.pos[2])
 
     def word(self) -> TargetFix | None:
         if not self.told:
@@ -71,10 +74,12 @@ class World:
             self.guide.see(self.t, taken, found, self.me, self.word(), 0.3)
         me = self.me
         vel = (float(self.vel[0]), float(self.vel[1]), float(self.vel[2]))
+        if self.frame % 4 == 0:  # five states a second
+            self.guide.drift.feed(self.t, me, vel)
         self.command = self.guide.step(self.t, me, self.word(), self.plane, self.late, vel)
         # It flies to where the place that moves was a little ago: see docs/vision.md.
         aim = np.array(self.command.pos) - LAG * np.array(self.command.vel)
-        want = np.array(self.command.vel) + np.clip(1.2 * (aim - self.pos), -4.0, 4.0)
+        want = np.array(self.command.vel) + np.clip(1.2 * (aim - me), -4.0, 4.0)
         want[0] -= self.push
         self.vel += np.clip((want - self.vel) / 0.25, -5.0, 5.0) * TICK
         self.pos += self.vel * TICK
@@ -91,7 +96,8 @@ class World:
             if max(abs(north - self.pos[0]), abs(east - self.pos[1])) > 0.46 * height or not 0.5 < height < 12.0:
                 continue
             seen = np.array([north, east]) + self.rng.normal(0.0, 0.01 * height, 2)
-            place = (float(seen[0]), float(seen[1]), DECK)
+            off = self.wander(self.t)
+            place = (float(seen[0]) + off[0], float(seen[1]) + off[1], DECK)
             found.append(
                 Detection(
                     symbol="H",
@@ -251,6 +257,34 @@ def test_it_lands_in_the_middle(speed: float) -> None:
     assert DECK - world.pos[2] < 0.5
 
 
+def wandering(seed: int) -> Place:
+    """As a common GPS: by some 0.3 m in the time that the vehicle goes down unseen."""
+    steps = np.random.default_rng(seed).normal(0.0, 0.05, (2, 2000))
+    north, east = (np.cumsum(np.convolve(each, np.full(20, 0.05))) for each in steps)  # a filter smooths over a second
+    return lambda t: (float(north[round(t / TICK)]), float(east[round(t / TICK)]))
+
+
+def test_it_lands_in_the_middle_although_its_own_place_wanders() -> None:
+    off = []
+    for seed in range(8):
+        world = World(lambda t: (0.0, 0.0))
+        world.wander = wandering(seed)
+        world.run(15.0).guide.wanted = "land"
+        world.run(60.0, lambda world: world.command.land)
+        assert world.command.land
+        off.append(world.off[-1])
+    assert max(off) < 0.15
+
+
+def test_a_jump_of_its_own_place_moves_it_nowhere() -> None:
+    world = World(lambda t: (0.5 * t, 0.0)).run(20.0)
+    world.wander = lambda t: (0.0, 3.0)
+    world.off.clear()
+    world.run(10.0)
+    assert (world.phases[-1], world.guide.lost) == ("track", 0)
+    assert max(world.off) < 0.5
+
+
 def test_a_descent_waits_while_it_is_off_and_goes_up_again_where_the_pad_is_lost() -> None:
     world = World(lambda t: (0.0, 0.0)).run(10.0)
     world.guide.wanted = "land"
@@ -265,8 +299,8 @@ def test_a_descent_waits_while_it_is_off_and_goes_up_again_where_the_pad_is_lost
     gust = World(lambda t: (0.0, 0.0)).run(10.0)
     gust.guide.wanted = "land"
     lowest = gust.pos[2]
-    for _ in range(100):  # held a metre off by a gust
-        gust.pos[1] = 1.0
+    for k in range(100):  # blown a metre off by a gust, and held there
+        gust.pos[1], gust.vel[1] = (k * TICK, 1.0) if k * TICK < 1.0 else (1.0, 0.0)
         gust.run(TICK)
         lowest = max(lowest, gust.pos[2])
     assert DECK - lowest > 4.5
