@@ -242,7 +242,9 @@ class Follower(FlyingAgent):
         age = time.time() - (self.vehicle.age or 0.0) - state.t
         self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
         if state.local is not None and state.velocity is not None:
-            guide.drift.feed(state.t - state.ages.get("position", 0.0), state.local, state.velocity)
+            old = state.ages.get("position", 0.0)
+            heard = time.monotonic() - (self.vehicle.age or 0.0) - old
+            guide.drift.feed(state.t - old, heard, state.local, state.velocity)
 
     def _place(self) -> wire.Vector | None:
         """Where the vehicle is now, carried on from when it said so."""

@@ -12,8 +12,10 @@ import bisect
 
 from zmav.wire import Vector
 
-LONGEST = 1.0
+LONGEST = 1.5
 """s between two states over which a velocity tells what was between them"""
+STEP = 0.2
+"""s by which the time between two states may differ from that between hearing them; else a clock was set"""
 KEPT = 5.0
 """s of the past that can be asked about"""
 
@@ -22,28 +24,29 @@ class PositionDrift:
     """Metres north and east, 0 at the first state. Times are UTC seconds. No clock and no network in here."""
 
     def __init__(self) -> None:
-        self._last: tuple[float, Vector, Vector] | None = None
+        self._last: tuple[float, float, Vector, Vector] | None = None
         self._past: list[tuple[float, float, float]] = []
 
-    def feed(self, t: float, pos: Vector, vel: Vector) -> None:
-        """A state of ``t``: where the vehicle was (m NED) and how it moved (m/s NED). An older one is left out, unless
-        the clock was set back.
+    def feed(self, t: float, heard: float, pos: Vector, vel: Vector) -> None:
+        """A state of ``t``, ``heard`` at that time of a clock that nobody sets (s): where the vehicle was (m NED) and
+        how it moved (m/s NED). An older one is left out. Over a gap, or where the clock was set, the drift stays.
         """
         north = east = 0.0
         if self._last is not None:
-            (before, (a, b, _), (u, v, _)), (_, north, east) = self._last, self._past[-1]
+            (before, heard_before, (a, b, _), (u, v, _)), (_, north, east) = self._last, self._past[-1]
             since = t - before
-            if -KEPT < since <= 0.0:
-                return
-            if 0.0 < since < LONGEST:
-                north += pos[0] - a - since * (vel[0] + u) / 2.0
-                east += pos[1] - b - since * (vel[1] + v) / 2.0
-        self._last = t, pos, vel
+            if abs(since - (heard - heard_before)) <= STEP:
+                if since <= 0.0:
+                    return
+                if since < LONGEST:
+                    north += pos[0] - a - since * (vel[0] + u) / 2.0
+                    east += pos[1] - b - since * (vel[1] + v) / 2.0
+        self._last = t, heard, pos, vel
         self._past = [each for each in self._past if t - KEPT < each[0] < t]
         self._past.append((t, north, east))
 
     def at(self, t: float) -> tuple[float, float]:
-        """At ``t``: interpolated, and before the first and after the last state as there."""
+        """At ``t``: interpolated; outside of what is kept, as at its nearer end."""
         if not self._past:
             return 0.0, 0.0
         i = bisect.bisect([each[0] for each in self._past], t)

@@ -34,8 +34,9 @@ WIDE = 6.0
 """times its height that a vehicle may see to the side"""
 LEVELS = 0.3
 """weight of a new sight in how far down the pad is"""
-STEADY, FASTER = 0.2, 2.0
-"""m/s beside the pad above which it is not gone down onto unseen; times ``sink`` at which it is then: before a gust"""
+STEADY, FASTER, HARD = 0.2, 2.0, 0.8
+"""m/s relative to the pad, faster than which it does not go down unseen; the factor on ``sink`` there, so that it is
+down before a gust; and m/s to which that factor may bring it"""
 TOUCHING = 8.0
 """s of going down unseen after which it is told to land, wherever it is"""
 TURN = 0.35
@@ -261,7 +262,7 @@ class Guide:
             if self.phase == "touch" or (fresh and off < max(self.tuned("gate"), 0.12 * self._level)):
                 down, floor = self.tuned("sink"), BLIND
                 if self.phase == "touch":
-                    down, floor = FASTER * down, 0.0
+                    down, floor = max(down, min(FASTER * down, HARD)), 0.0
                 self._level = max(floor, self._level - down * dt)
                 down = down if self._level > floor else 0.0
             level = self._level

@@ -112,6 +112,8 @@ async def test_it_finds_the_rover_follows_it_without_pictures_too_and_lands_on_i
         assert sum(away) / len(away) < 0.4, away
         assert follower.guide is not None
         assert follower.guide.lost == 0
+        drift = math.hypot(*follower.guide.drift.at(time.time()))
+        assert 0.0 < drift < 0.5, "it hears no states, or takes what was flown for drift: here there is only rounding"
         assert any(sight.found and sight.found[0].pos is not None for sight in sights)
         (best,) = [sight.found[0] for sight in sights if sight.found][-1:]
         assert best.lat_deg == pytest.approx(ORIGIN.lat_deg, abs=1e-3)

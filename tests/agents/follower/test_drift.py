@@ -13,10 +13,10 @@ def circle(t: float) -> tuple[float, float]:
     return 3.0 * math.cos(t), 3.0 * math.sin(t)
 
 
-def feed(drift: PositionDrift, t: float, off: tuple[float, float] = (0.0, 0.0)) -> None:
-    """A vehicle flies a circle, and is told ``off`` from where it is."""
+def feed(drift: PositionDrift, t: float, off: tuple[float, float] = (0.0, 0.0), clock: float = 0.0) -> None:
+    """A vehicle flies a circle, and is told ``off`` from where it is; ``clock``: s by which its clock was set."""
     north, east = circle(t)
-    drift.feed(t, (north + off[0], east + off[1], -5.0), (-east, north, 0.0))
+    drift.feed(t + clock, t, (north + off[0], east + off[1], -5.0), (-east, north, 0.0))
 
 
 def test_what_it_has_flown_is_no_drift_and_what_it_has_not_is() -> None:
@@ -43,11 +43,11 @@ def test_a_gap_and_an_older_state_tell_nothing() -> None:
     assert drift.at(3.0) == before
 
 
-def test_it_goes_on_where_the_clock_is_set_back() -> None:
+@pytest.mark.parametrize("clock", [-990.0, -4.0, -2.0, -0.25, 0.6, 100.0])
+def test_a_clock_that_is_set_is_no_drift(clock: float) -> None:
     drift = PositionDrift()
-    feed(drift, 1000.0)
-    feed(drift, 1000.1, (1.0, 0.0))
-    feed(drift, 10.0, (1.0, 0.0))
-    assert drift.at(10.0) == pytest.approx((1.0, 0.0), abs=0.01)
-    feed(drift, 10.1, (3.0, 0.0))
-    assert drift.at(10.1) == pytest.approx((3.0, 0.0), abs=0.02)
+    for k in range(40):
+        feed(drift, 1000.0 + 0.2 * k, (1.0 if k > 10 else 0.0, 0.0), clock if k > 20 else 0.0)
+    assert drift.at(1007.8 + clock) == pytest.approx((1.0, 0.0), abs=0.05)
+    feed(drift, 1008.0, (3.0, 0.0), clock)
+    assert drift.at(1008.0 + clock) == pytest.approx((3.0, 0.0), abs=0.05)
