@@ -239,12 +239,11 @@ class Follower(FlyingAgent):
         if state.t == self._state_t:
             return
         self._state_t = state.t
-        age = time.time() - (self.vehicle.age or 0.0) - state.t
-        self._late += LATE_GAIN * (max(0.0, min(age, MOST_LATE)) - self._late)
+        since = self.vehicle.age or 0.0
+        self._late += LATE_GAIN * (max(0.0, min(time.time() - since - state.t, MOST_LATE)) - self._late)
         if state.local is not None and state.velocity is not None:
             old = state.ages.get("position", 0.0)
-            heard = time.monotonic() - (self.vehicle.age or 0.0) - old
-            guide.drift.feed(state.t - old, heard, state.local, state.velocity)
+            guide.drift.feed(state.t - old, time.monotonic() - since - old, state.local, state.velocity)
 
     def _place(self) -> wire.Vector | None:
         """Where the vehicle is now, carried on from when it said so."""

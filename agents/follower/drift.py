@@ -8,7 +8,7 @@ of odometry, as in REP 105 of the Robot Operating System (https://www.ros.org/re
 
 from __future__ import annotations
 
-import bisect
+import numpy as np
 
 from zmav.wire import Vector
 
@@ -49,7 +49,5 @@ class PositionDrift:
         """At ``t``: interpolated; outside of what is kept, as at its nearer end."""
         if not self._past:
             return 0.0, 0.0
-        i = bisect.bisect([each[0] for each in self._past], t)
-        a, b = self._past[max(i - 1, 0)], self._past[min(i, len(self._past) - 1)]
-        share = (t - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
-        return a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])
+        times, north, east = zip(*self._past, strict=True)
+        return float(np.interp(t, times, north)), float(np.interp(t, times, east))
