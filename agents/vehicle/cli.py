@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import click
-import zenoh
 
 from mesh.cli.options import file_option, insecure_option, plan_host
-from mesh.credentials.rosterwatch import RosterWatch
-from mesh.plan import RouterPlan
-from mesh.router import Router
-from mesh.running import until_outdated
-from zmav import keys, systemd, wire
-from zmav.bus import Alive
 from zmav.cli.common import run, zenoh_options
-from zmav.client import Client
 from zmav.config import Signing, VehicleConfig, origin_of
-from zmav.errors import BadConfig, BadInput
-from zmav.onboard import Onboard, OnboardSettings
-from zmav.process import log, restart
+from zmav.errors import BadConfig
+from zmav.mavlink import load_dialect
 from zmav.session import SessionSettings
 
 
@@ -68,12 +56,17 @@ def up(
     url = link or table.link
     if not url:
         raise BadConfig("give --link, or --file with this vehicle's table", field="link", value=None, expected="a URL")
+    spoken = dialect or table.dialect
+    load_dialect(spoken)  # first: it takes 6 MB while it is read, and what is imported next uses them again
+    from agents.vehicle.run import run_vehicle
+    from zmav.onboard import OnboardSettings
+
     vehicle = OnboardSettings(
         link=url,
         name=name,
         fleet=plan.fleet,
         sysid=table.sysid if sysid is None else sysid,
-        dialect=dialect or table.dialect,
+        dialect=spoken,
         origin=origin_of(*origin) if origin else file.origin,
         failsafe=table.failsafe or file.failsafe,
         geofence=table.geofence or file.geofence,
@@ -88,37 +81,4 @@ def up(
         credentials=settings.credentials,
         signing=Signing(key_file=signing_key) if signing_key else table.signing,
     )
-    run(_up(vehicle, plan, settings, plan_again))
-
-
-async def _up(
-    vehicle: OnboardSettings, plan: RouterPlan, settings: SessionSettings, plan_again: Callable[[], RouterPlan]
-) -> None:
-    async with Router(plan, settings) as router:
-        client = Client(settings, vehicle.fleet, vehicle.dialect)
-        client.adopt(router.session)
-
-        async def tell(agent: str, verb: str, args: dict[str, Any]) -> dict[str, Any]:
-            return await client.vehicle(vehicle.name).tell(agent, verb, **args)
-
-        onboard = Onboard(router.session, vehicle, tell=tell)
-        for watch in router.running:
-            if isinstance(watch, RosterWatch):
-                watch.tell(onboard.take_roster)
-        onboard.bus.on(Alive, lambda told: systemd.notify("WATCHDOG=1"))
-        router.session.declare_subscriber(keys.EVENT.key(vehicle.fleet, vehicle.name), _log)
-        async with onboard:
-            line = f"{vehicle.fleet}/{vehicle.name}: {vehicle.link} on {' '.join(plan.listens)}"
-            why = await until_outdated(
-                router, line, plan_again, lambda: not onboard.identity.armed and onboard.leases.holder is None
-            )
-    if why:
-        log(f"starting again: {why}")
-        restart()
-
-
-def _log(sample: zenoh.Sample) -> None:
-    """An event as a line of the process's log: what happens to the link and the autopilot, and what was refused."""
-    with contextlib.suppress(BadInput):  # somebody else's: ours are what they should be
-        event = wire.decode(sample.payload.to_bytes(), wire.Event, "event")
-        log(f"{event.severity}: {event.text}")
+    run(run_vehicle(vehicle, plan, settings, plan_again))

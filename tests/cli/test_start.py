@@ -29,7 +29,7 @@ def test_help_loads_no_verb() -> None:
     assert loaded("from zmav.cli import zmav\nzmav(['--help'], standalone_mode=False)") == set()
 
 
-@pytest.mark.parametrize("module", ["agents.vehicle.cli", "mesh.cli.router"])
+@pytest.mark.parametrize("module", ["agents.vehicle.run", "mesh.cli.router"])
 def test_what_runs_all_day_loads_what_it_uses(module: str) -> None:
     assert loaded(f"import {module}") == {"asyncio", "msgspec", "zenoh"}
 

@@ -151,13 +151,32 @@ def test_unknown_dialect(name: str) -> None:
     assert "ardupilotmega" in caught.value.detail["expected"]
 
 
-def test_pymavlink_is_imported_only_for_a_dialect_and_the_environment_stays() -> None:
-    code = (
-        "import os, sys; before = dict(os.environ); import zmav.mavlink; assert 'pymavlink' not in sys.modules;"
-        "zmav.mavlink.load_dialect(); assert 'pymavlink' in sys.modules; assert dict(os.environ) == before"
-    )
+def run_python(code: str) -> None:
+    """In a process of its own, where nothing was loaded before; it must say nothing."""
     root = str(Path(__file__).resolve().parents[2])
     done = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": root}, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_pymavlink_is_imported_only_for_a_dialect_and_the_environment_stays() -> None:
+    run_python(
+        "import os, sys; before = dict(os.environ); import zmav.mavlink; assert 'pymavlink' not in sys.modules;"
+        "zmav.mavlink.load_dialect(); assert 'pymavlink' in sys.modules; assert dict(os.environ) == before"
+    )
+
+
+def test_no_message_class_of_pymavlinks_stays() -> None:
+    run_python(
+        "import gc, zmav.mavlink; zmav.mavlink.load_dialect(); gc.collect();"
+        "names = {each.__name__ for each in gc.get_objects() if isinstance(each, type)};"
+        "assert not any(name.startswith('MAVLink_') and name.endswith('t_message') for name in names), names"
+    )
+
+
+def test_a_module_that_somebody_else_imported_is_left_alone() -> None:
+    run_python(
+        "from pymavlink.dialects.v20 import ardupilotmega as theirs; import zmav.mavlink; zmav.mavlink.load_dialect();"
+        "assert theirs.MAVLink_heartbeat_message.id == 0"
+    )
